@@ -1,0 +1,65 @@
+"""Rigid motions: act, compose, invert, exp, log.
+
+A motion carries X to x = Ω (X − c) + u + c, with Ω = exp[ω]ₓ a rotation matrix, u a translation and
+c a fixed centre.  Everything works on stacks: rotation vectors are ``(..., 3)``, matrices
+``(..., 3, 3)``, translations and points ``(..., 3)``, in x y z order; angles are radians.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+Array = NDArray[np.float64]
+
+
+def exp(rotation_vector: ArrayLike) -> Array:
+    """Rotation matrices ``(..., 3, 3)`` of rotation vectors ``(..., 3)`` in radians (right-hand rule)."""
+    w = np.asarray(rotation_vector, dtype=float)
+    return Rotation.from_rotvec(w.reshape(-1, 3)).as_matrix().reshape(*w.shape[:-1], 3, 3)
+
+
+def log(matrix: ArrayLike) -> Array:
+    """Rotation vectors ``(..., 3)`` in radians, of length at most π, of rotation matrices ``(..., 3, 3)``."""
+    m = np.asarray(matrix, dtype=float)
+    return Rotation.from_matrix(m.reshape(-1, 3, 3)).as_rotvec().reshape(*m.shape[:-2], 3)
+
+
+def skew(vector: ArrayLike) -> Array:
+    """Matrices [v]ₓ ``(..., 3, 3)`` such that [v]ₓ w = v × w."""
+    v = np.asarray(vector, dtype=float)
+    out = np.zeros((*v.shape[:-1], 3, 3))
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    return out - np.swapaxes(out, -1, -2)
+
+
+def act(matrix: ArrayLike, translation: ArrayLike, center: ArrayLike, points: ArrayLike) -> Array:
+    """Carry points ``(..., 3)`` by one motion a row: x = Ω (X − c) + u + c."""
+    c = np.asarray(center, dtype=float)
+    lever = np.asarray(points, dtype=float) - c
+    return np.einsum("...ij,...j->...i", np.asarray(matrix, dtype=float), lever) + translation + c
+
+
+def compose(
+    second: tuple[ArrayLike, ArrayLike], first: tuple[ArrayLike, ArrayLike], center: ArrayLike
+) -> tuple[Array, Array]:
+    """Motion (Ω, u) about ``center`` that does ``first``, then ``second``, both about ``center``.
+
+    Ω₂(Ω₁(X − c) + u₁) + u₂ + c: the centre cancels, so ``center`` only documents that all three
+    motions share it.
+    """
+    r2, u2 = (np.asarray(a, dtype=float) for a in second)
+    r1, u1 = (np.asarray(a, dtype=float) for a in first)
+    return r2 @ r1, np.einsum("...ij,...j->...i", r2, u1) + u2
+
+
+def invert(matrix: ArrayLike, translation: ArrayLike) -> tuple[Array, Array]:
+    """The motion about the same centre that undoes (Ω, u): (Ωᵀ, −Ωᵀ u)."""
+    back = np.swapaxes(np.asarray(matrix, dtype=float), -1, -2)
+    return back, -np.einsum("...ij,...j->...i", back, np.asarray(translation, dtype=float))
+
+
+def recenter(matrix: ArrayLike, translation: ArrayLike, old: ArrayLike, new: ArrayLike) -> Array:
+    """Translation of the same motion when its centre is ``new`` instead of ``old``."""
+    return act(matrix, translation, old, new) - np.asarray(new, dtype=float)

@@ -1,0 +1,72 @@
+"""Volume: a voxel image with its place in the sample frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grainmotion.errors import InputError
+
+
+@dataclass(frozen=True, eq=False)
+class Volume:
+    """Attenuation per unit length on a grid of cubic voxels.
+
+    Attributes
+    ----------
+    array : (nz, ny, nx) float32 array
+        Attenuation at the voxels' centres, in 1/mm, indexed ``[z, y, x]``.
+    voxel_size : float
+        Edge of a voxel, mm.
+    center : (3,) tuple of float
+        Centre of the whole array in the sample frame, mm, x y z.
+
+    Raises
+    ------
+    InputError
+        If the array is not three-dimensional, is empty or holds NaN, or the voxel size is not positive.
+    """
+
+    array: NDArray[np.float32]
+    voxel_size: float
+    center: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        array = np.ascontiguousarray(self.array, dtype=np.float32)
+        if array.ndim != 3 or array.size == 0:
+            raise InputError("volume", f"shape {array.shape} is not (z, y, x)", "give a 3-D stack")
+        if not np.isfinite(array).all():
+            raise InputError("volume", "it holds NaN or infinite voxels", "replace them, by 0 for air")
+        if not (np.isfinite(self.voxel_size) and self.voxel_size > 0):
+            raise InputError("volume.voxel_size", f"must be > 0, got {self.voxel_size}", "give it in mm")
+        object.__setattr__(self, "array", array)
+        object.__setattr__(self, "voxel_size", float(self.voxel_size))
+        x, y, z = (float(c) for c in self.center)
+        object.__setattr__(self, "center", (x, y, z))
+
+    @classmethod
+    def zeros(
+        cls,
+        shape: tuple[int, int, int],
+        voxel_size: float,
+        center: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    ) -> Volume:
+        """An empty volume: the grid on which to reconstruct, ``shape`` in z, y, x order."""
+        return cls(np.zeros(shape, np.float32), voxel_size, center)
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Voxels along z, y, x."""
+        nz, ny, nx = self.array.shape
+        return nz, ny, nx
+
+    @property
+    def origin(self) -> NDArray[np.float64]:
+        """Position (x, y, z) of the centre of voxel [0, 0, 0], mm."""
+        half = (np.array(self.shape[::-1]) - 1) / 2 * self.voxel_size
+        return np.array(self.center) - half
+
+    def __repr__(self) -> str:
+        return f"<Volume {self.shape} voxel_size={self.voxel_size} center={self.center}>"
