@@ -1,0 +1,64 @@
+"""Geometry as CSV: one row a view, columns sx,sy,sz,dx,dy,dz,ux,uy,uz,vx,vy,vz in any order."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from grainmotion.errors import InputError
+from grainmotion.geometry import COLUMNS, Beam, Geometry
+from grainmotion.io.files import checked_file, written_whole
+
+_HEADER = ",".join(COLUMNS)
+
+
+def read_geometry(path: str | Path, shape: tuple[int, int], beam: Beam = "cone") -> Geometry:
+    """Read the views of a scan.
+
+    Parameters
+    ----------
+    path : str or Path
+        CSV with a header; other columns are left alone, lines that begin with ``#`` too.
+    shape : (int, int)
+        Rows and columns of the panel, which the file does not hold.
+    beam : {"cone", "parallel"}
+        Whether sx,sy,sz is the source's position or the rays' direction.
+
+    Raises
+    ------
+    InputError
+        If a column is missing or a row cannot be a view, with the row's number (1 for the first view).
+    """
+    path = checked_file(path)
+    try:
+        table = pd.read_csv(path, comment="#", skipinitialspace=True, dtype=str)
+    except (ValueError, UnicodeDecodeError) as error:  # pandas' parser errors are ValueErrors
+        fact = f"not a table ({' '.join(str(error).split())})"
+        raise InputError(str(path), fact, f"give a CSV with the header {_HEADER}") from error
+    table.columns = [str(c).strip() for c in table.columns]
+    missing = [c for c in COLUMNS if c not in table.columns]
+    if missing:
+        raise InputError(str(path), f"no column {', '.join(missing)}", f"begin it with the header {_HEADER}")
+    if table.empty:
+        raise InputError(str(path), "it holds no view", "give one row a radiograph")
+    numbers = table[list(COLUMNS)].apply(pd.to_numeric, errors="coerce").to_numpy(float)
+    bad = ~np.isfinite(numbers)
+    if bad.any():
+        row, column = np.argwhere(bad)[0]
+        fact = f"{COLUMNS[column]} is '{table[COLUMNS[column]].iloc[row]}' in row {row + 1} (view {row})"
+        raise InputError(str(path), fact, "give 12 finite numbers a row")
+    try:
+        return Geometry(numbers, shape, beam)
+    except InputError as error:
+        raise InputError(
+            f"{path}, {error.where.removeprefix('geometry ')}", error.fact, error.remedy
+        ) from error
+
+
+def write_geometry(path: str | Path, geometry: Geometry) -> None:
+    """Write the views of a scan; every digit comes back."""
+    table = pd.DataFrame(geometry.vectors, columns=list(COLUMNS))
+    with written_whole(path) as temporary:
+        table.to_csv(temporary, index=False)

@@ -1,0 +1,150 @@
+"""HDF5: one dataset of a file, and NXtomo files (NeXus) by h5py alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from grainmotion.errors import InputError
+from grainmotion.io.files import checked_file
+
+PROJECTION, FLAT, DARK = 0, 1, 2  # NXtomo's image_key; 3 is an invalid frame
+
+
+@contextmanager
+def opened(path: str | Path) -> Iterator[h5py.File]:
+    """An HDF5 file open for reading; whatever fails in it is an `InputError` that names the file."""
+    path = checked_file(path)
+    try:
+        with h5py.File(path, "r") as file:
+            yield file
+    except (OSError, RuntimeError, KeyError) as error:
+        fact = "truncated or damaged HDF5" if "truncated" in str(error) else "not a readable HDF5 file"
+        raise InputError(str(path), f"{fact} ({error.args[0]})", "copy or export the file again") from error
+
+
+def dataset_info(path: str | Path, inner: str) -> tuple[tuple[int, ...], np.dtype]:
+    """Shape and type of the dataset ``inner`` of an HDF5 file."""
+    with opened(path) as file:
+        data = _dataset(file, path, inner)
+        return tuple(data.shape), data.dtype
+
+
+def read_dataset(path: str | Path, inner: str) -> NDArray[Any]:
+    """The dataset ``inner`` of an HDF5 file."""
+    with opened(path) as file:
+        return np.asarray(_dataset(file, path, inner)[()])
+
+
+@dataclass(frozen=True, eq=False)
+class NXtomo:
+    """Where an NXtomo file holds its frames.
+
+    Attributes
+    ----------
+    path : Path
+    data : str
+        Path of the frames' dataset in the file.
+    keys : (frames,) int array
+        0 projection, 1 flat, 2 dark, anything else to be left out.
+    angles_deg : (frames,) float array
+        Rotation angle at each frame, degrees; NaN if the file has none.
+    shape : (int, int)
+        Rows and columns of a frame.
+    dtype : numpy.dtype
+    """
+
+    path: Path
+    data: str
+    keys: NDArray[np.int64]
+    angles_deg: NDArray[np.float64]
+    shape: tuple[int, int]
+    dtype: np.dtype
+
+    @property
+    def projection_angles_deg(self) -> NDArray[np.float64]:
+        """Rotation angle of each projection, degrees."""
+        return self.angles_deg[self.keys == PROJECTION]
+
+    def count(self, key: int) -> int:
+        """Number of frames of one kind."""
+        return int((self.keys == key).sum())
+
+    def read(self, key: int) -> NDArray[Any]:
+        """Frames of one kind, ``(frames, rows, columns)``, in the file's order."""
+        chosen = np.flatnonzero(self.keys == key)
+        out = np.empty((len(chosen), *self.shape), self.dtype)
+        with opened(self.path) as file:
+            data = _dataset(file, self.path, self.data)
+            for k, frame in enumerate(chosen):
+                out[k] = data[frame]
+        return out
+
+
+def read_nxtomo(path: str | Path) -> NXtomo:
+    """Find frames, image keys and angles in an NXtomo file.
+
+    The first group with ``instrument/detector`` that holds ``data`` and ``image_key`` is taken, as in
+    ``entry/instrument/detector`` or ``entry1/tomo_entry/instrument/detector``.  Frames that
+    ``image_key_control`` marks as alignment frames (−1) are left out.
+    """
+    with opened(path) as file:
+        entry = _entry(file)
+        if entry is None:
+            fact = "no NXtomo entry with instrument/detector/data and image_key"
+            raise InputError(str(path), fact, 'name one dataset in it as "file.h5::/path/to/data"')
+        detector = entry["instrument/detector"]
+        data = detector["data"]
+        keys = np.asarray(detector["image_key"][()]).astype(np.int64).ravel()
+        control = detector.get("image_key_control")
+        if control is not None and control.shape == keys.shape:
+            keys = np.where((np.asarray(control[()]) == -1), 3, keys)
+        if data.ndim != 3 or len(keys) != len(data):
+            fact = f"frames {data.shape} and {len(keys)} image keys do not match"
+            raise InputError(str(path), fact, "give one image_key a frame")
+        return NXtomo(
+            path=Path(path),
+            data=str(data.name),
+            keys=keys,
+            angles_deg=_angles_deg(entry, len(keys)),
+            shape=(int(data.shape[1]), int(data.shape[2])),
+            dtype=data.dtype,
+        )
+
+
+def _entry(file: h5py.File) -> h5py.Group | None:
+    """The group that holds ``instrument/detector`` with frames and keys."""
+    needed = ("instrument/detector/data", "instrument/detector/image_key")
+    groups = [file[name] for name in file if isinstance(file.get(name), h5py.Group)]
+    groups += [g[name] for g in list(groups) for name in g if isinstance(g.get(name), h5py.Group)]
+    return next((g for g in groups if all(n in g for n in needed)), None)
+
+
+def _angles_deg(entry: h5py.Group, frames: int) -> NDArray[np.float64]:
+    """``sample/rotation_angle`` in degrees, whatever its unit."""
+    angles = entry.get("sample/rotation_angle")
+    if angles is None:
+        return np.full(frames, np.nan)
+    values = np.asarray(angles[()], dtype=float).ravel()
+    if len(values) != frames:
+        fact = f"{len(values)} rotation angles for {frames} frames"
+        raise InputError(str(entry.file.filename), fact, "give one rotation_angle a frame")
+    unit = angles.attrs.get("units", "deg")
+    unit = unit.decode() if isinstance(unit, bytes) else str(unit)
+    return np.rad2deg(values) if unit.lower().startswith("rad") else values
+
+
+def _dataset(file: h5py.File, path: str | Path, inner: str) -> h5py.Dataset:
+    data = file.get(inner)
+    if isinstance(data, h5py.Dataset):
+        return data
+    found: list[str] = []
+    file.visititems(lambda name, item: found.append("/" + name) if isinstance(item, h5py.Dataset) else None)
+    raise InputError(str(path), f"no dataset '{inner}'", f"it holds {', '.join(found[:8]) or 'no dataset'}")

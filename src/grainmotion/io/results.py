@@ -1,0 +1,130 @@
+"""Results of a run: ``reference.h5`` and, per state, ``motions.h5``.
+
+``reference.h5`` holds the datasets ``volume`` (1/mm, ``[z, y, x]``; attributes ``voxel_size`` and
+``center``, mm), ``residuals`` (the relative residual of Eq. 23 after each sweep), ``labels`` (0 = no
+grain; attributes ``threshold`` and ``border``) and the group ``grains`` with one array a column.
+
+``motions.h5`` holds every field of `Motions` under its own name (mm and **radians**), and the group
+``fit`` with gain, offset and the convergence curve.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from grainmotion.grains import GrainSet
+from grainmotion.io.files import written_whole
+from grainmotion.io.hdf5 import opened
+from grainmotion.motions import Motions, StateFit
+from grainmotion.volume import Volume
+
+_ARRAYS = ("labels", "centers", "translations", "rotations", "covariances", "residuals", "iterations")
+_CHUNKED: dict[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """What a run knows of the reference state.
+
+    Attributes
+    ----------
+    volume : Volume
+    residuals : tuple of float
+        Relative residual after each sweep of the reconstruction; empty if the volume was given.
+    labels : (nz, ny, nx) int32 array, optional
+        Grains; None until the volume is segmented.
+    threshold : float
+        Attenuation above which a voxel is grain, 1/mm; NaN if the labels were given.
+    border : tuple of int
+        Labels of the grains that touch the border of the field of view.
+    """
+
+    volume: Volume
+    residuals: tuple[float, ...] = ()
+    labels: NDArray[np.int32] | None = None
+    threshold: float = float("nan")
+    border: tuple[int, ...] = ()
+
+
+def write_reference(path: str | Path, reference: Reference, grains: GrainSet | None = None) -> None:
+    """Write ``reference.h5``; with ``grains``, their table too."""
+    with written_whole(path) as temporary, h5py.File(temporary, "w") as file:
+        volume = file.create_dataset("volume", data=reference.volume.array)
+        volume.attrs.update(
+            voxel_size=reference.volume.voxel_size, center=reference.volume.center, unit="1/mm"
+        )
+        file["residuals"] = np.asarray(reference.residuals, dtype=float)
+        if reference.labels is not None:
+            labels = file.create_dataset("labels", data=reference.labels, **_CHUNKED)
+            labels.attrs["threshold"] = reference.threshold
+            labels.attrs["border"] = np.asarray(reference.border, dtype=np.int64)
+        if grains is not None and reference.labels is not None:
+            table = file.create_group("grains")
+            table.attrs["units"] = "mm, mm^3"
+            for name, values in grain_columns(grains, reference.labels).items():
+                table[name] = values
+
+
+def read_reference(path: str | Path) -> Reference:
+    """Read a ``reference.h5``."""
+    with opened(path) as file:
+        data = file["volume"]
+        x, y, z = (float(c) for c in data.attrs["center"])
+        volume = Volume(data[()], float(data.attrs["voxel_size"]), (x, y, z))
+        residuals = tuple(float(r) for r in file["residuals"][()])
+        if "labels" not in file:
+            return Reference(volume, residuals)
+        labels = file["labels"]
+        border = tuple(int(b) for b in labels.attrs["border"])
+        return Reference(volume, residuals, labels[()], float(labels.attrs["threshold"]), border)
+
+
+def grain_columns(grains: GrainSet, labels: NDArray[np.int32]) -> dict[str, NDArray[Any]]:
+    """The grains' table: label, centre of mass (mm), segmented volume (mm³), whether cut by the border."""
+    centers = grains.centers
+    voxels = np.bincount(labels[labels > 0], minlength=int(grains.labels.max(initial=0)) + 1)
+    return {
+        "label": grains.labels,
+        "x": centers[:, 0],
+        "y": centers[:, 1],
+        "z": centers[:, 2],
+        "volume": voxels[grains.labels] * grains.voxel_size**3,
+        "touches_border": np.array([g.touches_border for g in grains.grains], dtype=bool),
+    }
+
+
+def write_motions_h5(path: str | Path, motions: Motions) -> None:
+    """Write everything that was measured in one state."""
+    text = h5py.string_dtype()
+    with written_whole(path) as temporary, h5py.File(temporary, "w") as file:
+        for name in _ARRAYS:
+            file[name] = getattr(motions, name)
+        file.create_dataset("statuses", data=[str(s) for s in motions.statuses], dtype=text)
+        file.create_dataset("reasons", data=list(motions.reasons), dtype=text)
+        fit = file.create_group("fit")
+        fit.attrs.update(gain=motions.fit.gain, offset=motions.fit.offset)
+        fit.create_dataset("stage", data=[stage for stage, _ in motions.fit.costs], dtype=text)
+        fit["cost"] = np.array([cost for _, cost in motions.fit.costs], dtype=float)
+
+
+def read_motions_h5(path: str | Path) -> Motions:
+    """Read a ``motions.h5``."""
+    with opened(path) as file:
+        fit = file["fit"]
+        costs = zip(fit["stage"].asstr()[()], fit["cost"][()])
+        return Motions(
+            **{name: file[name][()] for name in _ARRAYS},
+            statuses=np.array(file["statuses"].asstr()[()], dtype="<U20"),
+            reasons=tuple(str(r) for r in file["reasons"].asstr()[()]),
+            fit=StateFit(
+                gain=float(fit.attrs["gain"]),
+                offset=float(fit.attrs["offset"]),
+                costs=tuple((str(stage), float(cost)) for stage, cost in costs),
+            ),
+        )

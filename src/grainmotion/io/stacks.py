@@ -1,0 +1,174 @@
+"""Image stacks by a spec: TIFF files or stacks, ``.npy``, ``"file.h5::/path"``, or one NXtomo file.
+
+A spec is a path, a glob or a list of those.  Files of a glob are taken in natural order
+(``proj_2`` before ``proj_10``), those of a list in the order given.
+"""
+
+from __future__ import annotations
+
+import glob
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grainmotion.errors import InputError
+from grainmotion.io import hdf5, tiff
+from grainmotion.io.files import checked_file
+
+TIFF, HDF5, NPY = (".tif", ".tiff"), (".h5", ".hdf5", ".hdf", ".nxs", ".nx", ".nx5"), (".npy",)
+FORMATS = 'give TIFF files (.tif), .npy, "file.h5::/path/to/data" or one NXtomo file (.nxs, .h5)'
+
+
+@dataclass(frozen=True)
+class Part:
+    """One file of a stack: a dataset ``inner`` of it, or its NXtomo frames of one ``key``, or all of it."""
+
+    path: Path
+    inner: str | None = None
+    key: int | None = None
+
+
+@dataclass(frozen=True)
+class Stack:
+    """Images that are found, but not read yet.
+
+    Attributes
+    ----------
+    spec : str
+        What the user wrote, for messages.
+    parts : tuple of Part
+    """
+
+    spec: str
+    parts: tuple[Part, ...]
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The files behind it."""
+        return tuple(p.path for p in self.parts)
+
+    @property
+    def nxtomo(self) -> hdf5.NXtomo | None:
+        """The NXtomo file that it is, or None."""
+        is_one = len(self.parts) == 1 and self.parts[0].key is not None
+        return hdf5.read_nxtomo(self.parts[0].path) if is_one else None
+
+    def frames(self, key: int) -> Stack:
+        """The flats or darks of the same NXtomo file."""
+        return Stack(self.spec, (Part(self.parts[0].path, key=key),))
+
+    def info(self) -> tuple[tuple[int, int, int], np.dtype]:
+        """Shape (images, rows, columns) and type, from the files' headers."""
+        infos = [_info(p) for p in self.parts]
+        self._check_sizes([shape for shape, _ in infos])
+        count = sum(shape[0] for shape, _ in infos)
+        rows, columns = infos[0][0][1:]
+        return (count, rows, columns), np.result_type(*{dtype for _, dtype in infos})
+
+    def read(self) -> NDArray[Any]:
+        """The pixels ``(images, rows, columns)``, in the type of the files."""
+        arrays = [_read(p) for p in self.parts]
+        self._check_sizes([a.shape for a in arrays])
+        return arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
+
+    def _check_sizes(self, shapes: Sequence[tuple[int, ...]]) -> None:
+        if sum(shape[0] for shape in shapes) == 0:
+            raise InputError(self.spec, "it holds no image", FORMATS)
+        for part, shape in zip(self.parts, shapes):
+            if shape[1:] != shapes[0][1:]:
+                fact = f"{shape[1:]} pixels, but {self.parts[0].path.name} has {shapes[0][1:]}"
+                raise InputError(str(part.path), fact, "give images of one size")
+
+
+def find_stack(spec: str | Path | Sequence[str | Path], folder: str | Path = ".") -> Stack:
+    """Find the files of a spec; paths start at ``folder``.
+
+    Raises
+    ------
+    InputError
+        If no file matches, one is missing or empty, or its format is unknown.
+    """
+    items = [spec] if isinstance(spec, str | Path) else list(spec)
+    if not items:
+        raise InputError("list of files", "it is empty", FORMATS)
+    parts = tuple(part for item in items for part in _parts(str(item), Path(folder)))
+    return Stack(str(spec) if isinstance(spec, str | Path) else f"{items[0]} ...", parts)
+
+
+def read_stack(spec: str | Path | Sequence[str | Path], folder: str | Path = ".") -> NDArray[Any]:
+    """Read the images of a spec, ``(images, rows, columns)``; see the module's page for specs."""
+    return find_stack(spec, folder).read()
+
+
+def _parts(item: str, folder: Path) -> list[Part]:
+    name, _, inner = item.partition("::")
+    path = folder / name
+    if path.exists() or not glob.has_magic(name):
+        paths = [checked_file(path)]
+    else:
+        paths = sorted((checked_file(folder / hit) for hit in glob.glob(name, root_dir=folder)), key=_natural)
+        if not paths:
+            raise InputError(str(path), "no file matches", "check the pattern and its folder")
+    parts = []
+    for found in paths:
+        suffix = found.suffix.lower()
+        if inner and suffix not in HDF5:
+            raise InputError(item, "'::' names a dataset of an HDF5 file", FORMATS)
+        if suffix not in TIFF + HDF5 + NPY:
+            raise InputError(str(found), f"the format '{suffix}' is unknown", FORMATS)
+        key = hdf5.PROJECTION if suffix in HDF5 and not inner else None
+        parts.append(Part(found, inner or None, key))
+    return parts
+
+
+def _natural(path: Path) -> list[tuple[int, int, str]]:
+    """Sort key in which numbers count as numbers."""
+    return [(0, int(t), "") if t.isdigit() else (1, 0, t) for t in re.split(r"(\d+)", str(path)) if t]
+
+
+def _info(part: Part) -> tuple[tuple[int, int, int], np.dtype]:
+    suffix = part.path.suffix.lower()
+    if suffix in TIFF:
+        return tiff.tiff_info(part.path)
+    if part.key is not None:
+        file = hdf5.read_nxtomo(part.path)
+        return (file.count(part.key), *file.shape), file.dtype
+    if part.inner is not None:
+        shape, dtype = hdf5.dataset_info(part.path, part.inner)
+    else:
+        array = _load_npy(part.path, "r")
+        shape, dtype = array.shape, array.dtype
+    return _stack_shape(part, shape), dtype
+
+
+def _read(part: Part) -> NDArray[Any]:
+    if part.path.suffix.lower() in TIFF:
+        return tiff.read_tiff(part.path)
+    if part.key is not None:
+        return hdf5.read_nxtomo(part.path).read(part.key)
+    array = _load_npy(part.path, None) if part.inner is None else hdf5.read_dataset(part.path, part.inner)
+    return array.reshape(_stack_shape(part, array.shape))
+
+
+def _stack_shape(part: Part, shape: tuple[int, ...]) -> tuple[int, int, int]:
+    if len(shape) == 2:
+        return 1, shape[0], shape[1]
+    if len(shape) != 3:
+        raise InputError(
+            str(part.path), f"an array of shape {shape} is no stack", "give (images, rows, columns)"
+        )
+    return shape[0], shape[1], shape[2]
+
+
+def _load_npy(path: Path, mode: Any) -> NDArray[Any]:
+    try:
+        array = np.load(path, mmap_mode=mode, allow_pickle=False)
+    except (ValueError, EOFError, OSError) as error:
+        fact = f"truncated or damaged .npy ({error})"
+        raise InputError(str(path), fact, "save it again with numpy.save") from error
+    return array

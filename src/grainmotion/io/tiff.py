@@ -1,0 +1,112 @@
+"""TIFF: single images and stacks, read whole or refused, written whole or not at all."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tifffile
+from numpy.typing import NDArray
+
+from grainmotion.errors import InputError
+from grainmotion.io.files import checked_file, written_whole
+
+_COPY = "copy or export the file again"
+
+
+def tiff_info(path: str | Path) -> tuple[tuple[int, int, int], np.dtype]:
+    """Shape (pages, rows, columns) and type of a TIFF file, without reading its pixels."""
+    with _opened(path) as file:
+        series = _only_series(path, file)
+        return _as_stack_shape(path, series), series.dtype
+
+
+def read_tiff(path: str | Path) -> NDArray[Any]:
+    """Pixels of a grey TIFF image or stack, ``(pages, rows, columns)``.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, empty, truncated, in colour, or packed in a way that cannot be read.
+    """
+    with _opened(path) as file:
+        series = _only_series(path, file)
+        shape = _as_stack_shape(path, series)
+        try:
+            return series.asarray().reshape(shape)
+        except KeyError as error:  # a codec that tifffile leaves to the imagecodecs package
+            raise InputError(str(path), f"compressed: {error.args[0]}", "save it uncompressed") from error
+        except Exception as error:
+            raise InputError(str(path), f"truncated or damaged TIFF ({error})", _COPY) from error
+
+
+def write_tiff(path: str | Path, array: NDArray[Any]) -> None:
+    """Write an image ``(rows, columns)`` or a stack ``(z, rows, columns)``; labels are compressed."""
+    axes = {2: "YX", 3: "ZYX"}[array.ndim]
+    compression = "zlib" if np.issubdtype(array.dtype, np.integer) else None
+    with written_whole(path) as temporary:
+        tifffile.imwrite(
+            temporary, array, photometric="minisblack", metadata={"axes": axes}, compression=compression
+        )
+
+
+# ---------------------------------------------------------------------- checks
+def _opened(path: str | Path) -> tifffile.TiffFile:
+    path = checked_file(path)
+    _check_page_chain(path)
+    try:
+        return tifffile.TiffFile(path)
+    except Exception as error:
+        raise InputError(str(path), f"not a readable TIFF file ({error})", _COPY) from error
+
+
+def _only_series(path: str | Path, file: tifffile.TiffFile) -> tifffile.TiffPageSeries:
+    try:
+        series = file.series
+    except Exception as error:
+        raise InputError(str(path), f"truncated or damaged TIFF ({error})", _COPY) from error
+    if len(series) != 1:
+        shapes = sorted({str(s.shape) for s in series})
+        raise InputError(str(path), f"it holds images of different kinds: {', '.join(shapes)}", "split it")
+    return series[0]
+
+
+def _as_stack_shape(path: str | Path, series: tifffile.TiffPageSeries) -> tuple[int, int, int]:
+    if "S" in series.axes:
+        raise InputError(str(path), f"a colour image, axes {series.axes}", "save it as a grey image")
+    shape = tuple(int(n) for n in series.shape)
+    if len(shape) < 2 or 0 in shape:
+        raise InputError(str(path), f"its shape {shape} is no image", _COPY)
+    return int(np.prod(shape[:-2], dtype=int)), shape[-2], shape[-1]
+
+
+def _check_page_chain(path: Path) -> None:
+    """Follow the chain of page directories: tifffile would give the pages before a cut without a word."""
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        order = {b"II": "<", b"MM": ">"}.get(file.read(2))
+        if order is None or size < 8:
+            raise InputError(str(path), "not a TIFF file: it does not begin with II or MM", _COPY)
+        version = struct.unpack(order + "H", file.read(2))[0]
+        if version not in (42, 43):
+            raise InputError(str(path), f"not a TIFF file: version {version}", _COPY)
+        big = version == 43
+        count_format, tag_size, next_format = ("Q", 20, "Q") if big else ("H", 12, "I")
+        count_size, next_size = struct.calcsize(count_format), struct.calcsize(next_format)
+        file.seek(8 if big else 4)
+        seen: set[int] = set()
+        offset = _unpacked(order + next_format, file.read(next_size), path)
+        while offset and offset not in seen:
+            seen.add(offset)
+            file.seek(offset)
+            tags = _unpacked(order + count_format, file.read(count_size), path)
+            file.seek(offset + count_size + tags * tag_size)
+            offset = _unpacked(order + next_format, file.read(next_size), path)
+
+
+def _unpacked(layout: str, data: bytes, path: Path) -> int:
+    if len(data) < struct.calcsize(layout):
+        raise InputError(str(path), "truncated TIFF: a page lies beyond its end", _COPY)
+    return int(struct.unpack(layout, data)[0])
