@@ -1,0 +1,117 @@
+"""Gaussian filtering of patches, and the block-sparse normal equations of overlapping patches.
+
+Patches are as in `kernels.grains`.  Beyond the panel everything counts as zero, in residuals and
+derivatives alike, so that filtering stays linear and the two stay consistent.
+"""
+
+from __future__ import annotations
+
+import numba as nb
+import numpy as np
+
+
+@nb.njit(cache=True, error_model="numpy")
+def _smooth_rows(source, target, rows, columns, weights):
+    """Convolve each row of ``source (rows, columns)`` with the symmetric half-kernel ``weights``."""
+    reach = len(weights) - 1
+    for r in range(rows):
+        for c in range(columns):
+            target[r, c] = weights[0] * source[r, c]
+        for k in range(1, min(reach, columns - 1) + 1):
+            w = weights[k]
+            for c in range(columns - k):
+                target[r, c] += w * source[r, c + k]
+            for c in range(k, columns):
+                target[r, c] += w * source[r, c - k]
+
+
+@nb.njit(cache=True, error_model="numpy")
+def _smooth_columns(source, target, rows, columns, weights):
+    """Convolve each column of ``source (rows, columns)`` with the symmetric half-kernel ``weights``."""
+    reach = len(weights) - 1
+    for r in range(rows):
+        for c in range(columns):
+            target[r, c] = weights[0] * source[r, c]
+        for k in range(1, reach + 1):
+            w = weights[k]
+            if r + k < rows:
+                for c in range(columns):
+                    target[r, c] += w * source[r + k, c]
+            if r - k >= 0:
+                for c in range(columns):
+                    target[r, c] += w * source[r - k, c]
+
+
+@nb.njit(parallel=True, cache=True, error_model="numpy")
+def filter_images(images, weights):
+    """Filter ``images (n, rows, columns)`` in place."""
+    n, rows, columns = images.shape
+    for i in nb.prange(n):
+        work = np.empty((rows, columns), images.dtype)
+        _smooth_rows(images[i], work, rows, columns, weights)
+        _smooth_columns(work, images[i], rows, columns, weights)
+
+
+@nb.njit(parallel=True, cache=True, error_model="numpy")
+def filter_patches(derivatives, boxes, offsets, valid, weights):
+    """Mask, then filter each patch of ``derivatives (6, pixels)`` in place; ``valid`` is (views, rows, columns)."""
+    for job in nb.prange(6 * len(boxes)):
+        p, k = job // 6, job % 6
+        i, r0, r1, c0, c1 = boxes[p, 1], boxes[p, 2], boxes[p, 3], boxes[p, 4], boxes[p, 5]
+        rows, columns = r1 - r0, c1 - c0
+        patch = derivatives[k, offsets[p] : offsets[p] + rows * columns].reshape(rows, columns)
+        for r in range(rows):
+            for c in range(columns):
+                patch[r, c] *= valid[i, r0 + r, c0 + c]
+        if len(weights) > 1:
+            work = np.empty((rows, columns), patch.dtype)
+            _smooth_rows(patch, work, rows, columns, weights)
+            _smooth_columns(work, patch, rows, columns, weights)
+
+
+@nb.njit(parallel=True, cache=True, fastmath=True, error_model="numpy")
+def gradients(derivatives, boxes, offsets, images, out):
+    """Dot products ``out (patches, 6)`` of each patch's derivatives with ``images (views, rows, columns)``."""
+    for p in nb.prange(len(boxes)):
+        i, r0, r1, c0, c1 = boxes[p, 1], boxes[p, 2], boxes[p, 3], boxes[p, 4], boxes[p, 5]
+        width = c1 - c0
+        for k in range(6):
+            total = 0.0
+            for r in range(r0, r1):
+                row = derivatives[k, offsets[p] + (r - r0) * width : offsets[p] + (r - r0 + 1) * width]
+                image = images[i, r, c0:c1]
+                part = row.dtype.type(0)
+                for c in range(width):
+                    part += row[c] * image[c]
+                total += part
+            out[p, k] = total
+
+
+@nb.njit(parallel=True, cache=True, fastmath=True, error_model="numpy")
+def blocks(derivatives, boxes, offsets, pairs, first, out):
+    """6×6 blocks ``out (blocks, 6, 6)`` of JᵀJ: block q sums over patch pairs ``pairs[first[q]:first[q + 1]]``."""
+    for q in nb.prange(len(first) - 1):
+        for k in range(6):
+            for m in range(6):
+                out[q, k, m] = 0.0
+        for e in range(first[q], first[q + 1]):
+            p, t = pairs[e, 0], pairs[e, 1]
+            r0, r1 = max(boxes[p, 2], boxes[t, 2]), min(boxes[p, 3], boxes[t, 3])
+            c0, c1 = max(boxes[p, 4], boxes[t, 4]), min(boxes[p, 5], boxes[t, 5])
+            width = c1 - c0
+            wp, wt = boxes[p, 5] - boxes[p, 4], boxes[t, 5] - boxes[t, 4]
+            for r in range(r0, r1):
+                ap = offsets[p] + (r - boxes[p, 2]) * wp + c0 - boxes[p, 4]
+                at = offsets[t] + (r - boxes[t, 2]) * wt + c0 - boxes[t, 4]
+                for k in range(6):
+                    left = derivatives[k, ap : ap + width]
+                    for m in range(k if p == t else 0, 6):
+                        right = derivatives[m, at : at + width]
+                        part = left.dtype.type(0)
+                        for c in range(width):
+                            part += left[c] * right[c]
+                        out[q, k, m] += part
+            if p == t:
+                for k in range(6):
+                    for m in range(k):
+                        out[q, k, m] = out[q, m, k]

@@ -1,0 +1,239 @@
+"""Projection: volumes and moving grains to radiographs, with adjoint and derivatives.
+
+The Lagrangian way of D-DPC (Khalili et al. 2017, §3): a ray is pulled back into each grain's own voxels
+and integrated there; voxels are never rotated or resampled.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grainmotion.geometry import Geometry
+from grainmotion.grains import PADDING, GrainSet
+from grainmotion.kernels import grains as kernel
+from grainmotion.kernels import voxels
+from grainmotion.motions import Motions
+from grainmotion.volume import Volume
+
+Projector = Literal["trilinear", "exact"]
+"""``"trilinear"``: the smooth image, sampled once a voxel; ``"exact"``: the exact radiological path of boxes."""
+
+Float = NDArray[np.float64]
+_DIRECTIONS = 128
+
+
+# ---------------------------------------------------------------------- whole volumes
+def pad(array: NDArray[np.floating]) -> NDArray[np.floating]:
+    """The array with the empty layers that the kernels ask for."""
+    return np.pad(array, PADDING)
+
+
+def padded_origin(volume: Volume) -> Float:
+    """Position of voxel [0, 0, 0] of the padded array, mm, x y z."""
+    return volume.origin - PADDING * volume.voxel_size
+
+
+def project(volume: Volume, geometry: Geometry, projector: Projector = "trilinear") -> NDArray[np.float32]:
+    """Line integrals of a volume.
+
+    Parameters
+    ----------
+    volume : Volume
+        Attenuation, 1/mm.
+    geometry : Geometry
+        Views to project to.
+    projector : {"trilinear", "exact"}
+        See `Projector`.
+
+    Returns
+    -------
+    (views, rows, columns) float32 array
+        Line integrals, dimensionless.
+    """
+    out = np.empty((len(geometry), *geometry.shape), np.float32)
+    voxels.forward(
+        pad(volume.array), padded_origin(volume), volume.voxel_size, geometry.vectors, geometry.beam == "cone",
+        projector == "exact", out,
+    )  # fmt: skip
+    return out
+
+
+def back_project(
+    images: NDArray[np.float32], geometry: Geometry, grid: Volume, projector: Projector = "trilinear"
+) -> Volume:
+    """The exact adjoint of `project`: ⟨A x, y⟩ = ⟨x, Aᵀ y⟩; the result has the place of ``grid``."""
+    out = np.zeros([n + 2 * PADDING for n in grid.shape], np.float32)
+    voxels.adjoint(
+        np.ascontiguousarray(images, np.float32), padded_origin(grid), grid.voxel_size, geometry.vectors,
+        geometry.beam == "cone", projector == "exact", out,
+    )  # fmt: skip
+    inner = slice(PADDING, -PADDING)
+    return Volume(out[inner, inner, inner], grid.voxel_size, grid.center)
+
+
+# ---------------------------------------------------------------------- moving grains
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """Where every grain is: ``translations (n, 3)`` in mm and ``matrices (n, 3, 3)`` about their centres."""
+
+    translations: Float
+    matrices: Float
+
+
+@dataclass(frozen=True, eq=False)
+class PackedGrains:
+    """A `GrainSet` as the flat arrays that kernels walk (see `kernels.grains`)."""
+
+    images: NDArray[np.float32]
+    starts: NDArray[np.int64]
+    shapes: NDArray[np.int64]
+    corners: Float
+    centers: Float
+    hulls: Float
+    voxel_size: float
+
+    def __len__(self) -> int:
+        return len(self.starts)
+
+    @classmethod
+    def of(cls, grains: GrainSet) -> PackedGrains:
+        """Pack the grains' voxels one after the other."""
+        arrays = [g.volume.array for g in grains.grains]
+        sizes = np.array([a.size for a in arrays], dtype=np.int64)
+        corners = np.array([g.volume.origin - g.center for g in grains.grains]).reshape(-1, 3)
+        h = grains.voxel_size
+        hulls = np.array([_extreme_points(a) * h + corner for a, corner in zip(arrays, corners, strict=True)])
+        return cls(
+            images=np.concatenate([a.ravel() for a in arrays]),
+            starts=np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64),
+            shapes=np.array([a.shape for a in arrays], dtype=np.int64),
+            corners=corners,
+            centers=grains.centers,
+            hulls=hulls,
+            voxel_size=h,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Patches:
+    """The pixels that grains shade, one patch a (grain, view); see `kernels.grains` for the columns.
+
+    ``boxes`` include a margin for filtering, ``jobs`` list the shaded pixels alone, and ``seen (n, views)``
+    is the fraction of each grain's shadow that falls on the panel.
+    """
+
+    boxes: NDArray[np.int64]
+    jobs: NDArray[np.int64]
+    seen: Float
+
+    @cached_property
+    def offsets(self) -> NDArray[np.int64]:
+        """Start of each patch in the flat buffers, with the total at the end."""
+        b = self.boxes
+        sizes = (b[:, 3] - b[:, 2]) * (b[:, 5] - b[:, 4])
+        return np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+
+
+def shadows(grains: PackedGrains, pose: Pose, geometry: Geometry, margin: int = 0) -> Patches:
+    """Patches that the grains shade in each view, widened by ``margin`` pixels, cut at the panel's edges."""
+    rows, columns = geometry.shape
+    moved = np.einsum("nij,nkj->nki", pose.matrices, grains.hulls)
+    moved += (grains.centers + pose.translations)[:, None]
+    n, k = moved.shape[:2]
+    spots = geometry.project_points(moved.reshape(-1, 3)).reshape(len(geometry), n, k, 2)
+    slack = 1 + int(np.ceil(grains.voxel_size / geometry.pixel_at(grains.centers.mean(axis=0))))
+    with np.errstate(invalid="ignore"):
+        low = np.floor(np.nan_to_num(spots.min(axis=2), nan=-1e9)).astype(np.int64) - slack
+        high = np.ceil(np.nan_to_num(spots.max(axis=2), nan=-1e9)).astype(np.int64) + slack + 1
+    edge = np.array([rows, columns])
+    inner_low, inner_high = np.clip(low, 0, edge), np.clip(high, 0, edge)
+    area = np.prod(np.maximum(high - low, 1), axis=2)
+    seen = np.prod(np.maximum(inner_high - inner_low, 0), axis=2) / area
+    outer_low, outer_high = np.clip(low - margin, 0, edge), np.clip(high + margin, 0, edge)
+    grain, view = np.nonzero(np.prod(np.maximum(inner_high - inner_low, 0), axis=2).T)
+    a, b = outer_low[view, grain], outer_high[view, grain]
+    boxes = np.column_stack([grain, view, a[:, 0], b[:, 0], a[:, 1], b[:, 1]]).astype(np.int64)
+    core_low, core_high = inner_low[view, grain], inner_high[view, grain]
+    heights = core_high[:, 0] - core_low[:, 0]
+    patch = np.repeat(np.arange(len(boxes)), heights)
+    row = np.arange(len(patch)) - np.repeat(np.cumsum(heights) - heights, heights) + core_low[patch, 0]
+    jobs = np.column_stack([patch, row, core_low[patch, 1], core_high[patch, 1]]).astype(np.int64)
+    return Patches(boxes, jobs, seen.T)
+
+
+def project_patches(
+    grains: PackedGrains, pose: Pose, geometry: Geometry, patches: Patches, projector: Projector
+) -> NDArray[np.float32]:
+    """Line integrals of every patch, flat (see `Patches.offsets`)."""
+    values = np.zeros(int(patches.offsets[-1]), np.float32)
+    kernel.project(*_arguments(grains, pose, geometry, patches, projector), values)
+    return values
+
+
+def differentiate_patches(
+    grains: PackedGrains, pose: Pose, geometry: Geometry, patches: Patches, projector: Projector
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Line integrals of every patch, and their derivatives ``(6, pixels)`` by u (1/mm) and δ (1/rad)."""
+    total = int(patches.offsets[-1])
+    values, derivatives = np.zeros(total, np.float32), np.zeros((6, total), np.float32)
+    kernel.project_with_derivatives(*_arguments(grains, pose, geometry, patches, projector), values, derivatives)
+    return values, derivatives
+
+
+def assemble(values: NDArray[np.float32], patches: Patches, geometry: Geometry) -> NDArray[np.float32]:
+    """Radiographs ``(views, rows, columns)``: the sum of all patches."""
+    out = np.zeros((len(geometry), *geometry.shape), np.float32)
+    kernel.add_patches(values, patches.boxes, patches.offsets, out)
+    return out
+
+
+def simulate_radiographs(
+    grains: GrainSet, motions: Motions, geometry: Geometry, projector: Projector = "trilinear"
+) -> NDArray[np.float32]:
+    """Line integrals of the moved grains and the background.
+
+    Grains whose motion is unknown (NaN) are left out.
+
+    Returns
+    -------
+    (views, rows, columns) float32 array
+        Line integrals, dimensionless; gain and offset of `Motions.fit` are not applied.
+    """
+    known = np.isfinite(motions.translations).all(axis=1) & np.isfinite(motions.rotations).all(axis=1)
+    out = np.zeros((len(geometry), *geometry.shape), np.float32)
+    if known.any():
+        kept = GrainSet(tuple(g for g, k in zip(grains.grains, known, strict=True) if k))
+        packed = PackedGrains.of(kept)
+        pose = Pose(motions.translations[known], motions.matrices[known])
+        patches = shadows(packed, pose, geometry)
+        out = assemble(project_patches(packed, pose, geometry, patches, projector), patches, geometry)
+    if grains.background is not None:
+        out += project(grains.background, geometry, projector)
+    return out
+
+
+def _arguments(grains: PackedGrains, pose: Pose, geometry: Geometry, patches: Patches, projector: Projector) -> tuple:
+    return (
+        grains.images, grains.starts, grains.shapes, grains.corners, grains.voxel_size,
+        grains.centers + pose.translations, np.ascontiguousarray(pose.matrices), geometry.vectors,
+        geometry.beam == "cone", np.array(geometry.shape), patches.boxes, patches.offsets, patches.jobs,
+        projector == "exact",
+    )  # fmt: skip
+
+
+def _extreme_points(array: NDArray[np.float32]) -> Float:
+    """Voxels (x y z indices) of the grain that reach furthest in many directions: its convex hull, nearly."""
+    z, y, x = np.nonzero(array)
+    points = np.column_stack([x, y, z]).astype(float)
+    if len(points) == 0:
+        return np.full((_DIRECTIONS, 3), (np.array(array.shape[::-1]) - 1) / 2)
+    k = np.arange(_DIRECTIONS) + 0.5
+    height, angle = 1 - 2 * k / _DIRECTIONS, np.pi * (1 + 5**0.5) * k
+    ring = np.sqrt(1 - height**2)
+    directions = np.column_stack([ring * np.cos(angle), ring * np.sin(angle), height])
+    return points[np.argmax(points @ directions.T, axis=0)]
