@@ -1,0 +1,166 @@
+"""VTK's XML files for ParaView: grains as points (``.vtp``), voxel images (``.vti``).
+
+Lengths are in mm, in the sample frame (x y z), so that both kinds of file overlay each other.  Arrays are
+appended as zlib blocks of raw little-endian numbers, as the `VTK file formats
+<https://docs.vtk.org/en/latest/vtk_file_formats/vtkxml_file_format.html>`_ describe.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import BinaryIO
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grainmotion import motion
+from grainmotion.errors import InputError
+from grainmotion.io.files import written_whole
+from grainmotion.motions import Motions, Status
+from grainmotion.volume import Volume
+
+STATUS_CODES: dict[str, int] = {status.value: code for code, status in enumerate(Status)}
+"""Code of each status in the point array ``status_code``: 0 converged, 1 not-converged, 2
+poorly-determined, 3 left-field, 4 not-fitted (the order of `Status`)."""
+
+BLOCK = 1 << 20  # bytes compressed at a time
+_TYPES = {"f4": "Float32", "f8": "Float64", "i4": "Int32", "i8": "Int64", "u1": "UInt8"}
+
+
+def write_grains_vtp(path: str | Path, motions: Motions) -> None:
+    """Write grains as points of a ``.vtp`` file.
+
+    Each grain is a vertex at its current centre c + u (at c if u is unknown).  Point arrays: ``label``,
+    ``status_code`` (see `STATUS_CODES`), ``reference_center`` (mm), ``displacement`` u (mm),
+    ``rotation_vector_deg`` (degrees), ``rotation_matrix`` Ω (row-major tensor), ``sd_displacement`` (mm),
+    ``sd_rotation_deg`` (degrees), ``displacement_covariance`` (tensor, mm²), ``residual`` (line-integral
+    units) and ``iterations``.  What is unknown is NaN: threshold on ``status_code`` before drawing glyphs.
+
+    Parameters
+    ----------
+    path : path
+        The file to write, usually ``grains.vtp``.
+    motions : Motions
+        The motions of one state.
+    """
+    n = len(motions)
+    points = np.where(
+        np.isfinite(motions.translations), motions.centers + motions.translations, motions.centers
+    )
+    variances = np.diagonal(motions.covariances, axis1=1, axis2=2)
+    with np.errstate(invalid="ignore"):
+        sd = np.sqrt(variances)
+    known = np.isfinite(motions.rotations).all(axis=1)
+    matrices = np.full((n, 3, 3), np.nan)
+    matrices[known] = motion.exp(motions.rotations[known])
+    data = {
+        "label": motions.labels.astype("<i8"),
+        "status_code": np.array([STATUS_CODES[str(s)] for s in motions.statuses], dtype="<i4"),
+        "reference_center": motions.centers,
+        "displacement": motions.translations,
+        "rotation_vector_deg": np.rad2deg(motions.rotations),
+        "rotation_matrix": matrices.reshape(n, 9),
+        "sd_displacement": sd[:, :3],
+        "sd_rotation_deg": np.rad2deg(sd[:, 3:]),
+        "displacement_covariance": motions.covariances[:, :3, :3].reshape(n, 9),
+        "residual": motions.residuals,
+        "iterations": motions.iterations.astype("<i8"),
+    }
+    body = _Appended()
+    point_data = body.group(
+        "PointData", data, Scalars="status_code", Vectors="displacement", Tensors="rotation_matrix"
+    )
+    positions = "<Points>" + body.array("Points", points) + "</Points>"
+    cells = (
+        "<Verts>"
+        + body.array("connectivity", np.arange(n, dtype="<i8"))
+        + body.array("offsets", np.arange(1, n + 1, dtype="<i8"))
+        + "</Verts>"
+    )
+    piece = f'<Piece NumberOfPoints="{n}" NumberOfVerts="{n}">{point_data}{positions}{cells}</Piece>'
+    _write(path, "PolyData", f"<PolyData>{piece}</PolyData>", body)
+
+
+def write_image_vti(path: str | Path, volume: Volume, labels: NDArray[np.integer] | None = None) -> None:
+    """Write a volume, and its labels if given, as cells of a ``.vti`` image: one cell a voxel.
+
+    Parameters
+    ----------
+    path : path
+        The file to write, usually ``volume.vti``.
+    volume : Volume
+        Attenuation, 1/mm: the cell array ``attenuation``.
+    labels : (nz, ny, nx) integer array, optional
+        The cell array ``label``.
+
+    Raises
+    ------
+    InputError
+        If the labels' shape is not the volume's.
+    """
+    data: dict[str, NDArray[np.generic]] = {"attenuation": volume.array.ravel()}
+    if labels is not None:
+        if labels.shape != volume.shape:
+            raise InputError(
+                "labels", f"shape {labels.shape} is not the volume's {volume.shape}", "give one a voxel"
+            )
+        data["label"] = labels.astype("<i4").ravel()
+    body = _Appended()
+    cell_data = body.group("CellData", data, Scalars="attenuation")
+    extent = " ".join(f"0 {n}" for n in volume.shape[::-1])
+    corner = " ".join(repr(float(x)) for x in volume.origin - volume.voxel_size / 2)
+    spacing = " ".join([repr(volume.voxel_size)] * 3)
+    image = (
+        f'<ImageData WholeExtent="{extent}" Origin="{corner}" Spacing="{spacing}">'
+        f'<Piece Extent="{extent}">{cell_data}</Piece></ImageData>'
+    )
+    _write(path, "ImageData", image, body)
+
+
+class _Appended:
+    """The ``AppendedData`` of a file: arrays as compressed blocks, and the headers that point to them."""
+
+    def __init__(self) -> None:
+        self.blocks: list[bytes] = []
+        self.size = 0
+
+    def array(self, name: str, values: NDArray[np.generic]) -> str:
+        """Append ``values`` (one row a point or cell) and return its ``DataArray`` element."""
+        values = np.ascontiguousarray(values)
+        kind = _TYPES[values.dtype.newbyteorder("<").str[1:]]
+        components = values.shape[1] if values.ndim == 2 else 1
+        element = (
+            f'<DataArray type="{kind}" Name={quoteattr(name)} NumberOfComponents="{components}" '
+            f'format="appended" offset="{self.size}"/>'
+        )
+        raw = values.astype(values.dtype.newbyteorder("<"), copy=False).tobytes()
+        parts = [zlib.compress(raw[i : i + BLOCK], 6) for i in range(0, len(raw), BLOCK)]
+        header = [len(parts), BLOCK, len(raw) % BLOCK, *(len(p) for p in parts)]
+        for block in (struct.pack(f"<{len(header)}Q", *header), *parts):
+            self.blocks.append(block)
+            self.size += len(block)
+        return element
+
+    def group(self, tag: str, data: Mapping[str, NDArray[np.generic]], **active: str) -> str:
+        """A ``PointData`` or ``CellData`` element of several arrays."""
+        attributes = "".join(f" {key}={quoteattr(value)}" for key, value in active.items())
+        return f"<{tag}{attributes}>" + "".join(self.array(k, v) for k, v in data.items()) + f"</{tag}>"
+
+    def write(self, stream: BinaryIO) -> None:
+        for block in self.blocks:
+            stream.write(block)
+
+
+def _write(path: str | Path, kind: str, body: str, appended: _Appended) -> None:
+    head = (
+        f'<?xml version="1.0"?>\n<VTKFile type="{kind}" version="1.0" byte_order="LittleEndian" '
+        f'header_type="UInt64" compressor="vtkZLibDataCompressor">\n{body}\n<AppendedData encoding="raw">_'
+    )
+    with written_whole(path) as part, part.open("wb") as stream:
+        stream.write(head.encode())
+        appended.write(stream)
+        stream.write(b"\n</AppendedData>\n</VTKFile>\n")

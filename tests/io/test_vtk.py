@@ -1,0 +1,133 @@
+"""The files for ParaView, read back by VTK itself."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from vtkmodules.util.numpy_support import vtk_to_numpy
+from vtkmodules.vtkIOXML import vtkXMLImageDataReader, vtkXMLPolyDataReader
+
+from grainmotion import motion
+from grainmotion.errors import InputError
+from grainmotion.io.vtk import STATUS_CODES, write_grains_vtp, write_image_vti
+from grainmotion.motions import Motions
+from grainmotion.volume import Volume
+
+
+def motions(n: int = 5) -> Motions:
+    """Five grains, one of each status; the last one has no motion."""
+    random = np.random.default_rng(1)
+    rotations = random.normal(scale=0.3, size=(n, 3))
+    translations = random.normal(size=(n, 3))
+    root = random.normal(size=(n, 6, 6)) * 0.01
+    covariances = root @ root.swapaxes(1, 2)
+    for array in (rotations, translations, covariances):
+        array[-1] = np.nan
+    return replace(
+        Motions.identity(np.arange(n) * 3 + 1, random.normal(size=(n, 3))),
+        rotations=rotations,
+        translations=translations,
+        covariances=covariances,
+        residuals=random.random(n),
+        iterations=np.arange(n),
+        statuses=np.array(list(STATUS_CODES)[:n], dtype="<U20"),
+    )
+
+
+def read(reader, path: Path):
+    """What VTK makes of a file; its complaints are errors."""
+    problems = []
+    reader.AddObserver("ErrorEvent", lambda *_: problems.append("error"))
+    reader.AddObserver("WarningEvent", lambda *_: problems.append("warning"))
+    reader.SetFileName(str(path))
+    reader.Update()
+    assert not problems
+    return reader.GetOutput()
+
+
+class TestGrains:
+    def test_vtk_reads_every_field_back(self, tmp_path):
+        given = motions()
+        write_grains_vtp(tmp_path / "grains.vtp", given)
+        data = read(vtkXMLPolyDataReader(), tmp_path / "grains.vtp")
+        fields = {
+            data.GetPointData().GetArrayName(i): vtk_to_numpy(data.GetPointData().GetArray(i))
+            for i in range(data.GetPointData().GetNumberOfArrays())
+        }
+        sd = np.sqrt(np.diagonal(given.covariances, axis1=1, axis2=2))
+        expected = {
+            "label": given.labels,
+            "status_code": np.arange(5),
+            "reference_center": given.centers,
+            "displacement": given.translations,
+            "rotation_vector_deg": np.rad2deg(given.rotations),
+            "sd_displacement": sd[:, :3],
+            "sd_rotation_deg": np.rad2deg(sd[:, 3:]),
+            "displacement_covariance": given.covariances[:, :3, :3].reshape(-1, 9),
+            "residual": given.residuals,
+            "iterations": given.iterations,
+        }
+        assert set(fields) == {*expected, "rotation_matrix"}
+        for name, values in expected.items():
+            np.testing.assert_array_equal(fields[name], values, err_msg=name)
+        matrices = fields["rotation_matrix"].reshape(-1, 3, 3)
+        np.testing.assert_allclose(matrices[:-1], motion.exp(given.rotations[:-1]), atol=1e-15)
+        assert np.isnan(matrices[-1]).all()
+
+    def test_points_stand_at_the_current_centres(self, tmp_path):
+        given = motions()
+        write_grains_vtp(tmp_path / "grains.vtp", given)
+        data = read(vtkXMLPolyDataReader(), tmp_path / "grains.vtp")
+        points = vtk_to_numpy(data.GetPoints().GetData())
+        np.testing.assert_array_equal(points[:-1], (given.centers + given.translations)[:-1])
+        np.testing.assert_array_equal(points[-1], given.centers[-1])
+        assert data.GetNumberOfVerts() == 5
+
+    def test_arrows_and_tensors_are_active(self, tmp_path):
+        write_grains_vtp(tmp_path / "grains.vtp", motions())
+        data = read(vtkXMLPolyDataReader(), tmp_path / "grains.vtp").GetPointData()
+        assert data.GetVectors().GetName() == "displacement"
+        assert data.GetScalars().GetName() == "status_code"
+        assert data.GetTensors().GetName() == "rotation_matrix"
+
+    def test_no_grains(self, tmp_path):
+        write_grains_vtp(tmp_path / "none.vtp", Motions.identity(np.zeros(0, int), np.zeros((0, 3))))
+        assert read(vtkXMLPolyDataReader(), tmp_path / "none.vtp").GetNumberOfPoints() == 0
+
+    def test_a_folder_that_cannot_be_made_is_a_clear_error(self, tmp_path):
+        (tmp_path / "file").write_text("in the way")
+        with pytest.raises(InputError, match="cannot be written"):
+            write_grains_vtp(tmp_path / "file" / "grains.vtp", motions())
+
+
+class TestImage:
+    @pytest.mark.parametrize("shape", [(3, 4, 5), (70, 80, 90)], ids=["one block", "several blocks"])
+    def test_vtk_reads_voxels_and_labels_back(self, tmp_path, shape):
+        random = np.random.default_rng(2)
+        volume = Volume(random.random(shape), 0.25, (1.0, -2.0, 3.5))
+        labels = random.integers(0, 9, shape)
+        write_image_vti(tmp_path / "volume.vti", volume, labels)
+        image = read(vtkXMLImageDataReader(), tmp_path / "volume.vti")
+        cells = image.GetCellData()
+        np.testing.assert_array_equal(
+            vtk_to_numpy(cells.GetArray("attenuation")).reshape(shape), volume.array
+        )
+        np.testing.assert_array_equal(vtk_to_numpy(cells.GetArray("label")).reshape(shape), labels)
+
+    def test_voxels_lie_where_the_volume_says(self, tmp_path):
+        volume = Volume.zeros((3, 4, 5), 0.25, (1.0, -2.0, 3.5))
+        write_image_vti(tmp_path / "volume.vti", volume)
+        image = read(vtkXMLImageDataReader(), tmp_path / "volume.vti")
+        bounds = np.array(image.GetBounds()).reshape(3, 2)
+        np.testing.assert_allclose(bounds.mean(axis=1), volume.center)
+        np.testing.assert_allclose(np.ptp(bounds, axis=1), np.array([5, 4, 3]) * 0.25)
+        cell = image.GetCell(0).GetBounds()
+        np.testing.assert_allclose(np.reshape(cell, (3, 2)).mean(axis=1), volume.origin)
+
+    def test_labels_of_another_shape(self, tmp_path):
+        with pytest.raises(InputError, match="labels"):
+            write_image_vti(tmp_path / "v.vti", Volume.zeros((3, 4, 5), 1.0), np.zeros((3, 4, 4), int))
+        assert not list(tmp_path.iterdir())
