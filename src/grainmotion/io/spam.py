@@ -1,0 +1,212 @@
+"""Exchange with spam (https://www.spam-project.dev): the ``…-ddic.tsv`` of its discrete correlation.
+
+One row a label, from 0 (background) to the largest, so that row number and label agree, tab-separated:
+
+    Label  Zpos Ypos Xpos  Zdisp Ydisp Xdisp  Fzz Fzy Fzx Fyz Fyy Fyx Fxz Fxy Fxx
+    PSCC  error  iterations  returnStatus  deltaPhiNorm  LabelDilate
+
+Positions and displacements are in voxels of the labelled image (voxel [0, 0, 0] is centred at 0), in z y x
+order; Φ = [F | disp] carries the reference to the current state about the label's own position.  Hence,
+with h the voxel size and o the position of voxel [0, 0, 0] in the sample frame,
+
+    pos = (c − o)/h,    disp = u/h,    F = Ω,    each with its x y z components written in z y x order.
+
+Reversing the order of the axes mirrors the frame, so the rotation vector that spam derives from F,
+in z y x order, is **minus** the reversed rotation vector of grainmotion; F itself needs no sign.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from grainmotion import motion
+from grainmotion.errors import InputError
+from grainmotion.io.files import checked_file, written_whole
+from grainmotion.motions import Motions, Status
+from grainmotion.volume import Volume
+
+POSITION = ("Zpos", "Ypos", "Xpos")
+DISPLACEMENT = ("Zdisp", "Ydisp", "Xdisp")
+GRADIENT = ("Fzz", "Fzy", "Fzx", "Fyz", "Fyy", "Fyx", "Fxz", "Fxy", "Fxx")
+QUALITY = ("PSCC", "error", "iterations", "returnStatus", "deltaPhiNorm", "LabelDilate")
+HEADER = ("Label", *POSITION, *DISPLACEMENT, *GRADIENT, *QUALITY)
+
+RETURN_STATUS: dict[str, int] = {
+    Status.CONVERGED.value: 2,
+    Status.POORLY_DETERMINED.value: 1,
+    Status.NOT_CONVERGED.value: 1,
+    Status.LEFT_FIELD.value: -7,
+    Status.NOT_FITTED.value: 0,
+}
+"""spam's ``returnStatus`` of each status: 2 converged, 1 not, 0 not correlated, -7 no grain to correlate."""
+
+
+def write_ddic_tsv(
+    path: str | Path, motions: Motions, grid: Volume, labels: NDArray[np.integer] | None = None
+) -> None:
+    """Write motions as spam's discrete-correlation TSV.
+
+    ``error`` is the residual in line-integral units, which is not spam's measure; ``PSCC`` (spam's
+    correlation coefficient), ``deltaPhiNorm`` and ``LabelDilate`` are 0.  Labels without a grain, and
+    grains without a motion, get NaN displacements, as in spam.
+
+    Parameters
+    ----------
+    path : path
+        The file to write, usually ``grains-ddic.tsv``.
+    motions : Motions
+        The motions of one state, mm and radians.
+    grid : Volume
+        The reference volume (its place and voxel size; values do not matter).
+    labels : (nz, ny, nx) integer array, optional
+        The labels on the grid.  With them, each motion is carried over to the label's own centre of
+        mass (all its voxels alike), where spam-ddic demands it within 0.1 voxel when it starts from
+        this file; without them, positions are the attenuation-weighted centres of ``motions``.
+
+    Raises
+    ------
+    InputError
+        If a label is below 1, or is missing from ``labels``.
+    """
+    if len(motions) and motions.labels.min() < 1:
+        raise InputError(
+            "motions.label", f"label {motions.labels.min()}", "spam counts grains from 1; relabel them"
+        )
+    centers, translations = motions.centers, motions.translations
+    if labels is not None:
+        centers = _label_centers(labels, motions.labels, grid)
+        turns = np.broadcast_to(np.eye(3), (len(motions), 3, 3)).copy()
+        known = np.isfinite(motions.rotations).all(axis=1)
+        turns[known] = motion.exp(motions.rotations[known])
+        translations = motion.recenter(turns, translations, motions.centers, centers)
+
+    rows = int(motions.labels.max(initial=0)) + 1
+    table = pd.DataFrame(np.zeros((rows, len(HEADER))), columns=list(HEADER))
+    table["Label"] = np.arange(rows)
+    table.loc[1:, list(POSITION + DISPLACEMENT)] = np.nan
+    table.loc[1:, "returnStatus"] = RETURN_STATUS[Status.LEFT_FIELD.value]
+    table[["Fzz", "Fyy", "Fxx"]] = 1.0
+    moved = np.isfinite(np.hstack([translations, motions.rotations])).all(axis=1)
+    gradients = np.broadcast_to(np.eye(3), (len(motions), 3, 3)).copy()
+    gradients[moved] = motion.exp(motions.rotations[moved])[:, ::-1, ::-1]
+    disp = np.where(moved[:, None], translations, np.nan)[:, ::-1] / grid.voxel_size
+    table.loc[motions.labels, list(POSITION)] = (centers - grid.origin)[:, ::-1] / grid.voxel_size
+    table.loc[motions.labels, list(DISPLACEMENT)] = disp
+    table.loc[motions.labels, list(GRADIENT)] = gradients.reshape(-1, 9)
+    table.loc[motions.labels, "error"] = motions.residuals
+    table.loc[motions.labels, "iterations"] = motions.iterations
+    table.loc[motions.labels, "returnStatus"] = [RETURN_STATUS[str(s)] for s in motions.statuses]
+    integers = ("Label", "iterations", "returnStatus", "LabelDilate")
+    table = table.astype({c: np.int64 for c in integers})
+    with written_whole(path) as part:
+        table.to_csv(part, sep="\t", index=False, na_rep="nan", float_format="%.10g")
+
+
+def read_ddic_tsv(path: str | Path, grid: Volume) -> Motions:
+    """Read spam's discrete-correlation TSV as motions, for instance as the ``initial`` of a state.
+
+    Centres are the file's positions; carry the motions to other centres with `grainmotion.motion.recenter`.
+    Where F strains, its rotation by polar decomposition is taken.  ``returnStatus`` 2 becomes ``converged``,
+    1 ``not-converged``, 0 or less ``not-fitted``.  Covariances are NaN; ``residuals`` are spam's ``error``
+    in its own units.
+
+    Parameters
+    ----------
+    path : path
+        The file, from ``spam-ddic`` or `write_ddic_tsv`.
+    grid : Volume
+        The volume whose voxels the file counts in (its place and voxel size; values do not matter).
+
+    Returns
+    -------
+    Motions
+        One row a label that has a position; label 0 is dropped.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, is no such table, or holds a grid of points (``spam-ldic``).
+    """
+    table = _read_table(checked_file(path))
+    table = table[(table["Label"] > 0) & table[list(POSITION)].notna().all(axis=1)]
+    n, h = len(table), grid.voxel_size
+    disp = table[list(DISPLACEMENT)].to_numpy(float)
+    gradients = table[list(GRADIENT)].to_numpy(float).reshape(n, 3, 3)[:, ::-1, ::-1]
+    moved = np.isfinite(disp).all(axis=1) & np.isfinite(gradients).all(axis=(1, 2))
+    rotations = np.full((n, 3), np.nan)
+    rotations[moved] = motion.log(_nearest_rotations(gradients[moved]))
+    returned = table["returnStatus"].to_numpy(float)
+    converged, stopped = (returned == 2) & moved, (returned == 1) & moved
+    statuses = np.full(n, Status.NOT_FITTED.value, dtype="<U20")
+    statuses[converged], statuses[stopped] = Status.CONVERGED.value, Status.NOT_CONVERGED.value
+    reasons = ["" if c else f"spam returned status {int(r)}" for c, r in zip(converged, returned)]
+    return Motions(
+        labels=table["Label"].to_numpy(np.int64),
+        centers=table[list(POSITION)].to_numpy(float)[:, ::-1] * h + grid.origin,
+        translations=np.where(moved[:, None], disp[:, ::-1] * h, np.nan),
+        rotations=rotations,
+        covariances=np.full((n, 6, 6), np.nan),
+        statuses=statuses,
+        residuals=table["error"].to_numpy(float),
+        iterations=table["iterations"].to_numpy(np.int64),
+        reasons=tuple(reasons),
+    )
+
+
+def _read_table(path: Path) -> pd.DataFrame:
+    remedy = "give the …-ddic.tsv that spam-ddic writes"
+    try:
+        table = pd.read_csv(path, sep="\t", na_values=["nan", "inf", "-inf"])
+    except (ValueError, UnicodeDecodeError) as error:
+        raise InputError(str(path), f"it is no table ({' '.join(str(error).split())})", remedy) from error
+    if "NodeNumber" in table.columns:
+        raise InputError(str(path), "it holds a grid of points (NodeNumber), not grains", remedy)
+    for old, new in (("error", np.nan), ("iterations", 0)):  # some of spam's scripts leave these out
+        if old not in table.columns:
+            table[old] = new
+    needed = ("Label", *POSITION, *DISPLACEMENT, *GRADIENT, "returnStatus")
+    missing = [c for c in needed if c not in table.columns]
+    if missing:
+        raise InputError(str(path), f"columns {missing} are missing", remedy)
+    columns = [*needed, "error", "iterations"]
+    numbers = table[columns].apply(pd.to_numeric, errors="coerce")
+    wrong = numbers.isna() & table[columns].notna()
+    if wrong.to_numpy().any():
+        row, column = np.argwhere(wrong.to_numpy())[0]
+        fact = f"{columns[column]} is '{table[columns].iloc[row, column]}' in row {row + 1}"
+        raise InputError(str(path), fact, "give a number")
+    if numbers["Label"].isna().any() or numbers["Label"].duplicated().any():
+        raise InputError(str(path), "a label is missing or given twice", "give one row a grain")
+    return numbers.fillna({"iterations": 0, "returnStatus": 0})
+
+
+def _label_centers(
+    image: NDArray[np.integer], labels: NDArray[np.int64], grid: Volume
+) -> NDArray[np.float64]:
+    """Centres of mass of labels, all voxels alike, mm, x y z."""
+    if image.shape != grid.shape:
+        raise InputError(
+            "labels", f"shape {image.shape} is not the volume's {grid.shape}", "give them on its grid"
+        )
+    missing = sorted(set(labels.tolist()) - set(np.unique(image).tolist()))
+    if missing:
+        raise InputError(
+            "labels", f"the grains {missing[:10]} are not in it", "give the labels of this reference"
+        )
+    if len(labels) == 0:
+        return np.zeros((0, 3))
+    places = np.array(ndimage.center_of_mass(image > 0, image, labels))
+    return places[:, ::-1] * grid.voxel_size + grid.origin
+
+
+def _nearest_rotations(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
+    """R of the polar decompositions F = R U."""
+    left, _, right = np.linalg.svd(matrices)
+    sign = np.sign(np.linalg.det(left @ right))
+    left[..., -1] *= sign[..., None]
+    return left @ right
