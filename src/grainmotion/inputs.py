@@ -1,0 +1,136 @@
+"""Inputs of an experiment: everything found, its shapes and geometry checked, before any work begins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from grainmotion.errors import InputError
+from grainmotion.experiment import Experiment
+from grainmotion.geometry import Geometry
+from grainmotion.io.motions_csv import read_motions
+from grainmotion.io.stacks import Stack
+from grainmotion.motions import Motions
+from grainmotion.scan_input import ScanInput, find_scan, named_stack
+from grainmotion.volume import Volume
+
+RATIO_LIMIT = 20.0  # voxel over pixel at the sample, either way
+SHADOW_LIMIT = 10.0  # columns of the volume's shadow over those of the panel
+
+
+@dataclass(frozen=True, eq=False)
+class Inputs:
+    """Everything that an experiment starts from.
+
+    Attributes
+    ----------
+    reference : ScanInput, optional
+        None if the volume is given.
+    states : tuple of ScanInput
+        In the order of the file.
+    starts : tuple of Motions or None
+        The motions.csv from which each state starts, where one is named.
+    grid : Volume
+        Zeros on the grid of the reference volume.
+    volume, labels : Stack, optional
+        Given by the user.
+    """
+
+    reference: ScanInput | None
+    states: tuple[ScanInput, ...]
+    starts: tuple[Motions | None, ...]
+    grid: Volume
+    volume: Stack | None = None
+    labels: Stack | None = None
+
+
+def find_inputs(experiment: Experiment) -> Inputs:
+    """Find all files of an experiment and check headers, shapes and geometry; pixels are not read.
+
+    Raises
+    ------
+    InputError
+        At the first thing that cannot be.
+    """
+    tables, folder = experiment.tables, experiment.folder
+    volume = named_stack("reference.volume", tables.reference.volume, folder)
+    labels = named_stack("reference.labels", tables.reference.labels, folder)
+    reference = None
+    if volume is None or tables.reference.radiographs is not None:
+        reference = find_scan("reference", tables.reference, tables.reference, folder)
+    grid = _grid(experiment, reference, volume)
+    if labels is not None and labels.info()[0] != grid.shape:
+        fact = f"labels of {labels.info()[0]} voxels, but the volume has {grid.shape}"
+        raise InputError(f"{labels.spec} (reference.labels)", fact, "give labels of that volume, z y x")
+    states = tuple(find_scan(f"states.{t.name}", t, tables.reference, folder) for t in tables.states)
+    for scan in (reference, *states):
+        if scan is not None:
+            check_plausible(scan.key, scan.geometry, grid)
+    named = (t.initial for t in tables.states)
+    starts = tuple(None if n in ("previous", "reference") else read_motions(folder / n) for n in named)
+    return Inputs(None if volume is not None else reference, states, starts, grid, volume, labels)
+
+
+def check_plausible(key: str, geometry: Geometry, grid: Volume) -> None:
+    """Refuse a geometry that cannot belong to the volume: other units, or a panel that never sees it.
+
+    The volume is taken as the upright cylinder in its box.
+    """
+    units = "check that all lengths share one unit, mm: volume, pixel size and distances"
+    turn = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    radius = grid.voxel_size * min(grid.shape[1:]) / 2
+    ring = np.stack([radius * np.cos(turn), radius * np.sin(turn), np.zeros_like(turn)], axis=1)
+    top = np.array([0.0, 0.0, grid.voxel_size * grid.shape[0] / 2])
+    points = np.concatenate([ring + top, ring - top]) + grid.center
+    where = geometry.project_points(points)
+    if np.isnan(where).any():
+        view = int(np.argwhere(np.isnan(where))[0, 0])
+        raise InputError(f"{key}.geometry, view {view}", "the source lies in or behind the volume", units)
+    ratio = grid.voxel_size / geometry.pixel_at(grid.center)
+    if not 1 / RATIO_LIMIT < ratio < RATIO_LIMIT:
+        fact = f"a voxel of {grid.voxel_size:.4g} mm is {ratio:.3g} times a pixel at the sample"
+        raise InputError(f"{key}.geometry and volume.voxel_size", f"{fact}: wrong units?", units)
+    low, high = where.min(axis=1), where.max(axis=1)
+    extent = high - low
+    widest = float(extent[:, 1].max())
+    if widest > SHADOW_LIMIT * geometry.shape[1]:
+        fact = f"the volume's shadow is {widest:.0f} pixels wide, the panel {geometry.shape[1]}"
+        raise InputError(
+            f"{key}.geometry and volume", f"{fact}: the sample does not fit the field of view", units
+        )
+    if float(extent.max()) < 2:
+        raise InputError(
+            f"{key}.geometry and volume", "the volume's shadow is less than 2 pixels wide", units
+        )
+    panel = np.array(geometry.shape) - 0.5
+    off = (high < -0.5).any(axis=1) | (low > panel).any(axis=1)
+    if off.any():
+        view = int(np.argmax(off))
+        row, column = where[view].mean(axis=0)
+        fact = f"the sample never shadows the panel: its centre falls on row {row:.0f}, column {column:.0f}"
+        remedy = f"check source, panel centre, u and v; the panel has {geometry.shape} rows and columns"
+        raise InputError(f"{key}.geometry, view {view}", fact, remedy)
+
+
+def _grid(experiment: Experiment, scan: ScanInput | None, volume: Stack | None) -> Volume:
+    """Zeros on the grid of ``[volume]``; what it does not say follows from the volume or the panel."""
+    table = experiment.tables.volume
+    shape, voxel_size = table.shape, table.voxel_size
+    if volume is not None:
+        given = volume.info()[0]
+        if shape is not None and tuple(shape) != given:
+            fact = f"{list(shape)}, but {volume.spec} (reference.volume) has {list(given)}"
+            raise InputError("volume.shape", fact, "leave it out, or correct one of them")
+        if voxel_size is None:
+            raise InputError("volume.voxel_size", "it is missing", "give the voxel size of the volume, mm")
+        shape = given
+    elif scan is not None:
+        rows, columns = scan.geometry.shape
+        shape = shape or (rows, columns, columns)
+        voxel_size = voxel_size or scan.geometry.pixel_at(table.center)
+    assert shape is not None
+    assert voxel_size is not None
+    if min(shape) < 1:
+        raise InputError("volume.shape", f"must be at least 1 voxel, got {list(shape)}", "give z, y, x")
+    return Volume.zeros(shape, voxel_size, table.center)

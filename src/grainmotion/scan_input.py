@@ -1,0 +1,288 @@
+"""One scan of an experiment file: its files found, its geometry made, its pixels read as line integrals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grainmotion.errors import InputError
+from grainmotion.experiment import Air, AngleRange, Circular, Kind, ReferenceTable, ScanTable
+from grainmotion.geometry import Beam, Geometry, Panel
+from grainmotion.io.files import checked_file
+from grainmotion.io.geometry_csv import read_geometry
+from grainmotion.io.hdf5 import DARK, FLAT, NXtomo
+from grainmotion.io.stacks import Stack, find_stack
+from grainmotion.scan import (
+    PixelReport,
+    Scan,
+    checked_line_integrals,
+    line_integrals_from_counts,
+    line_integrals_from_transmission,
+    normalize_air,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class ScanInput:
+    """The files of one scan, found and checked, and how to read them.
+
+    Attributes
+    ----------
+    key : str
+        "reference" or "states.NAME".
+    radiographs : Stack
+    flats, darks : Stack, optional
+    kind : {"counts", "transmission", "line-integrals"}
+    geometry : Geometry
+        Of the chosen views.
+    views : int array, optional
+        Which radiographs to use; None for all.
+    air : Air, optional
+    saturation : float, optional
+    """
+
+    key: str
+    radiographs: Stack
+    flats: Stack | None
+    darks: Stack | None
+    kind: Kind
+    geometry: Geometry
+    views: NDArray[np.int64] | None = None
+    air: Air | None = None
+    saturation: float | None = None
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """All image files."""
+        stacks = (self.radiographs, self.flats, self.darks)
+        return tuple(f for s in stacks if s is not None for f in s.files)
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What else decides the line integrals, as plain data."""
+        return {
+            "kind": self.kind,
+            "beam": self.geometry.beam,
+            "geometry": self.geometry.vectors.tolist(),
+            "views": None if self.views is None else self.views.tolist(),
+            "air": None if self.air is None else self.air.model_dump(),
+            "saturation": self.saturation,
+            "inner": [
+                [p.inner, p.key] for s in (self.radiographs, self.flats, self.darks) if s for p in s.parts
+            ],
+        }
+
+    def read(self) -> tuple[Scan, PixelReport]:
+        """Read the radiographs as line integrals; errors name the files and the key."""
+        images = self.radiographs.read()
+        if self.views is not None:
+            images = images[self.views]
+        try:
+            if self.kind == "counts":
+                flats = None if self.flats is None else self.flats.read()
+                darks = None if self.darks is None else self.darks.read()
+                assert flats is not None  # find_inputs saw to it
+                scan, report = line_integrals_from_counts(
+                    images, flats, darks, self.geometry, saturation=self.saturation
+                )
+            elif self.kind == "transmission":
+                scan, report = line_integrals_from_transmission(images, self.geometry)
+            else:
+                scan, report = checked_line_integrals(images, self.geometry)
+            if self.air is not None:
+                scan = normalize_air(scan, margin=self.air.margin, region=self.air.region)
+        except InputError as error:
+            raise InputError(self._named(error.where), error.fact, error.remedy) from error
+        return scan, report
+
+    def _named(self, where: str) -> str:
+        """File and key behind the "counts", "flats" or "darks" of an error."""
+        stack = {"flats": self.flats, "darks": self.darks}.get(where, self.radiographs)
+        key = where if where in ("flats", "darks") or where.startswith("air") else "radiographs"
+        return f"{stack.spec if stack else ''} ({self.key}.{key})"
+
+
+def find_scan(key: str, table: ScanTable, reference: ReferenceTable, folder: Path) -> ScanInput:
+    """Find one scan; what its table does not say is the reference's."""
+    radiographs = named_stack(f"{key}.radiographs", table.radiographs, folder)
+    if radiographs is None:
+        raise InputError(f"{key}.radiographs", "it is missing", "name the radiographs")
+    kind = table.kind or reference.kind or "counts"
+    (count, rows, columns), _ = radiographs.info()
+    nxtomo = radiographs.nxtomo
+    geometry = _find_geometry(key, table, reference, folder, (rows, columns), nxtomo)
+    if len(geometry) != count:
+        source = (
+            f"{table.geometry} ({key}.geometry)" if isinstance(table.geometry, str) else f"{key}.geometry"
+        )
+        fact = f"{len(geometry)} views, but {radiographs.spec} ({key}.radiographs) holds {count} radiographs"
+        raise InputError(source, fact, "give one view a radiograph, in the same order")
+    views = _chosen(key, table.views, count)
+    flats, darks = (
+        _find_beam_images(key, name, table, reference, folder, nxtomo) for name in ("flats", "darks")
+    )
+    if kind != "counts":
+        flats = darks = None
+    elif flats is None:
+        raise InputError(f"{key}.flats", "it is missing", "give flats, or set kind to what the images are")
+    for name, stack in (("flats", flats), ("darks", darks)):
+        if stack is not None and stack.info()[0][1:] != (rows, columns):
+            fact = f"images of {stack.info()[0][1:]} pixels, but the radiographs have {(rows, columns)}"
+            raise InputError(f"{stack.spec} ({key}.{name})", fact, f"give {name} of the same camera settings")
+    return ScanInput(
+        key=key,
+        radiographs=radiographs,
+        flats=flats,
+        darks=darks,
+        kind=kind,
+        geometry=geometry if views is None else geometry[views],
+        views=views,
+        air=table.air or reference.air,
+        saturation=table.saturation or reference.saturation,
+    )
+
+
+def _find_beam_images(
+    key: str, name: str, table: ScanTable, reference: ReferenceTable, folder: Path, nxtomo: NXtomo | None
+) -> Stack | None:
+    """Flats or darks: the table's, its NXtomo file's, the reference's, the reference's NXtomo file's."""
+    frames = FLAT if name == "flats" else DARK
+    own = named_stack(f"{key}.{name}", getattr(table, name), folder)
+    if own is not None:
+        return own
+    if nxtomo is not None and nxtomo.count(frames):
+        return find_stack(nxtomo.path).frames(frames)
+    if key == "reference":
+        return None
+    shared = named_stack(f"reference.{name}", getattr(reference, name), folder)
+    if shared is None and reference.radiographs is not None:
+        first = named_stack("reference.radiographs", reference.radiographs, folder)
+        file = None if first is None else first.nxtomo
+        if first is not None and file is not None and file.count(frames):
+            shared = first.frames(frames)
+    return shared
+
+
+def _find_geometry(
+    key: str,
+    table: ScanTable,
+    reference: ReferenceTable,
+    folder: Path,
+    shape: tuple[int, int],
+    nxtomo: NXtomo | None,
+) -> Geometry:
+    given = table.geometry
+    if given is None and nxtomo is not None and isinstance(reference.geometry, Circular):
+        given = reference.geometry.model_copy(
+            update={"angles_deg": None, "first": None, "last": None, "count": None}
+        )
+    if given is None:
+        raise InputError(
+            f"{key}.geometry", "it is missing", "name a CSV, or give a table for a circular scan"
+        )
+    circular = reference.geometry.beam if isinstance(reference.geometry, Circular) else None
+    inherited: Beam = table.beam or reference.beam or circular or "cone"
+    if isinstance(given, str):
+        return read_geometry(folder / given, shape, inherited)
+    try:
+        angles = _angles(given, folder, nxtomo)
+        return circular_geometry(given, given.beam or inherited, shape, angles)
+    except InputError as error:
+        where = error.where if error.where.startswith(str(folder)) else f"{key}.{error.where}"
+        raise InputError(where, error.fact, error.remedy) from error
+
+
+def _angles(table: Circular, folder: Path, nxtomo: NXtomo | None) -> NDArray[np.float64]:
+    given = table.angles_deg
+    if isinstance(given, AngleRange):
+        return np.linspace(given.first, given.last, given.count)
+    if isinstance(given, str):
+        return _read_angles(checked_file(folder / given))
+    if given is not None:
+        return np.array(given, dtype=float)
+    if table.first is not None and table.last is not None and table.count is not None:
+        return np.linspace(table.first, table.last, table.count)
+    if nxtomo is not None and np.isfinite(nxtomo.projection_angles_deg).all():
+        return nxtomo.projection_angles_deg
+    raise InputError(
+        "geometry.angles_deg", "it is missing", "give a list, a text file, or first, last and count"
+    )
+
+
+def _read_angles(path: Path) -> NDArray[np.float64]:
+    """One angle a line, degrees; ``#`` begins a comment."""
+    angles = []
+    for number, line in enumerate(path.read_text(errors="replace").splitlines(), start=1):
+        text = line.split("#")[0].strip()
+        try:
+            if text:
+                angles.append(float(text))
+        except ValueError as error:
+            raise InputError(
+                str(path), f"line {number} is '{text}'", "give one angle a line, degrees"
+            ) from error
+    return np.array(angles)
+
+
+def _chosen(key: str, views: str | list[int] | None, count: int) -> NDArray[np.int64] | None:
+    """Indices that "start:stop:step" or a list picks from ``count`` radiographs."""
+    if views is None:
+        return None
+    try:
+        if isinstance(views, str):
+            numbers = [int(p) if p.strip() else None for p in views.split(":")]
+            index = (
+                np.arange(count)[slice(*numbers)] if 2 <= len(numbers) <= 3 else np.array([numbers[0]], int)
+            )
+        else:
+            index = np.arange(count)[np.array(views, dtype=int)]
+    except (ValueError, TypeError, IndexError) as error:
+        fact = f"'{views}' does not pick from {count} radiographs"
+        raise InputError(
+            f"{key}.views", fact, 'give "start:stop:step" or a list of indices from 0'
+        ) from error
+    if len(index) == 0 or index.max() >= count:
+        raise InputError(
+            f"{key}.views", f"'{views}' picks none of {count} radiographs", "widen the selection"
+        )
+    return index
+
+
+def circular_geometry(
+    table: Circular, beam: Beam, shape: tuple[int, int], angles_deg: NDArray[np.float64]
+) -> Geometry:
+    """The views of a ``[….geometry]`` table."""
+    panel = Panel(
+        offset=table.detector_offset,
+        tilts_deg=table.detector_tilts_deg,
+        axis_offset=table.axis_offset,
+        axis_tilt_deg=table.axis_tilt_deg,
+        first_row=table.first_row,
+    )
+    if beam == "parallel":
+        return Geometry.parallel(angles_deg, shape, table.pixel_size, panel=panel)
+    if table.source_to_axis is None or table.source_to_detector is None:
+        missing = "source_to_axis" if table.source_to_axis is None else "source_to_detector"
+        raise InputError(f"geometry.{missing}", "it is missing", 'give it in mm, or set beam = "parallel"')
+    return Geometry.cone(
+        angles_deg,
+        shape,
+        table.pixel_size,
+        source_to_axis=table.source_to_axis,
+        source_to_detector=table.source_to_detector,
+        panel=panel,
+    )
+
+
+def named_stack(key: str, files: list[str] | None, folder: Path) -> Stack | None:
+    """The stack behind a key; errors name the file and the key."""
+    if files is None:
+        return None
+    try:
+        return find_stack(files if len(files) > 1 else files[0], folder)
+    except InputError as error:
+        raise InputError(f"{error.where} ({key})", error.fact, error.remedy) from error
