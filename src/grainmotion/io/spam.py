@@ -78,12 +78,12 @@ def write_ddic_tsv(
             "motions.label", f"label {motions.labels.min()}", "spam counts grains from 1; relabel them"
         )
     centers, translations = motions.centers, motions.translations
+    known = ~np.isnan(motions.rotations.sum(axis=1))
+    matrices = np.broadcast_to(np.eye(3), (len(motions), 3, 3)).copy()
+    matrices[known] = motion.exp(motions.rotations[known])
     if labels is not None:
         centers = _label_centers(labels, motions.labels, grid)
-        turns = np.broadcast_to(np.eye(3), (len(motions), 3, 3)).copy()
-        known = np.isfinite(motions.rotations).all(axis=1)
-        turns[known] = motion.exp(motions.rotations[known])
-        translations = motion.recenter(turns, translations, motions.centers, centers)
+        translations = motion.recenter(matrices, translations, motions.centers, centers)
 
     rows = int(motions.labels.max(initial=0)) + 1
     table = pd.DataFrame(np.zeros((rows, len(HEADER))), columns=list(HEADER))
@@ -91,9 +91,8 @@ def write_ddic_tsv(
     table.loc[1:, list(POSITION + DISPLACEMENT)] = np.nan
     table.loc[1:, "returnStatus"] = RETURN_STATUS[Status.LEFT_FIELD.value]
     table[["Fzz", "Fyy", "Fxx"]] = 1.0
-    moved = np.isfinite(np.hstack([translations, motions.rotations])).all(axis=1)
-    gradients = np.broadcast_to(np.eye(3), (len(motions), 3, 3)).copy()
-    gradients[moved] = motion.exp(motions.rotations[moved])[:, ::-1, ::-1]
+    moved = known & ~np.isnan(translations.sum(axis=1))
+    gradients = np.where(moved[:, None, None], matrices, np.eye(3))[:, ::-1, ::-1]
     disp = np.where(moved[:, None], translations, np.nan)[:, ::-1] / grid.voxel_size
     table.loc[motions.labels, list(POSITION)] = (centers - grid.origin)[:, ::-1] / grid.voxel_size
     table.loc[motions.labels, list(DISPLACEMENT)] = disp
