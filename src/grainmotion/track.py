@@ -1,0 +1,218 @@
+"""D-DPC: the motion of every grain from a few radiographs (Khalili et al. 2017), in stages.
+
+From the given start: (1) all grains as one body, from the start and from the shift that the
+radiographs' centroids tell; (2) a smooth displacement field; (3) all grains free, under Gaussian
+filters of falling width; (4) grains that still fit badly are searched over rotations, one by one with
+their neighbours held, then all are free again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass as record
+from dataclasses import field, replace
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from grainmotion import motion, stages
+from grainmotion.errors import InputError
+from grainmotion.grains import GrainSet
+from grainmotion.judge import judge
+from grainmotion.motions import Motions
+from grainmotion.project import PackedGrains, Pose, Projector, project
+from grainmotion.residual import Basis, StateProblem, Target
+from grainmotion.scan import Scan
+from grainmotion.search import search_lost
+from grainmotion.solve import Solution, Stopping, gauss_newton
+
+Float = NDArray[np.float64]
+Progress = Callable[[str, int, int], None]
+
+GRAIN = 45.0  # pixels across the grains on which the default filter widths were measured
+
+
+@dataclass(frozen=True)
+class TrackSettings:
+    """How to track."""
+
+    projector: Annotated[Projector, Field(description="operator; the reconstruction's own by default")] = "trilinear"
+    filters: Annotated[
+        tuple[float, ...],
+        Field(min_length=1, description="Gaussian widths of the free stages in turn, pixels, for grains 45 pixels across"),
+    ] = (6.0, 2.0, 0.7)
+    field_filter: Annotated[float, Field(ge=0, description="the same for the stages of one body and smooth field")] = 12.0
+    fields: Annotated[bool, Field(description="begin with one body and a smooth field; off: all grains free at once")] = True
+    search: Annotated[bool, Field(description="search rotations for grains that fit badly")] = True
+    gain: Annotated[bool, Field(description="eliminate a global gain and offset (a, b of Eq. 22)")] = True
+    iterations: Annotated[int, Field(ge=1, description="most iterations a stage")] = 30
+    tolerance: Annotated[float, Field(gt=0, description="a stage ends once no grain's surface moves further, voxels")] = 2e-3
+    max_sd_voxel: Annotated[float, Field(gt=0, description="a grain is poorly determined above this sd of u, voxels")] = 0.5
+    max_sd_deg: Annotated[float, Field(gt=0, description="a grain is poorly determined above this sd of ω, degrees")] = 5.0
+
+
+@record
+class Course:
+    """One state under way: what is fitted, the costs so far, and whom to tell."""
+
+    settings: TrackSettings
+    grains: PackedGrains
+    target: Target
+    progress: Progress | None
+    costs: list[tuple[str, float]] = field(default_factory=list)
+    stage: int = 0
+
+    @property
+    def stages(self) -> int:
+        """Stages to expect, a search's repetition not counted."""
+        return len(self.settings.filters) + (3 if self.settings.fields else 0)
+
+    @property
+    def scale(self) -> float:
+        """Grain size over the one for which the filter widths are given."""
+        across = 2 * float(np.median(np.linalg.norm(self.grains.hulls, axis=2).mean(axis=1)))
+        pixels = across / self.target.scan.geometry.pixel_at(self.grains.centers.mean(axis=0))
+        return float(np.clip(pixels / GRAIN, 0.3, 4.0))
+
+    def filter(self, width: float, gain: bool = False) -> Target:
+        """The radiographs under a filter of ``width``, scaled to the grains but for widths below 1 pixel."""
+        sigma = max(width * self.scale, 0.7) if width >= 1 else width
+        return replace(self.target, sigma=sigma, gain=gain)
+
+    def tell(self, message: str, done: int) -> None:
+        """Report progress, if anybody listens."""
+        if self.progress is not None:
+            self.progress(message, min(done, self.stages), self.stages)
+
+
+def track(
+    grains: GrainSet,
+    scan: Scan,
+    start: Motions | None = None,
+    settings: TrackSettings | None = None,
+    progress: Progress | None = None,
+) -> Motions:
+    """Measure the rigid motion of every grain from the reference state to the state of ``scan``.
+
+    Parameters
+    ----------
+    grains : GrainSet
+        The grains of the reference state.
+    scan : Scan
+        A few radiographs of the later state, as line integrals.
+    start : Motions, optional
+        Motions to start from, as of the state before; none is no motion.  Grains in it without a
+        finite motion start as the others moved on average.
+    settings : TrackSettings, optional
+        Stages, filters, projector.
+    progress : callable, optional
+        Called as ``progress(message, done, total)``.
+
+    Returns
+    -------
+    Motions
+        One row a grain; what became of it is in ``statuses`` and ``reasons``, never an exception.
+    """
+    settings = settings or TrackSettings()
+    packed = PackedGrains.of(grains)
+    fixed = np.zeros(scan.line_integrals.shape, np.float32)
+    if grains.background is not None:
+        fixed = project(grains.background, scan.geometry, settings.projector)
+    target = Target(scan, fixed, settings.projector, sigma=0.0, gain=False)
+    course = Course(settings, packed, target, progress)
+    pose = starting_pose(grains, start)
+    if settings.fields:
+        pose = _fields(course, pose)
+    problem, solution = _free(course, pose, "free")
+    if settings.search:
+        found = search_lost(problem, solution.state, course.filter(settings.filters[0]))
+        if found is not None:
+            problem, solution = _free(course, found, "again")
+    course.tell("judging the grains", course.stages)
+    limits = (settings.max_sd_voxel * grains.voxel_size, float(np.deg2rad(settings.max_sd_deg)))
+    return judge(grains, problem, solution, limits, tuple(course.costs))
+
+
+def starting_pose(grains: GrainSet, start: Motions | None) -> Pose:
+    """The pose of ``grains`` in ``start``, matched by label; unknown grains follow the mean of the others."""
+    n = len(grains)
+    pose = Pose(np.zeros((n, 3)), np.broadcast_to(np.eye(3), (n, 3, 3)).copy())
+    if start is None:
+        return pose
+    rows = {int(label): k for k, label in enumerate(start.labels)}
+    missing = [int(label) for label in grains.labels if int(label) not in rows]
+    if missing:
+        raise InputError("start", f"grains {missing[:5]} have no row", "give the motions of the same reference")
+    order = [rows[int(label)] for label in grains.labels]
+    translations, rotations = start.translations[order], start.rotations[order]
+    known = np.isfinite(translations).all(axis=1) & np.isfinite(rotations).all(axis=1)
+    if not known.any():
+        return pose
+    # The start's centres may differ from ours by what another segmentation cut off.
+    matrices = motion.exp(np.where(known[:, None], rotations, 0.0))
+    shifted = motion.recenter(matrices, np.nan_to_num(translations), start.centers[order], grains.centers)
+    return Pose(np.where(known[:, None], shifted, shifted[known].mean(axis=0)), matrices)
+
+
+def _fields(course: Course, pose: Pose) -> Pose:
+    """One rigid body from the better of two starts, then a smooth field if there are grains enough for it."""
+    width = course.settings.field_filter
+    problem = StateProblem(course.grains, course.filter(width), stages.rigid)
+    starts = [pose, centroid_shift(problem, pose)]
+    ends = [_solve(course, problem, s, "one body") for s in starts]
+    pose = min(ends, key=lambda e: e.costs[-1]).state
+    fields: list[tuple[str, Basis, int]] = [("affine field", stages.affine, 6), ("quadratic field", stages.quadratic, 20)]
+    for name, basis, needed in fields:
+        if len(course.grains) >= needed:
+            problem = StateProblem(course.grains, course.filter(width), basis)
+            pose = _solve(course, problem, pose, name).state
+    return pose
+
+
+def _free(course: Course, pose: Pose, name: str) -> tuple[StateProblem, Solution[Pose]]:
+    """All grains free, filter by filter; gain and offset join once the filter is narrow."""
+    settings = course.settings
+    for k, width in enumerate(settings.filters):
+        gain = settings.gain and (k > 0 or len(settings.filters) == 1)
+        problem = StateProblem(course.grains, course.filter(width, gain))
+        solution = _solve(course, problem, pose, f"{name}, filter {width:g}")
+        pose = solution.state
+    return problem, solution
+
+
+def _solve(course: Course, problem: StateProblem, pose: Pose, name: str) -> Solution[Pose]:
+    norm = float(np.vdot(problem.target.measured, problem.target.measured)) or 1.0
+
+    def observe(cost: float) -> None:
+        course.costs.append((name, float(np.sqrt(2 * cost / norm))))
+        course.tell(f"{name}: residual {course.costs[-1][1]:.4f}", course.stage)
+
+    course.tell(name, course.stage)
+    stopping = Stopping(course.settings.iterations, course.settings.tolerance)
+    solution = gauss_newton(problem, pose, stopping, observe)
+    course.stage += 1
+    return solution
+
+
+def centroid_shift(problem: StateProblem, pose: Pose) -> Pose:
+    """All grains shifted as the centroids of measured and simulated radiographs tell, least squares over views."""
+    target, geometry = problem.target, problem.target.scan.geometry
+    simulated = problem.look(pose).simulated
+    middle = (problem.grains.centers + pose.translations).mean(axis=0)
+    step = problem.grains.voxel_size
+    spots = geometry.project_points(np.vstack([middle, middle + step * np.eye(3)]))
+    slopes = (spots[:, 1:] - spots[:, :1]).transpose(0, 2, 1).reshape(-1, 3) / step
+    gaps = _centroids(target.measured - target.filtered(target.fixed)) - _centroids(simulated - target.filtered(target.fixed))
+    shift = np.linalg.lstsq(slopes, gaps.ravel(), rcond=1e-3)[0]
+    return Pose(pose.translations + shift, pose.matrices)
+
+
+def _centroids(images: NDArray[np.float32]) -> Float:
+    """Mass centres (row, column) of radiographs, ``(views, 2)``."""
+    mass = np.maximum(images.sum(axis=(1, 2), dtype=float), 1e-12)
+    rows = (images.sum(axis=2, dtype=float) @ np.arange(images.shape[1])) / mass
+    columns = (images.sum(axis=1, dtype=float) @ np.arange(images.shape[2])) / mass
+    return np.stack([rows, columns], axis=1)
