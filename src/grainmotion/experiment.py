@@ -109,7 +109,7 @@ class StateTable(ScanTable):
     """The few radiographs of one later state."""
 
     name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._ -]*$", description="also its folder's name")
-    initial: str = Field("previous", description='"previous", "reference" or a motions.csv to start from')
+    initial: str = Field("previous", description='"previous", "reference", or a motions.csv or spam .tsv')
 
 
 class OutputTable(_Table):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from grainmotion.errors import InputError
 from grainmotion.experiment import Experiment
 from grainmotion.geometry import Geometry
 from grainmotion.io.motions_csv import read_motions
+from grainmotion.io.spam import read_ddic_tsv
 from grainmotion.io.stacks import Stack
 from grainmotion.motions import Motions
 from grainmotion.scan_input import ScanInput, find_scan, named_stack
@@ -67,9 +69,17 @@ def find_inputs(experiment: Experiment) -> Inputs:
     for scan in (reference, *states):
         if scan is not None:
             check_plausible(scan.key, scan.geometry, grid)
-    named = (t.initial for t in tables.states)
-    starts = tuple(None if n in ("previous", "reference") else read_motions(folder / n) for n in named)
+    starts = tuple(_start(folder, t.initial, grid) for t in tables.states)
     return Inputs(None if volume is not None else reference, states, starts, grid, volume, labels)
+
+
+def _start(folder: Path, initial: str, grid: Volume) -> Motions | None:
+    """The motions that ``initial`` names, or None for another state's."""
+    if initial in ("previous", "reference"):
+        return None
+    if initial.endswith(".tsv"):
+        return read_ddic_tsv(folder / initial, grid)
+    return read_motions(folder / initial)
 
 
 def check_plausible(key: str, geometry: Geometry, grid: Volume) -> None:

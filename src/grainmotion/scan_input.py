@@ -78,9 +78,7 @@ class ScanInput:
 
     def read(self) -> tuple[Scan, PixelReport]:
         """Read the radiographs as line integrals; errors name the files and the key."""
-        images = self.radiographs.read()
-        if self.views is not None:
-            images = images[self.views]
+        images = self.radiographs.read(self.views)
         try:
             if self.kind == "counts":
                 flats = None if self.flats is None else self.flats.read()

@@ -48,6 +48,10 @@ class Ledger:
             return False
         return all((self.folder / name).is_file() for name in entry.get("files", []))
 
+    def files(self, stage: str) -> list[Path]:
+        """The files of a finished stage."""
+        return [self.folder / name for name in self._stages.get(stage, {}).get("files", [])]
+
     def strike(self, stage: str) -> None:
         """Declare a stage unfinished, before its files are touched."""
         if self._stages.pop(stage, None) is not None:

@@ -70,11 +70,21 @@ class Stack:
         rows, columns = infos[0][0][1:]
         return (count, rows, columns), np.result_type(*{dtype for _, dtype in infos})
 
-    def read(self) -> NDArray[Any]:
-        """The pixels ``(images, rows, columns)``, in the type of the files."""
+    def read(self, chosen: NDArray[np.int64] | None = None) -> NDArray[Any]:
+        """The pixels ``(images, rows, columns)`` of all or of the chosen images, in the type of the files."""
+        if chosen is not None:
+            return self._read_chosen(chosen)
         arrays = [_read(p) for p in self.parts]
         self._check_sizes([a.shape for a in arrays])
         return arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
+
+    def _read_chosen(self, chosen: NDArray[np.int64]) -> NDArray[Any]:
+        """Read only the files that hold a chosen image."""
+        ends = np.cumsum([_info(p)[0][0] for p in self.parts])
+        owners = np.searchsorted(ends, chosen, side="right")
+        arrays = {int(k): _read(self.parts[k]) for k in np.unique(owners)}
+        self._check_sizes([a.shape for a in arrays.values()])
+        return np.stack([arrays[int(k)][i - ends[k]] for k, i in zip(owners, chosen)])
 
     def _check_sizes(self, shapes: Sequence[tuple[int, ...]]) -> None:
         if sum(shape[0] for shape in shapes) == 0:

@@ -1,0 +1,163 @@
+"""Command line: parse, call, print.
+
+What the user gave wrong ends in one line on standard error and exit code 2; Ctrl-C in exit code 130.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import sys
+from collections.abc import Callable
+from enum import StrEnum
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from grainmotion import console
+from grainmotion.errors import InputError
+from grainmotion.experiment import Experiment, read_experiment
+from grainmotion.inputs import find_inputs
+from grainmotion.inspection import inspect_inputs
+from grainmotion.pipeline import RunResult, Until
+from grainmotion.pipeline import run as run_pipeline
+
+app = typer.Typer(
+    name="grainmotion",
+    help="The rigid motion of every grain of a sample, from one full scan and a few radiographs per state.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    add_completion=False,
+)
+
+File = Annotated[Path, typer.Argument(metavar="FILE", help="experiment file (TOML)")]
+Out = Annotated[Path | None, typer.Option("--out", help="folder for results, instead of the file's [output]")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="show no progress")]
+
+
+class Format(StrEnum):
+    """What `export` writes."""
+
+    VTK = "vtk"
+    SPAM = "spam"
+
+
+class CaseName(StrEnum):
+    """What `simulate` makes."""
+
+    SMALL = "small"
+    PAPER = "paper"
+
+
+def _reported(command: Callable[..., None]) -> Callable[..., None]:
+    """End in one line instead of a traceback where the user, not the program, is at fault."""
+
+    @functools.wraps(command)
+    def guarded(*args: Any, **kwargs: Any) -> None:
+        try:
+            command(*args, **kwargs)
+        except InputError as error:
+            print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
+            raise typer.Exit(2) from None
+        except KeyboardInterrupt:
+            print("interrupted: finished stages are kept; the same command continues", file=sys.stderr)
+            raise typer.Exit(130) from None
+        except MemoryError:
+            print("error: memory: not enough of it; give larger voxels or fewer of them", file=sys.stderr)
+            raise typer.Exit(1) from None
+
+    return guarded
+
+
+# ---------------------------------------------------------------------- the main job and its stages
+@app.command()
+@_reported
+def run(file: File, out: Out = None, quiet: Quiet = False) -> None:
+    """Do the whole job; what is done already and unchanged is not done again."""
+    result = _run(read_experiment(file), "report", out, quiet)
+    console.print_states(result.motions)
+    print(f"report: {result.report}")
+
+
+@app.command()
+@_reported
+def reconstruct(file: File, out: Out = None, quiet: Quiet = False) -> None:
+    """Reconstruct the reference volume and stop."""
+    result = _run(read_experiment(file), "reconstruct", out, quiet)
+    print(f"volume: in {result.folder}")
+
+
+@app.command()
+@_reported
+def segment(file: File, out: Out = None, quiet: Quiet = False) -> None:
+    """Find the grains of the reference volume and stop."""
+    result = _run(read_experiment(file), "segment", out, quiet)
+    print(f"grains: {result.folder / 'reference.h5'}")
+
+
+@app.command()
+@_reported
+def track(file: File, out: Out = None, quiet: Quiet = False) -> None:
+    """Track the grains through all states and stop before residuals, exports and report."""
+    result = _run(read_experiment(file), "track", out, quiet)
+    console.print_states(result.motions)
+
+
+@app.command()
+@_reported
+def report(file: File, out: Out = None, quiet: Quiet = False) -> None:
+    """Write the report, after whatever it needs that is not done yet."""
+    result = _run(read_experiment(file), "report", out, quiet)
+    print(f"report: {result.report}")
+
+
+@app.command()
+@_reported
+def export(
+    file: File,
+    format: Annotated[list[Format], typer.Option("--format", help="vtk for ParaView, spam for spam")],
+    out: Out = None,
+    quiet: Quiet = False,
+) -> None:
+    """Write the motions for other software, after whatever it needs that is not done yet."""
+    experiment = read_experiment(file)
+    wanted = sorted({*experiment.tables.output.exports, *(f.value for f in format)})
+    output = experiment.tables.output.model_copy(update={"exports": wanted})
+    tables = experiment.tables.model_copy(update={"output": output})
+    result = _run(dataclasses.replace(experiment, tables=tables), "report", out, quiet)
+    for name in result.motions:
+        print(f"exported: {result.folder / name}")
+
+
+@app.command()
+@_reported
+def inspect(file: File) -> None:
+    """Describe the data and what they need, without doing any work."""
+    console.print_inspection(inspect_inputs(find_inputs(read_experiment(file))))
+
+
+def _run(experiment: Experiment, until: Until, out: Path | None, quiet: bool) -> RunResult:
+    with console.progress(quiet) as listener:
+        result = run_pipeline(experiment, out=out, until=until, progress=listener)
+    if not quiet:
+        print(
+            f"done: {', '.join(result.done) or 'nothing'}; kept: {', '.join(result.reused) or 'nothing'}",
+            file=sys.stderr,
+        )
+    return result
+
+
+# ---------------------------------------------------------------------- simulated experiments
+
+
+@app.command("version")
+def show_version() -> None:
+    """Print the version."""
+    print(version("grainmotion"))
+
+
+def main() -> None:
+    """Entry point of the command ``grainmotion``."""
+    app()

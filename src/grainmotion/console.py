@@ -1,0 +1,100 @@
+"""The terminal: progress on standard error, tables on standard output."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from grainmotion.inspection import Inspection
+from grainmotion.motions import Motions
+
+Listener = Callable[[str, int, int], None]
+
+
+@contextmanager
+def progress(quiet: bool) -> Iterator[Listener | None]:
+    """A listener for ``progress``: a bar on a terminal, one line a step in a log, nothing if quiet."""
+    if quiet:
+        yield None
+    elif sys.stderr.isatty():
+        yield from _bar()
+    else:
+        yield from _log()
+
+
+def _bar() -> Iterator[Listener]:
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=None)
+
+        def listen(message: str, done: int, total: int) -> None:
+            bar.update(task, description=message, completed=done, total=total)
+
+        yield listen
+
+
+def _log() -> Iterator[Listener]:
+    """The last message of each step: the one that carries its outcome."""
+    last = [""]
+
+    def step(message: str) -> str:
+        return re.split(r", |: residual", message)[0]
+
+    def listen(message: str, done: int, total: int) -> None:
+        if last[0] and step(message) != step(last[0]):
+            print(last[0], file=sys.stderr, flush=True)
+        last[0] = message
+
+    try:
+        yield listen
+    finally:
+        if last[0]:
+            print(last[0], file=sys.stderr, flush=True)
+
+
+def print_inspection(found: Inspection) -> None:
+    """Print what `inspect_inputs` found."""
+    console = Console(width=None if sys.stdout.isatty() else 160)
+    table = Table(
+        "scan", "radiographs", "type", "kind", "beam", "pixel at sample", "magnification", "air", "highest"
+    )
+    table.add_column("masked pixels")
+    for s in found.scans:
+        table.add_row(
+            s.key,
+            f"{s.views} x {s.rows} x {s.columns}",
+            s.dtype,
+            s.kind,
+            s.beam,
+            f"{s.pixel_at_sample:.4g} mm",
+            f"{s.magnification:.4g}",
+            f"{s.air:.4f}",
+            f"{s.highest:.3g}",
+            f"{s.pixels.bad} ({s.pixels.dead} dead, {s.pixels.dark} dark, {s.pixels.saturated} saturated)",
+        )
+    console.print(table)
+    shape = " x ".join(str(n) for n in found.volume_shape)
+    console.print(f"volume: {shape} voxels (z, y, x) of {found.voxel_size:.4g} mm")
+    console.print(f"memory: about {found.memory / 1e9:.2f} GB at the peak")
+    for warning in found.warnings:
+        console.print(f"warning: {warning}", markup=False)
+
+
+def print_states(motions: dict[str, Motions]) -> None:
+    """Print how the tracking of each state went."""
+    table = Table("state", "grains", "converged", "others", "median |u| (mm)", "median |w| (deg)")
+    for name, m in motions.items():
+        statuses, counts = np.unique(m.statuses[~m.ok], return_counts=True)
+        others = ", ".join(f"{n} {status}" for status, n in zip(statuses, counts))
+        u = np.linalg.norm(m.translations[m.ok], axis=1)
+        w = np.rad2deg(np.linalg.norm(m.rotations[m.ok], axis=1))
+        middle = [f"{np.median(v):.4g}" if len(v) else "-" for v in (u, w)]
+        table.add_row(name, str(len(m)), str(int(m.ok.sum())), others or "-", *middle)
+    Console(width=None if sys.stdout.isatty() else 120).print(table)

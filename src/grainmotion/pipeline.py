@@ -1,0 +1,202 @@
+"""Pipeline: the order of a run, from the experiment file to the report.  The only file that knows it.
+
+    radiographs → reconstruct → segment → grains → track state by state → residuals, rebuilt, exports → report
+
+Everything is read and checked before anything is written.  Each stage's files are written whole, then
+entered in the ledger with a fingerprint of all they were made from; a stage that stands there with the
+same fingerprint is not done again.  So a run that was stopped goes on where it was, and a changed
+setting redoes what depends on it and nothing else.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from grainmotion import outputs
+from grainmotion.errors import InputError
+from grainmotion.experiment import Experiment, StateTable
+from grainmotion.inputs import find_inputs
+from grainmotion.io.ledger import Ledger
+from grainmotion.io.motions_csv import write_motions
+from grainmotion.io.results import Reference, read_motions_h5, write_motions_h5, write_reference
+from grainmotion.job import CHECKPOINT, REFERENCE, Job, Progress
+from grainmotion.motions import Motions
+from grainmotion.reconstruct import reconstruct
+from grainmotion.scan_input import ScanInput
+from grainmotion.segment import segment
+from grainmotion.track import track
+
+Until = Literal["reconstruct", "segment", "track", "report"]
+
+
+@dataclass(frozen=True, eq=False)
+class RunResult:
+    """What a run left behind.
+
+    Attributes
+    ----------
+    folder : Path
+        Where the results are.
+    motions : dict of str to Motions
+        By the name of the state.
+    done : tuple of str
+        Stages that this run worked on, in order.
+    reused : tuple of str
+        Stages that were there already.
+    report : Path, optional
+    """
+
+    folder: Path
+    motions: dict[str, Motions]
+    done: tuple[str, ...]
+    reused: tuple[str, ...]
+    report: Path | None = None
+
+
+def run(
+    experiment: Experiment,
+    *,
+    out: Path | None = None,
+    until: Until = "report",
+    progress: Progress | None = None,
+) -> RunResult:
+    """Do an experiment's whole job, or its stages up to ``until``.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    out : Path, optional
+        Where results go; by default ``[output] directory``.
+    until : {"reconstruct", "segment", "track", "report"}
+        The last stage to do.
+    progress : callable, optional
+        Called as ``progress(message, done, total)``.
+
+    Raises
+    ------
+    InputError
+        If anything that was given cannot be used; nothing is written then.
+    """
+    inputs = find_inputs(experiment)
+    folder = Path(out) if out is not None else experiment.output
+    job = Job(experiment, inputs, folder, Ledger(folder), progress)
+    job.check_pixels(states=until in ("track", "report"))
+    motions: dict[str, Motions] = {}
+    report = None
+    _reconstruct(job)
+    if until != "reconstruct":
+        _segment(job)
+    if until in ("track", "report"):
+        previous = None
+        for scan, table in zip(inputs.states, experiment.tables.states):
+            previous = motions[table.name] = _track(job, scan, table, previous)
+    if until == "report":
+        for scan, table in zip(inputs.states, experiment.tables.states):
+            _after(job, scan, table, motions[table.name])
+        report = _report(job, motions)
+    return RunResult(folder, motions, tuple(job.done), tuple(job.reused), report)
+
+
+# ---------------------------------------------------------------------- the stages
+def _reconstruct(job: Job) -> None:
+    if job.has_volume:
+        if job.inputs.volume is None:
+            job.reused.append("reconstruct")
+        return
+    assert job.scan is not None
+    result = reconstruct(job.scan, job.inputs.grid, job.tables.reconstruct, job.listener("reconstruct"))
+    job.scan = None
+    job.reference = Reference(result.volume, result.residuals)
+    path = job.folder / CHECKPOINT
+    job.ledger.strike("reconstruct")
+    write_reference(path, job.reference)
+    job.finish("reconstruct", job.reconstruct_print, [path])
+
+
+def _segment(job: Job) -> None:
+    if job.has("segment", job.segment_print):
+        return
+    volume = job.volume()
+    residuals = job.reference.residuals if job.reference is not None else ()
+    if job.given_labels is not None:
+        reference = Reference(volume, residuals, job.given_labels)
+    else:
+        found = segment(volume, job.tables.segment, job.listener("segment"))
+        labels = np.asarray(found.labels, dtype=np.int32)
+        reference = Reference(volume, residuals, labels, found.threshold, tuple(int(b) for b in found.border))
+        if not labels.any():
+            highest = float(volume.array.max())
+            fact = f"no grains found in the volume, whose highest attenuation is {highest:.4g}/mm"
+            raise InputError(
+                "segment", fact, "lower segment.threshold or the smallest grain, or check the scan"
+            )
+    job.reference = reference
+    path = job.folder / REFERENCE
+    grains = job.grains()
+    job.ledger.strike("segment")
+    write_reference(path, reference, grains)
+    job.finish("segment", job.segment_print, [path])
+    if job.inputs.volume is None:
+        job.ledger.enter("reconstruct", job.reconstruct_print, [path])
+        (job.folder / CHECKPOINT).unlink(missing_ok=True)
+
+
+def _track(job: Job, scan: ScanInput, table: StateTable, previous: Motions | None) -> Motions:
+    stage, fingerprint = f"{table.name}/track", job.track_prints[table.name]
+    folder = job.folder / table.name
+    full, short = folder / "motions.h5", folder / "motions.csv"
+    if job.has(stage, fingerprint):
+        return read_motions_h5(full)
+    start = previous if table.initial == "previous" else job.inputs.starts[_index(job, table)]
+    radiographs, _ = scan.read()
+    try:
+        motions = track(job.grains(), radiographs, start, job.tables.track, job.listener(table.name))
+    except InputError as error:
+        raise InputError(f"states.{table.name}: {error.where}", error.fact, error.remedy) from error
+    job.ledger.strike(stage)
+    write_motions_h5(full, motions)
+    write_motions(short, motions)
+    job.finish(stage, fingerprint, [full, short])
+    return motions
+
+
+def _after(job: Job, scan: ScanInput, table: StateTable, motions: Motions) -> None:
+    """What follows from a state's motions: residual radiographs, the rebuilt sample, exports."""
+    folder, upstream = job.folder / table.name, [job.track_prints[table.name]]
+    wanted = ["residuals", *(["rebuilt"] if job.tables.output.rebuild else []), *job.tables.output.exports]
+    for k, what in enumerate(wanted):
+        stage, fingerprint = f"{table.name}/{what}", job.ledger.fingerprint(what, (), upstream)
+        if job.has(stage, fingerprint):
+            continue
+        job.tell(f"{table.name}: {what}", k, len(wanted))
+        job.ledger.strike(stage)
+        if what == "residuals":
+            files = outputs.write_residuals(
+                folder, job.grains(), motions, scan.read()[0], job.tables.track.projector
+            )
+        elif what == "rebuilt":
+            files = outputs.write_rebuilt(folder, job.grains(), motions, job.inputs.grid)
+        else:
+            files = outputs.write_export(what, folder, motions, job.labelled())
+        job.finish(stage, fingerprint, files)
+
+
+def _report(job: Job, motions: dict[str, Motions]) -> Path:
+    path = job.folder / "report.html"
+    upstream = [job.segment_print, *job.track_prints.values()]
+    fingerprint = job.ledger.fingerprint(["report", list(motions)], (), upstream)
+    if not job.has("report", fingerprint):
+        job.tell("report", 0, 1)
+        job.ledger.strike("report")
+        outputs.write_report(path, job.experiment, job.inputs, job.labelled(), motions)
+        job.finish("report", fingerprint, [path])
+    return path
+
+
+# ---------------------------------------------------------------------- small parts
+def _index(job: Job, table: StateTable) -> int:
+    return [t.name for t in job.tables.states].index(table.name)
