@@ -1,0 +1,162 @@
+"""Ready-made experiments with their truth: the paper's scale, and a small one for tests and demos."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from grainmotion.errors import InputError
+from grainmotion.geometry import Geometry
+from grainmotion.motions import Motions
+from grainmotion.scan import Scan
+from grainmotion.simulate import truth
+from grainmotion.simulate.packing import PackingSettings, Progress, pack
+from grainmotion.simulate.physics import Physics, Recording, photons_for_snr, record, record_line_integrals
+from grainmotion.simulate.radiograph import line_integrals
+from grainmotion.simulate.sample import Particle, Sample
+from grainmotion.simulate.shapes import stone
+from grainmotion.volume import Volume
+
+STONES = 95
+OPEN_BEAM = 40_000  # counts without the sample, well inside 16 bits
+LATER_ANGLES_DEG = {2: (22.5, 112.5), 4: (0.0, 45.0, 90.0, 135.0)}
+
+
+@dataclass(frozen=True)
+class Scanner:
+    """A circular cone-beam scanner and the grid that suits it.
+
+    Attributes
+    ----------
+    panel : (int, int)
+        Rows and columns.
+    pixel_size, source_to_axis, source_to_detector : float
+        mm.
+    reference_views : int
+        Views of the full scan, evenly over 360°.
+    """
+
+    panel: tuple[int, int]
+    pixel_size: float
+    source_to_axis: float
+    source_to_detector: float
+    reference_views: int
+
+    @property
+    def voxel_size(self) -> float:
+        """A pixel carried back to the rotation axis, mm."""
+        return self.pixel_size * self.source_to_axis / self.source_to_detector
+
+    def geometry(self, angles_deg: tuple[float, ...] | None = None) -> Geometry:
+        """The views at some angles, or the full scan's."""
+        if angles_deg is None:
+            angles_deg = tuple(np.arange(self.reference_views) * 360.0 / self.reference_views)
+        return Geometry.cone(
+            angles_deg,
+            self.panel,
+            self.pixel_size,
+            source_to_axis=self.source_to_axis,
+            source_to_detector=self.source_to_detector,
+        )
+
+    @property
+    def grid(self) -> Volume:
+        """An empty volume of rows × columns × columns voxels on the axis."""
+        rows, columns = self.panel
+        return Volume.zeros((rows, columns, columns), self.voxel_size)
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A sample, its scanner and its physics, from which any state can be recorded.
+
+    Attributes
+    ----------
+    sample : Sample
+        In the reference state.
+    scanner : Scanner
+    physics : Physics
+    seed : int
+    motions : dict of str to Motions
+        Ready-made truths by name: ``unmoved``, ``shift``, ``random``.
+    """
+
+    sample: Sample
+    scanner: Scanner
+    physics: Physics
+    seed: int
+    motions: dict[str, Motions] = field(default_factory=dict)
+
+    def reference(self) -> Scan:
+        """The full scan, as line integrals with noise."""
+        return record_line_integrals(self.sample, self.scanner.geometry(), self.physics, self.seed)
+
+    def reference_counts(self) -> Recording:
+        """The full scan, as counts with flats and darks."""
+        return record(self.sample, self.scanner.geometry(), self.physics, self.seed)
+
+    def state(self, motions: Motions, angles_deg: tuple[float, ...], number: int = 1) -> Scan:
+        """Radiographs of a later state, as line integrals with noise of their own for each ``number``."""
+        moved = self.sample.moved(motions)
+        return record_line_integrals(
+            moved, self.scanner.geometry(angles_deg), self.physics, self.seed + 1000 * number
+        )
+
+    def state_counts(self, motions: Motions, angles_deg: tuple[float, ...], number: int = 1) -> Recording:
+        """Radiographs of a later state, as counts with flats and darks."""
+        views = self.scanner.geometry(angles_deg)
+        return record(self.sample.moved(motions), views, self.physics, self.seed + 1000 * number)
+
+
+def paper_scale(
+    seed: int = 0, n_grains: int = 15, snr: float = 50.0, progress: Progress | None = None
+) -> Case:
+    """The scale of Khalili et al. (2017): 15 touching gravel stones about 45 voxels across.
+
+    A panel of 280 × 180 pixels, 352 views, voxels of 0.112 mm; every motion keeps the stones in the
+    field of view.  ``motions`` holds ``unmoved``; ``shift``, the paper's 31 voxels sideways; and
+    ``random``, up to 5 voxels and 10°.
+    """
+    scanner = Scanner((280, 180), 0.508, 150.0, 0.508 * 150.0 / 0.112, 352)
+    return _gravel(seed, n_grains, 45, 55, snr, scanner, (-2.78, -2.12, 0.0), 5, progress)
+
+
+def small(seed: int = 0, n_grains: int = 6, snr: float = 50.0, progress: Progress | None = None) -> Case:
+    """A small sibling of `paper_scale`, in seconds: 6 stones about 20 voxels across, 90 views of 96 × 72."""
+    scanner = Scanner((96, 72), 0.5, 120.0, 480.0, 90)
+    return _gravel(seed, n_grains, 20, 26, snr, scanner, (0.4, -0.5, 0.7), 4, progress)
+
+
+def _gravel(
+    seed: int,
+    n_grains: int,
+    diameter: float,
+    radius: float,
+    snr: float,
+    scanner: Scanner,
+    shift: tuple[float, float, float],
+    level: int,
+    progress: Progress | None,
+) -> Case:
+    """Different stones of about one size in a cylinder; ``diameter`` and ``radius`` in voxels."""
+    if not 1 <= n_grains <= STONES:
+        raise InputError("n_grains", f"must be 1 to {STONES}, got {n_grains}", "ask for fewer stones")
+    rng = np.random.default_rng(seed)
+    voxel = scanner.voxel_size
+    shapes = [
+        stone(int(index), diameter * voxel * (1 + 0.08 * rng.uniform(-1, 1)), level)
+        for index in rng.permutation(STONES)[:n_grains]
+    ]
+    sample = pack([Particle(s, 0.1) for s in shapes], PackingSettings(radius * voxel), seed, progress)
+    views = scanner.geometry(LATER_ANGLES_DEG[4] + LATER_ANGLES_DEG[2])
+    photons = photons_for_snr(line_integrals(sample, views, subsamples=1), snr)
+    physics = Physics(
+        photons=photons, counts_per_photon=OPEN_BEAM / photons, dark=100, dark_noise=2, flat_variation=0.03
+    )
+    motions = {
+        "unmoved": truth.unmoved(sample),
+        "shift": truth.rigid(sample, shift),
+        "random": truth.random(sample, 5 * voxel, 10.0, seed + 1),
+    }
+    return Case(sample, scanner, physics, seed, motions)

@@ -1,0 +1,147 @@
+"""Radiographs of a sample without voxels: exact paths, averaged over each pixel."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grainmotion.errors import InputError
+from grainmotion.geometry import Geometry
+from grainmotion.simulate import rasterise
+from grainmotion.simulate.sample import Sample
+from grainmotion.simulate.shapes import Array, Ellipsoid, Mesh
+
+Averaging = Literal["intensity", "line-integral"]
+
+
+def line_integrals(
+    sample: Sample,
+    geometry: Geometry,
+    *,
+    subsamples: int = 3,
+    averaging: Averaging = "intensity",
+    spectrum: Sequence[tuple[float, float]] = ((1.0, 1.0),),
+) -> NDArray[np.float32]:
+    """Noise-free line integrals −ln(transmission) of a sample.
+
+    Parameters
+    ----------
+    sample : Sample
+    geometry : Geometry
+    subsamples : int
+        Rays along each side of a pixel, so that a pixel averages ``subsamples``² rays.
+    averaging : {"intensity", "line-integral"}
+        What a pixel averages over its area.  A detector averages intensities.
+    spectrum : sequence of (weight, ratio)
+        Energies of the beam: its share of the detected photons, and the ratio of every attenuation
+        at that energy to the one given in the sample.  One energy by default.
+
+    Returns
+    -------
+    (views, rows, columns) float32 array
+        Dimensionless.
+
+    Raises
+    ------
+    InputError
+        If a particle reaches behind the source, or a number is out of its range.
+    """
+    fraction = transmission(sample, geometry, subsamples=subsamples, averaging=averaging, spectrum=spectrum)
+    return (-np.log(fraction)).astype(np.float32)
+
+
+def transmission(
+    sample: Sample,
+    geometry: Geometry,
+    *,
+    subsamples: int = 3,
+    averaging: Averaging = "intensity",
+    spectrum: Sequence[tuple[float, float]] = ((1.0, 1.0),),
+) -> Array:
+    """Fraction of the beam that reaches each pixel ``(views, rows, columns)``; as `line_integrals`."""
+    if subsamples < 1:
+        raise InputError("subsamples", f"must be >= 1, got {subsamples}", "3 is accurate to the photon noise")
+    energies = np.asarray(spectrum, dtype=float).reshape(-1, 2)
+    if len(energies) == 0 or (energies < 0).any() or energies[:, 0].sum() <= 0:
+        raise InputError(
+            "spectrum", f"{spectrum} is no list of weights and ratios", "give (weight, ratio) >= 0"
+        )
+    cone = geometry.beam == "cone"
+    views = geometry.vectors.copy()
+    if not cone:
+        views[:, :3] /= np.linalg.norm(views[:, :3], axis=1, keepdims=True)
+    inverses, origins, signs = _frames(views, geometry.shape, cone)
+    vertices, faces, face_weights = _triangles(sample)
+    _check_in_front(vertices, inverses, origins, cone)
+    ellipsoids = [(s, w) for p in sample.particles for s, w in p.parts if isinstance(s, Ellipsoid)]
+    boxes = np.array([_boxes(s, geometry, subsamples) for s, _ in ellipsoids], dtype=np.int64)
+    tube = sample.tube
+    out = np.empty((len(views), *geometry.shape))
+    rasterise.transmission(
+        views,
+        cone,
+        vertices,
+        faces,
+        face_weights,
+        np.array([s.center for s, _ in ellipsoids]).reshape(-1, 3),
+        np.array([s.whitening for s, _ in ellipsoids]).reshape(-1, 3, 3),
+        np.array([w for _, w in ellipsoids], dtype=float),
+        np.ascontiguousarray(boxes.reshape(len(ellipsoids), len(views), 4).transpose(1, 0, 2)),
+        inverses,
+        origins,
+        signs,
+        np.array([tube.inner_radius, tube.outer_radius, tube.bottom, tube.top] if tube else [0.0] * 4),
+        tube.attenuation if tube else 0.0,
+        subsamples,
+        averaging == "intensity",
+        energies[:, 0] / energies[:, 0].sum(),
+        np.ascontiguousarray(energies[:, 1]),
+        out,
+    )
+    return out
+
+
+def _frames(views: Array, shape: tuple[int, int], cone: bool) -> tuple[Array, Array, Array]:
+    """Matrices, origins and handedness of each view's coordinates q (see `rasterise`)."""
+    s, d, u, v = (views[:, i : i + 3] for i in (0, 3, 6, 9))
+    corner = d - (shape[1] - 1) / 2 * u - (shape[0] - 1) / 2 * v
+    frames = np.stack([u, v, corner - s if cone else s], axis=-1)
+    signs = np.sign(np.linalg.det(frames)).astype(float)
+    return np.linalg.inv(frames).astype(float), (s if cone else corner).copy(), signs
+
+
+def _triangles(sample: Sample) -> tuple[Array, NDArray[np.int64], Array]:
+    """All meshes of a sample as one: vertices, triangles and the attenuation that each bounds."""
+    vertices, faces, weights, count = [np.zeros((0, 3))], [np.zeros((0, 3), np.int64)], [np.zeros(0)], 0
+    for particle in sample.particles:
+        for shape, weight in particle.parts:
+            if isinstance(shape, Mesh):
+                vertices.append(shape.vertices)
+                faces.append(shape.faces + count)
+                weights.append(np.full(len(shape.faces), weight))
+                count += len(shape.vertices)
+    return np.concatenate(vertices), np.concatenate(faces), np.concatenate(weights)
+
+
+def _check_in_front(vertices: Array, inverses: Array, origins: Array, cone: bool) -> None:
+    if not cone or len(vertices) == 0:
+        return
+    for view, (inverse, origin) in enumerate(zip(inverses, origins, strict=True)):
+        if ((vertices - origin) @ inverse[2]).min() <= 0:
+            raise InputError(f"view {view}", "a particle reaches behind the source", "move the source away")
+
+
+def _boxes(shape: Ellipsoid, geometry: Geometry, subsamples: int) -> NDArray[np.int64]:
+    """First and last row, first and last column of samples that may see an ellipsoid, ``(views, 4)``."""
+    signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
+    seen = geometry.project_points(shape.center + (signs * shape.semi_axes) @ shape.axes.T)
+    if np.isnan(seen).any():
+        raise InputError("ellipsoid", "it reaches behind the source", "move the source away")
+    inside = (seen + 0.5) * subsamples - 0.5
+    limit = np.array(geometry.shape) * subsamples - 1
+    low = np.clip(np.floor(inside.min(axis=1)), 0, limit + 1)
+    high = np.clip(np.ceil(inside.max(axis=1)), -1, limit)
+    return np.stack([low[:, 0], high[:, 0], low[:, 1], high[:, 1]], axis=1).astype(np.int64)

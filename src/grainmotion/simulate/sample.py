@@ -1,0 +1,166 @@
+"""Sample: particles without voxels, and the tube that holds them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from grainmotion.errors import InputError
+from grainmotion.motions import Motions
+from grainmotion.simulate.shapes import Array, Ellipsoid, Shape
+
+
+@dataclass(frozen=True, eq=False)
+class Particle:
+    """One grain: a shape, and what lies inside it.
+
+    Attributes
+    ----------
+    shape : Mesh or Ellipsoid
+        Its outer surface.
+    attenuation : float
+        Of its bulk, 1/mm.
+    inclusions : tuple of (Ellipsoid or Mesh, float)
+        Shapes wholly inside it, none overlapping another, each with its attenuation in 1/mm.
+    """
+
+    shape: Shape
+    attenuation: float
+    inclusions: tuple[tuple[Shape, float], ...] = ()
+
+    @property
+    def parts(self) -> tuple[tuple[Shape, float], ...]:
+        """Shapes with the attenuation that each *adds* (1/mm): the bulk, then the inclusions' differences."""
+        differences = tuple((shape, value - self.attenuation) for shape, value in self.inclusions)
+        return ((self.shape, self.attenuation), *differences)
+
+    @property
+    def mass(self) -> float:
+        """Attenuation integrated over the volume, mm²."""
+        return float(sum(value * shape.volume for shape, value in self.parts))
+
+    @property
+    def center(self) -> Array:
+        """Attenuation-weighted centre of mass ``(3,)``, mm: the centre of its rotations."""
+        moments = [value * shape.volume * shape.centroid for shape, value in self.parts]
+        return np.sum(moments, axis=0) / self.mass
+
+    def moved(self, matrix: ArrayLike, shift: ArrayLike) -> Particle:
+        """The particle carried by x → matrix · x + shift."""
+        inside = tuple((shape.moved(matrix, shift), value) for shape, value in self.inclusions)
+        return Particle(self.shape.moved(matrix, shift), self.attenuation, inside)
+
+
+@dataclass(frozen=True)
+class Tube:
+    """An upright cylindrical wall about the z axis, which stays where it is.
+
+    Attributes
+    ----------
+    inner_radius, outer_radius : float
+        mm.
+    attenuation : float
+        1/mm.
+    bottom, top : float
+        Heights at which it is cut, mm.
+    """
+
+    inner_radius: float
+    outer_radius: float
+    attenuation: float
+    bottom: float = -1e6
+    top: float = 1e6
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.inner_radius < self.outer_radius:
+            raise InputError(
+                "tube",
+                f"inner radius {self.inner_radius} mm is not below outer radius {self.outer_radius} mm",
+                "give 0 <= inner_radius < outer_radius",
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """Particles, labelled 1 to n in order, and their container.
+
+    Attributes
+    ----------
+    particles : tuple of Particle
+    tube : Tube, optional
+    """
+
+    particles: tuple[Particle, ...]
+    tube: Tube | None = None
+
+    def __len__(self) -> int:
+        return len(self.particles)
+
+    @property
+    def labels(self) -> NDArray[np.int64]:
+        """1 to n, ``(n,)``."""
+        return np.arange(1, len(self) + 1)
+
+    @property
+    def centers(self) -> Array:
+        """Attenuation-weighted centres of mass ``(n, 3)``, mm."""
+        return np.array([p.center for p in self.particles]).reshape(-1, 3)
+
+    def moved(self, motions: Motions) -> Sample:
+        """The sample after x = Ω (X − c) + u + c of each particle; the tube stays.
+
+        Raises
+        ------
+        InputError
+            If there is not one motion a particle, in the order of the labels.
+        """
+        if not np.array_equal(motions.labels, self.labels):
+            raise InputError(
+                "motions", f"{len(motions)} motions for {len(self)} particles", "give labels 1 to n"
+            )
+        carried = [
+            particle.moved(matrix, u + c - matrix @ c)
+            for particle, matrix, u, c in zip(
+                self.particles, motions.matrices, motions.translations, motions.centers, strict=True
+            )
+        ]
+        return Sample(tuple(carried), self.tube)
+
+
+def ellipsoid_particle(
+    rng: np.random.Generator,
+    diameter: float,
+    attenuation: float,
+    *,
+    inclusion_attenuation: float | None = None,
+    elongation: float = 1.3,
+) -> Particle:
+    """An ellipsoid at the origin, with one smaller off-centre ellipsoid inside if it has an attenuation.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    diameter : float
+        Of the sphere of the same volume, mm.
+    attenuation : float
+        1/mm.
+    inclusion_attenuation : float, optional
+        1/mm; no inclusion if None.
+    elongation : float
+        Largest ratio between two semi-axes.
+    """
+    ratios = np.exp(rng.uniform(-0.5, 0.5, 3) * np.log(elongation))
+    semi_axes = diameter / 2 * ratios / np.cbrt(np.prod(ratios))
+    body = Ellipsoid(np.zeros(3), semi_axes, np.eye(3))
+    if inclusion_attenuation is None:
+        return Particle(body, attenuation)
+    # an ellipsoid of 0.45 times the size, shifted by at most 0.4 of the radius: inside whatever the turn
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    turn *= np.sign(np.linalg.det(turn))
+    offset = rng.normal(size=3)
+    offset *= 0.4 * rng.uniform() ** (1 / 3) / np.linalg.norm(offset)
+    small = 0.45 * semi_axes.min() * rng.uniform(0.6, 1.0, 3)
+    inclusion = Ellipsoid(offset * semi_axes, small, turn)
+    return Particle(body, attenuation, ((inclusion, inclusion_attenuation),))
