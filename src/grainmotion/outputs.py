@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
+from grainmotion import report
+from grainmotion.experiment import Experiment
+from grainmotion.geometry import Geometry
 from grainmotion.grains import GrainSet
+from grainmotion.inputs import Inputs
 from grainmotion.io.results import Reference
 from grainmotion.io.spam import write_ddic_tsv
-from grainmotion.io.tiff import write_tiff
+from grainmotion.io.tiff import read_tiff, write_tiff
 from grainmotion.io.vtk import write_grains_vtp, write_image_vti
 from grainmotion.motions import Motions
 from grainmotion.project import Projector, simulate_radiographs
 from grainmotion.rebuild import rebuild
+from grainmotion.report import ReportData, StateReport
+from grainmotion.report.data import Rows
 from grainmotion.scan import Scan
+from grainmotion.scan_input import ScanInput
 from grainmotion.volume import Volume
 
 
@@ -62,3 +70,86 @@ def write_reference_export(what: str, folder: Path, reference: Reference) -> lis
     write_tiff(paths[0], reference.volume.array)
     write_tiff(paths[1], reference.labels)
     return paths
+
+
+def write_report(
+    experiment: Experiment,
+    inputs: Inputs,
+    reference: Reference,
+    motions: Mapping[str, Motions],
+    folder: Path,
+    comparisons: Mapping[str, Rows] | None = None,
+) -> Path:
+    """Write ``report.html`` from the results in ``folder``; ``comparisons`` are facts beside a state."""
+    beside = comparisons or {}
+    states = tuple(
+        _state_report(scan, name, motions[name], folder, reference.volume.voxel_size, beside.get(name, ()))
+        for scan, name in zip(inputs.states, motions)
+    )
+    data = ReportData(
+        title=experiment.path.stem
+        if experiment.path.stem != "experiment"
+        else experiment.folder.resolve().name,
+        facts=_facts(inputs, reference),
+        reconstruction_errors=reference.residuals,
+        volume=reference.volume,
+        labels=reference.labels,
+        states=states,
+    )
+    path = folder / "report.html"
+    report.write_report(path, data)
+    return path
+
+
+def _state_report(
+    source: ScanInput, name: str, motions: Motions, folder: Path, voxel_size: float, comparison: Rows
+) -> StateReport:
+    scan, _ = source.read()
+    residual = read_tiff(folder / name / "residuals.tif")
+    measured = scan.line_integrals.copy()
+    if scan.valid is not None:
+        measured[~scan.valid] = np.nan
+    upright = float(source.geometry.vectors[:, 11].mean()) >= 0
+    return StateReport(
+        name=name,
+        measured=measured,
+        simulated=measured - residual,
+        residual=residual,
+        motions=motions,
+        voxel_size=voxel_size,
+        views=tuple(f"view {k}, {angle:.1f}°" for k, angle in enumerate(_azimuths_deg(source.geometry))),
+        comparison=comparison,
+        first_row="bottom" if upright else "top",
+    )
+
+
+def _azimuths_deg(geometry: Geometry) -> np.ndarray:
+    """Angle of each view about z, counter-clockwise from a beam along +y, degrees."""
+    s, d = geometry.vectors[:, :3], geometry.vectors[:, 3:6]
+    ray = d - s if geometry.beam == "cone" else s
+    return np.rad2deg(np.arctan2(-ray[:, 0], ray[:, 1])) % 360 + 0.0
+
+
+def _facts(inputs: Inputs, reference: Reference) -> Rows:
+    volume, labels = reference.volume, reference.labels
+    rows = [
+        (
+            "Volume",
+            f"{' x '.join(str(n) for n in volume.shape)} voxels (z, y, x) of {volume.voxel_size:.4g} mm",
+        ),
+        ("Grains", str(0 if labels is None else len(np.unique(labels[labels > 0])))),
+    ]
+    if np.isfinite(reference.threshold):
+        rows.append(("Threshold", f"{reference.threshold:.4g} /mm"))
+    if reference.border:
+        rows.append(("Cut by the border of the field of view", f"{len(reference.border)} grains"))
+    if inputs.reference is not None:
+        geometry = inputs.reference.geometry
+        rows.insert(
+            0,
+            ("Reference scan", f"{len(geometry)} views of {geometry.shape[0]} x {geometry.shape[1]} pixels"),
+        )
+        rows.append(("Relative residual of the reconstruction", f"{reference.residuals[-1]:.4f}"))
+    else:
+        rows.insert(0, ("Reference volume", "given"))
+    return tuple(rows)

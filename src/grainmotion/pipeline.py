@@ -192,7 +192,7 @@ def _report(job: Job, motions: dict[str, Motions]) -> Path:
     if not job.has("report", fingerprint):
         job.tell("report", 0, 1)
         job.ledger.strike("report")
-        outputs.write_report(path, job.experiment, job.inputs, job.labelled(), motions)
+        outputs.write_report(job.experiment, job.inputs, job.labelled(), motions, job.folder)
         job.finish("report", fingerprint, [path])
     return path
 

@@ -1,0 +1,130 @@
+"""Specs of image stacks: files, globs, lists, .npy, HDF5 datasets, NXtomo."""
+
+import h5py
+import numpy as np
+import pytest
+import tifffile
+
+from grainmotion.errors import InputError
+from grainmotion.io.hdf5 import DARK, FLAT, read_nxtomo
+from grainmotion.io.stacks import find_stack, read_stack
+
+STACK = np.arange(12 * 4 * 5, dtype=np.uint16).reshape(12, 4, 5)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "a[1]").mkdir()
+    for k, image in enumerate(STACK):
+        tifffile.imwrite(tmp_path / "a[1]" / f"proj_{k}.tif", image)
+    tifffile.imwrite(tmp_path / "stack.TIFF", STACK)
+    np.save(tmp_path / "stack.npy", STACK)
+    np.save(tmp_path / "one.npy", STACK[3])
+    with h5py.File(tmp_path / "data.h5", "w") as file:
+        file["scan/images"] = STACK
+        file["scan/four"] = np.zeros((2, 2, 2, 2))
+    return tmp_path
+
+
+@pytest.mark.parametrize("spec", ["stack.TIFF", "stack.npy", "data.h5::/scan/images", "data.h5::scan/images"])
+def test_one_file(folder, spec):
+    stack = find_stack(spec, folder)
+    assert stack.info() == (STACK.shape, np.dtype(np.uint16))
+    np.testing.assert_array_equal(stack.read(), STACK)
+    assert read_stack(spec, folder).dtype == np.uint16
+
+
+def test_glob_counts_numbers_as_numbers(folder):
+    np.testing.assert_array_equal(read_stack("proj_*.tif", folder / "a[1]"), STACK)
+
+
+def test_list_keeps_its_order(folder):
+    images = read_stack(["one.npy", "stack.TIFF", "one.npy"], folder)
+    np.testing.assert_array_equal(images, np.concatenate([STACK[3:4], STACK, STACK[3:4]]))
+
+
+@pytest.mark.parametrize("spec", ["stack.TIFF", "data.h5::scan/images", ["one.npy", "stack.npy"]])
+def test_chosen_images(folder, spec):
+    stack = find_stack(spec, folder)
+    chosen = np.array([7, 0, 3])
+    np.testing.assert_array_equal(stack.read(chosen), stack.read()[chosen])
+
+
+def test_chosen_images_leave_other_files_alone(folder):
+    stack = find_stack("proj_*.tif", folder / "a[1]")
+    read = stack.read(np.array([2, 11]))
+    np.testing.assert_array_equal(read, STACK[[2, 11]])
+
+
+@pytest.mark.parametrize(
+    ("spec", "fact"),
+    [
+        ("no-*.tif", "no file matches"),
+        ("none.tif", "no such file"),
+        ("stack.npy::/a", "dataset of an HDF5"),
+        ("data.h5::/scan/image", "it holds /scan/four, /scan/images"),
+        ("data.h5::/scan/four", "is no stack"),
+        ("data.h5", "no NXtomo entry"),
+        ("notes.txt", "'.txt' is unknown"),
+        ([], "empty"),
+        (["stack.npy", "small.npy"], r"\(2, 2\) pixels, but stack.npy has \(4, 5\)"),
+        ("none.npy", "it holds no image"),
+    ],
+)
+def test_refused(folder, spec, fact):
+    (folder / "notes.txt").write_text("hello")
+    np.save(folder / "small.npy", np.zeros((2, 2)))
+    np.save(folder / "none.npy", np.zeros((0, 2, 2)))
+    with pytest.raises(InputError, match=fact):
+        find_stack(spec, folder).info()
+
+
+@pytest.mark.parametrize("name", ["stack.npy", "data.h5::/scan/images"])
+@pytest.mark.parametrize("share", [0.0, 0.01, 0.5, 0.99])
+def test_truncated_is_refused(folder, name, share):
+    path = folder / name.split("::")[0]
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(len(whole) * share)])
+    with pytest.raises(InputError, match=path.name):
+        find_stack(name, folder).info()
+
+
+def nxtomo(path, *, unit="deg", entry="entry", control=True):
+    """Dark, flat, four projections of which one is for alignment, one invalid frame, flat."""
+    frames = np.arange(8, dtype=np.uint16)[:, None, None] + np.zeros((8, 4, 5), np.uint16)
+    keys = np.array([2, 1, 0, 0, 0, 3, 0, 1])
+    angles = np.array([0, 0, 0, 30, 60, 70, 90, 90], float)
+    with h5py.File(path, "w") as file:
+        group = file.create_group(entry)
+        group["instrument/detector/data"] = frames
+        group["instrument/detector/image_key"] = keys
+        if control:
+            group["instrument/detector/image_key_control"] = np.where(np.arange(8) == 6, -1, keys)
+        group["sample/rotation_angle"] = np.deg2rad(angles) if unit == "rad" else angles
+        group["sample/rotation_angle"].attrs["units"] = unit
+    return path
+
+
+class TestNXtomo:
+    @pytest.mark.parametrize("entry", ["entry", "entry1/tomo_entry"])
+    @pytest.mark.parametrize("unit", ["deg", "rad"])
+    def test_frames_by_key(self, tmp_path, entry, unit):
+        file = read_nxtomo(nxtomo(tmp_path / "a.nxs", entry=entry, unit=unit))
+        np.testing.assert_allclose(file.projection_angles_deg, [0, 30, 60])
+        stack = find_stack("a.nxs", tmp_path)
+        assert stack.info()[0] == (3, 4, 5)
+        assert stack.read()[:, 0, 0].tolist() == [2, 3, 4]
+        assert stack.frames(FLAT).read()[:, 0, 0].tolist() == [1, 7]
+        assert stack.frames(DARK).read()[:, 0, 0].tolist() == [0]
+
+    def test_without_control_keys(self, tmp_path):
+        file = read_nxtomo(nxtomo(tmp_path / "a.nxs", control=False))
+        np.testing.assert_allclose(file.projection_angles_deg, [0, 30, 60, 90])
+
+    def test_keys_must_match_frames(self, tmp_path):
+        path = nxtomo(tmp_path / "a.nxs", control=False)
+        with h5py.File(path, "a") as file:
+            del file["entry/instrument/detector/image_key"]
+            file["entry/instrument/detector/image_key"] = [0, 1]
+        with pytest.raises(InputError, match="2 image keys"):
+            read_nxtomo(path)
