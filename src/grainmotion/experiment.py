@@ -251,15 +251,16 @@ def _first_error(path: Path, data: dict[str, Any], error: ValidationError) -> In
     first = max((e for e in errors if e["loc"][: len(beside)] == beside), key=lambda e: len(e["loc"]))
     keys: list[str] = []
     here: Any = data
-    for place in first["loc"]:
+    for depth, place in enumerate(first["loc"], start=1):
+        missing = first["type"] == "missing" and depth == len(first["loc"])
         if keys == ["states"] and isinstance(place, int):
             keys = [_state_key(data, place)]
         elif isinstance(place, int):
             keys[-1] += f"[{place}]"
-        elif isinstance(here, dict) and place not in here and first["type"] != "missing":
-            continue  # the name of one choice of a union, not a key
+        elif missing or (isinstance(here, dict) and place in here):
+            keys.append(place)
         else:
-            keys.append(str(place))
+            continue  # the name of one choice of a union, not a key
         here = _inside(here, place)
     where = f"{path}: {'.'.join(keys) or 'the file'}"
     if first["type"] == "missing":

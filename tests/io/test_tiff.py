@@ -80,6 +80,14 @@ def test_colour_and_mixed_sizes_are_refused(tmp_path):
         read_tiff(tmp_path / "mixed.tif")
 
 
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+@pytest.mark.parametrize("views", [2, 3, 4, 5])
+def test_few_views_are_no_colours(tmp_path, views):
+    """tifffile's default turns an array of three or four images into colour planes."""
+    tifffile.imwrite(tmp_path / "a.tif", STACK[:views])
+    np.testing.assert_array_equal(read_tiff(tmp_path / "a.tif"), STACK[:views])
+
+
 def test_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
     path = tmp_path / "a.tif"
     write_tiff(path, STACK[0])

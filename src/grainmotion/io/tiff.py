@@ -74,7 +74,7 @@ def _only_series(path: str | Path, file: tifffile.TiffFile) -> tifffile.TiffPage
 
 
 def _as_stack_shape(path: str | Path, series: tifffile.TiffPageSeries) -> tuple[int, int, int]:
-    if "S" in series.axes:
+    if series.axes.endswith("S"):  # leading samples are a stack: tifffile writes three images so by default
         raise InputError(str(path), f"a colour image, axes {series.axes}", "save it as a grey image")
     shape = tuple(int(n) for n in series.shape)
     if len(shape) < 2 or 0 in shape:
