@@ -1,0 +1,57 @@
+# The two that matter: `make demo` and `make test`; each sets up .venv by itself.
+PYTHON ?= python3
+VENV   := .venv
+BIN    := $(VENV)/bin
+STAMP  := $(VENV)/.installed
+SPAM   := .venv-spam
+
+.DEFAULT_GOAL := help
+.PHONY: help install demo test test-browser test-spam test-all check format bench clean
+
+help:            ## list the targets
+	@grep -hE '^[a-z-]+: .*##|^[a-z-]+:  *##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
+
+install: $(STAMP) ## create .venv with grainmotion and its tools
+
+$(STAMP): pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --upgrade pip
+	$(BIN)/python -m pip install --quiet -e '.[dev]'
+	touch $(STAMP)
+
+demo: $(STAMP)   ## run the whole job on a small simulated packing; ends by naming the report
+	$(BIN)/grainmotion demo demo
+
+test: $(STAMP)   ## run the fast tests
+	$(BIN)/python -m pytest -m "not slow and not browser and not spam"
+
+test-browser: $(STAMP) ## open the report in a real browser (needs chromium on the PATH)
+	$(BIN)/python -m pytest -m browser
+
+$(SPAM)/.installed:
+	$(PYTHON) -m venv $(SPAM)
+	$(SPAM)/bin/python -m pip install --quiet --upgrade pip
+	$(SPAM)/bin/python -m pip install --quiet spam
+	touch $@
+
+test-spam: $(STAMP) $(SPAM)/.installed ## exchange files with a real spam in .venv-spam
+	$(BIN)/python -m pytest -m spam
+
+test-all: $(STAMP) $(SPAM)/.installed ## run every test (needs chromium on the PATH)
+	$(BIN)/python -m pytest
+
+check: $(STAMP)  ## formatting, lint, types and import rules
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+format: $(STAMP) ## format the code
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+bench: $(STAMP)  ## run the benchmarks against their peers
+	for script in benchmarks/*.py; do $(BIN)/python $$script || exit 1; done
+
+clean:           ## remove the environments and caches
+	rm -rf $(VENV) $(SPAM) .venv-bench .pytest_cache .mypy_cache .ruff_cache
