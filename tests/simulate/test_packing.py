@@ -1,0 +1,81 @@
+"""Packing: no overlap, contacts, the cylinder, the seed."""
+
+import numpy as np
+import pytest
+
+from grainmotion.errors import InputError
+from grainmotion.simulate import (
+    PackingSettings,
+    Particle,
+    ellipsoid_particle,
+    gaps,
+    inside,
+    label_volume,
+    pack,
+    random_polyhedron,
+    sphere,
+    stone,
+)
+from grainmotion.volume import Volume
+
+RADIUS = 5.5
+
+
+@pytest.fixture(scope="module")
+def heap():
+    """Stones, polyhedra and ellipsoids of 5 mm together."""
+    rng = np.random.default_rng(5)
+    particles = [Particle(stone(i, 5.0, level=3), 0.1) for i in (3, 30, 60)]
+    particles += [Particle(random_polyhedron(rng, 5.0), 0.1) for _ in range(2)]
+    particles += [ellipsoid_particle(rng, 5.0, 0.1, inclusion_attenuation=0.3) for _ in range(2)]
+    return particles, pack(particles, PackingSettings(RADIUS, moves=600, sweeps=1), seed=3)
+
+
+def test_grains_do_not_overlap_and_touch(heap):
+    _, sample = heap
+    apart = gaps(sample)
+    assert apart.min() > 0
+    touching = (apart < 0.05).sum(axis=1)
+    assert (touching >= 1).all()
+    assert touching.mean() >= 2
+
+
+def test_no_point_is_in_two_grains(heap):
+    _, sample = heap
+    points = np.random.default_rng(0).uniform([-RADIUS, -RADIUS, -10], [RADIUS, RADIUS, 10], (200_000, 3))
+    held = np.sum([inside(p.shape, points) for p in sample.particles], axis=0)
+    assert held.max() == 1
+
+
+def test_gaps_see_an_overlap(heap):
+    _, sample = heap
+    pushed = sample.particles[0].moved(np.eye(3), 0.2 * (sample.centers[1] - sample.centers[0]))
+    pushed = type(sample)((pushed, *sample.particles[1:]))
+    assert gaps(pushed).min() < 0
+
+
+def test_grains_stay_in_the_cylinder(heap):
+    _, sample = heap
+    points = np.concatenate([p.shape.vertices for p in sample.particles if hasattr(p.shape, "vertices")])
+    assert np.hypot(points[:, 0], points[:, 1]).max() <= RADIUS * (1 + 1e-9)
+
+
+def test_same_seed_same_packing(heap):
+    particles, _ = heap
+    settings = PackingSettings(RADIUS, moves=100, sweeps=0)
+    first, again, other = (pack(particles[:3], settings, seed).centers for seed in (1, 1, 2))
+    assert np.array_equal(first, again)
+    assert not np.allclose(first, other)
+
+
+def test_labels_fill_the_grains_volumes(heap):
+    _, sample = heap
+    grid = Volume.zeros((90, 48, 48), 0.25)
+    labels = label_volume(sample, grid)
+    for label, particle in zip(sample.labels, sample.particles, strict=True):
+        assert (labels == label).sum() * 0.25**3 == pytest.approx(particle.shape.volume, rel=0.03)
+
+
+def test_narrow_cylinder_is_refused():
+    with pytest.raises(InputError, match="wider cylinder"):
+        pack([Particle(sphere(5.0), 0.1)], PackingSettings(2.0), seed=0)
