@@ -130,7 +130,7 @@ class Geometry:
         return d + c[None, :, None] * u + r[:, None, None] * v
 
     def project_points(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Where points ``(m, 3)`` fall on each panel: (row, column), ``(n, m, 2)``, in pixels, NaN if behind the source."""
+        """Where points ``(m, 3)`` fall: (row, column) in pixels, ``(n, m, 2)``, NaN behind the source."""
         points = np.asarray(points, dtype=float).reshape(-1, 3)
         s, d, u, v = (self.vectors[:, i : i + 3] for i in (0, 3, 6, 9))
         if self.beam == "cone":
@@ -145,7 +145,13 @@ class Geometry:
         if self.beam == "cone":
             t = np.where(t > 0, t, np.nan)
         hit = start + t[..., None] * ray - d[:, None]
-        gram = np.stack([np.stack([(u * u).sum(-1), (u * v).sum(-1)], -1), np.stack([(u * v).sum(-1), (v * v).sum(-1)], -1)], -2)
+        gram = np.stack(
+            [
+                np.stack([(u * u).sum(-1), (u * v).sum(-1)], -1),
+                np.stack([(u * v).sum(-1), (v * v).sum(-1)], -1),
+            ],
+            -2,
+        )
         right = np.stack([(hit * u[:, None]).sum(-1), (hit * v[:, None]).sum(-1)], -1)
         cr = np.linalg.solve(gram[:, None], right[..., None])[..., 0]
         return np.stack([cr[..., 1] + (self.shape[0] - 1) / 2, cr[..., 0] + (self.shape[1] - 1) / 2], -1)
@@ -176,7 +182,9 @@ class Geometry:
         beams: dict[str, Beam] = {"cone_vec": "cone", "parallel3d_vec": "parallel"}
         kind = geometry.get("type")
         if kind not in beams:
-            raise InputError("ASTRA geometry", f"type '{kind}' is not one of {sorted(beams)}", "use astra.geom_2vec first")
+            raise InputError(
+                "ASTRA geometry", f"type '{kind}' is not one of {sorted(beams)}", "use astra.geom_2vec first"
+            )
         shape = (geometry["DetectorRowCount"], geometry["DetectorColCount"])
         return cls(np.asarray(geometry["Vectors"], dtype=float), shape, beams[kind])
 

@@ -123,5 +123,8 @@ def _cut(
     start = volume.origin + h * (np.array([s.start for s in box[::-1]]) - PADDING)
     middle = start + h * (np.array(array.shape[::-1]) - 1) / 2
     crop = Volume(array, h, (middle[0], middle[1], middle[2]))
-    mean = [float((array.sum(axis=tuple({0, 1, 2} - {k}), dtype=float) * np.arange(array.shape[k])).sum()) for k in (2, 1, 0)]
+    mean = [
+        float((array.sum(axis=tuple({0, 1, 2} - {k}), dtype=float) * np.arange(array.shape[k])).sum())
+        for k in (2, 1, 0)
+    ]
     return Grain(label, crop, start + h * np.array(mean) / mass, touches)

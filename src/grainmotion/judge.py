@@ -43,7 +43,9 @@ def judge(
     coverage = raw.patches.seen.mean(axis=1)
     moving = _still_moving(problem, solution)
     for k in range(n):
-        verdict = _verdict(coverage[k], covariances[k], limits, bool(lost[k]), bool(moving[k]), (residuals[k], paths[k]))
+        verdict = _verdict(
+            coverage[k], covariances[k], limits, bool(lost[k]), bool(moving[k]), (residuals[k], paths[k])
+        )
         if verdict is not None:
             statuses[k], reasons[k] = verdict
     unknown = np.isin(statuses, [Status.LEFT_FIELD.value, Status.NOT_FITTED.value])
@@ -59,11 +61,19 @@ def judge(
 
 
 def _verdict(
-    coverage: float, covariance: Float, limits: tuple[float, float], lost: bool, moving: bool, fit: tuple[float, float]
+    coverage: float,
+    covariance: Float,
+    limits: tuple[float, float],
+    lost: bool,
+    moving: bool,
+    fit: tuple[float, float],
 ) -> tuple[str, str] | None:
     """Status and sentence of a grain that did not simply converge."""
     if coverage == 0 or not np.isfinite(fit[1]):
-        return Status.NOT_FITTED.value, "no view sees it; check its place, or give views or a start that see it"
+        return (
+            Status.NOT_FITTED.value,
+            "no view sees it; check its place, or give views or a start that see it",
+        )
     if coverage < SEEN_ENOUGH:
         return (
             Status.LEFT_FIELD.value,
@@ -122,7 +132,9 @@ def _sandwich(once: sparse.bsr_array, twice: sparse.bsr_array) -> Float:
     if 6 * n <= DENSE_UP_TO:
         neighbourhoods = [np.arange(n)]
     else:
-        neighbourhoods = [np.r_[i, np.setdiff1d(once.indices[once.indptr[i] : once.indptr[i + 1]], i)] for i in range(n)]
+        neighbourhoods = [
+            np.r_[i, np.setdiff1d(once.indices[once.indptr[i] : once.indptr[i + 1]], i)] for i in range(n)
+        ]
     h, m = sparse.csr_array(once), sparse.csr_array(twice)
     for i, near in enumerate(neighbourhoods):
         rows = (6 * near[:, None] + np.arange(6)).ravel()

@@ -38,7 +38,8 @@ class ReconstructSettings:
     decay: Annotated[float, Field(gt=0, le=1, description="factor on λ after each sweep")] = 0.7
     tolerance: Annotated[float, Field(ge=0, description="stop once a sweep lowers ε by less than this share")] = 0.02
     noise: Annotated[
-        float | None, Field(gt=0, description="stop once ε reaches this relative noise, 1/SNR (discrepancy principle)")
+        float | None,
+        Field(gt=0, description="stop once ε reaches this relative noise, 1/SNR (discrepancy principle)"),
     ] = None
     non_negative: Annotated[bool, Field(description="keep attenuation at or above zero")] = True
     circular: Annotated[bool, Field(description="reconstruct inside the grid's upright inscribed cylinder only")] = True
@@ -112,7 +113,12 @@ def golden_order(views: int) -> NDArray[np.int64]:
 
 
 def _update(
-    image: NDArray[np.float32], scan: Scan, grid: Volume, view: int, step: float, settings: ReconstructSettings
+    image: NDArray[np.float32],
+    scan: Scan,
+    grid: Volume,
+    view: int,
+    step: float,
+    settings: ReconstructSettings,
 ) -> NDArray[np.float64]:
     """One view's update, in place; returns Σ(b − Ax)² and Σb²."""
     rows, columns = scan.geometry.shape
@@ -122,8 +128,8 @@ def _update(
     exact, origin = settings.projector == "exact", padded_origin(grid)
     valid = np.ones((rows, columns), np.bool_) if scan.valid is None else scan.valid[view]
     sart.residual(
-        image, origin, grid.voxel_size, vectors[0], cone, exact, _radius(grid, settings), scan.line_integrals[view], valid,
-        correction[0], squares,
+        image, origin, grid.voxel_size, vectors[0], cone, exact, _radius(grid, settings),
+        scan.line_integrals[view], valid, correction[0], squares,
     )  # fmt: skip
     correction *= step
     voxels.adjoint(correction, origin, grid.voxel_size, vectors, cone, exact, image)

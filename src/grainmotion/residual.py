@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ from grainmotion.project import (
     Pose,
     Projector,
     assemble,
+    difference_patches,
     differentiate_patches,
     shadows,
 )
@@ -30,6 +32,7 @@ from grainmotion.solve import Linearization
 
 Float = NDArray[np.float64]
 Image = NDArray[np.float32]
+Derivatives = Literal["analytic", "differences"]
 Basis = Callable[[PackedGrains, Pose], Float]
 """From grains and pose to T ``(6n, m)``: the increments (u, δ) of all grains per unit of m parameters."""
 
@@ -38,7 +41,8 @@ Basis = Callable[[PackedGrains, Pose], Float]
 class Target:
     """What is fitted: radiographs, what of them does not move, and how they are compared.
 
-    ``fixed`` is the background's line integrals; ``gain`` says whether a and o are unknowns.
+    ``fixed`` is the background's line integrals; ``gain`` says whether a and o are unknowns;
+    ``derivatives`` says how those of P are taken.
     """
 
     scan: Scan
@@ -46,6 +50,7 @@ class Target:
     projector: Projector
     sigma: float
     gain: bool
+    derivatives: Derivatives = "analytic"
 
     @cached_property
     def weights(self) -> Image:
@@ -106,7 +111,8 @@ class StateProblem:
         """Simulate, compare and differentiate at a pose."""
         target, geometry = self.target, self.target.scan.geometry
         patches = shadows(self.grains, pose, geometry, margin=len(target.weights) - 1)
-        values, derivatives = differentiate_patches(self.grains, pose, geometry, patches, target.projector)
+        differentiate = differentiate_patches if target.derivatives == "analytic" else difference_patches
+        values, derivatives = differentiate(self.grains, pose, geometry, patches, target.projector)
         simulated = target.filtered(assemble(values, patches, geometry) + target.fixed)
         normal.filter_patches(derivatives, patches.boxes, patches.offsets, target.valid, target.weights)
         gain, offset = best_gain(target.measured, simulated, target.flat) if target.gain else (1.0, 0.0)

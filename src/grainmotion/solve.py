@@ -160,6 +160,7 @@ def inverse(hessian: sparse.bsr_array | Array, damping: float) -> Callable[[Arra
                 continue
             return lambda b: cho_solve(factor, b, check_finite=False)
         raise LinAlgError("normal matrix is not positive even when damped")
+    hessian = sparse.bsr_array(hessian, blocksize=(6, 6))
     matrix = sparse.csr_array(hessian) + sparse.diags_array(lifted)
     jacobi = _block_jacobi(hessian, lifted)
 
@@ -173,15 +174,16 @@ def inverse(hessian: sparse.bsr_array | Array, damping: float) -> Callable[[Arra
 
 def _block_jacobi(hessian: sparse.bsr_array, lifted: Array) -> LinearOperator:
     n = hessian.shape[0] // 6
-    full = sparse.bsr_array(hessian, blocksize=(6, 6))
-    rows = np.repeat(np.arange(n), np.diff(full.indptr))
-    on = rows == full.indices
+    rows = np.repeat(np.arange(n), np.diff(hessian.indptr))
+    on = rows == hessian.indices
     blocks = np.zeros((n, 6, 6))
-    blocks[rows[on]] = full.data[on]
+    blocks[rows[on]] = hessian.data[on]
     blocks[:, range(6), range(6)] += lifted.reshape(n, 6)
     inverses = np.linalg.inv(blocks)
     return LinearOperator(
-        hessian.shape, matvec=lambda b: np.einsum("nij,nj->ni", inverses, b.reshape(n, 6)).ravel(), dtype=float
+        hessian.shape,
+        matvec=lambda b: np.einsum("nij,nj->ni", inverses, b.reshape(n, 6)).ravel(),
+        dtype=float,
     )
 
 

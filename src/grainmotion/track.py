@@ -24,7 +24,7 @@ from grainmotion.grains import GrainSet
 from grainmotion.judge import judge
 from grainmotion.motions import Motions
 from grainmotion.project import PackedGrains, Pose, Projector, project
-from grainmotion.residual import Basis, StateProblem, Target
+from grainmotion.residual import Basis, Derivatives, StateProblem, Target
 from grainmotion.scan import Scan
 from grainmotion.search import search_lost
 from grainmotion.solve import Solution, Stopping, gauss_newton
@@ -40,18 +40,46 @@ class TrackSettings:
     """How to track."""
 
     projector: Annotated[Projector, Field(description="operator; the reconstruction's own by default")] = "trilinear"
+    derivatives: Annotated[Derivatives, Field(description="exact ones, or finite differences as in the paper")] = (
+        "analytic"
+    )
     filters: Annotated[
         tuple[float, ...],
-        Field(min_length=1, description="Gaussian widths of the free stages in turn, pixels, for grains 45 pixels across"),
+        Field(
+            min_length=1,
+            description="Gaussian widths of the free stages in turn, pixels, for grains 45 pixels across",
+        ),
     ] = (6.0, 2.0, 0.7)
-    field_filter: Annotated[float, Field(ge=0, description="the same for the stages of one body and smooth field")] = 12.0
-    fields: Annotated[bool, Field(description="begin with one body and a smooth field; off: all grains free at once")] = True
+    field_filter: Annotated[float, Field(ge=0, description="the same for the stages of one body and smooth field")] = (
+        12.0
+    )
+    fields: Annotated[
+        bool, Field(description="begin with one body and a smooth field; off: all grains free at once")
+    ] = True
     search: Annotated[bool, Field(description="search rotations for grains that fit badly")] = True
     gain: Annotated[bool, Field(description="eliminate a global gain and offset (a, b of Eq. 22)")] = True
     iterations: Annotated[int, Field(ge=1, description="most iterations a stage")] = 30
-    tolerance: Annotated[float, Field(gt=0, description="a stage ends once no grain's surface moves further, voxels")] = 2e-3
-    max_sd_voxel: Annotated[float, Field(gt=0, description="a grain is poorly determined above this sd of u, voxels")] = 0.5
-    max_sd_deg: Annotated[float, Field(gt=0, description="a grain is poorly determined above this sd of ω, degrees")] = 5.0
+    tolerance: Annotated[
+        float, Field(gt=0, description="a stage ends once no grain's surface moves further, voxels")
+    ] = 2e-3
+    max_sd_voxel: Annotated[
+        float, Field(gt=0, description="a grain is poorly determined above this sd of u, voxels")
+    ] = 0.5
+    max_sd_deg: Annotated[
+        float, Field(gt=0, description="a grain is poorly determined above this sd of ω, degrees")
+    ] = 5.0
+
+
+PAPER = TrackSettings(
+    projector="exact",
+    derivatives="differences",
+    filters=(0.0,),
+    fields=False,
+    search=False,
+    gain=False,
+    iterations=200,
+)
+"""The variant of Khalili et al. (2017): Siddon's path, finite differences, no filter, no stages."""
 
 
 @record
@@ -121,7 +149,7 @@ def track(
     fixed = np.zeros(scan.line_integrals.shape, np.float32)
     if grains.background is not None:
         fixed = project(grains.background, scan.geometry, settings.projector)
-    target = Target(scan, fixed, settings.projector, sigma=0.0, gain=False)
+    target = Target(scan, fixed, settings.projector, sigma=0.0, gain=False, derivatives=settings.derivatives)
     course = Course(settings, packed, target, progress)
     pose = starting_pose(grains, start)
     if settings.fields:
@@ -148,7 +176,7 @@ def starting_pose(grains: GrainSet, start: Motions | None) -> Pose:
         raise InputError("start", f"grains {missing[:5]} have no row", "give the motions of the same reference")
     order = [rows[int(label)] for label in grains.labels]
     translations, rotations = start.translations[order], start.rotations[order]
-    known = np.isfinite(translations).all(axis=1) & np.isfinite(rotations).all(axis=1)
+    known: NDArray[np.bool_] = np.isfinite(np.hstack([translations, rotations])).all(axis=1)
     if not known.any():
         return pose
     # The start's centres may differ from ours by what another segmentation cut off.
@@ -164,7 +192,10 @@ def _fields(course: Course, pose: Pose) -> Pose:
     starts = [pose, centroid_shift(problem, pose)]
     ends = [_solve(course, problem, s, "one body") for s in starts]
     pose = min(ends, key=lambda e: e.costs[-1]).state
-    fields: list[tuple[str, Basis, int]] = [("affine field", stages.affine, 6), ("quadratic field", stages.quadratic, 20)]
+    fields: list[tuple[str, Basis, int]] = [
+        ("affine field", stages.affine, 6),
+        ("quadratic field", stages.quadratic, 20),
+    ]
     for name, basis, needed in fields:
         if len(course.grains) >= needed:
             problem = StateProblem(course.grains, course.filter(width), basis)
@@ -205,7 +236,9 @@ def centroid_shift(problem: StateProblem, pose: Pose) -> Pose:
     step = problem.grains.voxel_size
     spots = geometry.project_points(np.vstack([middle, middle + step * np.eye(3)]))
     slopes = (spots[:, 1:] - spots[:, :1]).transpose(0, 2, 1).reshape(-1, 3) / step
-    gaps = _centroids(target.measured - target.filtered(target.fixed)) - _centroids(simulated - target.filtered(target.fixed))
+    gaps = _centroids(target.measured - target.filtered(target.fixed)) - _centroids(
+        simulated - target.filtered(target.fixed)
+    )
     shift = np.linalg.lstsq(slopes, gaps.ravel(), rcond=1e-3)[0]
     return Pose(pose.translations + shift, pose.matrices)
 

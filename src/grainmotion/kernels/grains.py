@@ -10,14 +10,15 @@ p is taken nearest to the moved centre, which keeps single-precision sums short.
 
 A patch is a row of ``boxes``: grain, view, first row, end row, first column, end column; its pixels lie
 in row order in flat buffers from ``offsets[patch]``.  ``jobs`` lists the pixels to walk, (patch, row, first
-column, end column), the unit of parallel work; other pixels of a patch are left as they are.  Grain g's voxels are ``images[starts[g]:]`` in C
-order with ``shapes[g]`` (z, y, x), voxel [0, 0, 0] at ``corners[g]`` (x y z, mm) from its centre c.
+column, end column), the unit of parallel work; other pixels of a patch are left as they are.
+
+Grain g's voxels are ``images[starts[g]:]`` in C order with ``shapes[g]`` (z, y, x), voxel [0, 0, 0] at
+``corners[g]`` (x y z, mm) from its centre c.
 """
 
 from __future__ import annotations
 
 import numba as nb
-import numpy as np
 
 from grainmotion.kernels.rays import enter, exact_path, exact_value, pixel_ray, smooth_path, smooth_value
 

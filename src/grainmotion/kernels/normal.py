@@ -10,36 +10,34 @@ import numba as nb
 import numpy as np
 
 
+@nb.njit(cache=True, fastmath=True, error_model="numpy")
+def _add_scaled(target, source, weight):
+    for c in range(len(target)):
+        target[c] += weight * source[c]
+
+
 @nb.njit(cache=True, error_model="numpy")
-def _smooth_rows(source, target, rows, columns, weights):
-    """Convolve each row of ``source (rows, columns)`` with the symmetric half-kernel ``weights``."""
+def _smooth(image, work, weights):
+    """Convolve ``image (rows, columns)`` in place, along rows then columns, with the symmetric half-kernel.
+
+    Empty rows (the margins of a patch) are passed over.
+    """
+    rows, columns = image.shape
     reach = len(weights) - 1
+    work[:] = 0
+    first, last = rows, -1
     for r in range(rows):
-        for c in range(columns):
-            target[r, c] = weights[0] * source[r, c]
+        if not image[r].any():
+            continue
+        first, last = min(first, r), r
+        _add_scaled(work[r], image[r], weights[0])
         for k in range(1, min(reach, columns - 1) + 1):
-            w = weights[k]
-            for c in range(columns - k):
-                target[r, c] += w * source[r, c + k]
-            for c in range(k, columns):
-                target[r, c] += w * source[r, c - k]
-
-
-@nb.njit(cache=True, error_model="numpy")
-def _smooth_columns(source, target, rows, columns, weights):
-    """Convolve each column of ``source (rows, columns)`` with the symmetric half-kernel ``weights``."""
-    reach = len(weights) - 1
+            _add_scaled(work[r, : columns - k], image[r, k:], weights[k])
+            _add_scaled(work[r, k:], image[r, : columns - k], weights[k])
+    image[:] = 0
     for r in range(rows):
-        for c in range(columns):
-            target[r, c] = weights[0] * source[r, c]
-        for k in range(1, reach + 1):
-            w = weights[k]
-            if r + k < rows:
-                for c in range(columns):
-                    target[r, c] += w * source[r + k, c]
-            if r - k >= 0:
-                for c in range(columns):
-                    target[r, c] += w * source[r - k, c]
+        for source in range(max(first, r - reach), min(last, r + reach) + 1):
+            _add_scaled(image[r], work[source], weights[abs(source - r)])
 
 
 @nb.njit(parallel=True, cache=True, error_model="numpy")
@@ -47,9 +45,7 @@ def filter_images(images, weights):
     """Filter ``images (n, rows, columns)`` in place."""
     n, rows, columns = images.shape
     for i in nb.prange(n):
-        work = np.empty((rows, columns), images.dtype)
-        _smooth_rows(images[i], work, rows, columns, weights)
-        _smooth_columns(work, images[i], rows, columns, weights)
+        _smooth(images[i], np.empty((rows, columns), images.dtype), weights)
 
 
 @nb.njit(parallel=True, cache=True, error_model="numpy")
@@ -64,9 +60,7 @@ def filter_patches(derivatives, boxes, offsets, valid, weights):
             for c in range(columns):
                 patch[r, c] *= valid[i, r0 + r, c0 + c]
         if len(weights) > 1:
-            work = np.empty((rows, columns), patch.dtype)
-            _smooth_rows(patch, work, rows, columns, weights)
-            _smooth_columns(work, patch, rows, columns, weights)
+            _smooth(patch, np.empty((rows, columns), patch.dtype), weights)
 
 
 @nb.njit(parallel=True, cache=True, fastmath=True, error_model="numpy")

@@ -18,7 +18,7 @@ def chord(ox, oy, oz, dx, dy, dz, nx, ny, nz, radius):
         x, y = ox - (nx - 1) / 2, oy - (ny - 1) / 2
         a, b, c = dx * dx + dy * dy, x * dx + y * dy, x * x + y * y - radius * radius
         root = b * b - a * c
-        if root <= 0 and a > 0 or (a == 0 and c > 0):
+        if (root <= 0 and a > 0) or (a == 0 and c > 0):
             return 0.0
         if a > 0:
             low, high = max(low, (-b - np.sqrt(root)) / a), min(high, (-b + np.sqrt(root)) / a)

@@ -8,7 +8,6 @@ them, so that no two write the same voxel and the sums come in the same order wh
 from __future__ import annotations
 
 import numba as nb
-import numpy as np
 
 from grainmotion.kernels.rays import enter, exact_value, pixel_ray, smooth_value
 
@@ -100,9 +99,7 @@ def adjoint(images, origin, voxel, views, cone, exact, out):
                         value = images[i, r, c]
                         if value == 0:
                             continue
-                        px, py, pz, dx, dy, dz = pixel_ray(
-                            views[i], cone, r - (rows - 1) / 2, c - (columns - 1) / 2
-                        )
+                        px, py, pz, dx, dy, dz = pixel_ray(views[i], cone, r - (rows - 1) / 2, c - (columns - 1) / 2)
                         a, first, count, oa, ob, oc, da, db, dc, sa, sb, sc = enter(
                             (px - origin[0]) * h, (py - origin[1]) * h, (pz - origin[2]) * h,
                             dx * h, dy * h, dz * h, nx, ny, nz, exact,
