@@ -1,0 +1,124 @@
+"""Curves as SVG inside the page; lines of text and axes take the page's colour."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullFormatter
+
+INK = "#010203"  # stands for the page's text colour
+COLOURS = ("#2f7ed8", "#d9722e", "#2a9d68", "#b8478f", "#8a6d1f", "#5b6ee1", "#c0392b", "#16909b")
+STYLE: dict[Any, Any] = {
+    "svg.fonttype": "none",
+    "svg.hashsalt": "grainmotion",
+    "font.size": 10,
+    "text.color": INK,
+    "axes.labelcolor": INK,
+    "axes.edgecolor": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": INK,
+    "grid.alpha": 0.15,
+    "text.parse_math": False,
+}
+
+
+def convergence_svg(costs: Sequence[tuple[str, float]]) -> str:
+    """Relative residual by iteration, a colour a stage, logarithmic."""
+    with matplotlib.rc_context(STYLE):
+        figure, axes = _axes()
+        values = np.array([cost for _, cost in costs], dtype=float)
+        iterations = np.arange(1, len(values) + 1)
+        axes.plot(iterations, _drawable(values), color=INK, alpha=0.25, lw=1)
+        for colour, (stage, first, last) in enumerate(_stages(costs)):
+            part = slice(first, last)
+            axes.plot(
+                iterations[part],
+                _drawable(values)[part],
+                color=COLOURS[colour % len(COLOURS)],
+                marker="o",
+                ms=3.5,
+                lw=1.8,
+                label=stage,
+            )
+        axes.set_xlabel("iteration")
+        axes.set_ylabel("relative residual ‖b − aP − b₀‖/‖b‖")
+        _finish(axes, values)
+        legend = axes.legend(frameon=False, fontsize=9, loc="upper left", bbox_to_anchor=(1.01, 1.0))
+        for text in legend.get_texts():
+            text.set_parse_math(False)
+        return _svg(figure, "Convergence of the fit: relative residual by iteration")
+
+
+def reconstruction_svg(errors: Sequence[float]) -> str:
+    """Relative residual ε of the reconstruction by iteration, logarithmic."""
+    with matplotlib.rc_context(STYLE):
+        figure, axes = _axes()
+        values = np.asarray(errors, dtype=float)
+        axes.plot(
+            np.arange(1, len(values) + 1), _drawable(values), color=COLOURS[0], marker="o", ms=3.5, lw=1.8
+        )
+        axes.set_xlabel("iteration")
+        axes.set_ylabel("relative residual ε = ‖b − Ax‖/‖b‖")
+        _finish(axes, values)
+        return _svg(figure, "Convergence of the reconstruction: relative residual by iteration")
+
+
+def _axes() -> tuple[Figure, Axes]:
+    figure = Figure(figsize=(6.4, 3.0), layout="constrained")
+    FigureCanvasSVG(figure)
+    return figure, figure.add_subplot()
+
+
+def _stages(costs: Sequence[tuple[str, float]]) -> list[tuple[str, int, int]]:
+    """Runs of one stage: its name, first and one-past-last iteration."""
+    starts = [i for i in range(len(costs)) if i == 0 or costs[i][0] != costs[i - 1][0]]
+    ends = [*starts[1:], len(costs)]
+    return [(costs[a][0], a, b) for a, b in zip(starts, ends)]
+
+
+def _drawable(values: np.ndarray) -> np.ndarray:
+    """The values that a logarithmic axis can show, NaN elsewhere."""
+    return np.where(np.isfinite(values) & (values > 0), values, np.nan)
+
+
+def _finish(axes: Axes, values: np.ndarray) -> None:
+    shown = _drawable(values)
+    shown = shown[np.isfinite(shown)]
+    if shown.size:
+        axes.set_yscale("log")
+        if shown.max() < 1.3 * shown.min():
+            middle = np.sqrt(shown.max() * shown.min())
+            axes.set_ylim(middle / 1.3, middle * 1.3)
+        narrow = shown.max() < 100 * shown.min()  # few decades: label 1, 2, 5 too
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if narrow else (1.0,)))
+        axes.yaxis.set_major_formatter(FormatStrFormatter("%g"))
+        axes.yaxis.set_minor_formatter(NullFormatter())
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set_xlim(0.5, max(1, len(values)) + 0.5)
+
+
+def _svg(figure: Figure, title: str) -> str:
+    """The figure as an ``<svg>`` element that scales with the page."""
+    stream = io.StringIO()
+    figure.savefig(stream, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
+    text = stream.getvalue()
+    text = text[text.index("<svg") :].replace(INK, "currentColor")
+    text = re.sub(r"<metadata>.*?</metadata>", f"<title>{title}</title>", text, flags=re.DOTALL)
+    used = set(re.findall(r'(?:href="#|url\(#)([^")]+)', text))
+    text = re.sub(r' id="([^"]*)"', lambda m: m.group() if m.group(1) in used else "", text)
+    text = re.sub(
+        r'<svg [^>]*viewBox="([^"]*)"[^>]*>', r'<svg viewBox="\1" class="curve" role="img">', text, count=1
+    )
+    return text.replace("xlink:href", "href")

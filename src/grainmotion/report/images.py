@@ -1,0 +1,84 @@
+"""Arrays to PNG images inside the page, with their scales."""
+
+from __future__ import annotations
+
+import base64
+import io
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib import colormaps
+from numpy.typing import NDArray
+from PIL import Image
+
+Array = NDArray[np.floating]
+HOLE = 255  # palette index of pixels without a value, transparent
+PALETTES = {"grey": "gray", "diverging": "RdBu_r"}
+
+
+@dataclass(frozen=True)
+class Scale:
+    """A linear colour scale from ``low`` to ``high``; ``palette`` is "grey" or "diverging"."""
+
+    low: float
+    high: float
+    palette: str = "grey"
+
+
+def grey_scale(*images: Array) -> Scale:
+    """One grey scale for several images, from 0 or the darkest to the brightest; 1 pixel in 500 clipped."""
+    values = np.concatenate([image[np.isfinite(image)].ravel() for image in images])
+    if values.size == 0:
+        return Scale(0.0, 1.0)
+    low, high = np.percentile(values, [0.1, 99.9])
+    if 0 < low < 0.5 * high:
+        low = 0.0
+    return Scale(float(low), float(high) if high > low else float(low) + 1.0)
+
+
+def diverging_scale(images: Array) -> Scale:
+    """A scale symmetric about 0 that clips one pixel in 500."""
+    values = np.abs(images[np.isfinite(images)])
+    limit = float(np.percentile(values, 99.8)) if values.size else 0.0
+    return Scale(-limit, limit, "diverging") if limit > 0 else Scale(-1.0, 1.0, "diverging")
+
+
+def shrink(image: Array, pixels: int) -> tuple[Array, int]:
+    """The image averaged over k × k blocks, k the least that leaves at most ``pixels``; and k."""
+    rows, columns = image.shape
+    k = max(1, int(np.ceil(np.sqrt(rows * columns / pixels))))
+    if k == 1:
+        return image, 1
+    padded = np.pad(image.astype(float), ((0, -rows % k), (0, -columns % k)), mode="edge")
+    blocks = padded.reshape(padded.shape[0] // k, k, padded.shape[1] // k, k)
+    return blocks.mean(axis=(1, 3)), k
+
+
+def png(image: Array, scale: Scale) -> str:
+    """A ``data:`` address of the image; pixels that are not finite are transparent."""
+    finite = np.isfinite(image)
+    unit = (np.where(finite, image, 0) - scale.low) / (scale.high - scale.low)
+    index = np.where(finite, np.clip(np.rint(unit * (HOLE - 1)), 0, HOLE - 1), HOLE)
+    colours = colormaps[PALETTES[scale.palette]](np.linspace(0, 1, HOLE))[:, :3]
+    return _encode(index.astype(np.uint8), np.vstack([colours, [[0.5, 0.5, 0.5]]]), HOLE)
+
+
+def label_png(labels: NDArray[np.integer]) -> str:
+    """A ``data:`` address of a slice of labels; neighbours in number differ in colour, 0 is transparent."""
+    wheel = colormaps["turbo"]((np.arange(64) * 0.618034) % 1)[:, :3]
+    index = np.where(labels > 0, labels % 64, HOLE).astype(np.uint8)
+    palette = np.vstack([wheel, np.full((HOLE + 1 - 64, 3), 0.5)])
+    return _encode(index, palette, HOLE)
+
+
+def bar(palette: str) -> str:
+    """A ``data:`` address of a colour bar, low on the left."""
+    return png(np.linspace(0, 1, HOLE)[None, :], Scale(0.0, 1.0, palette))
+
+
+def _encode(index: NDArray[np.uint8], palette: Array, hole: int) -> str:
+    picture = Image.fromarray(np.ascontiguousarray(index), mode="P")
+    picture.putpalette(np.rint(palette * 255).astype(np.uint8).tobytes())
+    stream = io.BytesIO()
+    picture.save(stream, "PNG", transparency=hole, optimize=False, compress_level=9)
+    return "data:image/png;base64," + base64.b64encode(stream.getvalue()).decode()
