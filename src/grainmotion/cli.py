@@ -144,7 +144,6 @@ def _run(experiment: Experiment, until: Until, out: Path | None, quiet: bool) ->
     if not quiet:
         print(
             f"done: {', '.join(result.done) or 'nothing'}; kept: {', '.join(result.reused) or 'nothing'}",
-            file=sys.stderr,
         )
     return result
 

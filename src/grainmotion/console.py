@@ -1,4 +1,8 @@
-"""The terminal: progress on standard error, tables on standard output."""
+"""The terminal: progress and tables.
+
+On a terminal progress is a bar on standard error; otherwise it is a log, line by line on standard output,
+so that standard error holds errors alone.
+"""
 
 from __future__ import annotations
 
@@ -45,18 +49,18 @@ def _log() -> Iterator[Listener]:
     last = [""]
 
     def step(message: str) -> str:
-        return re.split(r", |: residual", message)[0]
+        return re.split(r", ε|: residual", message)[0]
 
     def listen(message: str, done: int, total: int) -> None:
         if last[0] and step(message) != step(last[0]):
-            print(last[0], file=sys.stderr, flush=True)
+            print(last[0], flush=True)
         last[0] = message
 
     try:
         yield listen
     finally:
         if last[0]:
-            print(last[0], file=sys.stderr, flush=True)
+            print(last[0], flush=True)
 
 
 def print_inspection(found: Inspection) -> None:

@@ -93,26 +93,22 @@ def check_plausible(key: str, geometry: Geometry, grid: Volume) -> None:
     ring = np.stack([radius * np.cos(turn), radius * np.sin(turn), np.zeros_like(turn)], axis=1)
     top = np.array([0.0, 0.0, grid.voxel_size * grid.shape[0] / 2])
     points = np.concatenate([ring + top, ring - top]) + grid.center
+    ratio = grid.voxel_size / geometry.pixel_at(grid.center)
+    if ratio > 0 and not 1 / RATIO_LIMIT < ratio < RATIO_LIMIT:
+        fact = f"a voxel of {grid.voxel_size:.4g} mm is {ratio:.3g} times a pixel at the sample"
+        raise InputError(f"{key}.geometry and volume.voxel_size", f"{fact}: wrong units?", units)
     where = geometry.project_points(points)
     if np.isnan(where).any():
         view = int(np.argwhere(np.isnan(where))[0, 0])
         raise InputError(f"{key}.geometry, view {view}", "the source lies in or behind the volume", units)
-    ratio = grid.voxel_size / geometry.pixel_at(grid.center)
-    if not 1 / RATIO_LIMIT < ratio < RATIO_LIMIT:
-        fact = f"a voxel of {grid.voxel_size:.4g} mm is {ratio:.3g} times a pixel at the sample"
-        raise InputError(f"{key}.geometry and volume.voxel_size", f"{fact}: wrong units?", units)
     low, high = where.min(axis=1), where.max(axis=1)
     extent = high - low
     widest = float(extent[:, 1].max())
     if widest > SHADOW_LIMIT * geometry.shape[1]:
         fact = f"the volume's shadow is {widest:.0f} pixels wide, the panel {geometry.shape[1]}"
-        raise InputError(
-            f"{key}.geometry and volume", f"{fact}: the sample does not fit the field of view", units
-        )
+        raise InputError(f"{key}.geometry and volume", f"{fact}: the sample does not fit the field of view", units)
     if float(extent.max()) < 2:
-        raise InputError(
-            f"{key}.geometry and volume", "the volume's shadow is less than 2 pixels wide", units
-        )
+        raise InputError(f"{key}.geometry and volume", "the volume's shadow is less than 2 pixels wide", units)
     panel = np.array(geometry.shape) - 0.5
     off = (high < -0.5).any(axis=1) | (low > panel).any(axis=1)
     if off.any():

@@ -20,6 +20,7 @@ from grainmotion import outputs
 from grainmotion.errors import InputError
 from grainmotion.experiment import Experiment, StateTable
 from grainmotion.inputs import find_inputs
+from grainmotion.io.files import checked_folder
 from grainmotion.io.ledger import Ledger
 from grainmotion.io.motions_csv import write_motions
 from grainmotion.io.results import Reference, read_motions_h5, write_motions_h5, write_reference
@@ -82,7 +83,7 @@ def run(
         If anything that was given cannot be used; nothing is written then.
     """
     inputs = find_inputs(experiment)
-    folder = Path(out) if out is not None else experiment.output
+    folder = checked_folder(out if out is not None else experiment.output)
     job = Job(experiment, inputs, folder, Ledger(folder), progress)
     job.check_pixels(states=until in ("track", "report"))
     motions: dict[str, Motions] = {}
@@ -95,6 +96,7 @@ def run(
         for scan, table in zip(inputs.states, experiment.tables.states):
             previous = motions[table.name] = _track(job, scan, table, previous)
     if until == "report":
+        _export_reference(job)
         for scan, table in zip(inputs.states, experiment.tables.states):
             _after(job, scan, table, motions[table.name])
         report = _report(job, motions)
@@ -131,9 +133,7 @@ def _segment(job: Job) -> None:
         if not labels.any():
             highest = float(volume.array.max())
             fact = f"no grains found in the volume, whose highest attenuation is {highest:.4g}/mm"
-            raise InputError(
-                "segment", fact, "lower segment.threshold or the smallest grain, or check the scan"
-            )
+            raise InputError("segment", fact, "lower segment.threshold or the smallest grain, or check the scan")
     job.reference = reference
     path = job.folder / REFERENCE
     grains = job.grains()
@@ -156,7 +156,8 @@ def _track(job: Job, scan: ScanInput, table: StateTable, previous: Motions | Non
     try:
         motions = track(job.grains(), radiographs, start, job.tables.track, job.listener(table.name))
     except InputError as error:
-        raise InputError(f"states.{table.name}: {error.where}", error.fact, error.remedy) from error
+        where = f"states.{table.name}.{error.where.replace('start', f'initial ({table.initial})')}"
+        raise InputError(where, error.fact, error.remedy) from error
     job.ledger.strike(stage)
     write_motions_h5(full, motions)
     write_motions(short, motions)
@@ -175,14 +176,22 @@ def _after(job: Job, scan: ScanInput, table: StateTable, motions: Motions) -> No
         job.tell(f"{table.name}: {what}", k, len(wanted))
         job.ledger.strike(stage)
         if what == "residuals":
-            files = outputs.write_residuals(
-                folder, job.grains(), motions, scan.read()[0], job.tables.track.projector
-            )
+            files = outputs.write_residuals(folder, job.grains(), motions, scan.read()[0], job.tables.track.projector)
         elif what == "rebuilt":
             files = outputs.write_rebuilt(folder, job.grains(), motions, job.inputs.grid)
         else:
             files = outputs.write_export(what, folder, motions, job.labelled())
         job.finish(stage, fingerprint, files)
+
+
+def _export_reference(job: Job) -> None:
+    """The reference beside the states' exports."""
+    for what in job.tables.output.exports:
+        stage, fingerprint = f"reference/{what}", job.ledger.fingerprint(what, (), [job.segment_print])
+        if not job.has(stage, fingerprint):
+            job.ledger.strike(stage)
+            files = outputs.write_reference_export(what, job.folder, job.labelled())
+            job.finish(stage, fingerprint, files)
 
 
 def _report(job: Job, motions: dict[str, Motions]) -> Path:

@@ -17,13 +17,22 @@ def checked_file(path: str | Path) -> Path:
     if path.is_dir():
         raise InputError(str(path), "it is a folder", "name the file in it")
     if not path.is_file():
-        raise InputError(
-            str(path), "no such file", "check the path; paths start at the experiment file's folder"
-        )
+        raise InputError(str(path), "no such file", "check the path; paths start at the experiment file's folder")
     if path.stat().st_size == 0:
         raise InputError(str(path), "the file is empty (0 bytes)", "copy it again from the source")
     if not os.access(path, os.R_OK):
         raise InputError(str(path), "no permission to read it", "change its permissions")
+    return path
+
+
+def checked_folder(path: str | Path) -> Path:
+    """The path, if it is a folder, or can become one, that may be written to; nothing is made yet."""
+    path = Path(path)
+    there = next(p for p in (path, *path.absolute().parents) if p.exists())
+    if not there.is_dir():
+        raise InputError(str(path), f"{there} is a file", "choose a folder for the results")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise InputError(str(path), f"no permission to write in {there}", "choose another folder for the results")
     return path
 
 
