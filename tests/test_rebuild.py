@@ -67,9 +67,7 @@ class TestIdentity:
         motions = replace(motions, statuses=still.statuses[:1])
         volume, labels = rebuild(alone, motions, grain.volume)
         np.testing.assert_allclose(volume.array, grain.volume.array, atol=1e-6)
-        np.testing.assert_array_equal(
-            labels, np.where(grain.volume.array > typical_attenuation(grain) / 2, 3, 0)
-        )
+        np.testing.assert_array_equal(labels, np.where(grain.volume.array > typical_attenuation(grain) / 2, 3, 0))
 
     def test_grains_and_background_sum_to_the_reference(self, sample, still, grid):
         noise = np.random.default_rng(0).random(grid.shape).astype(np.float32)
@@ -84,9 +82,7 @@ class TestIdentity:
     def test_a_finer_grid_holds_the_same_mass(self, sample, still, grid):
         fine = Volume.zeros(tuple(2 * n for n in grid.shape), H / 2, grid.center)
         coarse_mass = rebuild(sample, still, grid)[0].array.sum() * H**3
-        assert rebuild(sample, still, fine)[0].array.sum() * (H / 2) ** 3 == pytest.approx(
-            coarse_mass, rel=1e-3
-        )
+        assert rebuild(sample, still, fine)[0].array.sum() * (H / 2) ** 3 == pytest.approx(coarse_mass, rel=1e-3)
 
 
 class TestMotion:

@@ -1,4 +1,4 @@
-"""Exchange with spam: our own round trip, and spam itself where the test is marked slow."""
+"""Exchange with spam: our own round trip, and spam itself where the test is marked so."""
 
 from __future__ import annotations
 
@@ -117,9 +117,7 @@ class TestFormat:
             gradient = np.array(line[first : first + 9], dtype=float).reshape(3, 3) @ stretch
             line[first : first + 9] = [repr(float(x)) for x in gradient.ravel()]
         (tmp_path / "b.tsv").write_text("\n".join("\t".join(line) for line in lines))
-        np.testing.assert_allclose(
-            read_ddic_tsv(tmp_path / "b.tsv", GRID).matrices, motions.matrices, atol=1e-8
-        )
+        np.testing.assert_allclose(read_ddic_tsv(tmp_path / "b.tsv", GRID).matrices, motions.matrices, atol=1e-8)
 
 
 class TestBadInput:
@@ -209,15 +207,13 @@ def packing() -> tuple[Volume, np.ndarray, Motions]:
     labels = np.zeros(GRID.shape, np.int32)
     for label, (cz, cy, cx) in {1: (14, 16, 16), 2: (32, 36, 18), 4: (24, 22, 40)}.items():
         labels[((z - cz) / 8) ** 2 + ((y - cy) / 10) ** 2 + ((x - cx) / 9) ** 2 < 1] = label
-    volume = Volume(
-        ndimage.gaussian_filter(np.where(labels > 0, texture, 0), 0.7), GRID.voxel_size, GRID.center
-    )
+    volume = Volume(ndimage.gaussian_filter(np.where(labels > 0, texture, 0), 0.7), GRID.voxel_size, GRID.center)
     grains = grains_from_labels(volume, labels)
     u = random.uniform(-2.5, 2.5, (3, 3)) * GRID.voxel_size
     return volume, labels, converged([1, 2, 4], grains.centers, u, random.uniform(-9, 9, (3, 3)))
 
 
-@pytest.mark.slow
+@pytest.mark.spam
 class TestWithSpam:
     def test_spam_reads_the_same_motions(self, tmp_path, motions, spam_python):
         small = replace(motions, rotations=motions.rotations / 4)

@@ -112,9 +112,7 @@ class TestImage:
         write_image_vti(tmp_path / "volume.vti", volume, labels)
         image = read(vtkXMLImageDataReader(), tmp_path / "volume.vti")
         cells = image.GetCellData()
-        np.testing.assert_array_equal(
-            vtk_to_numpy(cells.GetArray("attenuation")).reshape(shape), volume.array
-        )
+        np.testing.assert_array_equal(vtk_to_numpy(cells.GetArray("attenuation")).reshape(shape), volume.array)
         np.testing.assert_array_equal(vtk_to_numpy(cells.GetArray("label")).reshape(shape), labels)
 
     def test_voxels_lie_where_the_volume_says(self, tmp_path):

@@ -46,9 +46,7 @@ RETURN_STATUS: dict[str, int] = {
 """spam's ``returnStatus`` of each status: 2 converged, 1 not, 0 not correlated, -7 no grain to correlate."""
 
 
-def write_ddic_tsv(
-    path: str | Path, motions: Motions, grid: Volume, labels: NDArray[np.integer] | None = None
-) -> None:
+def write_ddic_tsv(path: str | Path, motions: Motions, grid: Volume, labels: NDArray[np.integer] | None = None) -> None:
     """Write motions as spam's discrete-correlation TSV.
 
     ``error`` is the residual in line-integral units, which is not spam's measure; ``PSCC`` (spam's
@@ -74,9 +72,7 @@ def write_ddic_tsv(
         If a label is below 1, or is missing from ``labels``.
     """
     if len(motions) and motions.labels.min() < 1:
-        raise InputError(
-            "motions.label", f"label {motions.labels.min()}", "spam counts grains from 1; relabel them"
-        )
+        raise InputError("motions.label", f"label {motions.labels.min()}", "spam counts grains from 1; relabel them")
     centers, translations = motions.centers, motions.translations
     known = ~np.isnan(motions.rotations.sum(axis=1))
     matrices = np.broadcast_to(np.eye(3), (len(motions), 3, 3)).copy()
@@ -184,19 +180,13 @@ def _read_table(path: Path) -> pd.DataFrame:
     return numbers.fillna({"iterations": 0, "returnStatus": 0})
 
 
-def _label_centers(
-    image: NDArray[np.integer], labels: NDArray[np.int64], grid: Volume
-) -> NDArray[np.float64]:
+def _label_centers(image: NDArray[np.integer], labels: NDArray[np.int64], grid: Volume) -> NDArray[np.float64]:
     """Centres of mass of labels, all voxels alike, mm, x y z."""
     if image.shape != grid.shape:
-        raise InputError(
-            "labels", f"shape {image.shape} is not the volume's {grid.shape}", "give them on its grid"
-        )
+        raise InputError("labels", f"shape {image.shape} is not the volume's {grid.shape}", "give them on its grid")
     missing = sorted(set(labels.tolist()) - set(np.unique(image).tolist()))
     if missing:
-        raise InputError(
-            "labels", f"the grains {missing[:10]} are not in it", "give the labels of this reference"
-        )
+        raise InputError("labels", f"the grains {missing[:10]} are not in it", "give the labels of this reference")
     if len(labels) == 0:
         return np.zeros((0, 3))
     places = np.array(ndimage.center_of_mass(image > 0, image, labels))

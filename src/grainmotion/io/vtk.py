@@ -48,9 +48,7 @@ def write_grains_vtp(path: str | Path, motions: Motions) -> None:
         The motions of one state.
     """
     n = len(motions)
-    points = np.where(
-        np.isfinite(motions.translations), motions.centers + motions.translations, motions.centers
-    )
+    points = np.where(np.isfinite(motions.translations), motions.centers + motions.translations, motions.centers)
     variances = np.diagonal(motions.covariances, axis1=1, axis2=2)
     with np.errstate(invalid="ignore"):
         sd = np.sqrt(variances)
@@ -71,9 +69,7 @@ def write_grains_vtp(path: str | Path, motions: Motions) -> None:
         "iterations": motions.iterations.astype("<i8"),
     }
     body = _Appended()
-    point_data = body.group(
-        "PointData", data, Scalars="status_code", Vectors="displacement", Tensors="rotation_matrix"
-    )
+    point_data = body.group("PointData", data, Scalars="status_code", Vectors="displacement", Tensors="rotation_matrix")
     positions = "<Points>" + body.array("Points", points) + "</Points>"
     cells = (
         "<Verts>"
@@ -105,9 +101,7 @@ def write_image_vti(path: str | Path, volume: Volume, labels: NDArray[np.integer
     data: dict[str, NDArray[np.generic]] = {"attenuation": volume.array.ravel()}
     if labels is not None:
         if labels.shape != volume.shape:
-            raise InputError(
-                "labels", f"shape {labels.shape} is not the volume's {volume.shape}", "give one a voxel"
-            )
+            raise InputError("labels", f"shape {labels.shape} is not the volume's {volume.shape}", "give one a voxel")
         data["label"] = labels.astype("<i4").ravel()
     body = _Appended()
     cell_data = body.group("CellData", data, Scalars="attenuation")

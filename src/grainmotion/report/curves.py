@@ -66,9 +66,7 @@ def reconstruction_svg(errors: Sequence[float]) -> str:
     with matplotlib.rc_context(STYLE):
         figure, axes = _axes()
         values = np.asarray(errors, dtype=float)
-        axes.plot(
-            np.arange(1, len(values) + 1), _drawable(values), color=COLOURS[0], marker="o", ms=3.5, lw=1.8
-        )
+        axes.plot(np.arange(1, len(values) + 1), _drawable(values), color=COLOURS[0], marker="o", ms=3.5, lw=1.8)
         axes.set_xlabel("iteration")
         axes.set_ylabel("relative residual ε = ‖b − Ax‖/‖b‖")
         _finish(axes, values)
@@ -118,7 +116,5 @@ def _svg(figure: Figure, title: str) -> str:
     text = re.sub(r"<metadata>.*?</metadata>", f"<title>{title}</title>", text, flags=re.DOTALL)
     used = set(re.findall(r'(?:href="#|url\(#)([^")]+)', text))
     text = re.sub(r' id="([^"]*)"', lambda m: m.group() if m.group(1) in used else "", text)
-    text = re.sub(
-        r'<svg [^>]*viewBox="([^"]*)"[^>]*>', r'<svg viewBox="\1" class="curve" role="img">', text, count=1
-    )
+    text = re.sub(r'<svg [^>]*viewBox="([^"]*)"[^>]*>', r'<svg viewBox="\1" class="curve" role="img">', text, count=1)
     return text.replace("xlink:href", "href")

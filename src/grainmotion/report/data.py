@@ -59,9 +59,7 @@ class StateReport:
             raise InputError(where, f"radiographs of shape {measured.shape}", "give (views, rows, columns)")
         for name, images in (("simulated", simulated), ("residual", residual)):
             if images.shape != measured.shape:
-                raise InputError(
-                    where, f"{name} {images.shape}, measured {measured.shape}", "give the same views"
-                )
+                raise InputError(where, f"{name} {images.shape}, measured {measured.shape}", "give the same views")
         if not self.voxel_size > 0:
             raise InputError(where, f"voxel_size must be > 0, got {self.voxel_size}", "give it in mm")
         views = tuple(str(v) for v in self.views) or tuple(f"view {i}" for i in range(len(measured)))
@@ -103,9 +101,7 @@ class ReportData:
     def __post_init__(self) -> None:
         if self.labels is not None and (self.volume is None or self.labels.shape != self.volume.shape):
             shape = None if self.volume is None else self.volume.shape
-            raise InputError(
-                "report", f"labels {self.labels.shape} for a volume {shape}", "give both on one grid"
-            )
+            raise InputError("report", f"labels {self.labels.shape} for a volume {shape}", "give both on one grid")
         names = [state.name for state in self.states]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:

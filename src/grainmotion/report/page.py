@@ -19,7 +19,7 @@ from grainmotion.report import curves, images, tables
 from grainmotion.report.arrows import scenes
 from grainmotion.report.data import ReportData, StateReport
 
-PIXELS = 2_000_000  # of all radiographs on the page together: about 2.5 MB
+PIXELS = 1_600_000  # of all radiographs on the page together: about 2 MB
 MAX_ROWS = 5_000  # grains in all tables together: about 2 MB
 MAX_ARROWS = 3_000  # grains drawn in three dimensions, all states together: about 2 MB
 LARGEST = 640_000  # of one image
@@ -173,13 +173,9 @@ def _radiographs(state: StateReport, pixels: int) -> str:
         shrunk = f", averaged over {k} × {k} pixels" if k > 1 else ""
         rms, whole = _rms(state.residual[view]), _rms(state.measured[view])
         share = f" ({tables.significant(100 * rms / whole, 2)} % of measured)" if whole > 0 else ""
-        note = (
-            f"<b>{escape(caption)}</b> · residual, root mean square: {tables.significant(rms)}{share}{shrunk}"
-        )
+        note = f"<b>{escape(caption)}</b> · residual, root mean square: {tables.significant(rms)}{share}{shrunk}"
         blocks.append(f"<div class=view><p>{note}</p><div class=trio>{''.join(cells)}</div></div>")
-    bars = _bar(grey, f"measured and simulated: {LINE_INTEGRAL}") + _bar(
-        diverging, f"residual: {LINE_INTEGRAL}"
-    )
+    bars = _bar(grey, f"measured and simulated: {LINE_INTEGRAL}") + _bar(diverging, f"residual: {LINE_INTEGRAL}")
     return f"<div class=bars>{bars}</div><div class=views>{''.join(blocks)}</div>"
 
 

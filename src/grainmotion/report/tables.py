@@ -57,9 +57,7 @@ def length_decimals(voxel_size: float) -> int:
 
 def facts_table(rows: Rows) -> str:
     """Name and value, a row a fact."""
-    body = "".join(
-        f"<tr><th scope=row>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in rows
-    )
+    body = "".join(f"<tr><th scope=row>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in rows)
     return f"<table class=facts><tbody>{body}</tbody></table>" if rows else ""
 
 
@@ -101,9 +99,7 @@ def attention_list(motions: Motions) -> str:
         if status != Status.CONVERGED.value:
             groups.setdefault((str(status), reason), []).append(int(label))
     if not groups:
-        return (
-            f"<p>All {len(motions)} grains {status_mark(Status.CONVERGED.value)}.</p>" if len(motions) else ""
-        )
+        return f"<p>All {len(motions)} grains {status_mark(Status.CONVERGED.value)}.</p>" if len(motions) else ""
     items = []
     for (status, reason), labels in groups.items():
         who = ("grain " if len(labels) == 1 else "grains ") + _enumerate(labels)

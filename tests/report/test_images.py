@@ -1,0 +1,103 @@
+"""Pixels, scales and numbers of the page."""
+
+from __future__ import annotations
+
+import base64
+import io
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from grainmotion.report import images, tables
+from grainmotion.report.images import Scale
+
+
+def decode(address: str) -> np.ndarray:
+    """The RGBA pixels of a ``data:`` address."""
+    head, body = address.split(",", 1)
+    assert head == "data:image/png;base64"
+    return np.array(Image.open(io.BytesIO(base64.b64decode(body))).convert("RGBA"))
+
+
+class TestPixels:
+    def test_grey_rises_from_black_to_white_and_holes_are_transparent(self):
+        pixels = decode(images.png(np.array([[-1.0, 0.0, 1.0, 2.0, 3.0, np.nan]]), Scale(0.0, 2.0)))[0]
+        assert [tuple(p[:3]) for p in pixels[:2]] == [(0, 0, 0), (0, 0, 0)]
+        assert [tuple(p[:3]) for p in pixels[3:5]] == [(255, 255, 255), (255, 255, 255)]
+        assert abs(int(pixels[2, 0]) - 127) <= 1
+        assert list(pixels[:, 3]) == [255] * 5 + [0]
+
+    def test_residuals_are_blue_white_red(self):
+        low, middle, high = decode(images.png(np.array([[-1.0, 0.0, 1.0]]), Scale(-1.0, 1.0, "diverging")))[0]
+        assert low[2] > low[0]
+        assert high[0] > high[2]
+        assert middle[:3].min() > 240
+
+    def test_labels_differ_in_colour_and_none_is_transparent(self):
+        pixels = decode(images.label_png(np.array([[0, 1, 2, 64]])))[0]
+        assert pixels[0, 3] == 0
+        assert len({tuple(p) for p in pixels}) == 4
+
+
+class TestScales:
+    def test_grey_is_common_and_starts_at_zero(self):
+        ramp = np.linspace(0.1, 2.0, 1000).reshape(1, 20, 50)
+        scale = images.grey_scale(ramp, 2 * ramp)
+        assert scale.low == 0
+        assert scale.high == pytest.approx(4.0, rel=0.01)
+
+    def test_residual_is_symmetric(self):
+        scale = images.diverging_scale(np.linspace(-1, 3, 1000).reshape(1, 20, 50))
+        assert scale.low == -scale.high
+        assert scale.high == pytest.approx(3, rel=0.01)
+
+    @pytest.mark.parametrize("value", [0.0, 1.0, np.nan])
+    def test_flat_images_have_a_scale_too(self, value):
+        flat = np.full((1, 3, 4), value)
+        for scale in (images.grey_scale(flat), images.diverging_scale(flat)):
+            assert scale.high > scale.low
+
+
+class TestShrink:
+    def test_small_images_are_untouched(self):
+        image = np.arange(12.0).reshape(3, 4)
+        shrunk, k = images.shrink(image, 12)
+        assert k == 1
+        np.testing.assert_array_equal(shrunk, image)
+
+    def test_blocks_are_averaged(self):
+        image = np.arange(24.0).reshape(4, 6)
+        shrunk, k = images.shrink(image, 6)
+        assert k == 2
+        np.testing.assert_array_equal(shrunk, image.reshape(2, 2, 3, 2).mean(axis=(1, 3)))
+
+    def test_odd_edges_keep_their_level(self):
+        shrunk, k = images.shrink(np.ones((5, 7)), 10)
+        assert k == 2
+        np.testing.assert_array_equal(shrunk, np.ones((3, 4)))
+
+
+class TestNumbers:
+    @pytest.mark.parametrize(
+        ("value", "text"),
+        [
+            (0.00412, "0.0041"),
+            (0.07, "0.070"),
+            (12.3, "12"),
+            (123.4, "123"),
+            (0, "0"),
+            (-0.5, "−0.50"),
+            (3e-7, "3.0e−07"),
+        ],
+    )
+    def test_significant_digits(self, value, text):
+        assert tables.significant(value, 2) == text
+
+    @pytest.mark.parametrize(("value", "text"), [(-1.23456, "−1.235"), (-0.0001, "0.000"), (np.nan, "–")])
+    def test_fixed_decimals(self, value, text):
+        assert tables.number(value, 3) == text
+
+    @pytest.mark.parametrize(("voxel_size", "decimals"), [(0.112, 4), (1.0, 3), (0.01, 5), (20.0, 2), (5000.0, 0)])
+    def test_lengths_show_a_thousandth_of_a_voxel(self, voxel_size, decimals):
+        assert tables.length_decimals(voxel_size) == decimals

@@ -1,0 +1,222 @@
+"""The page: what it shows, that nothing escapes from it, and that it needs no network."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import example
+import numpy as np
+import plotly.graph_objects
+import pytest
+
+from grainmotion.errors import InputError
+from grainmotion.motions import COLUMNS, Motions, Status
+from grainmotion.report import ReportData, StateReport, write_report
+
+
+class Page(HTMLParser):
+    """The page's elements, its text by table cell, and its scripts."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.tables: list[list[list[str]]] = []
+        self.scripts: list[str] = []
+        self.words: list[str] = []
+        self._inside: str | None = None
+        self._cell = False
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.elements.append((tag, dict(attrs)))
+        self._inside = tag if tag in ("script", "style") else None
+        if tag == "table":
+            self.tables.append([])
+        if tag == "tr":
+            self.tables[-1].append([])
+        if tag in ("td", "th"):
+            self.tables[-1][-1].append("")
+            self._cell = True
+        if tag == "script":
+            self.scripts.append("")
+
+    def handle_endtag(self, tag):
+        self._inside = None
+        if tag == "table":
+            self._cell = False
+
+    def handle_data(self, text):
+        if self._inside == "script":
+            self.scripts[-1] += text
+        elif self._inside is None:
+            self.words.append(text)
+            if self._cell:
+                self.tables[-1][-1][-1] += text
+
+    def count(self, tag: str, **attributes: str) -> int:
+        return sum(t == tag and attributes.items() <= a.items() for t, a in self.elements)
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory) -> str:
+    path = tmp_path_factory.mktemp("report") / "report.html"
+    write_report(path, example.data())
+    return path.read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def page(source) -> Page:
+    return Page(source)
+
+
+def written(tmp_path, data: ReportData) -> Page:
+    write_report(tmp_path / "report.html", data)
+    return Page((tmp_path / "report.html").read_text(encoding="utf-8"))
+
+
+class TestContent:
+    def test_every_column_of_motions_csv_and_the_reasons(self, page):
+        grains = [table for table in page.tables if "label" in table[min(1, len(table) - 1)]]
+        assert len(grains) == 2
+        assert tuple(grains[0][1]) == (*COLUMNS, "reason")
+        motions = example.motions()
+        expected = motions.to_table()
+        assert len(grains[0]) == 2 + len(expected)
+        for row, (_, grain), reason in zip(grains[0][2:], expected.iterrows(), motions.reasons):
+            values = dict(zip(grains[0][1], row))
+            assert values["reason"] == reason
+            assert values["status"] == grain["status"]
+            for name in set(COLUMNS) - {"status"}:
+                if np.isnan(grain[name]):
+                    assert values[name] == "–"
+                else:
+                    assert float(values[name].replace("−", "-")) == pytest.approx(grain[name], rel=0.05, abs=6e-4)
+
+    def test_headings_tell_units(self, page):
+        grains = next(table for table in page.tables if "label" in table[min(1, len(table) - 1)])
+        assert "translation (mm)" in grains[0]
+        assert "rotation vector (°)" in grains[0]
+
+    def test_counts_by_status(self, page):
+        header, *rows = page.tables[0]
+        assert [header[i].replace("- ", "-") for i in range(2, 7)] == [s.value for s in Status]
+        assert rows[0][:7] == ["step-01", "6", "2", "1", "1", "1", "1"]
+
+    def test_three_images_a_view(self, page):
+        alts = [a["alt"] or "" for t, a in page.elements if t == "img"]
+        for kind in ("measured", "simulated", "residual"):
+            assert sum(alt.startswith(f"{kind}, ") for alt in alts) == 4
+
+    def test_curves(self, page):
+        assert page.count("svg") == 3
+        assert sum("Convergence of the fit" in word for word in page.words) == 2
+
+    def test_grains_that_need_attention_come_with_their_reasons(self, page):
+        text = "".join(page.words)
+        assert "Grains to look at:" in text
+        assert f"not-converged grain 11: not-converged, because {example.EVIL}" in text
+
+    def test_versions_and_citation(self, page):
+        text = "".join(page.words)
+        assert "10.1007/s11340-017-0263-5" in text
+        assert "numba" in text
+
+    def test_arrows_are_valid_plotly_figures(self, page):
+        scenes = json.loads(page.scripts[0])
+        assert len(scenes) == 2
+        for scene in scenes:
+            for figure in scene["arrows"].values():
+                plotly.graph_objects.Figure(data=figure["data"] + scene["grains"], layout=figure["layout"])
+        arrows = scenes[0]["arrows"]["Displacement u (mm)"]
+        factor = float(arrows["note"].split("×")[1])
+        motions = example.motions()
+        tips = np.array([arrows["data"][1][axis] for axis in "xyz"]).T
+        known = np.isfinite(motions.translations).all(axis=1)
+        expected = motions.centers[known] + factor * motions.translations[known]
+        np.testing.assert_allclose(tips, expected, rtol=1e-4, atol=1e-4)
+
+
+class TestSafety:
+    def test_nothing_that_the_user_wrote_becomes_markup(self, page):
+        assert not any("onerror" in attributes for _, attributes in page.elements)
+        assert page.count("img", src="x") == 0
+        assert all("<img" not in script for script in page.scripts[:1])
+
+    def test_nothing_is_fetched(self, page):
+        for tag, attributes in page.elements:
+            for name in ("src", "srcset", "data", "action", "poster"):
+                if attributes.get(name):
+                    assert attributes[name].startswith("data:"), (tag, attributes)
+            assert tag not in ("link", "iframe", "object", "embed", "base")
+            if tag != "a" and attributes.get("href"):
+                assert attributes["href"].startswith("#")
+        policy = next(a["content"] for t, a in page.elements if a.get("http-equiv"))
+        assert policy.startswith("default-src 'none'")
+        assert "http" not in policy
+
+    def test_styles_fetch_nothing(self, source):
+        for style in re.findall(r"<style.*?</style>", source, flags=re.DOTALL):
+            assert "@import" not in style
+            assert not re.search(r"url\((?!#)", style)
+
+    def test_an_older_report_survives_a_failure(self, tmp_path, monkeypatch):
+        path = tmp_path / "report.html"
+        path.write_text("older")
+        monkeypatch.setattr("grainmotion.report.page._footer", lambda: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            write_report(path, example.data())
+        assert path.read_text() == "older"
+        assert list(tmp_path.iterdir()) == [path]
+
+
+class TestSize:
+    def test_large_radiographs_and_many_grains_stay_below_ten_megabytes(self, tmp_path):
+        states = tuple(replace(example.state(f"s{i}", n=2600, shape=(4, 600, 500)), comparison=()) for i in range(2))
+        page = written(tmp_path, ReportData("large", states=states))
+        assert (tmp_path / "report.html").stat().st_size < 10e6
+        text = "".join(page.words)
+        assert "averaged over 3 × 3 pixels" in text
+        assert "2500 of 2600 grains" in text
+
+
+class TestSparse:
+    def test_no_states(self, tmp_path):
+        assert "No later state" in "".join(written(tmp_path, ReportData("reference only")).words)
+
+    def test_a_state_without_grains_costs_or_values(self, tmp_path):
+        nothing = Motions.identity(np.zeros(0, int), np.zeros((0, 3)))
+        images = np.full((1, 4, 5), np.nan)
+        page = written(tmp_path, ReportData("x", states=(StateReport("s", images, images, nothing, 0.1),)))
+        assert "view 0" in "".join(page.words)
+
+    def test_grains_that_were_not_fitted(self, tmp_path):
+        still = Motions.identity(np.arange(1, 4), np.eye(3))
+        images = np.zeros((1, 4, 5))
+        page = written(tmp_path, ReportData("x", states=(StateReport("s", images, images, still, 0.1),)))
+        assert page.tables[0][1][1:7] == ["3", "0", "0", "0", "0", "3"]
+
+    @pytest.mark.parametrize("costs", [(("a", 0.0),), (("a", float("nan")), ("b", 0.1)), (("a", 0.11), ("a", 0.1))])
+    def test_odd_convergence_curves(self, tmp_path, costs):
+        motions = example.motions()
+        state = replace(example.state("s"), motions=replace(motions, fit=replace(motions.fit, costs=costs)))
+        assert written(tmp_path, ReportData("x", states=(state,))).count("svg") == 1
+
+
+class TestBadInput:
+    def test_shapes_that_disagree(self):
+        images = np.zeros((2, 4, 5))
+        with pytest.raises(InputError, match="simulated"):
+            StateReport("s", images, images[:1], example.motions(), 0.1)
+        with pytest.raises(InputError, match="3 captions for 2 views"):
+            StateReport("s", images, images, example.motions(), 0.1, views=("a", "b", "c"))
+
+    def test_two_states_of_one_name(self):
+        with pytest.raises(InputError, match="appear twice"):
+            ReportData("x", states=(example.state("s"), example.state("s")))
+
+    def test_labels_without_their_volume(self):
+        with pytest.raises(InputError, match="labels"):
+            ReportData("x", labels=np.zeros((2, 2, 2), int))
