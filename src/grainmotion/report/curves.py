@@ -40,7 +40,6 @@ def convergence_svg(costs: Sequence[tuple[str, float]]) -> str:
         figure, axes = _axes()
         values = np.array([cost for _, cost in costs], dtype=float)
         iterations = np.arange(1, len(values) + 1)
-        axes.plot(iterations, _drawable(values), color=INK, alpha=0.25, lw=1)
         for colour, (stage, first, last) in enumerate(_stages(costs)):
             part = slice(first, last)
             axes.plot(

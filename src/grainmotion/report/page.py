@@ -139,15 +139,14 @@ def _state(i: int, state: StateReport, pixels: int, most: int) -> str:
         ("offset b₀", tables.significant(fit.offset)),
     ]
     if fit.costs:
-        first, last = (tables.significant(fit.costs[i][1]) for i in (0, -1))
-        facts.append(("relative residual", f"{first} at the start, {last} at the end"))
+        facts.append(("relative residual at the end", tables.significant(fit.costs[-1][1])))
         facts.append(("iterations", str(len(fit.costs))))
     parts.append(tables.facts_table(tuple(facts)))
     if state.comparison:
         parts.append(f"<h3>Comparison</h3>{tables.facts_table(state.comparison)}")
     parts.append("</div>")
     if fit.costs:
-        caption = "Relative residual after each iteration, by stage of the fit."
+        caption = "Relative residual after each iteration; stages that filter the images differently do not compare."
         parts.append(_figure(curves.convergence_svg(fit.costs), caption))
     parts.append(f"</div><h3>Radiographs</h3>{_radiographs(state, pixels)}")
     table = tables.grain_table(state, most)
