@@ -41,9 +41,7 @@ def subset(motions, rows):
 @pytest.fixture
 def truth():
     rng = np.random.default_rng(0)
-    centers = np.stack(np.meshgrid(*[np.arange(3) * 5.0] * 3), -1).reshape(-1, 3) + rng.uniform(
-        -1, 1, (27, 3)
-    )
+    centers = np.stack(np.meshgrid(*[np.arange(3) * 5.0] * 3), -1).reshape(-1, 3) + rng.uniform(-1, 1, (27, 3))
     return make(centers, rng.normal(size=(27, 3)), 0.3 * rng.normal(size=(27, 3)))
 
 
@@ -77,9 +75,7 @@ def test_error_is_the_motion_composed_after_the_true_one(truth):
 
 def test_pairs_are_found_whatever_the_order_and_labels(truth):
     order = np.random.default_rng(3).permutation(27)
-    measured = make(
-        truth.centers[order], truth.translations[order], truth.rotations[order], labels=np.arange(100, 127)
-    )
+    measured = make(truth.centers[order], truth.translations[order], truth.rotations[order], labels=np.arange(100, 127))
     result = compare(measured, truth, 0.1)
     assert np.array_equal(order[result.matches], np.arange(27))
     assert result.translation_rms < 1e-12

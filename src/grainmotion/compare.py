@@ -130,9 +130,7 @@ def compare(
     translations, rotations = np.full((n, 3), np.nan), np.full((n, 3), np.nan)
     if len(found):
         true = truth.matrices[found]
-        at_measured = motion.recenter(
-            true, truth.translations[found], truth.centers[found], measured.centers[pair]
-        )
+        at_measured = motion.recenter(true, truth.translations[found], truth.centers[found], measured.centers[pair])
         translations[found] = measured.translations[pair] - at_measured
         difference = measured.matrices[pair] @ np.swapaxes(true, -1, -2)
         rotations[found] = np.rad2deg(motion.log(difference))

@@ -33,9 +33,7 @@ def test_small_case_has_six_touching_grains_of_twenty_voxels(case):
 @pytest.mark.parametrize("name", ["unmoved", "shift", "random"])
 def test_every_motion_stays_in_the_field_of_view(case, name):
     scan = case.state(case.motions[name], LATER_ANGLES_DEG[4])
-    border = np.concatenate(
-        [scan.line_integrals[:, [0, -1]].ravel(), scan.line_integrals[:, :, [0, -1]].ravel()]
-    )
+    border = np.concatenate([scan.line_integrals[:, [0, -1]].ravel(), scan.line_integrals[:, :, [0, -1]].ravel()])
     assert np.abs(border).max() < 6 / np.sqrt(case.physics.photons)  # noise alone
     assert scan.line_integrals.max() > 0.3
 
@@ -66,8 +64,7 @@ def test_dataset_is_an_experiment_with_its_truth(case, tmp_path):
     counts = np.stack([tifffile.imread(f) for f in sorted((tmp_path / "random").glob("*.tif"))])
     assert counts.dtype == np.uint16
     flats, darks = (
-        np.stack([tifffile.imread(f) for f in sorted((tmp_path / name).glob("*.tif"))])
-        for name in ("flats", "darks")
+        np.stack([tifffile.imread(f) for f in sorted((tmp_path / name).glob("*.tif"))]) for name in ("flats", "darks")
     )
     scan, report = line_integrals_from_counts(counts, flats, darks, states["random"][0].geometry)
     assert report.bad == 0

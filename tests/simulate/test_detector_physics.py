@@ -32,16 +32,12 @@ def test_signal_to_noise_is_as_asked(wanted):
     physics = Physics(photons=photons_for_snr(CLEAN, wanted))
     one, two = (record_line_integrals(SAMPLE, GEOMETRY, physics, seed) for seed in (1, 2))
     assert snr(one, two) == pytest.approx(wanted, rel=0.03)
-    assert np.linalg.norm(CLEAN) / np.linalg.norm(one.line_integrals - CLEAN) == pytest.approx(
-        wanted, rel=0.03
-    )
+    assert np.linalg.norm(CLEAN) / np.linalg.norm(one.line_integrals - CLEAN) == pytest.approx(wanted, rel=0.03)
 
 
 def test_counts_give_the_line_integrals_back():
     recording = record(SAMPLE, GEOMETRY, FLAWED, seed=3)
-    scan, report = line_integrals_from_counts(
-        recording.counts, recording.flats, recording.darks, recording.geometry
-    )
+    scan, report = line_integrals_from_counts(recording.counts, recording.flats, recording.darks, recording.geometry)
     assert report.bad == 0
     error = scan.line_integrals - CLEAN
     assert abs(error.mean()) < 1e-3

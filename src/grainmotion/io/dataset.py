@@ -65,16 +65,12 @@ def write_dataset(
     beam = reference.geometry.beam
     for name, (recording, _) in states.items():
         if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._ -]*", name) or name.lower() in _RESERVED:
-            raise InputError(
-                f"state '{name}'", "the name cannot be its folder's", "use letters, digits, - and _"
-            )
+            raise InputError(f"state '{name}'", "the name cannot be its folder's", "use letters, digits, - and _")
         if recording.geometry.beam != beam:
             raise InputError(f"state '{name}'", f"a {recording.geometry.beam} beam", f"give a {beam} beam")
     for name in ("flats", "darks", "reference", *states):
         if (folder / name).is_dir() and any((folder / name).iterdir()):
-            raise InputError(
-                str(folder / name), "it already holds files", "empty it, or choose another folder"
-            )
+            raise InputError(str(folder / name), "it already holds files", "empty it, or choose another folder")
     _write_images(folder / "flats", reference.flats)
     _write_images(folder / "darks", reference.darks)
     _write_images(folder / "reference", reference.counts)

@@ -99,9 +99,7 @@ class Case:
     def state(self, motions: Motions, angles_deg: tuple[float, ...], number: int = 1) -> Scan:
         """Radiographs of a later state, as line integrals with noise of their own for each ``number``."""
         moved = self.sample.moved(motions)
-        return record_line_integrals(
-            moved, self.scanner.geometry(angles_deg), self.physics, self.seed + 1000 * number
-        )
+        return record_line_integrals(moved, self.scanner.geometry(angles_deg), self.physics, self.seed + 1000 * number)
 
     def state_counts(self, motions: Motions, angles_deg: tuple[float, ...], number: int = 1) -> Recording:
         """Radiographs of a later state, as counts with flats and darks."""
@@ -109,9 +107,7 @@ class Case:
         return record(self.sample.moved(motions), views, self.physics, self.seed + 1000 * number)
 
 
-def paper_scale(
-    seed: int = 0, n_grains: int = 15, snr: float = 50.0, progress: Progress | None = None
-) -> Case:
+def paper_scale(seed: int = 0, n_grains: int = 15, snr: float = 50.0, progress: Progress | None = None) -> Case:
     """The scale of Khalili et al. (2017): 15 touching gravel stones about 45 voxels across.
 
     A panel of 280 × 180 pixels, 352 views, voxels of 0.112 mm; every motion keeps the stones in the

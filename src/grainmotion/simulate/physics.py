@@ -27,12 +27,8 @@ class Physics:
     the pixel, blur, the pixel's gain, Poisson noise, counts, dark level.
     """
 
-    photons: Annotated[float, Field(gt=0, description="photons a pixel detects without the sample")] = (
-        20_000.0
-    )
-    counts_per_photon: Annotated[float, Field(gt=0, description="counts that one detected photon makes")] = (
-        1.0
-    )
+    photons: Annotated[float, Field(gt=0, description="photons a pixel detects without the sample")] = 20_000.0
+    counts_per_photon: Annotated[float, Field(gt=0, description="counts that one detected photon makes")] = 1.0
     dark: Annotated[float, Field(ge=0, description="counts without the beam")] = 0.0
     dark_noise: Annotated[float, Field(ge=0, description="standard deviation of the dark counts")] = 0.0
     flat_variation: Annotated[

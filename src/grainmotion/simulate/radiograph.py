@@ -66,9 +66,7 @@ def transmission(
         raise InputError("subsamples", f"must be >= 1, got {subsamples}", "3 is accurate to the photon noise")
     energies = np.asarray(spectrum, dtype=float).reshape(-1, 2)
     if len(energies) == 0 or (energies < 0).any() or energies[:, 0].sum() <= 0:
-        raise InputError(
-            "spectrum", f"{spectrum} is no list of weights and ratios", "give (weight, ratio) >= 0"
-        )
+        raise InputError("spectrum", f"{spectrum} is no list of weights and ratios", "give (weight, ratio) >= 0")
     cone = geometry.beam == "cone"
     views = geometry.vectors.copy()
     if not cone:

@@ -181,9 +181,5 @@ def transmission(
             a, b, c = faces[f]
             _add_triangle(image, q, seen, a, b, c, signs[n] * face_weights[f], cone, per_pixel)
         for e in range(len(centers)):
-            _add_ellipsoid(
-                image, views[n], cone, per_pixel, boxes[n, e], centers[e], whitenings[e], weights[e]
-            )
-        _finish(
-            image, views[n], cone, per_pixel, tube, tube_attenuation, by_intensity, spectrum, ratios, out[n]
-        )
+            _add_ellipsoid(image, views[n], cone, per_pixel, boxes[n, e], centers[e], whitenings[e], weights[e])
+        _finish(image, views[n], cone, per_pixel, tube, tube_attenuation, by_intensity, spectrum, ratios, out[n])

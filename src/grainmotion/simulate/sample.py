@@ -117,9 +117,7 @@ class Sample:
             If there is not one motion a particle, in the order of the labels.
         """
         if not np.array_equal(motions.labels, self.labels):
-            raise InputError(
-                "motions", f"{len(motions)} motions for {len(self)} particles", "give labels 1 to n"
-            )
+            raise InputError("motions", f"{len(motions)} motions for {len(self)} particles", "give labels 1 to n")
         carried = [
             particle.moved(matrix, u + c - matrix @ c)
             for particle, matrix, u, c in zip(

@@ -25,24 +25,23 @@ REMEMBERED = 8  # probes that blocked the last moves
 
 
 class Bodies(NamedTuple):
-    """n locators end to end.
+    """n locators end to end; faces, neighbours and maps count vertices and faces from the first body's.
 
-    ``offsets`` (n + 1, 4) counts probes, clusters, vertices and faces before each body; ``clusters`` (c, 4)
-    are the bounding spheres of the probes up to ``ends``; the first ``coarse`` clusters of a body hold
-    its coarse probes.
+    ``clusters`` (c, 4) are the bounding spheres of the probes up to ``ends``; body i has the clusters
+    from ``first[i]`` to ``first[i + 1]``, and ``coarse[i]`` of them hold its coarse probes.
     """
 
     probes: Array
     clusters: Array
     ends: NDArray[np.int64]
+    first: NDArray[np.int64]
     coarse: NDArray[np.int64]
     vertices: Array
-    faces: NDArray[np.int32]
+    faces: NDArray[np.int64]
     planes: Array
-    across: NDArray[np.int32]
-    starts: NDArray[np.int32]
+    across: NDArray[np.int64]
+    starts: NDArray[np.int64]
     reaches: Array
-    offsets: NDArray[np.int64]
     radii: Array
 
 
@@ -63,27 +62,28 @@ class Rules(NamedTuple):
 
 def stack(located: list[Locator]) -> Bodies:
     """Bodies of some locators, their probes sorted into clusters."""
-    probes, clusters, counts, coarse = [], [], [], []
+    groups, first, coarse = [], [0], []
     for body in located:
-        groups = _groups(body.probes[:COARSE], 1) + _groups(body.probes[COARSE:], 2)
-        coarse.append(len(_groups(body.probes[:COARSE], 1)))
-        probes.extend(groups)
-        for group in groups:
-            middle = group.mean(axis=0)
-            clusters.append([*middle, np.linalg.norm(group - middle, axis=1).max()])
-        counts.append([len(body.probes), len(groups), len(body.vertices), len(body.faces)])
+        some = _groups(body.probes[:COARSE], 1)
+        groups += some + _groups(body.probes[COARSE:], 2)
+        coarse.append(len(some))
+        first.append(len(groups))
+    middles = np.array([group.mean(axis=0) for group in groups])
+    sizes = [np.linalg.norm(group - middle, axis=1).max() for group, middle in zip(groups, middles, strict=True)]
+    vertex = np.cumsum([0, *(len(b.vertices) for b in located)])
+    face = np.cumsum([0, *(len(b.faces) for b in located)])
     return Bodies(
-        probes=np.concatenate(probes),
-        clusters=np.array(clusters),
-        ends=np.cumsum([len(g) for g in probes]),
+        probes=np.concatenate(groups),
+        clusters=np.column_stack([middles, sizes]),
+        ends=np.cumsum([len(g) for g in groups]),
+        first=np.array(first),
         coarse=np.array(coarse),
         vertices=np.concatenate([b.vertices for b in located]),
-        faces=np.concatenate([b.faces for b in located]),
+        faces=np.concatenate([b.faces + start for b, start in zip(located, vertex, strict=False)]),
         planes=np.concatenate([b.planes for b in located]),
-        across=np.concatenate([b.across for b in located]),
-        starts=np.stack([b.start for b in located]),
+        across=np.concatenate([b.across + start for b, start in zip(located, face, strict=False)]),
+        starts=np.stack([b.start + start for b, start in zip(located, face, strict=False)]),
         reaches=np.stack([b.reach for b in located]),
-        offsets=np.concatenate([np.zeros((1, 4), np.int64), np.cumsum(counts, axis=0)]),
         radii=np.array([b.radius for b in located]),
     )
 
@@ -99,15 +99,49 @@ def _groups(probes: Array, level: int) -> list[Array]:
 # ---------------------------------------------------------------------- overlap
 @numba.njit(cache=True)
 def turn_matrix(w):
-    """Rotation matrix of a rotation vector."""
+    """Rotation matrix of a rotation vector (Rodrigues)."""
     angle = math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
     out = np.eye(3)
     if angle > 0.0:
-        k = np.zeros((3, 3))
-        k[0, 1], k[0, 2], k[1, 2] = -w[2] / angle, w[1] / angle, -w[0] / angle
-        k = k - k.T
-        out += math.sin(angle) * k + (1.0 - math.cos(angle)) * (k @ k)
+        sine, versine = math.sin(angle) / angle, (1.0 - math.cos(angle)) / (angle * angle)
+        for i in range(3):
+            j, k = (i + 1) % 3, (i + 2) % 3
+            out[i, i] -= versine * (w[j] * w[j] + w[k] * w[k])
+            out[j, i] = versine * w[i] * w[j] + sine * w[k]
+            out[k, i] = versine * w[i] * w[k] - sine * w[j]
     return out
+
+
+@numba.njit(cache=True)
+def _times(a, b):
+    out = np.zeros((3, 3))
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                out[i, j] += a[i, k] * b[k, j]
+    return out
+
+
+@numba.njit(cache=True)
+def _carried(t, x, p):
+    """The point t p + x."""
+    return (
+        t[0, 0] * p[0] + t[0, 1] * p[1] + t[0, 2] * p[2] + x[0],
+        t[1, 0] * p[0] + t[1, 1] * p[1] + t[1, 2] * p[2] + x[1],
+        t[2, 0] * p[0] + t[2, 1] * p[1] + t[2, 2] * p[2] + x[2],
+    )
+
+
+@numba.njit(cache=True)
+def _relative(xi, ti, xj, tj):
+    """The pose of frame i in frame j."""
+    s, m = np.zeros(3), np.zeros((3, 3))
+    for a in range(3):
+        for k in range(3):
+            s[a] += tj[k, a] * (xi[k] - xj[k])
+            for b in range(3):
+                m[a, b] += tj[k, a] * ti[k, b]
+    return s, m
 
 
 @numba.njit(cache=True)
@@ -122,18 +156,9 @@ def _probe_distance(x, y, z, j, reach, bodies):
     row, column = cell(x, y, z)
     if far > bodies.reaches[j, row, column] + reach:
         return np.inf
-    v0, v1 = bodies.offsets[j, 2], bodies.offsets[j + 1, 2]
-    f0, f1 = bodies.offsets[j, 3], bodies.offsets[j + 1, 3]
     return distance(
-        x,
-        y,
-        z,
-        bodies.vertices[v0:v1],
-        bodies.faces[f0:f1],
-        bodies.planes[f0:f1],
-        bodies.across[f0:f1],
-        bodies.starts[j],
-    )
+        x, y, z, bodies.vertices, bodies.faces, bodies.planes, bodies.across, bodies.starts[j]
+    )  # fmt: skip
 
 
 @numba.njit(cache=True)
@@ -143,21 +168,15 @@ def nearest(i, j, xi, ti, xj, tj, first, last, stop, reach, bodies):
     Probes further than ``reach`` from the surface may be passed over; ends early once below ``stop``.
     """
     best, which = np.inf, -1
-    m = tj.T @ ti
-    s = tj.T @ (xi - xj)
+    s, m = _relative(xi, ti, xj, tj)
     limit = bodies.radii[j] + reach
-    for c in range(bodies.offsets[i, 1] + first, bodies.offsets[i, 1] + last):
+    for c in range(bodies.first[i] + first, bodies.first[i] + last):
         p = bodies.clusters[c]
-        x = m[0, 0] * p[0] + m[0, 1] * p[1] + m[0, 2] * p[2] + s[0]
-        y = m[1, 0] * p[0] + m[1, 1] * p[1] + m[1, 2] * p[2] + s[1]
-        z = m[2, 0] * p[0] + m[2, 1] * p[1] + m[2, 2] * p[2] + s[2]
+        x, y, z = _carried(m, s, p)
         if x * x + y * y + z * z > (limit + p[3]) ** 2:
             continue
         for k in range(bodies.ends[c - 1] if c > 0 else 0, bodies.ends[c]):
-            p = bodies.probes[k]
-            x = m[0, 0] * p[0] + m[0, 1] * p[1] + m[0, 2] * p[2] + s[0]
-            y = m[1, 0] * p[0] + m[1, 1] * p[1] + m[1, 2] * p[2] + s[1]
-            z = m[2, 0] * p[0] + m[2, 1] * p[1] + m[2, 2] * p[2] + s[2]
+            x, y, z = _carried(m, s, bodies.probes[k])
             d = _probe_distance(x, y, z, j, reach, bodies)
             if d < best:
                 best, which = d, k
@@ -169,64 +188,68 @@ def nearest(i, j, xi, ti, xj, tj, first, last, stop, reach, bodies):
 @numba.njit(cache=True)
 def _inside_cylinder(i, x, t, first, last, bodies, rules):
     """Whether probes of body i (clusters ``first`` to ``last``) are above the floor and within the wall."""
-    for c in range(bodies.offsets[i, 1] + first, bodies.offsets[i, 1] + last):
+    for c in range(bodies.first[i] + first, bodies.first[i] + last):
         p = bodies.clusters[c]
-        a = t[0, 0] * p[0] + t[0, 1] * p[1] + t[0, 2] * p[2] + x[0]
-        b = t[1, 0] * p[0] + t[1, 1] * p[1] + t[1, 2] * p[2] + x[1]
-        z = t[2, 0] * p[0] + t[2, 1] * p[1] + t[2, 2] * p[2] + x[2]
+        a, b, z = _carried(t, x, p)
         if z > p[3] and math.hypot(a, b) + p[3] < rules.radius:
             continue
         for k in range(bodies.ends[c - 1] if c > 0 else 0, bodies.ends[c]):
-            p = bodies.probes[k]
-            a = t[0, 0] * p[0] + t[0, 1] * p[1] + t[0, 2] * p[2] + x[0]
-            b = t[1, 0] * p[0] + t[1, 1] * p[1] + t[1, 2] * p[2] + x[1]
-            z = t[2, 0] * p[0] + t[2, 1] * p[1] + t[2, 2] * p[2] + x[2]
+            a, b, z = _carried(t, x, bodies.probes[k])
             if z < 0.0 or a * a + b * b > rules.radius * rules.radius:
                 return False
     return True
 
 
 @numba.njit(cache=True)
+def _stage(i, fine, bodies):
+    """First and last cluster of body i: its coarse probes, or the others."""
+    return (bodies.coarse[i], bodies.first[i + 1] - bodies.first[i]) if fine else (0, bodies.coarse[i])
+
+
+@numba.njit(cache=True)
 def _free(i, count, x, t, poses, bodies, rules, blockers):
     """Whether body i at (x, t) keeps the gap to the first ``count`` bodies, the floor z = 0 and the wall."""
     reach = 3.0 * rules.gap
-    for b in range(REMEMBERED):
-        side, j, k = blockers[b]
+    for r in range(REMEMBERED):
+        side, j, k = blockers[r, 0], blockers[r, 1], blockers[r, 2]
         if side < 0:
             break
-        p = bodies.probes[k]
-        if side == 0:
-            q = poses.turns[j].T @ (t @ p + x - poses.positions[j])
-            d = _probe_distance(q[0], q[1], q[2], j, reach, bodies)
-        else:
-            q = t.T @ (poses.turns[j] @ p + poses.positions[j] - x)
-            d = _probe_distance(q[0], q[1], q[2], i, reach, bodies)
-        if d < rules.gap:
+        xj, tj = poses.positions[j], poses.turns[j]
+        s, m = _relative(x, t, xj, tj) if side == 0 else _relative(xj, tj, x, t)
+        a, b, c = _carried(m, s, bodies.probes[k])
+        if _probe_distance(a, b, c, j if side == 0 else i, reach, bodies) < rules.gap:
             return False
-    for stage in range(2):
-        n = bodies.offsets[i + 1, 1] - bodies.offsets[i, 1]
-        first, last = (0, bodies.coarse[i]) if stage == 0 else (bodies.coarse[i], n)
+    for fine in range(2):
+        first, last = _stage(i, fine, bodies)
         if not _inside_cylinder(i, x, t, first, last, bodies, rules):
             return False
         for j in range(count):
             if j == i or _apart(x, poses.positions[j]) > bodies.radii[i] + bodies.radii[j] + rules.gap:
                 continue
             for side in range(2):
-                xj, tj = poses.positions[j], poses.turns[j]
-                if side == 0:
-                    best, which = nearest(i, j, x, t, xj, tj, first, last, rules.gap, reach, bodies)
-                else:
-                    n = bodies.offsets[j + 1, 1] - bodies.offsets[j, 1]
-                    begin, end = (0, bodies.coarse[j]) if stage == 0 else (bodies.coarse[j], n)
-                    best, which = nearest(j, i, xj, tj, x, t, begin, end, rules.gap, reach, bodies)
+                a, b = (i, j) if side == 0 else (j, i)
+                xa, ta = (x, t) if side == 0 else (poses.positions[j], poses.turns[j])
+                xb, tb = (poses.positions[j], poses.turns[j]) if side == 0 else (x, t)
+                first, last = _stage(a, fine, bodies)
+                best, which = nearest(a, b, xa, ta, xb, tb, first, last, rules.gap, reach, bodies)
                 if best < rules.gap:
-                    blockers[1:] = blockers[:-1].copy()
+                    for r in range(REMEMBERED - 1, 0, -1):
+                        for i3 in range(3):
+                            blockers[r, i3] = blockers[r - 1, i3]
                     blockers[0, 0], blockers[0, 1], blockers[0, 2] = side, j, which
                     return False
     return True
 
 
 # ---------------------------------------------------------------------- motion
+@numba.njit(cache=True)
+def _place(i, x, t, poses):
+    for a in range(3):
+        poses.positions[i, a] = x[a]
+        for b in range(3):
+            poses.turns[i, a, b] = t[a, b]
+
+
 @numba.njit(cache=True)
 def fall(i, count, x, t, poses, bodies, rules):
     """Height at which body i, falling from (x, t), meets the first of ``count`` bodies or the floor."""
@@ -256,7 +279,7 @@ def drop(i, poses, bodies, rules, drops, rng):
         x[2] = fall(i, i, x, t, poses, bodies, rules)
         if x[2] < lowest:
             lowest = x[2]
-            poses.positions[i], poses.turns[i] = x, t
+            _place(i, x, t, poses)
 
 
 @numba.njit(cache=True)
@@ -268,9 +291,9 @@ def settle(i, count, poses, bodies, rules, moves, rng):
         shift = rng.normal(0.0, step * rules.size, 3)
         shift[2] = -abs(shift[2]) if rng.random() < 0.8 else -0.05 * step * rules.size
         spin = rng.normal(0.0, 2.0 * step, 3) if rng.random() < 0.7 else np.zeros(3)
-        x, t = poses.positions[i] + shift, turn_matrix(spin) @ poses.turns[i]
+        x, t = poses.positions[i] + shift, _times(turn_matrix(spin), poses.turns[i])
         if _free(i, count, x, t, poses, bodies, rules, blockers):
-            poses.positions[i], poses.turns[i] = x, t
+            _place(i, x, t, poses)
             step = min(0.2, step * 1.6)
         else:
             step *= 0.97
@@ -285,5 +308,5 @@ def all_gaps(poses, bodies, reach, out):
     for i in range(len(x)):
         for j in range(len(x)):
             if i != j and _apart(x[i], x[j]) < bodies.radii[i] + bodies.radii[j] + reach:
-                last = bodies.offsets[i + 1, 1] - bodies.offsets[i, 1]
+                last = bodies.first[i + 1] - bodies.first[i]
                 out[i, j] = nearest(i, j, x[i], t[i], x[j], t[j], 0, last, -np.inf, reach, bodies)[0]

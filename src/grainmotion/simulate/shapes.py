@@ -101,9 +101,7 @@ def icosphere(level: int) -> tuple[Array, NDArray[np.int64]]:
     The directions of a lower level come first, so that ``directions[:642]`` is level 3.
     """
     if not 0 <= level <= 8:
-        raise InputError(
-            "icosphere level", f"must be 0 to 8, got {level}", "4 or 5 is fine enough for a stone"
-        )
+        raise InputError("icosphere level", f"must be 0 to 8, got {level}", "4 or 5 is fine enough for a stone")
     if level == 0:
         g = (1 + 5**0.5) / 2
         base = np.array([[-1, g, 0], [1, g, 0], [-1, -g, 0], [1, -g, 0]])

@@ -75,9 +75,7 @@ def affine(sample: Sample, gradient: ArrayLike, center: ArrayLike = (0.0, 0.0, 0
     a = np.asarray(gradient, dtype=float).reshape(3, 3)
     skew = (a - a.T) / 2
     rotation = np.array([skew[2, 1], skew[0, 2], skew[1, 0]])
-    return _truth(
-        sample, (sample.centers - np.asarray(center, dtype=float)) @ a.T, np.tile(rotation, (len(sample), 1))
-    )
+    return _truth(sample, (sample.centers - np.asarray(center, dtype=float)) @ a.T, np.tile(rotation, (len(sample), 1)))
 
 
 def shear_band(
@@ -106,9 +104,7 @@ def shear_band(
     rotation_factor : float
         Rotations of the grains over the continuum's, which is ½ curl u.
     """
-    n, t = (
-        np.asarray(v, dtype=float) / np.linalg.norm(np.asarray(v, dtype=float)) for v in (normal, direction)
-    )
+    n, t = (np.asarray(v, dtype=float) / np.linalg.norm(np.asarray(v, dtype=float)) for v in (normal, direction))
     if abs(n @ t) > 1e-6 or not thickness > 0:
         raise InputError(
             "shear band",

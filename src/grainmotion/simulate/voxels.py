@@ -53,8 +53,7 @@ def _points(shape: Shape, grid: Volume, samples: int) -> tuple[tuple[slice, slic
     last = np.clip(np.ceil((high - grid.origin) / grid.voxel_size) + 1, first, limit).astype(int)
     within = (np.arange(samples) + 0.5) / samples - 0.5
     x, y, z = (
-        grid.origin[i] + grid.voxel_size * (np.arange(first[i], last[i])[:, None] + within).ravel()
-        for i in range(3)
+        grid.origin[i] + grid.voxel_size * (np.arange(first[i], last[i])[:, None] + within).ravel() for i in range(3)
     )
     mesh = np.meshgrid(z, y, x, indexing="ij")
     points = np.stack([mesh[2].ravel(), mesh[1].ravel(), mesh[0].ravel()], axis=1)
