@@ -17,6 +17,7 @@ from typing import Annotated, Any
 import typer
 
 from grainmotion import console
+from grainmotion.demo import run_demo, write_case
 from grainmotion.errors import InputError
 from grainmotion.experiment import Experiment, read_experiment
 from grainmotion.inputs import find_inputs
@@ -35,6 +36,8 @@ app = typer.Typer(
 File = Annotated[Path, typer.Argument(metavar="FILE", help="experiment file (TOML)")]
 Out = Annotated[Path | None, typer.Option("--out", help="folder for results, instead of the file's [output]")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="show no progress")]
+
+Seed = Annotated[int, typer.Option("--seed", min=0, help="of packing, motions and noise")]
 
 
 class Format(StrEnum):
@@ -149,6 +152,34 @@ def _run(experiment: Experiment, until: Until, out: Path | None, quiet: bool) ->
 
 
 # ---------------------------------------------------------------------- simulated experiments
+@app.command()
+@_reported
+def simulate(
+    folder: Annotated[Path, typer.Argument(metavar="OUTDIR", help="folder for the experiment")],
+    case: Annotated[
+        CaseName, typer.Option("--case", help="6 grains in seconds, or the paper's scale")
+    ] = CaseName.SMALL,
+    seed: Seed = 0,
+    quiet: Quiet = False,
+) -> None:
+    """Simulate an experiment with its truth: radiographs, flats, darks, geometry and experiment.toml."""
+    with console.progress(quiet) as listener:
+        path = write_case(folder, case.value, seed, progress=listener)
+    print(f"experiment: {path}")
+
+
+@app.command()
+@_reported
+def demo(
+    folder: Annotated[Path, typer.Argument(metavar="[OUTDIR]", help="folder for it all")] = Path("grainmotion-demo"),
+    seed: Seed = 0,
+    quiet: Quiet = False,
+) -> None:
+    """Simulate a small packing, do the whole job, and compare it with the truth."""
+    with console.progress(quiet) as listener:
+        found = run_demo(folder, seed, listener)
+    console.print_comparisons(found.comparisons)
+    print(f"report: {found.result.report}")
 
 
 @app.command("version")

@@ -16,6 +16,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from grainmotion.compare import Comparison
 from grainmotion.inspection import Inspection
 from grainmotion.motions import Motions
 
@@ -66,9 +67,7 @@ def _log() -> Iterator[Listener]:
 def print_inspection(found: Inspection) -> None:
     """Print what `inspect_inputs` found."""
     console = Console(width=None if sys.stdout.isatty() else 160)
-    table = Table(
-        "scan", "radiographs", "type", "kind", "beam", "pixel at sample", "magnification", "air", "highest"
-    )
+    table = Table("scan", "radiographs", "type", "kind", "beam", "pixel at sample", "magnification", "air", "highest")
     table.add_column("masked pixels")
     for s in found.scans:
         table.add_row(
@@ -101,4 +100,13 @@ def print_states(motions: dict[str, Motions]) -> None:
         w = np.rad2deg(np.linalg.norm(m.rotations[m.ok], axis=1))
         middle = [f"{np.median(v):.4g}" if len(v) else "-" for v in (u, w)]
         table.add_row(name, str(len(m)), str(int(m.ok.sum())), others or "-", *middle)
+    Console(width=None if sys.stdout.isatty() else 120).print(table)
+
+
+def print_comparisons(comparisons: dict[str, Comparison]) -> None:
+    """Print the errors of each state against the truth, root mean square over grains and components."""
+    table = Table("state", "grains", "failures", "translation error (voxel)", "rotation error (deg)")
+    for name, c in comparisons.items():
+        errors = f"{c.translation_rms_voxels:.4f}", f"{c.rotation_rms_deg:.4f}"
+        table.add_row(name, str(len(c)), str(c.failures), *errors)
     Console(width=None if sys.stdout.isatty() else 120).print(table)
