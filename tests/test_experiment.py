@@ -170,6 +170,13 @@ class TestCircular:
         with pytest.raises(InputError, match=r"angles\.txt: line 3 is 'sixty'"):
             inputs_of(tmp_path, CIRCULAR.format(beam=CONE, angles='angles_deg = "angles.txt"'))
 
+    def test_geometry_may_hold_the_chosen_views_alone(self, tmp_path):
+        toml = CIRCULAR.format(beam=CONE, angles="first=0\nlast=90\ncount=4")
+        inputs = inputs_of(tmp_path, toml.replace("[5, 6, 7, 8]", "[5, 8]"))
+        np.testing.assert_allclose(inputs.states[0].geometry.vectors, geometry([5, 8]).vectors)
+        with pytest.raises(InputError, match=r"3 views, but .* 4 radiographs, of which 2 are chosen"):
+            inputs_of(tmp_path, toml.replace("[5, 6, 7, 8]", "[5, 8, 9]"))
+
     @pytest.mark.parametrize(("views", "count"), [('"::2"', 2), ('"1:"', 3), ("[-1]", 1), ('"2"', 1)])
     def test_views(self, tmp_path, views, count):
         toml = CIRCULAR.format(beam=CONE, angles="first=0\nlast=90\ncount=4")

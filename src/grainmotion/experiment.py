@@ -84,7 +84,8 @@ class ScanTable(_Table):
     geometry: str | Circular | None = Field(None, description="CSV with one row a view, or a table")
     beam: Beam | None = Field(None, description='"cone" (default) or "parallel"')
     views: str | list[int] | None = Field(
-        None, description='radiographs and rows of the geometry to use: "start:stop:step" or a list'
+        None,
+        description='radiographs to use, "start:stop:step" or a list; the geometry holds these or all of them',
     )
     air: Air | None = Field(None, description="where only air is seen, for one factor a view")
     saturation: float | None = Field(None, gt=0, description="count from which a pixel is saturated")

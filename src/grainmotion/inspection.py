@@ -95,9 +95,7 @@ def inspect_inputs(inputs: Inputs) -> Inspection:
     grid = inputs.grid
     memory = BYTES_A_VOXEL * float(np.prod(grid.shape))
     if reference is not None:
-        memory = max(
-            memory, 8.0 * np.prod(grid.shape) + 9.0 * facts[0].views * facts[0].rows * facts[0].columns
-        )
+        memory = max(memory, 8.0 * np.prod(grid.shape) + 9.0 * facts[0].views * facts[0].rows * facts[0].columns)
     return Inspection(tuple(facts), grid.shape, grid.voxel_size, memory, tuple(warnings))
 
 
@@ -133,13 +131,9 @@ def _scan_warnings(source: ScanInput, facts: ScanFacts, grid: Volume) -> list[st
     if not 0.4 < ratio < 2.5:
         warnings.append(f"{facts.key}: a voxel is {ratio:.2f} times a pixel at the sample; near 1 is usual")
     if facts.key != "reference" and facts.views < 2:
-        warnings.append(
-            f"{facts.key}: one view leaves the motion along its rays poorly determined; take 2 or more"
-        )
+        warnings.append(f"{facts.key}: one view leaves the motion along its rays poorly determined; take 2 or more")
     if _cut(source, grid):
-        warnings.append(
-            f"{facts.key}: the volume is wider than the panel sees; matter outside it is not modelled"
-        )
+        warnings.append(f"{facts.key}: the volume is wider than the panel sees; matter outside it is not modelled")
     return warnings
 
 

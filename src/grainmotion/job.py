@@ -130,9 +130,7 @@ class Job:
             try:
                 volume = Volume(array, self.inputs.grid.voxel_size, self.inputs.grid.center)
             except InputError as error:
-                raise InputError(
-                    f"{self.inputs.volume.spec} (reference.volume)", error.fact, error.remedy
-                ) from error
+                raise InputError(f"{self.inputs.volume.spec} (reference.volume)", error.fact, error.remedy) from error
             self.reference = Reference(volume)
         if self.reference is None:
             self.reference = read_reference(self.ledger.files("reconstruct")[0])
@@ -169,9 +167,7 @@ def _given_labels(stack: Stack) -> NDArray[np.int32]:
     where = f"{stack.spec} (reference.labels)"
     labels = stack.read()
     if not np.isfinite(labels).all() or (labels < 0).any() or (labels != np.round(labels)).any():
-        raise InputError(
-            where, "labels are not whole numbers >= 0", "give 0 for no grain, 1, 2, ... for grains"
-        )
+        raise InputError(where, "labels are not whole numbers >= 0", "give 0 for no grain, 1, 2, ... for grains")
     if labels.max(initial=0) > np.iinfo(np.int32).max:
         raise InputError(where, f"a label of {labels.max()}", "number the grains from 1")
     if not labels.any():

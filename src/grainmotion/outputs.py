@@ -26,9 +26,7 @@ from grainmotion.scan_input import ScanInput
 from grainmotion.volume import Volume
 
 
-def write_residuals(
-    folder: Path, grains: GrainSet, motions: Motions, scan: Scan, projector: Projector
-) -> list[Path]:
+def write_residuals(folder: Path, grains: GrainSet, motions: Motions, scan: Scan, projector: Projector) -> list[Path]:
     """Write ``residuals.tif``: measured − (a · simulated + b) of each view, NaN where a pixel is masked."""
     simulated = simulate_radiographs(grains, motions, scan.geometry, projector)
     residuals = scan.line_integrals - (motions.fit.gain * simulated + motions.fit.offset)
@@ -87,9 +85,7 @@ def write_report(
         for scan, name in zip(inputs.states, motions)
     )
     data = ReportData(
-        title=experiment.path.stem
-        if experiment.path.stem != "experiment"
-        else experiment.folder.resolve().name,
+        title=experiment.path.stem if experiment.path.stem != "experiment" else experiment.folder.resolve().name,
         facts=_facts(inputs, reference),
         reconstruction_errors=reference.residuals,
         volume=reference.volume,

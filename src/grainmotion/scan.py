@@ -55,9 +55,7 @@ class Scan:
         if not np.isfinite(images).all():
             raise InputError("scan", "line integrals hold NaN or infinity", "repair or mask those pixels")
         if self.valid is not None and self.valid.shape != expected:
-            raise InputError(
-                "scan", f"mask {self.valid.shape} does not match {expected}", "give one flag a pixel"
-            )
+            raise InputError("scan", f"mask {self.valid.shape} does not match {expected}", "give one flag a pixel")
         object.__setattr__(self, "line_integrals", images)
 
     def __len__(self) -> int:
@@ -222,9 +220,7 @@ def air_levels(
     seen = np.zeros((rows, columns), dtype=bool)
     if margin is not None:
         if not 0 < margin <= columns // 2:
-            raise InputError(
-                "air.margin", f"must be 1 to {columns // 2} columns, got {margin}", "give fewer columns"
-            )
+            raise InputError("air.margin", f"must be 1 to {columns // 2} columns, got {margin}", "give fewer columns")
         seen[:, :margin] = seen[:, columns - margin :] = True
     elif region is not None:
         r0, r1, c0, c1 = region
@@ -241,9 +237,7 @@ def air_levels(
     return levels
 
 
-def normalize_air(
-    scan: Scan, *, margin: int | None = None, region: tuple[int, int, int, int] | None = None
-) -> Scan:
+def normalize_air(scan: Scan, *, margin: int | None = None, region: tuple[int, int, int, int] | None = None) -> Scan:
     """Scale the beam by one factor a view so that air has a line integral of 0; see `air_levels`."""
     levels = air_levels(scan, margin=margin, region=region).astype(np.float32)
     return Scan(scan.line_integrals - levels[:, None, None], scan.geometry, scan.valid)
@@ -300,9 +294,7 @@ def _check_finite(name: str, images: NDArray) -> None:
     bad = ~np.isfinite(images)
     if bad.any():
         view, row, column = np.argwhere(bad)[0]
-        fact = (
-            f"{int(bad.sum())} values are NaN or infinite, first in view {view}, row {row}, column {column}"
-        )
+        fact = f"{int(bad.sum())} values are NaN or infinite, first in view {view}, row {row}, column {column}"
         raise InputError(name, fact, "repair those pixels before, or give raw counts with flats and darks")
 
 

@@ -71,9 +71,7 @@ class ScanInput:
             "views": None if self.views is None else self.views.tolist(),
             "air": None if self.air is None else self.air.model_dump(),
             "saturation": self.saturation,
-            "inner": [
-                [p.inner, p.key] for s in (self.radiographs, self.flats, self.darks) if s for p in s.parts
-            ],
+            "inner": [[p.inner, p.key] for s in (self.radiographs, self.flats, self.darks) if s for p in s.parts],
         }
 
     def read(self) -> tuple[Scan, PixelReport]:
@@ -112,17 +110,19 @@ def find_scan(key: str, table: ScanTable, reference: ReferenceTable, folder: Pat
     kind = table.kind or reference.kind or "counts"
     (count, rows, columns), _ = radiographs.info()
     nxtomo = radiographs.nxtomo
-    geometry = _find_geometry(key, table, reference, folder, (rows, columns), nxtomo)
-    if len(geometry) != count:
-        source = (
-            f"{table.geometry} ({key}.geometry)" if isinstance(table.geometry, str) else f"{key}.geometry"
-        )
-        fact = f"{len(geometry)} views, but {radiographs.spec} ({key}.radiographs) holds {count} radiographs"
-        raise InputError(source, fact, "give one view a radiograph, in the same order")
     views = _chosen(key, table.views, count)
-    flats, darks = (
-        _find_beam_images(key, name, table, reference, folder, nxtomo) for name in ("flats", "darks")
-    )
+    geometry = _find_geometry(key, table, reference, folder, (rows, columns), nxtomo)
+    if len(geometry) == count and views is not None:
+        geometry = geometry[views]
+    used = count if views is None else len(views)
+    if len(geometry) != used:
+        source = f"{key}.geometry"
+        if isinstance(table.geometry, str):
+            source = f"{table.geometry} ({source})"
+        fact = f"{len(geometry)} views, but {radiographs.spec} ({key}.radiographs) holds {count} radiographs"
+        fact += "" if used == count else f", of which {used} are chosen"
+        raise InputError(source, fact, "give one view a radiograph, in the same order")
+    flats, darks = (_find_beam_images(key, name, table, reference, folder, nxtomo) for name in ("flats", "darks"))
     if kind != "counts":
         flats = darks = None
     elif flats is None:
@@ -137,7 +137,7 @@ def find_scan(key: str, table: ScanTable, reference: ReferenceTable, folder: Pat
         flats=flats,
         darks=darks,
         kind=kind,
-        geometry=geometry if views is None else geometry[views],
+        geometry=geometry,
         views=views,
         air=table.air or reference.air,
         saturation=table.saturation or reference.saturation,
@@ -175,13 +175,9 @@ def _find_geometry(
 ) -> Geometry:
     given = table.geometry
     if given is None and nxtomo is not None and isinstance(reference.geometry, Circular):
-        given = reference.geometry.model_copy(
-            update={"angles_deg": None, "first": None, "last": None, "count": None}
-        )
+        given = reference.geometry.model_copy(update={"angles_deg": None, "first": None, "last": None, "count": None})
     if given is None:
-        raise InputError(
-            f"{key}.geometry", "it is missing", "name a CSV, or give a table for a circular scan"
-        )
+        raise InputError(f"{key}.geometry", "it is missing", "name a CSV, or give a table for a circular scan")
     circular = reference.geometry.beam if isinstance(reference.geometry, Circular) else None
     inherited: Beam = table.beam or reference.beam or circular or "cone"
     if isinstance(given, str):
@@ -206,9 +202,7 @@ def _angles(table: Circular, folder: Path, nxtomo: NXtomo | None) -> NDArray[np.
         return np.linspace(table.first, table.last, table.count)
     if nxtomo is not None and np.isfinite(nxtomo.projection_angles_deg).all():
         return nxtomo.projection_angles_deg
-    raise InputError(
-        "geometry.angles_deg", "it is missing", "give a list, a text file, or first, last and count"
-    )
+    raise InputError("geometry.angles_deg", "it is missing", "give a list, a text file, or first, last and count")
 
 
 def _read_angles(path: Path) -> NDArray[np.float64]:
@@ -220,9 +214,7 @@ def _read_angles(path: Path) -> NDArray[np.float64]:
             if text:
                 angles.append(float(text))
         except ValueError as error:
-            raise InputError(
-                str(path), f"line {number} is '{text}'", "give one angle a line, degrees"
-            ) from error
+            raise InputError(str(path), f"line {number} is '{text}'", "give one angle a line, degrees") from error
     return np.array(angles)
 
 
@@ -233,26 +225,18 @@ def _chosen(key: str, views: str | list[int] | None, count: int) -> NDArray[np.i
     try:
         if isinstance(views, str):
             numbers = [int(p) if p.strip() else None for p in views.split(":")]
-            index = (
-                np.arange(count)[slice(*numbers)] if 2 <= len(numbers) <= 3 else np.array([numbers[0]], int)
-            )
+            index = np.arange(count)[slice(*numbers)] if 2 <= len(numbers) <= 3 else np.array([numbers[0]], int)
         else:
             index = np.arange(count)[np.array(views, dtype=int)]
     except (ValueError, TypeError, IndexError) as error:
         fact = f"'{views}' does not pick from {count} radiographs"
-        raise InputError(
-            f"{key}.views", fact, 'give "start:stop:step" or a list of indices from 0'
-        ) from error
+        raise InputError(f"{key}.views", fact, 'give "start:stop:step" or a list of indices from 0') from error
     if len(index) == 0 or index.max() >= count:
-        raise InputError(
-            f"{key}.views", f"'{views}' picks none of {count} radiographs", "widen the selection"
-        )
+        raise InputError(f"{key}.views", f"'{views}' picks none of {count} radiographs", "widen the selection")
     return index
 
 
-def circular_geometry(
-    table: Circular, beam: Beam, shape: tuple[int, int], angles_deg: NDArray[np.float64]
-) -> Geometry:
+def circular_geometry(table: Circular, beam: Beam, shape: tuple[int, int], angles_deg: NDArray[np.float64]) -> Geometry:
     """The views of a ``[….geometry]`` table."""
     panel = Panel(
         offset=table.detector_offset,

@@ -101,9 +101,7 @@ class TestMotionsFiles:
         back = read_motions(tmp_path / "m.csv")
         pd.testing.assert_frame_equal(back.to_table(), motions.to_table(), check_exact=False, rtol=1e-14)
         write_motions(tmp_path / "n.csv", back)
-        pd.testing.assert_frame_equal(
-            pd.read_csv(tmp_path / "n.csv"), pd.read_csv(tmp_path / "m.csv"), rtol=1e-14
-        )
+        pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "n.csv"), pd.read_csv(tmp_path / "m.csv"), rtol=1e-14)
 
     def test_csv_is_in_mm_and_degrees(self, tmp_path, motions):
         write_motions(tmp_path / "m.csv", motions)

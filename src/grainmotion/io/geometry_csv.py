@@ -52,9 +52,7 @@ def read_geometry(path: str | Path, shape: tuple[int, int], beam: Beam = "cone")
     try:
         return Geometry(numbers, shape, beam)
     except InputError as error:
-        raise InputError(
-            f"{path}, {error.where.removeprefix('geometry ')}", error.fact, error.remedy
-        ) from error
+        raise InputError(f"{path}, {error.where.removeprefix('geometry ')}", error.fact, error.remedy) from error
 
 
 def write_geometry(path: str | Path, geometry: Geometry) -> None:

@@ -56,9 +56,7 @@ def write_reference(path: str | Path, reference: Reference, grains: GrainSet | N
     """Write ``reference.h5``; with ``grains``, their table too."""
     with written_whole(path) as temporary, h5py.File(temporary, "w") as file:
         volume = file.create_dataset("volume", data=reference.volume.array)
-        volume.attrs.update(
-            voxel_size=reference.volume.voxel_size, center=reference.volume.center, unit="1/mm"
-        )
+        volume.attrs.update(voxel_size=reference.volume.voxel_size, center=reference.volume.center, unit="1/mm")
         file["residuals"] = np.asarray(reference.residuals, dtype=float)
         if reference.labels is not None:
             labels = file.create_dataset("labels", data=reference.labels, **_CHUNKED)

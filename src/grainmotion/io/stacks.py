@@ -169,9 +169,7 @@ def _stack_shape(part: Part, shape: tuple[int, ...]) -> tuple[int, int, int]:
     if len(shape) == 2:
         return 1, shape[0], shape[1]
     if len(shape) != 3:
-        raise InputError(
-            str(part.path), f"an array of shape {shape} is no stack", "give (images, rows, columns)"
-        )
+        raise InputError(str(part.path), f"an array of shape {shape} is no stack", "give (images, rows, columns)")
     return shape[0], shape[1], shape[2]
 
 

@@ -47,9 +47,7 @@ def write_tiff(path: str | Path, array: NDArray[Any]) -> None:
     axes = {2: "YX", 3: "ZYX"}[array.ndim]
     compression = "zlib" if np.issubdtype(array.dtype, np.integer) else None
     with written_whole(path) as temporary:
-        tifffile.imwrite(
-            temporary, array, photometric="minisblack", metadata={"axes": axes}, compression=compression
-        )
+        tifffile.imwrite(temporary, array, photometric="minisblack", metadata={"axes": axes}, compression=compression)
 
 
 # ---------------------------------------------------------------------- checks
