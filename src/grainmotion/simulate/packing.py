@@ -19,6 +19,7 @@ from pydantic.dataclasses import dataclass
 
 from grainmotion.errors import InputError
 from grainmotion.simulate import settle
+from grainmotion.simulate.bodies import Poses, Rules, stack
 from grainmotion.simulate.contact import locator
 from grainmotion.simulate.sample import Particle, Sample
 from grainmotion.simulate.shapes import Array
@@ -68,7 +69,7 @@ def pack(
         raise InputError("particles", "there are none", "give at least one")
     rng = np.random.default_rng(seed)
     located, origins = zip(*(locator(p.shape) for p in particles), strict=True)
-    bodies = settle.stack(list(located))
+    bodies = stack(list(located))
     size = 2 * float(np.mean(bodies.radii))
     if bodies.radii.max() >= settings.radius:
         raise InputError(
@@ -77,8 +78,8 @@ def pack(
             "give a wider cylinder or smaller particles",
         )
     n = len(particles)
-    poses = settle.Poses(np.zeros((n, 3)), np.tile(np.eye(3), (n, 1, 1)))
-    rules = settle.Rules(settings.radius, settings.gap * size, size)
+    poses = Poses(np.zeros((n, 3)), np.tile(np.eye(3), (n, 1, 1)))
+    rules = Rules(settings.radius, settings.gap * size, size)
     for i in range(n):
         settle.drop(i, poses, bodies, rules, settings.drops, rng)
         settle.settle(i, i + 1, poses, bodies, rules, settings.moves, rng)
@@ -108,9 +109,9 @@ def gaps(sample: Sample, reach: float | None = None) -> Array:
     default a fiftieth of the largest radius); infinite beyond.
     """
     located, origins = zip(*(locator(p.shape) for p in sample.particles), strict=True)
-    bodies = settle.stack(list(located))
+    bodies = stack(list(located))
     n = len(sample)
-    poses = settle.Poses(np.array(origins), np.tile(np.eye(3), (n, 1, 1)))
+    poses = Poses(np.array(origins), np.tile(np.eye(3), (n, 1, 1)))
     out = np.full((n, n), np.inf)
     settle.all_gaps(poses, bodies, float(bodies.radii.max()) / 50 if reach is None else reach, out)
     return np.minimum(out, out.T)
