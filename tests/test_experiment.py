@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 
 from grainmotion.errors import InputError
-from grainmotion.experiment import read_experiment
+from grainmotion.experiment import Air, read_experiment
 from grainmotion.geometry import Geometry, Panel
 from grainmotion.inputs import check_plausible, find_inputs
+from grainmotion.scan_input import read_scan
 from grainmotion.volume import Volume
 from tiny_experiment import PANEL, TOML, VIEWS, geometry, write_tiny
 
@@ -273,3 +274,25 @@ class TestPlausible:
         check_plausible("reference", Geometry.parallel([0, 90], PANEL, 0.1), self.GRID)
         with pytest.raises(InputError, match="unit, mm"):
             check_plausible("reference", Geometry.parallel([0, 90], PANEL, 100.0), self.GRID)
+
+
+class TestReadScan:
+    """The same scan from Python, without an experiment file."""
+
+    def test_is_the_scan_of_the_experiment(self, tiny):
+        scan = read_scan(tiny / "one.tif", tiny / "one.csv", flats=tiny / "flats.tif", darks=tiny / "darks.tif")
+        expected, _ = find_inputs(read_experiment(tiny / "experiment.toml")).states[0].read()
+        np.testing.assert_array_equal(scan.line_integrals, expected.line_integrals)
+
+    def test_geometry_given_as_such_and_air(self, tiny):
+        files = {"flats": [tiny / "flats.tif"], "darks": str(tiny / "darks.tif")}
+        scan = read_scan(tiny / "two.npy", geometry([10, 55, 100]), air=Air(margin=2), **files)
+        assert abs(np.median(scan.line_integrals[:, :, :2])) < 1e-3
+
+    @pytest.mark.parametrize(
+        ("options", "fact"),
+        [({}, "flats: it is missing"), ({"geometry": geometry([0, 90]), "kind": "transmission"}, "2 views, but")],
+    )
+    def test_refused(self, tiny, options, fact):
+        with pytest.raises(InputError, match=fact):
+            read_scan(tiny / "one.tif", **{"geometry": tiny / "one.csv", **options})

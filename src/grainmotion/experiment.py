@@ -42,8 +42,8 @@ class _Table(BaseModel):
 class Air(_Table):
     """Where the radiographs see only air: one factor a view is taken from there.  Give one of the two."""
 
-    margin: int | None = Field(None, gt=0, description="columns at the left and as many at the right")
-    region: tuple[int, int, int, int] | None = Field(None, description="row0, row1, column0, column1")
+    margin: int | None = Field(default=None, gt=0, description="columns at the left and as many at the right")
+    region: tuple[int, int, int, int] | None = Field(default=None, description="row0, row1, column0, column1")
 
 
 class AngleRange(_Table):
@@ -57,67 +57,67 @@ class AngleRange(_Table):
 class Circular(_Table):
     """A circular scan, as `Geometry.cone` and `parallel`; a state's table inherits the reference's."""
 
-    beam: Beam | None = Field(None, description='"cone" or "parallel"')
-    source_to_axis: float | None = Field(None, gt=0, description="mm, cone beam only")
-    source_to_detector: float | None = Field(None, gt=0, description="mm, cone beam only")
+    beam: Beam | None = Field(default=None, description='"cone" or "parallel"')
+    source_to_axis: float | None = Field(default=None, gt=0, description="mm, cone beam only")
+    source_to_detector: float | None = Field(default=None, gt=0, description="mm, cone beam only")
     pixel_size: float = Field(gt=0, description="mm")
     angles_deg: list[float] | AngleRange | str | None = Field(
-        None, description="list, {first, last, count}, or a text file with one angle a line"
+        default=None, description="list, {first, last, count}, or a text file with one angle a line"
     )
-    first: float | None = Field(None, description="first angle, degrees, with last and count")
+    first: float | None = Field(default=None, description="first angle, degrees, with last and count")
     last: float | None = None
-    count: int | None = Field(None, gt=0)
-    detector_offset: tuple[float, float] = Field((0.0, 0.0), description="along u and v, mm")
-    detector_tilts_deg: tuple[float, float, float] = Field((0.0, 0.0, 0.0), description="about x, y, z at 0")
-    axis_offset: float = Field(0.0, description="of the axis along u, mm")
-    axis_tilt_deg: tuple[float, float] = Field((0.0, 0.0), description="about x and y at 0")
-    first_row: Literal["bottom", "top"] = Field("bottom", description="where row 0 lies")
+    count: int | None = Field(default=None, gt=0)
+    detector_offset: tuple[float, float] = Field(default=(0.0, 0.0), description="along u and v, mm")
+    detector_tilts_deg: tuple[float, float, float] = Field(default=(0.0, 0.0, 0.0), description="about x, y, z at 0")
+    axis_offset: float = Field(default=0.0, description="of the axis along u, mm")
+    axis_tilt_deg: tuple[float, float] = Field(default=(0.0, 0.0), description="about x and y at 0")
+    first_row: Literal["bottom", "top"] = Field(default="bottom", description="where row 0 lies")
 
 
 class ScanTable(_Table):
     """Radiographs with all that makes line integrals of them."""
 
-    radiographs: Files | None = Field(None, description="TIFF, .npy, HDF5 path, or one NXtomo file")
-    flats: Files | None = Field(None, description="images of the open beam; averaged")
-    darks: Files | None = Field(None, description="images without beam; averaged; none is a dark of 0")
-    kind: Kind | None = Field(None, description='"counts" (default), "transmission" or "line-integrals"')
-    geometry: str | Circular | None = Field(None, description="CSV with one row a view, or a table")
-    beam: Beam | None = Field(None, description='"cone" (default) or "parallel"')
+    radiographs: Files | None = Field(default=None, description="TIFF, .npy, HDF5 path, or one NXtomo file")
+    flats: Files | None = Field(default=None, description="images of the open beam; averaged")
+    darks: Files | None = Field(default=None, description="images without beam; averaged; none is a dark of 0")
+    kind: Kind | None = Field(default=None, description='"counts" (default), "transmission" or "line-integrals"')
+    geometry: str | Circular | None = Field(default=None, description="CSV with one row a view, or a table")
+    beam: Beam | None = Field(default=None, description='"cone" (default) or "parallel"')
     views: str | list[int] | None = Field(
-        None,
+        default=None,
         description='radiographs to use, "start:stop:step" or a list; the geometry holds these or all of them',
     )
-    air: Air | None = Field(None, description="where only air is seen, for one factor a view")
-    saturation: float | None = Field(None, gt=0, description="count from which a pixel is saturated")
+    air: Air | None = Field(default=None, description="where only air is seen, for one factor a view")
+    saturation: float | None = Field(default=None, gt=0, description="count from which a pixel is saturated")
 
 
 class ReferenceTable(ScanTable):
     """The full scan of the initial state, or the volume that another software made of it."""
 
-    volume: Files | None = Field(None, description="a reconstructed volume [z, y, x], 1/mm")
-    labels: Files | None = Field(None, description="grains in that volume, 0 = none")
+    volume: Files | None = Field(default=None, description="a reconstructed volume [z, y, x], 1/mm")
+    labels: Files | None = Field(default=None, description="grains in that volume, 0 = none")
 
 
 class VolumeTable(_Table):
     """The grid of voxels; by default what the panel sees, with voxels of one pixel at the axis."""
 
-    shape: tuple[int, int, int] | None = Field(None, description="voxels along z, y, x")
-    voxel_size: float | None = Field(None, gt=0, description="mm")
-    center: tuple[float, float, float] = Field((0.0, 0.0, 0.0), description="mm, x y z")
+    shape: tuple[int, int, int] | None = Field(default=None, description="voxels along z, y, x")
+    voxel_size: float | None = Field(default=None, gt=0, description="mm")
+    center: tuple[float, float, float] = Field(default=(0.0, 0.0, 0.0), description="mm, x y z")
 
 
 class StateTable(ScanTable):
     """The few radiographs of one later state."""
 
     name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._ -]*$", description="also its folder's name")
-    initial: str = Field("previous", description='"previous", "reference", or a motions.csv or spam .tsv')
+    initial: str = Field(default="previous", description='"previous", "reference", or a motions.csv or spam .tsv')
 
 
 class OutputTable(_Table):
     """What to write, and where."""
 
     directory: str = "results"
-    rebuild: bool = Field(False, description="write the moved grains of each state as a volume with labels")
+    rebuild: bool = Field(default=False, description="write the moved grains of each state as a volume with labels")
     exports: list[Export] = []
 
 
@@ -125,12 +125,12 @@ class ExperimentFile(_Table):
     """All tables of the file."""
 
     reference: ReferenceTable
-    volume: VolumeTable = Field(default_factory=lambda: VolumeTable.model_validate({}))
+    volume: VolumeTable = Field(default_factory=VolumeTable)
     reconstruct: ReconstructSettings = Field(default_factory=ReconstructSettings)
     segment: SegmentSettings = Field(default_factory=SegmentSettings)
     track: TrackSettings = Field(default_factory=TrackSettings)
     states: list[StateTable] = []
-    output: OutputTable = Field(default_factory=lambda: OutputTable.model_validate({}))
+    output: OutputTable = Field(default_factory=OutputTable)
 
 
 @dataclasses.dataclass(frozen=True)

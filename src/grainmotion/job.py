@@ -19,7 +19,7 @@ from grainmotion.inputs import Inputs
 from grainmotion.io.ledger import Ledger
 from grainmotion.io.results import Reference, read_reference
 from grainmotion.io.stacks import Stack
-from grainmotion.scan import Scan
+from grainmotion.scan import PixelReport, Scan
 from grainmotion.volume import Volume
 
 Progress = Callable[[str, int, int], None]
@@ -101,7 +101,8 @@ class Job:
         """Read all that is still to be used, so that bad pixels are known before anything is written."""
         if not self.has_volume and self.inputs.reference is not None:
             self.tell("reading the reference scan", 0, 1)
-            self.scan, _ = self.inputs.reference.read()
+            self.scan, pixels = self.inputs.reference.read()
+            self.tell_pixels("reference", pixels)
         if not self.has_grains:
             if self.inputs.volume is not None:
                 self.volume()
@@ -112,7 +113,12 @@ class Job:
         for k, (scan, table) in enumerate(zip(self.inputs.states, self.tables.states)):
             if not self.ledger.is_done(f"{table.name}/track", self.track_prints[table.name]):
                 self.tell("checking the radiographs", k, len(self.inputs.states))
-                scan.read()
+                self.tell_pixels(table.name, scan.read()[1])
+
+    def tell_pixels(self, name: str, pixels: PixelReport) -> None:
+        """Say how many pixels are masked, if any."""
+        if pixels.bad:
+            self.tell(f"{name}: {pixels}", 1, 1)
 
     def tell(self, message: str, done: int, total: int) -> None:
         """Report progress, if anybody listens."""

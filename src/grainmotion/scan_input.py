@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -100,6 +101,53 @@ class ScanInput:
         stack = {"flats": self.flats, "darks": self.darks}.get(where, self.radiographs)
         key = where if where in ("flats", "darks") or where.startswith("air") else "radiographs"
         return f"{stack.spec if stack else ''} ({self.key}.{key})"
+
+
+def read_scan(
+    radiographs: str | Path | Sequence[str | Path],
+    geometry: Geometry | str | Path,
+    *,
+    flats: str | Path | Sequence[str | Path] | None = None,
+    darks: str | Path | Sequence[str | Path] | None = None,
+    kind: Kind = "counts",
+    beam: Beam = "cone",
+    air: Air | None = None,
+) -> Scan:
+    """Read a scan from files, as a table of the experiment file would.
+
+    Parameters
+    ----------
+    radiographs : path, glob, ``"file.h5::/path"``, or a list of those
+        TIFF, .npy, HDF5 or one NXtomo file, which brings flats and darks unless they are given.
+    geometry : Geometry or path
+        Or its CSV, one row a radiograph.
+    flats, darks : like ``radiographs``, optional
+        Images of the open beam and of no beam; averaged.
+    kind : {"counts", "transmission", "line-integrals"}
+    beam : {"cone", "parallel"}
+        Of a geometry read from CSV.
+    air : Air, optional
+        Where only air is seen, ``Air(margin=8)`` or ``Air(region=(0, 20, 0, 20))``.
+
+    Returns
+    -------
+    Scan
+    """
+    images = find_stack(radiographs)
+    (count, rows, columns), _ = images.info()
+    views = geometry if isinstance(geometry, Geometry) else read_geometry(geometry, (rows, columns), beam)
+    if len(views) != count:
+        where = "geometry" if isinstance(geometry, Geometry) else str(geometry)
+        fact = f"{len(views)} views, but {images.spec} holds {count} radiographs"
+        raise InputError(where, fact, "give one view a radiograph, in the same order")
+    table = ReferenceTable(kind=kind)
+    given = [None if files is None else find_stack(files) for files in (flats, darks)]
+    if images.nxtomo is not None:
+        own = [_find_beam_images("reference", n, table, table, Path(), images.nxtomo) for n in ("flats", "darks")]
+        given = [g or o for g, o in zip(given, own)]
+    if kind == "counts" and given[0] is None:
+        raise InputError("flats", "it is missing", "give flats, or set kind to what the images are")
+    return ScanInput("scan", images, given[0], given[1], kind, views, air=air).read()[0]
 
 
 def find_scan(key: str, table: ScanTable, reference: ReferenceTable, folder: Path) -> ScanInput:
