@@ -17,7 +17,7 @@ from grainmotion.grains import GrainSet
 from grainmotion.kernels import normal
 from grainmotion.motions import Motions, StateFit, Status
 from grainmotion.project import Pose
-from grainmotion.residual import Seen, StateProblem, grain_residuals, misfits, normal_matrix
+from grainmotion.residual import Seen, StateProblem, grain_residuals, misfits, noise_level, normal_matrix
 from grainmotion.solve import DENSE_UP_TO, Solution
 
 Float = NDArray[np.float64]
@@ -39,7 +39,7 @@ def judge(
     covariances = _covariances(problem, seen, raw, residuals)
     n = len(grains)
     statuses, reasons = np.full(n, Status.CONVERGED.value, dtype="<U20"), [""] * n
-    lost = misfits(residuals, paths)
+    lost = misfits(residuals, paths, noise_level(problem.target.scan))
     coverage = raw.patches.seen.mean(axis=1)
     moving = _still_moving(problem, solution)
     for k in range(n):
@@ -104,8 +104,7 @@ def _still_moving(problem: StateProblem, solution: Solution[Pose]) -> NDArray[np
     each = solution.last_step.reshape(-1, 6)
     if solution.settled:
         return np.zeros(len(each), dtype=bool)
-    reach = np.linalg.norm(problem.grains.hulls, axis=2).max(axis=1)
-    moved = np.linalg.norm(each[:, :3], axis=1) + np.linalg.norm(each[:, 3:], axis=1) * reach
+    moved = np.linalg.norm(each[:, :3], axis=1) + np.linalg.norm(each[:, 3:], axis=1) * problem.grains.radii
     return moved > 0.1 * problem.grains.voxel_size
 
 

@@ -38,7 +38,8 @@ class StateFit:
     gain, offset : float
         a and b of Eq. 22: measured ≈ a · simulated + b.
     costs : tuple of (str, float)
-        Stage and relative residual ‖b − a P − b₀‖/‖b‖ after each iteration, in order.
+        Stage and relative residual ‖F(b − a P − o)‖/‖F b‖ after each iteration, in order, under the
+        stage's own filter F (so that stages with different filters do not compare).
     """
 
     gain: float = 1.0

@@ -9,14 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion import motion
 from grainmotion.geometry import Geometry
-from grainmotion.grains import PADDING, GrainSet
+from grainmotion.grains import PADDING, Grain, GrainSet
 from grainmotion.kernels import grains as kernel
 from grainmotion.kernels import voxels
 from grainmotion.motions import Motions
@@ -89,7 +89,11 @@ class Pose:
 
 @dataclass(frozen=True, eq=False)
 class PackedGrains:
-    """A `GrainSet` as the flat arrays that kernels walk (see `kernels.grains`)."""
+    """A `GrainSet` as the flat arrays that kernels walk (see `kernels.grains`).
+
+    ``hulls (n, k, 3)`` are outermost points of each grain seen from its centre, ``radii (n,)`` the radii
+    of balls with the grains' own moments of inertia, both in mm.
+    """
 
     images: NDArray[np.float32]
     starts: NDArray[np.int64]
@@ -97,6 +101,7 @@ class PackedGrains:
     corners: Float
     centers: Float
     hulls: Float
+    radii: Float
     voxel_size: float
 
     def __len__(self) -> int:
@@ -117,6 +122,7 @@ class PackedGrains:
             corners=corners,
             centers=grains.centers,
             hulls=hulls,
+            radii=np.array([_radius(g) for g in grains.grains]),
             voxel_size=h,
         )
 
@@ -197,7 +203,7 @@ def difference_patches(
     values = project_patches(grains, pose, geometry, patches, projector)
     derivatives = np.empty((6, len(values)), np.float32)
     shift = 0.01 * grains.voxel_size
-    turn = shift / float(np.linalg.norm(grains.hulls, axis=2).max())
+    turn = shift / float(grains.radii.max())
     for k, step in enumerate([shift] * 3 + [turn] * 3):
         increment = step * np.eye(6)[k]
         moved = Pose(pose.translations + increment[:3], motion.exp(increment[3:]) @ pose.matrices)
@@ -224,7 +230,7 @@ def simulate_radiographs(
     (views, rows, columns) float32 array
         Line integrals, dimensionless; gain and offset of `Motions.fit` are not applied.
     """
-    known: NDArray[np.bool_] = np.isfinite(np.hstack([motions.translations, motions.rotations])).all(axis=1)
+    known = np.all(np.isfinite(np.hstack([motions.translations, motions.rotations])), axis=1)
     out = np.zeros((len(geometry), *geometry.shape), np.float32)
     if known.any():
         kept = GrainSet(tuple(g for g, k in zip(grains.grains, known, strict=True) if k))
@@ -253,6 +259,17 @@ def _walk(
         geometry.beam == "cone", np.array(geometry.shape), patches.boxes, patches.offsets, patches.jobs,
         projector == "exact", *out,
     )  # fmt: skip
+
+
+def _radius(grain: Grain) -> float:
+    """Radius of the ball whose attenuation spreads as the grain's does: r² = 5/3 of the mean square distance."""
+    array = grain.volume.array
+    axes = [
+        grain.volume.origin[k] + grain.volume.voxel_size * np.arange(array.shape[2 - k]) - grain.center[k]
+        for k in range(3)
+    ]
+    marginals = [array.sum(axis=tuple({0, 1, 2} - {2 - k}), dtype=float) for k in range(3)]
+    return float(np.sqrt(5 / 3 * sum((m @ a**2) / m.sum() for m, a in zip(marginals, axes, strict=True))))
 
 
 def _extreme_points(array: NDArray[np.float32]) -> Float:

@@ -34,8 +34,8 @@ class ReconstructSettings:
 
     projector: Annotated[Projector, Field(description="operator shared by reconstruction and tracking")] = "trilinear"
     sweeps: Annotated[int, Field(ge=1, description="most sweeps over all views")] = 6
-    relaxation: Annotated[float, Field(gt=0, lt=2, description="λ of the first sweep")] = 0.5
-    decay: Annotated[float, Field(gt=0, le=1, description="factor on λ after each sweep")] = 0.7
+    relaxation: Annotated[float, Field(gt=0, lt=2, description="λ of the first sweep")] = 1.0
+    decay: Annotated[float, Field(gt=0, le=1, description="factor on λ after each sweep")] = 0.5
     tolerance: Annotated[float, Field(ge=0, description="stop once a sweep lowers ε by less than this share")] = 0.02
     noise: Annotated[
         float | None,

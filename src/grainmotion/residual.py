@@ -144,8 +144,7 @@ class StateProblem:
     def size(self, state: Pose, step: Float) -> float:
         """Largest displacement of any grain's surface, in voxels."""
         each = self._each(state, step)
-        reach = np.linalg.norm(self.grains.hulls, axis=2).max(axis=1)
-        moved = np.linalg.norm(each[:, :3], axis=1) + np.linalg.norm(each[:, 3:], axis=1) * reach
+        moved = np.linalg.norm(each[:, :3], axis=1) + np.linalg.norm(each[:, 3:], axis=1) * self.grains.radii
         return float(moved.max()) / self.grains.voxel_size
 
     def _each(self, state: Pose, step: Float) -> Float:
@@ -236,9 +235,22 @@ def grain_residuals(problem: StateProblem, seen: Seen) -> tuple[Float, Float]:
     return both[:, 0], both[:, 1]
 
 
-def misfits(residuals: Float, paths: Float) -> NDArray[np.bool_]:
-    """Grains that fit far worse than the others do, or than any grain should."""
-    with np.errstate(invalid="ignore"):
-        usual = np.nanmedian(residuals) if np.isfinite(residuals).any() else 0.0
+def misfits(residuals: Float, paths: Float, noise: float) -> NDArray[np.bool_]:
+    """Grains that fit far worse than the others do, than the noise allows, or than any grain should.
+
+    ``residuals`` and ``paths`` are those of `grain_residuals`, ``noise`` that of `noise_level`.
+    """
+    usual = float(np.nanmedian(residuals)) if np.isfinite(residuals).any() else 0.0
+    usual = min(usual, max(2 * noise, 1e-6))
+    with np.errstate(invalid="ignore", divide="ignore"):
         share = residuals / paths
         return ~np.isfinite(residuals) | ((residuals > 2.5 * usual) & (share > 0.08)) | (share > 0.35)
+
+
+def noise_level(scan: Scan) -> float:
+    """Noise of a pixel: robust spread of second differences along rows, which smooth shadows do not have."""
+    images = scan.line_integrals
+    if images.shape[2] < 3:
+        return 0.0
+    second = images[:, :, 2:] - 2 * images[:, :, 1:-1] + images[:, :, :-2]
+    return float(1.4826 * np.median(np.abs(second)) / np.sqrt(6))

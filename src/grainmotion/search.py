@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from grainmotion.project import PackedGrains, Pose, assemble, project_patches, shadows
-from grainmotion.residual import StateProblem, Target, grain_residuals, misfits
+from grainmotion.residual import StateProblem, Target, grain_residuals, misfits, noise_level
 from grainmotion.scan import Scan
 from grainmotion.solve import Stopping, gauss_newton
 
@@ -33,7 +33,9 @@ def search_lost(problem: StateProblem, pose: Pose, coarse: Target) -> Pose | Non
     plain = StateProblem(problem.grains, problem.target.unfiltered())
     seen = plain.look(pose)
     residuals, paths = grain_residuals(plain, seen)
-    lost = np.nonzero(misfits(residuals, paths) & (seen.patches.seen.mean(axis=1) > 0))[0]
+    lost = np.nonzero(
+        misfits(residuals, paths, noise_level(problem.target.scan)) & (seen.patches.seen.mean(axis=1) > 0)
+    )[0]
     if len(lost) == 0 or len(lost) > max(1, 0.7 * len(problem.grains)):
         return None
     translations, matrices = pose.translations.copy(), pose.matrices.copy()
@@ -76,7 +78,7 @@ def _alone(grains: PackedGrains, k: int) -> PackedGrains:
     one = slice(k, k + 1)
     return PackedGrains(
         grains.images[start : start + size], np.zeros(1, np.int64), grains.shapes[one], grains.corners[one],
-        grains.centers[one], grains.hulls[one], grains.voxel_size,
+        grains.centers[one], grains.hulls[one], grains.radii[one], grains.voxel_size,
     )  # fmt: skip
 
 

@@ -32,6 +32,7 @@ from grainmotion.solve import Solution, Stopping, gauss_newton
 Float = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 
+ROUGHLY = Stopping(iterations=20, step=0.1, decrease=1e-3)  # for the stages that only bring all grains near
 GRAIN = 45.0  # pixels across the grains on which the default filter widths were measured
 
 
@@ -101,7 +102,7 @@ class Course:
     @property
     def scale(self) -> float:
         """Grain size over the one for which the filter widths are given."""
-        across = 2 * float(np.median(np.linalg.norm(self.grains.hulls, axis=2).mean(axis=1)))
+        across = 2 * float(np.median(self.grains.radii))
         pixels = across / self.target.scan.geometry.pixel_at(self.grains.centers.mean(axis=0))
         return float(np.clip(pixels / GRAIN, 0.3, 4.0))
 
@@ -176,7 +177,7 @@ def starting_pose(grains: GrainSet, start: Motions | None) -> Pose:
         raise InputError("start", f"grains {missing[:5]} have no row", "give the motions of the same reference")
     order = [rows[int(label)] for label in grains.labels]
     translations, rotations = start.translations[order], start.rotations[order]
-    known: NDArray[np.bool_] = np.isfinite(np.hstack([translations, rotations])).all(axis=1)
+    known = np.all(np.isfinite(np.hstack([translations, rotations])), axis=1)
     if not known.any():
         return pose
     # The start's centres may differ from ours by what another segmentation cut off.
@@ -190,7 +191,7 @@ def _fields(course: Course, pose: Pose) -> Pose:
     width = course.settings.field_filter
     problem = StateProblem(course.grains, course.filter(width), stages.rigid)
     starts = [pose, centroid_shift(problem, pose)]
-    ends = [_solve(course, problem, s, "one body") for s in starts]
+    ends = [_solve(course, problem, s, ROUGHLY, "one body") for s in starts]
     pose = min(ends, key=lambda e: e.costs[-1]).state
     fields: list[tuple[str, Basis, int]] = [
         ("affine field", stages.affine, 6),
@@ -199,7 +200,7 @@ def _fields(course: Course, pose: Pose) -> Pose:
     for name, basis, needed in fields:
         if len(course.grains) >= needed:
             problem = StateProblem(course.grains, course.filter(width), basis)
-            pose = _solve(course, problem, pose, name).state
+            pose = _solve(course, problem, pose, ROUGHLY, name).state
     return pose
 
 
@@ -209,12 +210,14 @@ def _free(course: Course, pose: Pose, name: str) -> tuple[StateProblem, Solution
     for k, width in enumerate(settings.filters):
         gain = settings.gain and (k > 0 or len(settings.filters) == 1)
         problem = StateProblem(course.grains, course.filter(width, gain))
-        solution = _solve(course, problem, pose, f"{name}, filter {width:g}")
+        last = k == len(settings.filters) - 1
+        stopping = Stopping(settings.iterations, settings.tolerance if last else max(settings.tolerance, 0.02))
+        solution = _solve(course, problem, pose, stopping, f"{name}, filter {width:g}")
         pose = solution.state
     return problem, solution
 
 
-def _solve(course: Course, problem: StateProblem, pose: Pose, name: str) -> Solution[Pose]:
+def _solve(course: Course, problem: StateProblem, pose: Pose, stopping: Stopping, name: str) -> Solution[Pose]:
     norm = float(np.vdot(problem.target.measured, problem.target.measured)) or 1.0
 
     def observe(cost: float) -> None:
@@ -222,7 +225,6 @@ def _solve(course: Course, problem: StateProblem, pose: Pose, name: str) -> Solu
         course.tell(f"{name}: residual {course.costs[-1][1]:.4f}", course.stage)
 
     course.tell(name, course.stage)
-    stopping = Stopping(course.settings.iterations, course.settings.tolerance)
     solution = gauss_newton(problem, pose, stopping, observe)
     course.stage += 1
     return solution
