@@ -65,6 +65,7 @@ class TestTables:
             ('name = "two"', 'naem = "two"', r"states\[2\].naem: unknown key; did you mean 'name'?"),
             ('name = "two"', "", r"states\[2\].name: it is missing"),
             ('name = "two"', 'name = "one"', "'one' is given twice"),
+            ('name = "two"', 'name = "report.html"', "cannot be called"),
             ('name = "two"', 'name = "../two"', "states.../two.name"),
             ("sweeps = 3", "sweeps = 0", "reconstruct.sweeps.*got 0"),
             ("sweeps = 3", 'sweeps = "many"', "reconstruct.sweeps.*got 'many'"),

@@ -186,6 +186,22 @@ class TestResume:
         (copied.parent / "results" / "stages.json").write_text("{")
         assert run(copied, until="segment").done == ("reconstruct", "segment")
 
+    @pytest.mark.parametrize("name", ["reference.h5", "one/motions.h5"])
+    def test_a_damaged_result_says_what_to_do(self, copied, quick_track, name):
+        path = copied.parent / "results" / name
+        path.write_bytes(path.read_bytes()[:-500])
+        if name == "reference.h5":
+            (copied.parent / "results" / "report.html").unlink()
+        with pytest.raises(InputError, match="delete it"):
+            run(copied)
+        path.unlink()
+        run(copied)
+
+    def test_no_result_over_an_input(self, copied):
+        (copied.parent / "one.tif").rename(copied.parent / "residuals.tif")
+        with pytest.raises(InputError, match=r"residuals\.tif is an input and would be overwritten"):
+            run(copied, 'radiographs = "one.tif"', 'radiographs = "residuals.tif"', out=copied.parent)
+
     def test_stages_one_by_one_are_the_whole(self, copied, quick_track):
         shutil.rmtree(copied.parent / "results")
         assert run(copied, until="reconstruct").done == ("reconstruct",)

@@ -35,7 +35,7 @@ def progress(quiet: bool) -> Iterator[Listener | None]:
 
 
 def _bar() -> Iterator[Listener]:
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=None)
 

@@ -23,6 +23,7 @@ from grainmotion.reconstruct import ReconstructSettings
 from grainmotion.segment import SegmentSettings
 from grainmotion.track import TrackSettings
 
+RESERVED = ("reference.h5", "reconstruction.h5", "report.html", "stages.json", "reference.tif", "reference.vti")
 Kind = Literal["counts", "transmission", "line-integrals"]
 Export = Literal["vtk", "spam"]
 
@@ -219,6 +220,8 @@ def _check_keys(where: str, table: object, known: Iterable[str]) -> None:
 def _check_states(tables: ExperimentFile) -> None:
     names = [s.name.lower() for s in tables.states]
     for name in names:
+        if name in RESERVED:
+            raise InputError("states", f"a state cannot be called '{name}': its folder would meet a file", "rename it")
         if names.count(name) > 1:
             raise InputError("states", f"the name '{name}' is given twice", "give each state its own name")
 

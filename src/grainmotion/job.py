@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ Progress = Callable[[str, int, int], None]
 
 CHECKPOINT = "reconstruction.h5"  # the volume until its grains are found; then both are in REFERENCE
 REFERENCE = "reference.h5"
+T = TypeVar("T")
 
 
 @dataclass(eq=False)
@@ -139,13 +140,13 @@ class Job:
                 raise InputError(f"{self.inputs.volume.spec} (reference.volume)", error.fact, error.remedy) from error
             self.reference = Reference(volume)
         if self.reference is None:
-            self.reference = read_reference(self.ledger.files("reconstruct")[0])
+            self.reference = kept(read_reference, self.ledger.files("reconstruct")[0])
         return self.reference.volume
 
     def labelled(self) -> Reference:
         """The reference with its labels, read when they are first asked for."""
         if self.reference is None or self.reference.labels is None:
-            self.reference = read_reference(self.folder / REFERENCE)
+            self.reference = kept(read_reference, self.folder / REFERENCE)
         return self.reference
 
     def grains(self) -> GrainSet:
@@ -167,6 +168,14 @@ class Job:
         if there:
             self.reused.append(stage)
         return there
+
+
+def kept(read: Callable[[Path], T], path: Path) -> T:
+    """What an earlier run left in a file."""
+    try:
+        return read(path)
+    except InputError as error:
+        raise InputError(error.where, error.fact, "delete it; the same command makes it again") from error
 
 
 def _given_labels(stack: Stack) -> NDArray[np.int32]:

@@ -19,12 +19,12 @@ import numpy as np
 from grainmotion import outputs
 from grainmotion.errors import InputError
 from grainmotion.experiment import Experiment, StateTable
-from grainmotion.inputs import find_inputs
+from grainmotion.inputs import Inputs, find_inputs
 from grainmotion.io.files import checked_folder
 from grainmotion.io.ledger import Ledger
 from grainmotion.io.motions_csv import write_motions
 from grainmotion.io.results import Reference, read_motions_h5, write_motions_h5, write_reference
-from grainmotion.job import CHECKPOINT, REFERENCE, Job, Progress
+from grainmotion.job import CHECKPOINT, REFERENCE, Job, Progress, kept
 from grainmotion.motions import Motions
 from grainmotion.reconstruct import reconstruct
 from grainmotion.scan_input import ScanInput
@@ -32,6 +32,11 @@ from grainmotion.segment import segment
 from grainmotion.track import track
 
 Until = Literal["reconstruct", "segment", "track", "report"]
+
+WRITTEN = (
+    REFERENCE, CHECKPOINT, "reference.tif", "reference_labels.tif", "motions.h5",
+    "residuals.tif", "rebuilt.tif", "rebuilt_labels.tif",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +89,7 @@ def run(
     """
     inputs = find_inputs(experiment)
     folder = checked_folder(out if out is not None else experiment.output)
+    _check_overwriting(inputs, folder)
     job = Job(experiment, inputs, folder, Ledger(folder), progress)
     job.check_pixels(states=until in ("track", "report"))
     motions: dict[str, Motions] = {}
@@ -150,7 +156,7 @@ def _track(job: Job, scan: ScanInput, table: StateTable, previous: Motions | Non
     folder = job.folder / table.name
     full, short = folder / "motions.h5", folder / "motions.csv"
     if job.has(stage, fingerprint):
-        return read_motions_h5(full)
+        return kept(read_motions_h5, full)
     start = previous if table.initial == "previous" else job.inputs.starts[_index(job, table)]
     radiographs, _ = scan.read()
     try:
@@ -207,5 +213,16 @@ def _report(job: Job, motions: dict[str, Motions]) -> Path:
 
 
 # ---------------------------------------------------------------------- small parts
+def _check_overwriting(inputs: Inputs, folder: Path) -> None:
+    """Refuse to write results over what was measured."""
+    scans = [s for s in (inputs.reference, *inputs.states) if s is not None]
+    given = [f for s in scans for f in s.files] + [f for s in (inputs.volume, inputs.labels) if s for f in s.files]
+    folders = {folder.resolve(), *(folder.resolve() / s.key.removeprefix("states.") for s in inputs.states)}
+    for file in given:
+        if file.resolve().parent in folders and file.name in WRITTEN:
+            fact = f"{file} is an input and would be overwritten"
+            raise InputError("output.directory", fact, "choose another folder for the results")
+
+
 def _index(job: Job, table: StateTable) -> int:
     return [t.name for t in job.tables.states].index(table.name)
