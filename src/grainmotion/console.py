@@ -20,6 +20,7 @@ from grainmotion.compare import Comparison
 from grainmotion.inspection import Inspection
 from grainmotion.motions import Motions
 
+MOST_LINES = 20
 Listener = Callable[[str, int, int], None]
 
 
@@ -91,7 +92,9 @@ def print_inspection(found: Inspection) -> None:
 
 
 def print_states(motions: dict[str, Motions]) -> None:
-    """Print how the tracking of each state went."""
+    """Print how the tracking of each state went, and why grains did not converge."""
+    if not motions:
+        return
     table = Table("state", "grains", "converged", "others", "median |u| (mm)", "median |w| (deg)")
     for name, m in motions.items():
         statuses, counts = np.unique(m.statuses[~m.ok], return_counts=True)
@@ -101,6 +104,16 @@ def print_states(motions: dict[str, Motions]) -> None:
         middle = [f"{np.median(v):.4g}" if len(v) else "-" for v in (u, w)]
         table.add_row(name, str(len(m)), str(int(m.ok.sum())), others or "-", *middle)
     Console(width=None if sys.stdout.isatty() else 120).print(table)
+    lines = [
+        f"{name}, grain {label}: {status}: {reason}"
+        for name, m in motions.items()
+        for label, status, reason, ok in zip(m.labels, m.statuses, m.reasons, m.ok)
+        if not ok
+    ]
+    for line in lines[:MOST_LINES]:
+        print(line)
+    if len(lines) > MOST_LINES:
+        print(f"... and {len(lines) - MOST_LINES} more, in the report")
 
 
 def print_comparisons(comparisons: dict[str, Comparison]) -> None:
