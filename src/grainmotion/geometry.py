@@ -217,6 +217,10 @@ class Panel:
     axis_tilt_deg: tuple[float, float] = (0.0, 0.0)
     first_row: Literal["bottom", "top"] = "bottom"
 
+    def __post_init__(self) -> None:
+        if self.first_row not in ("bottom", "top"):
+            raise InputError("first_row", f"'{self.first_row}' is unknown", 'use "bottom" or "top"')
+
 
 def _circular(
     start: NDArray[np.float64],
@@ -234,6 +238,9 @@ def _circular(
         raise InputError("geometry.angles_deg", "not a list of finite numbers", "give one angle a view, in degrees")
     if not pixel_size > 0:
         raise InputError("geometry.pixel_size", f"must be > 0, got {pixel_size}", "give it in mm")
+    numbers = [*panel.offset, *panel.tilts_deg, panel.axis_offset, *panel.axis_tilt_deg]
+    if not np.isfinite(numbers).all():
+        raise InputError("geometry", f"{panel} holds NaN or infinity", "give finite offsets and tilts")
     turn = motion.exp(np.deg2rad(panel.tilts_deg))
     u = turn @ np.array([pixel_size, 0.0, 0.0])
     v = turn @ np.array([0.0, 0.0, pixel_size if panel.first_row == "bottom" else -pixel_size])
