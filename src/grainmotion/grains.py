@@ -48,10 +48,25 @@ class GrainSet:
         All on the same voxel size.
     background : Volume, optional
         Attenuation that belongs to no grain and stays where it is (container, fines).
+
+    Raises
+    ------
+    InputError
+        If there is no grain, two have one label, or voxel sizes differ.
     """
 
     grains: tuple[Grain, ...]
     background: Volume | None = None
+
+    def __post_init__(self) -> None:
+        if not self.grains:
+            raise InputError("grains", "there is no grain", "give at least one")
+        labels, counts = np.unique(self.labels, return_counts=True)
+        if counts.max() > 1:
+            raise InputError("grains", f"label {labels[counts.argmax()]} is there twice", "give each grain its own")
+        sizes = sorted({g.volume.voxel_size for g in self.grains})
+        if sizes[-1] > sizes[0] * (1 + 1e-6):
+            raise InputError("grains", f"voxel sizes {sizes[0]} and {sizes[-1]} mm", "cut all grains from one volume")
 
     def __len__(self) -> int:
         return len(self.grains)
@@ -94,10 +109,14 @@ def grains_from_labels(
     Raises
     ------
     InputError
-        If shapes differ or there is no grain.
+        If shapes differ, labels are not integers from 0 on, or there is no grain.
     """
+    if not np.issubdtype(labels.dtype, np.integer):
+        raise InputError("labels", f"they are {labels.dtype}", "give integers, 0 for no grain")
     if labels.shape != volume.shape:
         raise InputError("labels", f"shape {labels.shape} is not the volume's {volume.shape}", "give them on one grid")
+    if labels.min() < 0 or labels.max() > labels.size:
+        raise InputError("labels", f"they run from {labels.min()} to {labels.max()}", "number the grains from 1 on")
     grown = expand_labels(labels, distance=reach) if reach > 0 else labels
     grains = []
     for index, box in enumerate(ndimage.find_objects(grown), start=1):

@@ -94,7 +94,9 @@ class Motions:
         for name, shape in shapes.items():
             if np.shape(getattr(self, name)) != shape:
                 raise InputError(f"motions.{name}", f"shape {np.shape(getattr(self, name))}", f"give {shape}")
-        unknown = set(np.unique(self.statuses)) - {s.value for s in Status}
+        if len(self.reasons) != n:
+            raise InputError("motions.reasons", f"{len(self.reasons)} sentences", f"give {n}")
+        unknown = {str(s) for s in self.statuses} - {s.value for s in Status}
         if unknown:
             raise InputError("motions.status", f"{sorted(unknown)} unknown", f"use {[s.value for s in Status]}")
 
@@ -151,7 +153,7 @@ class Motions:
         missing = [c for c in COLUMNS if c not in table.columns]
         if missing:
             raise InputError(where, f"columns {missing} are missing", f"give {','.join(COLUMNS)}")
-        sd = table[list(COLUMNS[11:17])].to_numpy(float)
+        sd = table[list(COLUMNS[11:17])].to_numpy(float, copy=True)
         sd[:, 3:] = np.deg2rad(sd[:, 3:])
         return cls(
             labels=table["label"].to_numpy(np.int64),

@@ -26,7 +26,8 @@ class Volume:
     Raises
     ------
     InputError
-        If the array is not three-dimensional, is empty or holds NaN, or the voxel size is not positive.
+        If the array is not three-dimensional, is empty or holds NaN, the voxel size is not positive, or
+        the centre is not three finite numbers.
     """
 
     array: NDArray[np.float32]
@@ -34,13 +35,16 @@ class Volume:
     center: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        array = np.ascontiguousarray(self.array, dtype=np.float32)
+        with np.errstate(over="ignore"):  # what single precision cannot hold becomes infinite, and is refused
+            array = np.ascontiguousarray(self.array, dtype=np.float32)
         if array.ndim != 3 or array.size == 0:
             raise InputError("volume", f"shape {array.shape} is not (z, y, x)", "give a 3-D stack")
         if not np.isfinite(array).all():
             raise InputError("volume", "it holds NaN or infinite voxels", "replace them, by 0 for air")
         if not (np.isfinite(self.voxel_size) and self.voxel_size > 0):
             raise InputError("volume.voxel_size", f"must be > 0, got {self.voxel_size}", "give it in mm")
+        if np.shape(self.center) != (3,) or not np.isfinite(self.center).all():
+            raise InputError("volume.center", f"{self.center} is not 3 finite numbers", "give x, y, z in mm")
         object.__setattr__(self, "array", array)
         object.__setattr__(self, "voxel_size", float(self.voxel_size))
         x, y, z = (float(c) for c in self.center)
