@@ -1,0 +1,286 @@
+"""Damped Gauss–Newton on problems whose optimum is known."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from scipy import sparse
+from scipy.linalg import LinAlgError
+
+from grainmotion import solve
+from grainmotion.solve import Linearization, Stopping, damped_step, gauss_newton
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class LeastSquares:
+    """½‖r(x) − C y‖² with y eliminated; x a plain vector."""
+
+    residual: Callable[[Array], Array]
+    jacobian: Callable[[Array], Array]
+    linear: Array | None = None  # C
+    wrap: Callable[[Array], object] = np.asarray
+
+    def linearize(self, state: Array) -> Linearization:
+        r, J = self.residual(state), self.jacobian(state)
+        C = np.zeros((len(r), 0)) if self.linear is None else self.linear
+        r = r - C @ np.linalg.lstsq(C, r, rcond=None)[0]
+        return Linearization(0.5 * float(r @ r), J.T @ r, self.wrap(J.T @ J), J.T @ C, C.T @ C)
+
+    def retract(self, state: Array, step: Array) -> Array:
+        return state + step
+
+    def size(self, state: Array, step: Array) -> float:
+        return float(np.linalg.norm(step))
+
+
+@dataclass(frozen=True)
+class Known:
+    """A start, the optimum and its cost."""
+
+    problem: LeastSquares
+    start: Array
+    optimum: Array
+    cost: float = 0.0
+
+
+def linear() -> Known:
+    rng = np.random.default_rng(0)
+    A, b = rng.normal(size=(12, 4)), rng.normal(size=12)
+    best = np.linalg.lstsq(A, b, rcond=None)[0]
+    problem = LeastSquares(lambda x: A @ x - b, lambda x: A)
+    return Known(problem, np.full(4, 5.0), best, 0.5 * float(((A @ best - b) ** 2).sum()))
+
+
+def badly_scaled() -> Known:
+    """Unknowns of sizes 1e-4 and 1e4, as mm and radians may be: damping must not mind."""
+    rng = np.random.default_rng(1)
+    A, best = rng.normal(size=(9, 3)) * [1e4, 1.0, 1e-4], np.array([1e-4, 1.0, 1e4])
+    return Known(LeastSquares(lambda x: A @ (x - best), lambda x: A), np.zeros(3), best)
+
+
+def rosenbrock() -> Known:
+    return Known(
+        LeastSquares(
+            lambda x: np.array([10 * (x[1] - x[0] ** 2), 1 - x[0]]),
+            lambda x: np.array([[-20 * x[0], 10.0], [-1.0, 0.0]]),
+        ),
+        np.array([-1.2, 1.0]),
+        np.ones(2),
+    )
+
+
+def powell() -> Known:
+    """Powell's singular function: the Jacobian loses rank at the optimum."""
+    return Known(
+        LeastSquares(
+            lambda x: np.array(
+                [x[0] + 10 * x[1], 5**0.5 * (x[2] - x[3]), (x[1] - 2 * x[2]) ** 2, 10**0.5 * (x[0] - x[3]) ** 2]
+            ),
+            lambda x: np.array(
+                [
+                    [1, 10, 0, 0],
+                    [0, 0, 5**0.5, -(5**0.5)],
+                    [0, 2 * (x[1] - 2 * x[2]), -4 * (x[1] - 2 * x[2]), 0],
+                    [2 * 10**0.5 * (x[0] - x[3]), 0, 0, -2 * 10**0.5 * (x[0] - x[3])],
+                ]
+            ),
+        ),
+        np.array([3.0, -1.0, 0.0, 1.0]),
+        np.zeros(4),
+    )
+
+
+def exponential() -> Known:
+    """y = 2 exp(−1.3 t) + 0.5 exactly, all three unknown."""
+    t = np.linspace(0, 4, 30)
+    y = 2 * np.exp(-1.3 * t) + 0.5
+    return Known(
+        LeastSquares(
+            lambda x: x[0] * np.exp(-x[1] * t) + x[2] - y,
+            lambda x: np.stack([np.exp(-x[1] * t), -x[0] * t * np.exp(-x[1] * t), np.ones_like(t)], axis=1),
+        ),
+        np.array([1.0, 0.2, 0.0]),
+        np.array([2.0, 1.3, 0.5]),
+    )
+
+
+def exponential_with_eliminated_amplitudes() -> Known:
+    """The same with amplitude and offset eliminated: gain and offset of a radiograph in small.
+
+    With y the best amplitudes at x, r = data − C(x) y; its Jacobian in Kaufman's form is −∂C y, projected.
+    """
+    t = np.linspace(0, 4, 30)
+    y = 2 * np.exp(-1.3 * t) + 0.5
+
+    class Eliminated(LeastSquares):
+        def linearize(self, state: Array) -> Linearization:
+            C = np.stack([np.exp(-state[0] * t), np.ones_like(t)], axis=1)
+            amplitudes = np.linalg.lstsq(C, y, rcond=None)[0]
+            r = y - C @ amplitudes
+            J = (amplitudes[0] * t * np.exp(-state[0] * t))[:, None]
+            return Linearization(0.5 * float(r @ r), J.T @ r, J.T @ J, J.T @ C, C.T @ C)
+
+    return Known(Eliminated(np.asarray, np.asarray), np.array([0.1]), np.array([1.3]))
+
+
+KNOWN = {
+    f.__name__: f
+    for f in (linear, badly_scaled, rosenbrock, powell, exponential, exponential_with_eliminated_amplitudes)
+}
+
+
+class TestKnownOptima:
+    @pytest.mark.parametrize("name", KNOWN)
+    def test_reached(self, name):
+        known = KNOWN[name]()
+        found = gauss_newton(known.problem, known.start, Stopping(iterations=200, step=1e-7, decrease=1e-14))
+        assert found.settled
+        assert found.costs[-1] == pytest.approx(known.cost, abs=1e-12)
+        # Powell's optimum is singular: convergence is linear there
+        np.testing.assert_allclose(found.state, known.optimum, rtol=1e-6, atol=5e-3 if name == "powell" else 1e-6)
+
+    @pytest.mark.parametrize("name", KNOWN)
+    def test_costs_only_fall(self, name):
+        known = KNOWN[name]()
+        seen = []
+        found = gauss_newton(known.problem, known.start, Stopping(iterations=50), seen.append)
+        assert (np.diff(found.costs) < 0).all()
+        assert list(found.costs[1:]) == seen
+        assert found.iterations == len(seen)
+        assert found.linearization.cost == found.costs[-1]
+
+    def test_a_linear_problem_takes_a_step_or_two(self):
+        known = linear()
+        assert gauss_newton(known.problem, known.start, Stopping(step=1e-6)).iterations <= 3
+
+    def test_rank_deficient_normal_matrix(self):
+        """A direction that nothing sees does not stop the others, and is not moved."""
+        rng = np.random.default_rng(2)
+        A = np.concatenate([rng.normal(size=(9, 3)), np.zeros((9, 1))], axis=1)
+        b = rng.normal(size=9)
+        found = gauss_newton(LeastSquares(lambda x: A @ x - b, lambda x: A), np.array([1.0, 1, 1, 7.0]))
+        np.testing.assert_allclose(found.state[:3], np.linalg.lstsq(A[:, :3], b, rcond=None)[0], atol=1e-6)
+        assert found.state[3] == 7.0
+        assert found.settled
+
+    def test_two_unknowns_that_only_appear_summed(self):
+        A = np.ones((5, 2))
+        found = gauss_newton(LeastSquares(lambda x: A @ x - 3, lambda x: A), np.zeros(2))
+        assert found.state.sum() == pytest.approx(3, abs=1e-5)
+        np.testing.assert_allclose(found.state[0], found.state[1], atol=1e-6)
+
+
+class TestStopping:
+    def test_iterations_run_out(self):
+        known = rosenbrock()
+        found = gauss_newton(known.problem, known.start, Stopping(iterations=2, step=1e-12))
+        assert found.iterations == 2
+        assert not found.settled
+
+    def test_a_start_at_the_optimum_settles_at_once(self):
+        known = rosenbrock()
+        found = gauss_newton(known.problem, known.optimum)
+        assert found.settled
+        assert found.iterations == 0
+        np.testing.assert_array_equal(found.state, known.optimum)
+
+    def test_a_small_step_settles(self):
+        known = rosenbrock()
+        found = gauss_newton(known.problem, known.start, Stopping(iterations=500, step=0.5))
+        assert found.settled
+        assert np.linalg.norm(found.last_step) < 0.5
+
+    def test_a_small_decrease_settles(self):
+        known = powell()
+        found = gauss_newton(known.problem, known.start, Stopping(iterations=500, step=0.0, decrease=0.999))
+        assert found.settled
+        assert found.costs[-1] > 0.001 * found.costs[-2]
+
+    def test_no_downhill_step_settles_where_it_stands(self):
+        """A gradient that points the wrong way: every step is refused, the state stays, the end comes."""
+        wrong = LeastSquares(lambda x: x - 1, lambda x: -np.eye(2))
+        found = gauss_newton(wrong, np.zeros(2), Stopping(step=1e-12))
+        assert found.settled
+        assert found.iterations == 0
+        np.testing.assert_array_equal(found.state, [0, 0])
+
+    def test_nan_beyond_the_start_is_refused(self):
+        """A step to where the cost is NaN shortens; the solver comes home."""
+        with np.errstate(invalid="ignore"):
+            found = gauss_newton(
+                LeastSquares(lambda x: np.sqrt(x) - 1, lambda x: 0.5 / np.sqrt(x)[:, None] * np.eye(len(x))),
+                np.array([8.0]),  # the plain Gauss–Newton step lands below zero
+                Stopping(iterations=200, step=1e-9),
+            )
+        np.testing.assert_allclose(found.state, [1.0], rtol=1e-6)
+
+
+def blocks(n, seed=0, border=0):
+    """A block-sparse linearisation of n grains, each coupled to the next two."""
+    rng = np.random.default_rng(seed)
+    J = sparse.lil_array((40 * n, 6 * n))
+    for k in range(n):
+        for neighbour in range(k, min(n, k + 3)):
+            J[40 * k : 40 * k + 40, 6 * neighbour : 6 * neighbour + 6] = rng.normal(size=(40, 6))
+    J = J.tocsr()
+    r, C = rng.normal(size=40 * n), rng.normal(size=(40 * n, border))
+    hessian = sparse.bsr_array(sparse.csr_array(J.T @ J), blocksize=(6, 6))
+    return Linearization(0.5 * float(r @ r), J.T @ r, hessian, J.T @ C, C.T @ C), J.toarray(), r, C
+
+
+class TestStep:
+    @pytest.mark.parametrize("damping", [0.0, 0.1])
+    @pytest.mark.parametrize("border", [0, 1, 2])
+    def test_elimination_equals_the_joint_solve(self, damping, border):
+        at, J, r, C = blocks(5, border=border)
+        damped = J.T @ J + damping * np.diag(np.diagonal(J.T @ J))
+        # r is at its best over y only after projection; the joint normal equations with that r
+        r = r - C @ np.linalg.lstsq(C, r, rcond=None)[0]
+        joint = np.block([[damped, J.T @ C], [C.T @ J, C.T @ C]])
+        expected = np.linalg.solve(joint, -np.concatenate([J.T @ r, C.T @ r]))[: 6 * 5]
+        step = damped_step(Linearization(at.cost, J.T @ r, at.hessian, at.border, at.corner), damping)
+        np.testing.assert_allclose(step, expected, atol=1e-9)
+
+    @pytest.mark.parametrize("border", [0, 2])
+    def test_sparse_matrix_and_array_are_the_same(self, border):
+        at, *_ = blocks(4, 1, border)
+        dense = Linearization(at.cost, at.gradient, at.hessian.toarray(), at.border, at.corner)
+        np.testing.assert_allclose(damped_step(at, 1e-3), damped_step(dense, 1e-3))
+
+    @pytest.mark.parametrize("damping", [0.0, 1e-4, 1.0])
+    @pytest.mark.parametrize("border", [0, 2])
+    def test_conjugate_gradients_equal_the_dense_factor(self, monkeypatch, damping, border):
+        at, *_ = blocks(30, 2, border)
+        dense = damped_step(at, damping)
+        monkeypatch.setattr(solve, "DENSE_UP_TO", 0)
+        np.testing.assert_allclose(damped_step(at, damping), dense, atol=1e-6 * np.abs(dense).max())
+
+    def test_conjugate_gradients_leave_unseen_grains_alone(self, monkeypatch):
+        at, J, r, _ = blocks(6, 3)
+        J = J.copy()
+        J[:, 12:18] = 0
+        hessian = sparse.bsr_array(J.T @ J, blocksize=(6, 6))
+        at = Linearization(1.0, J.T @ r, hessian, np.zeros((36, 0)), np.zeros((0, 0)))
+        dense = damped_step(at, 1e-4)
+        monkeypatch.setattr(solve, "DENSE_UP_TO", 0)
+        step = damped_step(at, 1e-4)
+        np.testing.assert_array_equal(step[12:18], 0)
+        np.testing.assert_allclose(step, dense, atol=1e-6 * np.abs(dense).max())
+
+    def test_border_that_is_not_independent(self):
+        """Two columns alike, as gain and offset of an even radiograph: the step is that of one of them."""
+        at, _, _, C = blocks(3, 4, 1)
+        twice = np.concatenate([C, C], axis=1)
+        J = blocks(3, 4, 1)[1]
+        double = Linearization(at.cost, at.gradient, at.hessian, J.T @ twice, twice.T @ twice)
+        np.testing.assert_allclose(damped_step(double, 0.1), damped_step(at, 0.1), atol=1e-8)
+
+    def test_indefinite_matrix_is_an_error(self):
+        bad = Linearization(
+            1.0, np.ones(2), np.diag([1.0, -1.0]) + 5 - 5 * np.eye(2), np.zeros((2, 0)), np.zeros((0, 0))
+        )
+        with pytest.raises(LinAlgError, match="not positive"):
+            damped_step(bad, 0.0)
