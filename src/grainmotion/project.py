@@ -154,7 +154,8 @@ def shadows(grains: PackedGrains, pose: Pose, geometry: Geometry, margin: int = 
     moved += (grains.centers + pose.translations)[:, None]
     n, k = moved.shape[:2]
     spots = geometry.project_points(moved.reshape(-1, 3)).reshape(len(geometry), n, k, 2)
-    slack = 1 + int(np.ceil(grains.voxel_size / geometry.pixel_at(grains.centers.mean(axis=0))))
+    # A voxel's image reaches up to √3 voxels beyond its centre; rounding to whole pixels gives the rest.
+    slack = int(np.ceil(0.4 + 1.5 * grains.voxel_size / geometry.pixel_at(grains.centers.mean(axis=0))))
     with np.errstate(invalid="ignore"):
         low = np.floor(np.nan_to_num(spots.min(axis=2), nan=-1e9)).astype(np.int64) - slack
         high = np.ceil(np.nan_to_num(spots.max(axis=2), nan=-1e9)).astype(np.int64) + slack + 1

@@ -1,0 +1,455 @@
+"""Laws that line integrals obey, for both projectors, in cone and parallel beams from straight and tilted views."""
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from grainmotion import motion
+from grainmotion.geometry import Geometry, Panel
+from grainmotion.grains import GrainSet, grains_from_labels
+from grainmotion.kernels import grains as kernel
+from grainmotion.kernels import voxels
+from grainmotion.motions import Motions
+from grainmotion.project import (
+    PackedGrains,
+    Pose,
+    back_project,
+    difference_patches,
+    differentiate_patches,
+    pad,
+    padded_origin,
+    project,
+    shadows,
+    simulate_radiographs,
+)
+from grainmotion.simulate import Ellipsoid, Particle, Sample, attenuation_volume, line_integrals
+from grainmotion.volume import Volume
+
+PANEL = (13, 16)
+TILTED = Panel(offset=(0.2, -0.1), tilts_deg=(8, -5, 11), axis_offset=0.15, axis_tilt_deg=(4, -3), first_row="top")
+PROJECTORS = ("trilinear", "exact")
+
+
+def _along_z(beam):
+    """Views whose rays run mostly along z, and one along −x: every axis dominates somewhere."""
+    start = [0.1, 0.2, -9] if beam == "cone" else [0.02, 0.01, 1]
+    down = [*start, 0.3, 0.1, 20, 0.3, 0.05, 0, -0.04, 0.3, 0.01]
+    start = [9, 0.1, 0.2] if beam == "cone" else [-1, 0.02, 0.03]
+    left = [*start, -20, 0.3, 0.1, 0.02, 0.3, 0, 0, 0.03, 0.31]
+    return Geometry(np.array([down, left]), PANEL, beam)
+
+
+GEOMETRIES = {
+    "cone": Geometry.cone([0.0, 38.0, 90.0, 211.0], PANEL, 0.3, source_to_axis=8, source_to_detector=20),
+    "cone, tilted": Geometry.cone([5.0, 100.0], PANEL, 0.3, source_to_axis=8, source_to_detector=20, panel=TILTED),
+    "cone, along z and x": _along_z("cone"),
+    "parallel": Geometry.parallel([0.0, 45.0, 90.0, 250.0], PANEL, 0.12),
+    "parallel, tilted": Geometry.parallel([12.0, 77.0], PANEL, 0.12, panel=TILTED),
+    "parallel, along z and x": _along_z("parallel"),
+}
+every_geometry = pytest.mark.parametrize("geometry", GEOMETRIES.values(), ids=GEOMETRIES.keys())
+every_projector = pytest.mark.parametrize("projector", PROJECTORS)
+VOXEL, CENTER = 0.13, (0.11, -0.07, 0.05)
+
+
+def random_volume(seed=0, shape=(7, 9, 8), negative=False):
+    values = np.random.default_rng(seed).uniform(-1 if negative else 0, 1, shape)
+    return Volume(values, VOXEL, CENTER)
+
+
+def double_forward(array, geometry, projector, origin, voxel=VOXEL):
+    """The forward kernel in double precision; ``array`` is padded already."""
+    out = np.empty((len(geometry), *geometry.shape))
+    voxels.forward(
+        array, np.asarray(origin, float), voxel, geometry.vectors, geometry.beam == "cone", projector == "exact", out
+    )
+    return out
+
+
+def rays(geometry):
+    """A point and a unit direction of every ray, ``(views, rows, columns, 3)``, by the definition of a view."""
+    pixels = np.stack([geometry.pixel_positions(i) for i in range(len(geometry))])
+    if geometry.beam == "cone":
+        directions = pixels - geometry.vectors[:, None, None, :3]
+    else:
+        directions = np.broadcast_to(geometry.vectors[:, None, None, :3], pixels.shape)
+    return pixels, directions / np.linalg.norm(directions, axis=-1, keepdims=True)
+
+
+class TestMatchedAdjoint:
+    """⟨A x, y⟩ = ⟨x, Aᵀ y⟩."""
+
+    @every_geometry
+    @every_projector
+    def test_in_double_precision(self, geometry, projector):
+        rng = np.random.default_rng(1)
+        x = pad(rng.normal(size=(7, 9, 8)))
+        y = rng.normal(size=(len(geometry), *PANEL))
+        origin = padded_origin(random_volume())
+        back = np.zeros_like(x)
+        voxels.adjoint(y, origin, VOXEL, geometry.vectors, geometry.beam == "cone", projector == "exact", back)
+        forward = double_forward(x, geometry, projector, origin)
+        assert np.abs(forward).max() > 0.5  # the views do see it
+        assert np.vdot(forward, y) == pytest.approx(np.vdot(x, back), rel=1e-11)
+
+    @every_geometry
+    @every_projector
+    def test_of_nouns_in_single_precision(self, geometry, projector):
+        rng = np.random.default_rng(2)
+        x, y = random_volume(), rng.uniform(size=(len(geometry), *PANEL)).astype(np.float32)
+        back = back_project(y, geometry, x, projector)
+        assert (back.shape, back.voxel_size, back.center) == (x.shape, VOXEL, CENTER)
+        forward = project(x, geometry, projector)
+        one = np.vdot(forward.astype(float), y)
+        assert one == pytest.approx(np.vdot(x.array.astype(float), back.array), rel=1e-5)
+
+    @every_projector
+    def test_back_projection_adds_to_what_is_there_and_skips_empty_pixels(self, projector):
+        geometry = GEOMETRIES["cone"]
+        y = np.zeros((len(geometry), *PANEL), np.float32)
+        assert not back_project(y, geometry, random_volume(), projector).array.any()
+        y[1, 6, 7] = 2.0
+        one = back_project(y, geometry, random_volume(), projector).array
+        np.testing.assert_allclose(back_project(2 * y, geometry, random_volume(), projector).array, 2 * one, rtol=1e-6)
+
+
+class TestExactPath:
+    """The exact radiological path: the length of a ray in each voxel's box, one box at a time."""
+
+    @staticmethod
+    def by_boxes(volume, geometry):
+        """Σ μ · length of the ray in the box, each box clipped on its own (slab method)."""
+        points, directions = rays(geometry)
+        total = np.zeros(points.shape[:-1])
+        for (z, y, x), value in np.ndenumerate(volume.array):
+            low = volume.origin + VOXEL * (np.array([x, y, z]) - 0.5)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                first, second = (low - points) / directions, (low + VOXEL - points) / directions
+            inside = (points >= low) & (points < low + VOXEL)
+            still = directions == 0
+            enter = np.where(still, np.where(inside, -np.inf, np.inf), np.minimum(first, second)).max(axis=-1)
+            leave = np.where(still, np.inf, np.maximum(first, second)).min(axis=-1)
+            total += value * np.maximum(leave - enter, 0)
+        return total
+
+    @every_geometry
+    def test_against_boxes(self, geometry):
+        volume = random_volume(3)
+        expected = self.by_boxes(volume, geometry)
+        found = double_forward(pad(volume.array.astype(float)), geometry, "exact", padded_origin(volume))
+        np.testing.assert_allclose(found, expected, atol=1e-11)
+        np.testing.assert_allclose(project(volume, geometry, "exact"), expected, atol=2e-5)
+
+    def test_one_voxel_across_its_diagonal(self):
+        geometry = Geometry(np.array([[1.0, 1, 1, 5, 5, 5, 1, -1, 0, 1, 1, -2]]), (1, 1), "parallel")
+        value = project(Volume(np.full((1, 1, 1), 2.0), 0.5), geometry, "exact")
+        np.testing.assert_allclose(value, 2 * 0.5 * np.sqrt(3), rtol=1e-6)
+
+    def test_a_straight_ray_through_voxel_centres(self):
+        """An axis-aligned ray through centres: both projectors read the row of voxels and nothing else."""
+        volume = random_volume(4, (5, 6, 7))
+        geometry = Geometry(np.array([[0, 1.0, 0, *CENTER, VOXEL, 0, 0, 0, 0, VOXEL]]), (5, 7), "parallel")
+        for projector in PROJECTORS:
+            np.testing.assert_allclose(
+                project(volume, geometry, projector)[0], volume.array.sum(axis=1) * VOXEL, rtol=1e-5
+            )
+
+
+class TestSmoothPath:
+    """The trilinear image, sampled where the ray meets the planes of voxel centres of its dominant axis."""
+
+    @staticmethod
+    def by_samples(volume, geometry):
+        points, directions = rays(geometry)
+        array = np.pad(volume.array.astype(float), 2)
+        origin = volume.origin - 2 * VOXEL
+        total = np.zeros(points.shape[:-1])
+        for index in np.ndindex(total.shape):
+            o, d = (points[index] - origin) / VOXEL, directions[index] / VOXEL
+            a = np.argmax(np.abs(d))
+            s = (np.arange(array.shape[2 - a]) - o[a]) / d[a]
+            x = o + s[:, None] * d
+            samples = ndimage.map_coordinates(array, x[:, ::-1].T, order=1, mode="constant")
+            total[index] = samples.sum() / abs(d[a])
+        return total
+
+    @every_geometry
+    def test_against_samples(self, geometry):
+        volume = random_volume(5)
+        expected = self.by_samples(volume, geometry)
+        found = double_forward(pad(volume.array.astype(float)), geometry, "trilinear", padded_origin(volume))
+        np.testing.assert_allclose(found, expected, atol=1e-11)
+        np.testing.assert_allclose(project(volume, geometry, "trilinear"), expected, atol=2e-5)
+
+
+class TestLinearity:
+    @every_projector
+    def test_sums_and_multiples(self, projector):
+        geometry = GEOMETRIES["cone, tilted"]
+        a, b = random_volume(6), random_volume(7, negative=True)
+        both = Volume(2 * a.array - 3 * b.array, VOXEL, CENTER)
+        expected = 2 * project(a, geometry, projector) - 3 * project(b, geometry, projector)
+        np.testing.assert_allclose(project(both, geometry, projector), expected, atol=1e-5)
+
+    @every_projector
+    def test_mass_in_a_parallel_beam_is_the_same_from_every_side(self, projector):
+        volume = random_volume(8, (6, 6, 6))
+        geometry = Geometry.parallel([0, 30, 45, 90, 120], (200, 200), 0.01)
+        masses = project(volume, geometry, projector).sum(axis=(1, 2), dtype=float) * 0.01**2
+        np.testing.assert_allclose(masses, volume.array.sum(dtype=float) * VOXEL**3, rtol=4e-3)
+
+
+def exact_ball(voxel, center=(0.07, -0.11, 0.05), radius=1.0):
+    """A ball without voxels, and its attenuation averaged over voxels."""
+    sample = Sample((Particle(Ellipsoid(np.array(center), np.full(3, radius), np.eye(3)), 1.0),))
+    n = int(np.ceil(2.6 * radius / voxel))
+    return sample, attenuation_volume(sample, Volume.zeros((n, n, n), voxel), samples=5)
+
+
+class TestKnownBodies:
+    @pytest.mark.parametrize("beam", ["cone", "parallel"])
+    def test_ball_and_ellipsoid_converge_with_the_voxel_size(self, beam):
+        turn = motion.exp([0.3, -0.5, 0.8])
+        body = Ellipsoid(np.array([0.1, -0.05, 0.08]), np.array([0.6, 0.8, 1.0]), turn)
+        sample = Sample((Particle(body, 1.5),))
+        if beam == "cone":
+            geometry = Geometry.cone(
+                [0.0, 40.0], (24, 26), 0.25, source_to_axis=10, source_to_detector=25, panel=TILTED
+            )
+        else:
+            geometry = Geometry.parallel([0.0, 40.0], (24, 26), 0.1, panel=TILTED)
+        points, directions = rays(geometry)
+        # chord of an ellipsoid, by the quadratic formula in its own axes
+        o, d = (points - body.center) @ turn / body.semi_axes, directions @ turn / body.semi_axes
+        a, b, c = (d * d).sum(-1), (o * d).sum(-1), (o * o).sum(-1) - 1
+        chords = 1.5 * 2 * np.sqrt(np.maximum(b * b - a * c, 0)) / a
+        np.testing.assert_allclose(line_integrals(sample, geometry, subsamples=1), chords, atol=2e-6)
+        errors = {}
+        for projector in PROJECTORS:
+            for n in (14, 28, 56):
+                grid = Volume.zeros((n, n, n), 2.4 / n)
+                volume = attenuation_volume(sample, grid, samples=4)
+                difference = project(volume, geometry, projector) - chords
+                errors[projector, n] = np.sqrt((difference**2).mean()) / chords.max()
+            assert errors[projector, 14] > 1.6 * errors[projector, 28] > 1.6**2 * errors[projector, 56]
+            assert errors[projector, 56] < 0.012
+
+    def test_magnified_shadow_of_a_ball(self):
+        """The brightest pixel is the ball's centre and its value the diameter."""
+        _, volume = exact_ball(0.1)
+        geometry = Geometry.cone([30.0], (61, 61), 0.05, source_to_axis=10, source_to_detector=20)
+        for projector in PROJECTORS:
+            image = project(volume, geometry, projector)[0]
+            row, column = geometry.project_points([0.07, -0.11, 0.05])[0, 0]
+            assert image.max() == pytest.approx(2.0, rel=0.02)
+            assert image[round(row), round(column)] == pytest.approx(2.0, rel=0.02)
+
+
+# ---------------------------------------------------------------------- moving grains
+def two_grains(seed=10):
+    """Two irregular touching grains side by side, their set and the volume they fill."""
+    rng = np.random.default_rng(seed)
+    array = ndimage.gaussian_filter(rng.uniform(0, 1, (9, 10, 16)), 0.7).astype(np.float32)
+    labels = np.zeros(array.shape, np.int32)
+    labels[1:8, 1:9, 1:8], labels[2:9, 2:9, 8:15] = 1, 2
+    labels[3:5, 4:6, 8] = 1
+    volume = Volume(np.where(labels > 0, array, 0), 0.1, (0.05, 0.1, -0.08))
+    return grains_from_labels(volume, labels, reach=0), volume
+
+
+def double_project(packed, pose, geometry, patches, projector, derivatives=False):
+    """The grains' kernels in double precision."""
+    n = int(patches.offsets[-1])
+    values, slopes = np.zeros(n), np.zeros((6, n))
+    arguments = (
+        packed.images.astype(float), packed.starts, packed.shapes, packed.corners, packed.voxel_size,
+        packed.centers + pose.translations, np.ascontiguousarray(pose.matrices), geometry.vectors,
+        geometry.beam == "cone", np.array(geometry.shape), patches.boxes, patches.offsets, patches.jobs,
+        projector == "exact",
+    )  # fmt: skip
+    if not derivatives:
+        kernel.project(*arguments, values)
+        return values
+    kernel.project_with_derivatives(*arguments, values, slopes)
+    return values, slopes
+
+
+POSE = Pose(
+    np.array([[0.03, -0.05, 0.02], [-0.02, 0.04, -0.06]]),
+    motion.exp([[0.2, -0.4, 0.3], [-1.0, 0.5, 2.0]]),
+)
+
+
+class TestDerivatives:
+    @every_geometry
+    @every_projector
+    def test_central_finite_differences(self, geometry, projector):
+        grains, _ = two_grains()
+        packed = PackedGrains.of(grains)
+        patches = shadows(packed, POSE, geometry)
+        values, slopes = double_project(packed, POSE, geometry, patches, projector, derivatives=True)
+        np.testing.assert_allclose(values, double_project(packed, POSE, geometry, patches, projector), atol=1e-12)
+        assert np.abs(slopes).max(axis=1).min() > 0.1
+        step = 1e-7
+        for k in range(6):
+            increment = step * np.eye(6)[k]
+            ends = [
+                double_project(
+                    packed,
+                    Pose(
+                        POSE.translations + sign * increment[:3],
+                        motion.exp(sign * increment[3:]) @ POSE.matrices,
+                    ),
+                    geometry,
+                    patches,
+                    projector,
+                )
+                for sign in (1, -1)
+            ]
+            difference = (ends[0] - ends[1]) / (2 * step)
+            # a few samples may cross a voxel's border within the step: there the slope has a corner
+            wrong = np.abs(difference - slopes[k]) > 1e-6 * np.abs(slopes[k]).max()
+            assert wrong.mean() < 2e-3
+            assert np.abs(difference).max() > 0
+
+    @every_projector
+    def test_single_precision_and_the_papers_differences(self, projector):
+        geometry = GEOMETRIES["cone"]
+        grains, _ = two_grains()
+        packed = PackedGrains.of(grains)
+        patches = shadows(packed, POSE, geometry)
+        exact_values, exact = double_project(packed, POSE, geometry, patches, projector, derivatives=True)
+        values, slopes = differentiate_patches(packed, POSE, geometry, patches, projector)
+        np.testing.assert_allclose(values, exact_values, atol=3e-6)
+        differences = difference_patches(packed, POSE, geometry, patches, projector)[1]
+        for k in range(6):
+            scale = np.sqrt((exact[k] ** 2).mean())
+            assert np.sqrt(((slopes[k] - exact[k]) ** 2).mean()) < 1e-4 * scale
+            assert np.sqrt(((differences[k] - exact[k]) ** 2).mean()) < 0.1 * scale
+
+    @every_geometry
+    @every_projector
+    def test_invariances(self, geometry, projector):
+        """A grain that slides along a ray, or turns about it, keeps that ray's line integral."""
+        grains, _ = two_grains()
+        packed = PackedGrains.of(grains)
+        patches = shadows(packed, POSE, geometry)
+        values, slopes = double_project(packed, POSE, geometry, patches, projector, derivatives=True)
+        points, directions = rays(geometry)
+        for p, (g, i, r0, r1, c0, c1) in enumerate(patches.boxes):
+            mine = slice(patches.offsets[p], patches.offsets[p + 1])
+            e = directions[i, r0:r1, c0:c1].reshape(-1, 3)
+            away = (packed.centers + POSE.translations)[g] - points[i, r0:r1, c0:c1].reshape(-1, 3)
+            by_u, by_turn = slopes[:3, mine].T, slopes[3:, mine].T
+            scale = np.abs(by_u).max()
+            np.testing.assert_allclose((by_u * e).sum(-1), 0, atol=1e-11 * scale)
+            about_ray = (by_turn * e).sum(-1) + (by_u * np.cross(e, away)).sum(-1)
+            np.testing.assert_allclose(about_ray, 0, atol=1e-10 * scale)
+        assert values.max() > 0.1
+
+
+class TestPatches:
+    @every_geometry
+    @every_projector
+    def test_unmoved_grains_sum_to_the_projection_of_the_volume(self, geometry, projector):
+        grains, volume = two_grains()
+        still = Motions.identity(grains.labels, grains.centers)
+        np.testing.assert_allclose(
+            simulate_radiographs(grains, still, geometry, projector), project(volume, geometry, projector), atol=3e-6
+        )
+
+    @every_projector
+    @pytest.mark.parametrize("pixel", [0.005, 0.02, 0.1, 0.4], ids="pixel {} mm".format)
+    def test_so_they_do_whatever_the_pixel_size(self, projector, pixel):
+        """Voxels of 0.1 mm on pixels from 20 times finer to 4 times coarser: nothing is cut off at the rims."""
+        grains, volume = two_grains()
+        across = int(np.ceil(2.6 / pixel))
+        leaning = Panel(axis_tilt_deg=(35, 20))  # so that corners of voxels reach furthest
+        geometry = Geometry.parallel([20.0, 45.0, 70.0], (across, across), pixel, panel=leaning)
+        still = Motions.identity(grains.labels, grains.centers)
+        np.testing.assert_allclose(
+            simulate_radiographs(grains, still, geometry, projector), project(volume, geometry, projector), atol=3e-6
+        )
+
+    @every_projector
+    @pytest.mark.parametrize("elongated", [False, True])
+    def test_so_do_large_grains(self, projector, elongated):
+        """120 voxels across: the hull that bounds the shadow must not cut the rim off."""
+        n = 124
+        z, y, x = np.meshgrid(*[np.arange(n) - (n - 1) / 2] * 3, indexing="ij")
+        square = (x + y) ** 2 / 2 + (x - y) ** 2 / 2 * (36 if elongated else 1) + z**2
+        volume = Volume((square < 60**2).astype(np.float32), 0.1)
+        grains = grains_from_labels(volume, (volume.array > 0).astype(np.int8), reach=0)
+        geometry = Geometry.cone([11.0, 52.0], (150, 150), 0.2, source_to_axis=60, source_to_detector=120)
+        still = Motions.identity(grains.labels, grains.centers)
+        whole = project(volume, geometry, projector)
+        np.testing.assert_allclose(simulate_radiographs(grains, still, geometry, projector), whole, atol=2e-4)
+
+    @every_projector
+    def test_a_background_is_added(self, projector):
+        grains, volume = two_grains()
+        background = random_volume(11)
+        geometry = GEOMETRIES["cone"]
+        still = Motions.identity(grains.labels, grains.centers)
+        np.testing.assert_allclose(
+            simulate_radiographs(GrainSet(grains.grains, background), still, geometry, projector),
+            project(volume, geometry, projector) + project(background, geometry, projector),
+            atol=5e-6,
+        )
+
+    @every_projector
+    def test_the_whole_sample_moved_is_the_views_moved_back(self, projector):
+        """x = Ω X + t for every grain, seen from a source and panel that move along, changes nothing."""
+        grains, volume = two_grains()
+        turn, shift = motion.exp([0.4, -0.7, 1.1]), np.array([0.3, -0.2, 0.5])
+        moved = motion.act(turn, shift, np.zeros(3), grains.centers)
+        motions = Motions.identity(grains.labels, grains.centers)
+        motions.translations[:] = moved - grains.centers
+        motions.rotations[:] = motion.log(turn)
+        for name in ("cone, tilted", "parallel, tilted"):
+            geometry = GEOMETRIES[name]
+            rows = geometry.vectors.reshape(-1, 4, 3) @ turn.T
+            rows[:, 1] += shift
+            if geometry.beam == "cone":
+                rows[:, 0] += shift
+            along = Geometry(rows.reshape(-1, 12), PANEL, geometry.beam)
+            np.testing.assert_allclose(
+                simulate_radiographs(grains, motions, along, projector), project(volume, geometry, projector), atol=1e-5
+            )
+
+    @pytest.mark.parametrize("axis", [0, 1, 2], ids="xyz")
+    @every_projector
+    def test_a_quarter_turn_is_that_of_the_array(self, projector, axis):
+        """Turning the grain by +90° about x, y or z is turning its voxels, y→z, z→x or x→y."""
+        array = random_volume(12, (5, 5, 5)).array
+        first, second = [(1, 2), (2, 0), (0, 1)][axis]  # the turn carries the first to the second axis, x y z
+        turned = np.rot90(array, axes=(2 - first, 2 - second))
+        grains = grains_from_labels(Volume(array, 0.1, (0.1, 0.2, 0.3)), np.ones((5, 5, 5), np.int8), reach=0)
+        motions = Motions.identity(grains.labels, np.array([[0.1, 0.2, 0.3]]))
+        motions.rotations[0, axis] = np.pi / 2
+        about_center = motion.recenter(motions.matrices[0], np.zeros(3), [0.1, 0.2, 0.3], grains.centers[0])
+        motions.translations[0] = about_center
+        geometry = GEOMETRIES["cone, tilted"]
+        np.testing.assert_allclose(
+            simulate_radiographs(grains, motions, geometry, projector),
+            project(Volume(turned, 0.1, (0.1, 0.2, 0.3)), geometry, projector),
+            atol=1e-5,
+        )
+
+    @pytest.mark.parametrize("name", ["cone, tilted", "parallel, tilted"])
+    @every_projector
+    def test_a_shift_moves_the_shadow_as_project_points_says(self, projector, name):
+        sample, volume = exact_ball(0.02, (0.0, 0.0, 0.0), 0.1)
+        assert len(sample) == 1
+        grains = grains_from_labels(volume, (volume.array > 0).astype(np.int8), reach=0)
+        wide = GEOMETRIES[name]
+        geometry = Geometry(wide.vectors * np.array([1] * 6 + [0.25] * 6), (60, 70), wide.beam)
+        rows, columns = np.mgrid[:60, :70]
+        for shift in ([0, 0, 0], [0.2, 0, 0], [0, 0.2, 0], [0, 0, 0.2], [-0.1, 0.15, -0.2]):
+            motions = Motions.identity(grains.labels, grains.centers)
+            motions.translations[:] = shift
+            images = simulate_radiographs(grains, motions, geometry, projector).astype(float)
+            mass = images.sum(axis=(1, 2))
+            centroids = np.stack([(images * k).sum(axis=(1, 2)) / mass for k in (rows, columns)], axis=1)
+            expected = geometry.project_points(grains.centers[0] + shift)[:, 0]
+            np.testing.assert_allclose(centroids, expected, atol=0.05)  # pixels
