@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import sys
+import warnings
 from collections.abc import Callable
 from enum import StrEnum
 from importlib.metadata import version
@@ -190,4 +191,5 @@ def show_version() -> None:
 
 def main() -> None:
     """Entry point of the command ``grainmotion``."""
+    warnings.simplefilter("ignore", FutureWarning)  # what a library will change is not the user's matter
     app()

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy import ndimage
 
 from grainmotion.errors import InputError
 from grainmotion.experiment import Experiment
@@ -14,10 +15,12 @@ from grainmotion.io.motions_csv import read_motions
 from grainmotion.io.spam import read_ddic_tsv
 from grainmotion.io.stacks import Stack
 from grainmotion.motions import Motions
+from grainmotion.scan import Scan
 from grainmotion.scan_input import ScanInput, find_scan, named_stack
 from grainmotion.volume import Volume
 
 RATIO_LIMIT = 20.0  # voxel over pixel at the sample, either way
+MANY_VIEWS = 30  # from which the mean over views tells shadows from noise
 SHADOW_LIMIT = 10.0  # columns of the volume's shadow over those of the panel
 
 
@@ -117,6 +120,22 @@ def check_plausible(key: str, geometry: Geometry, grid: Volume) -> None:
         fact = f"the sample never shadows the panel: its centre falls on row {row:.0f}, column {column:.0f}"
         remedy = f"check source, panel centre, u and v; the panel has {geometry.shape} rows and columns"
         raise InputError(f"{key}.geometry, view {view}", fact, remedy)
+
+
+def check_contrast(where: str, scan: Scan) -> None:
+    """Refuse a full scan without a shadow: its mean radiograph is flat to within its own noise.
+
+    The noise is what the means of every second view and of the others differ by, pixel by pixel.
+    """
+    if len(scan) < MANY_VIEWS:
+        return
+    halves = [scan.line_integrals[start::2].mean(axis=0, dtype=float) for start in (0, 1)]
+    first, second = (ndimage.uniform_filter(h, 5) for h in halves)
+    mean, noise = (first + second) / 2, float((first - second).std()) / 2
+    contrast = float(mean.max() - mean.min())
+    if contrast < max(12 * noise, 1e-3):
+        fact = f"no grains found: the shadows vary by {contrast:.2g}, which is no more than noise"
+        raise InputError(where, fact, "check that these are the radiographs, and not flats")
 
 
 def _grid(experiment: Experiment, scan: ScanInput | None, volume: Stack | None) -> Volume:

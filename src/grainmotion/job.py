@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from grainmotion.errors import InputError
 from grainmotion.experiment import Experiment, ExperimentFile
 from grainmotion.grains import GrainSet, grains_from_labels
-from grainmotion.inputs import Inputs
+from grainmotion.inputs import Inputs, check_contrast
 from grainmotion.io.ledger import Ledger
 from grainmotion.io.results import Reference, read_reference
 from grainmotion.io.stacks import Stack
@@ -104,6 +104,7 @@ class Job:
             self.tell("reading the reference scan", 0, 1)
             self.scan, pixels = self.inputs.reference.read()
             self.tell_pixels("reference", pixels)
+            check_contrast(f"{self.inputs.reference.radiographs.spec} (reference.radiographs)", self.scan)
         if not self.has_grains:
             if self.inputs.volume is not None:
                 self.volume()
