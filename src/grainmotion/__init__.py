@@ -1,0 +1,66 @@
+"""grainmotion: the rigid motion of every grain, from one tomography scan and a few radiographs per state.
+
+The whole job in a notebook::
+
+    import grainmotion as gm
+
+    scan, _ = gm.read_scan("experiment.toml")
+    reconstruction = gm.reconstruct(scan, gm.Volume.zeros((280, 180, 180), voxel_size=0.112))
+    segmentation = gm.segment(reconstruction.volume)
+    grains = gm.grains_from_labels(reconstruction.volume, segmentation.labels)
+    state, _ = gm.read_scan("experiment.toml", "step-01")
+    motions = gm.track(grains, state)
+    motions.to_table()
+"""
+
+from grainmotion.compare import Comparison, compare
+from grainmotion.errors import GrainmotionError, InputError
+from grainmotion.experiment import read_experiment
+from grainmotion.geometry import Geometry, Panel
+from grainmotion.grains import Grain, GrainSet, grains_from_labels
+from grainmotion.motions import Motions, StateFit, Status
+from grainmotion.pipeline import run
+from grainmotion.project import back_project, project, simulate_radiographs
+from grainmotion.rebuild import rebuild
+from grainmotion.reconstruct import Reconstruction, ReconstructSettings, reconstruct
+from grainmotion.scan import Scan, line_integrals_from_counts, normalize_air, snr
+from grainmotion.scan_input import read_scan
+from grainmotion.segment import Segmentation, SegmentSettings, segment
+from grainmotion.track import PAPER, TrackSettings, track
+from grainmotion.volume import Volume
+
+__all__ = [
+    "PAPER",
+    "Comparison",
+    "Geometry",
+    "Grain",
+    "GrainSet",
+    "GrainmotionError",
+    "InputError",
+    "Motions",
+    "Panel",
+    "ReconstructSettings",
+    "Reconstruction",
+    "Scan",
+    "SegmentSettings",
+    "Segmentation",
+    "StateFit",
+    "Status",
+    "TrackSettings",
+    "Volume",
+    "back_project",
+    "compare",
+    "grains_from_labels",
+    "line_integrals_from_counts",
+    "normalize_air",
+    "project",
+    "read_experiment",
+    "read_scan",
+    "rebuild",
+    "reconstruct",
+    "run",
+    "segment",
+    "simulate_radiographs",
+    "snr",
+    "track",
+]
