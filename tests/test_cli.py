@@ -1,5 +1,6 @@
 """The commands: what they print, where they write, how they end."""
 
+import contextlib
 import os
 import shutil
 import signal
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from grainmotion import console
 from grainmotion.cli import app
 from grainmotion.io.motions_csv import read_motions
 from grainmotion.io.spam import read_ddic_tsv
@@ -122,7 +124,8 @@ class TestEnds:
         first.send_signal(signal.SIGINT)
         _, errors = first.communicate(timeout=120)
         assert first.returncode == 130
-        assert errors.strip() == "interrupted: finished stages are kept; the same command continues"
+        last = errors.strip().splitlines()[-1]
+        assert last == "interrupted: finished stages are kept; the same command continues"
         second = _started(path)
         _wait(second, results / "one" / "motions.csv")
         second.kill()
@@ -154,6 +157,15 @@ def _wait(process, *paths):
         assert process.poll() is None, process.communicate()
         time.sleep(0.05)
     raise AssertionError(f"{paths} did not come")
+
+
+def test_an_interrupt_that_a_library_swallows_is_not_lost():
+    with console.progress(quiet=True) as listen:
+        with contextlib.suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        with pytest.raises(KeyboardInterrupt):
+            listen("next step", 1, 2)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 class TestSimulated:

@@ -7,7 +7,9 @@ so that standard error holds errors alone.
 from __future__ import annotations
 
 import re
+import signal
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -25,14 +27,36 @@ Listener = Callable[[str, int, int], None]
 
 
 @contextmanager
-def progress(quiet: bool) -> Iterator[Listener | None]:
-    """A listener for ``progress``: a bar on a terminal, one line a step in a log, nothing if quiet."""
-    if quiet:
-        yield None
-    elif sys.stderr.isatty():
-        yield from _bar()
-    else:
-        yield from _log()
+def progress(quiet: bool) -> Iterator[Listener]:
+    """A listener for ``progress``: a bar on a terminal, one line a step in a log, nothing if quiet.
+
+    It also sees to it that Ctrl-C, or a polite kill, ends the work: an exception that is raised inside
+    a compiler's or library's callback can be lost, and is then raised again at the next call.
+    """
+    stopped = threading.Event()
+
+    def stop(_signal: int, _frame: object) -> None:
+        stopped.set()
+        raise KeyboardInterrupt
+
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    show = _silence if quiet else _bar if sys.stderr.isatty() else _log
+    try:
+        with contextmanager(show)() as listen:
+
+            def listen_or_stop(message: str, done: int, total: int) -> None:
+                if stopped.is_set():
+                    raise KeyboardInterrupt
+                listen(message, done, total)
+
+            yield listen_or_stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _silence() -> Iterator[Listener]:
+    yield lambda _message, _done, _total: None
 
 
 def _bar() -> Iterator[Listener]:
