@@ -15,16 +15,16 @@ The whole job in a notebook::
 
 from grainmotion.compare import Comparison, compare
 from grainmotion.errors import GrainmotionError, InputError
-from grainmotion.experiment import read_experiment
+from grainmotion.experiment.file import read_experiment
+from grainmotion.experiment.scans import read_scan
 from grainmotion.geometry import Geometry, Panel
 from grainmotion.grains import Grain, GrainSet, grains_from_labels
 from grainmotion.motions import Motions, StateFit, Status
-from grainmotion.pipeline import run
+from grainmotion.pipeline.run import run
 from grainmotion.project import back_project, project, simulate_radiographs
 from grainmotion.rebuild import rebuild
 from grainmotion.reconstruct import Reconstruction, ReconstructSettings, reconstruct
 from grainmotion.scan import Scan, line_integrals_from_counts, normalize_air, snr
-from grainmotion.scan_input import read_scan
 from grainmotion.segment import Segmentation, SegmentSettings, segment
 from grainmotion.track import PAPER, TrackSettings, track
 from grainmotion.volume import Volume

@@ -20,11 +20,11 @@ import typer
 from grainmotion import console
 from grainmotion.demo import run_demo, write_case
 from grainmotion.errors import InputError
-from grainmotion.experiment import Experiment, read_experiment
-from grainmotion.inputs import find_inputs
-from grainmotion.inspection import inspect_inputs
-from grainmotion.pipeline import RunResult, Until
-from grainmotion.pipeline import run as run_pipeline
+from grainmotion.experiment.file import Experiment, read_experiment
+from grainmotion.experiment.inputs import find_inputs
+from grainmotion.experiment.inspection import inspect_inputs
+from grainmotion.pipeline.run import RunResult, Until
+from grainmotion.pipeline.run import run as run_pipeline
 
 app = typer.Typer(
     name="grainmotion",

@@ -19,7 +19,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from grainmotion.compare import Comparison
-from grainmotion.inspection import Inspection
+from grainmotion.experiment.inspection import Inspection
 from grainmotion.motions import Motions
 
 MOST_LINES = 20

@@ -7,15 +7,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from grainmotion import outputs, simulate
+from grainmotion import simulate
 from grainmotion.compare import Comparison, compare
-from grainmotion.experiment import read_experiment
-from grainmotion.inputs import find_inputs
-from grainmotion.io.dataset import write_dataset
+from grainmotion.experiment.dataset import write_dataset
+from grainmotion.experiment.file import read_experiment
+from grainmotion.experiment.inputs import find_inputs
 from grainmotion.io.motions_csv import read_motions
 from grainmotion.io.results import read_reference
-from grainmotion.job import REFERENCE
-from grainmotion.pipeline import RunResult, run
+from grainmotion.pipeline import outputs
+from grainmotion.pipeline.job import REFERENCE
+from grainmotion.pipeline.run import RunResult, run
 
 Progress = Callable[[str, int, int], None]
 CaseName = Literal["small", "paper"]

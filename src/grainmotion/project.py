@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion import motion
+from grainmotion.errors import InputError
 from grainmotion.geometry import Geometry
 from grainmotion.grains import PADDING, Grain, GrainSet
 from grainmotion.kernels import grains as kernel
@@ -230,13 +231,22 @@ def simulate_radiographs(
     -------
     (views, rows, columns) float32 array
         Line integrals, dimensionless; gain and offset of `Motions.fit` are not applied.
+
+    Raises
+    ------
+    InputError
+        If the motions are not those of these grains, label by label.
     """
+    if not np.array_equal(motions.labels, grains.labels):
+        raise InputError("motions", "their labels are not the grains'", "give one motion a grain, in the grains' order")
     known = np.all(np.isfinite(np.hstack([motions.translations, motions.rotations])), axis=1)
     out = np.zeros((len(geometry), *geometry.shape), np.float32)
     if known.any():
         kept = GrainSet(tuple(g for g, k in zip(grains.grains, known, strict=True) if k))
         packed = PackedGrains.of(kept)
-        pose = Pose(motions.translations[known], motions.matrices[known])
+        matrices = motions.matrices[known]
+        shifts = motion.recenter(matrices, motions.translations[known], motions.centers[known], kept.centers)
+        pose = Pose(shifts, matrices)
         patches = shadows(packed, pose, geometry)
         out = assemble(project_patches(packed, pose, geometry, patches, projector), patches, geometry)
     if grains.background is not None:
@@ -264,7 +274,7 @@ def _walk(
 
 def _radius(grain: Grain) -> float:
     """Radius of the ball whose attenuation spreads as the grain's does: r² = 5/3 of the mean square distance."""
-    array = grain.volume.array
+    array = np.maximum(grain.volume.array, 0)
     axes = [
         grain.volume.origin[k] + grain.volume.voxel_size * np.arange(array.shape[2 - k]) - grain.center[k]
         for k in range(3)
@@ -275,7 +285,7 @@ def _radius(grain: Grain) -> float:
 
 def _extreme_points(array: NDArray[np.float32]) -> Float:
     """Voxels (x y z indices) of the grain that reach furthest in many directions: its convex hull, nearly."""
-    filled = array > 0
+    filled = array != 0
     z, y = np.nonzero(filled.any(axis=2))
     if len(z) == 0:
         return np.full((_DIRECTIONS, 3), (np.array(array.shape[::-1]) - 1) / 2)

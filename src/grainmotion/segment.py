@@ -37,8 +37,9 @@ class Segmentation:
     border: tuple[int, ...]
 
 
-def segment(volume: Volume, settings: SegmentSettings | None = None,
-            progress: Callable[[str, int, int], None] | None = None) -> Segmentation:
+def segment(
+    volume: Volume, settings: SegmentSettings | None = None, progress: Callable[[str, int, int], None] | None = None
+) -> Segmentation:
     """Find the grains of a volume."""
     settings = settings or SegmentSettings()
     v = volume.array

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion.errors import InputError
-from grainmotion.experiment import Experiment, ExperimentFile
+from grainmotion.experiment.file import Experiment, ExperimentFile
+from grainmotion.experiment.inputs import Inputs, check_contrast
 from grainmotion.grains import GrainSet, grains_from_labels
-from grainmotion.inputs import Inputs, check_contrast
 from grainmotion.io.ledger import Ledger
 from grainmotion.io.results import Reference, read_reference
 from grainmotion.io.stacks import Stack

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from grainmotion.inputs import Inputs
+from grainmotion.experiment.inputs import Inputs
+from grainmotion.experiment.scans import ScanInput
 from grainmotion.scan import PixelReport, Scan
-from grainmotion.scan_input import ScanInput
 from grainmotion.volume import Volume
 
 MASKED_SHARE = 0.01  # more masked pixels than this deserve a warning

@@ -6,12 +6,12 @@ import h5py
 import numpy as np
 import pytest
 
-from grainmotion import pipeline
 from grainmotion.errors import InputError
-from grainmotion.experiment import read_experiment
+from grainmotion.experiment.file import read_experiment
 from grainmotion.io.motions_csv import read_motions
 from grainmotion.io.results import read_motions_h5, read_reference
 from grainmotion.io.tiff import read_tiff, write_tiff
+from grainmotion.pipeline import run as pipeline
 from tiny_experiment import BALLS, PANEL, SHIFTS, TOML, sample, write_tiny
 
 STATE_STAGES = ["one/track", "two/track", "one/residuals", "two/residuals"]

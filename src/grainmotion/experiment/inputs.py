@@ -9,14 +9,14 @@ import numpy as np
 from scipy import ndimage
 
 from grainmotion.errors import InputError
-from grainmotion.experiment import Experiment
+from grainmotion.experiment.file import Experiment
+from grainmotion.experiment.scans import ScanInput, find_scan, named_stack
 from grainmotion.geometry import Geometry
 from grainmotion.io.motions_csv import read_motions
 from grainmotion.io.spam import read_ddic_tsv
 from grainmotion.io.stacks import Stack
 from grainmotion.motions import Motions
 from grainmotion.scan import Scan
-from grainmotion.scan_input import ScanInput, find_scan, named_stack
 from grainmotion.volume import Volume
 
 RATIO_LIMIT = 20.0  # voxel over pixel at the sample, either way

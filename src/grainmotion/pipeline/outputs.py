@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from grainmotion import report
-from grainmotion.experiment import Experiment
+from grainmotion.experiment.file import Experiment
+from grainmotion.experiment.inputs import Inputs
+from grainmotion.experiment.scans import ScanInput
 from grainmotion.geometry import Geometry
 from grainmotion.grains import GrainSet
-from grainmotion.inputs import Inputs
 from grainmotion.io.results import Reference
 from grainmotion.io.spam import write_ddic_tsv
 from grainmotion.io.tiff import read_tiff, write_tiff
@@ -22,7 +23,6 @@ from grainmotion.rebuild import rebuild
 from grainmotion.report import ReportData, StateReport
 from grainmotion.report.data import Rows
 from grainmotion.scan import Scan
-from grainmotion.scan_input import ScanInput
 from grainmotion.volume import Volume
 
 

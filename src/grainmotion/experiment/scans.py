@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion.errors import InputError
-from grainmotion.experiment import Air, AngleRange, Circular, Kind, ReferenceTable, ScanTable
+from grainmotion.experiment.file import Air, AngleRange, Circular, Kind, ReferenceTable, ScanTable
 from grainmotion.geometry import Beam, Geometry, Panel
 from grainmotion.io.files import checked_file
 from grainmotion.io.geometry_csv import read_geometry

@@ -16,18 +16,18 @@ from typing import Literal
 
 import numpy as np
 
-from grainmotion import outputs
 from grainmotion.errors import InputError
-from grainmotion.experiment import Experiment, StateTable
-from grainmotion.inputs import Inputs, find_inputs
+from grainmotion.experiment.file import Experiment, StateTable
+from grainmotion.experiment.inputs import Inputs, find_inputs
+from grainmotion.experiment.scans import ScanInput
 from grainmotion.io.files import checked_folder
 from grainmotion.io.ledger import Ledger
 from grainmotion.io.motions_csv import write_motions
 from grainmotion.io.results import Reference, read_motions_h5, write_motions_h5, write_reference
-from grainmotion.job import CHECKPOINT, REFERENCE, Job, Progress, kept
 from grainmotion.motions import Motions
+from grainmotion.pipeline import outputs
+from grainmotion.pipeline.job import CHECKPOINT, REFERENCE, Job, Progress, kept
 from grainmotion.reconstruct import reconstruct
-from grainmotion.scan_input import ScanInput
 from grainmotion.segment import segment
 from grainmotion.track import track
 

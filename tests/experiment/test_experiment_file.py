@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from grainmotion.errors import InputError
-from grainmotion.experiment import Air, read_experiment
+from grainmotion.experiment.file import Air, read_experiment
+from grainmotion.experiment.inputs import check_plausible, find_inputs
+from grainmotion.experiment.scans import read_scan
 from grainmotion.geometry import Geometry, Panel
-from grainmotion.inputs import check_plausible, find_inputs
-from grainmotion.scan_input import read_scan
 from grainmotion.volume import Volume
 from tiny_experiment import PANEL, TOML, VIEWS, geometry, write_tiny
 
