@@ -427,10 +427,8 @@ class TestPatches:
         first, second = [(1, 2), (2, 0), (0, 1)][axis]  # the turn carries the first to the second axis, x y z
         turned = np.rot90(array, axes=(2 - first, 2 - second))
         grains = grains_from_labels(Volume(array, 0.1, (0.1, 0.2, 0.3)), np.ones((5, 5, 5), np.int8), reach=0)
-        motions = Motions.identity(grains.labels, np.array([[0.1, 0.2, 0.3]]))
+        motions = Motions.identity(grains.labels, np.array([[0.1, 0.2, 0.3]]))  # not the centre of mass
         motions.rotations[0, axis] = np.pi / 2
-        about_center = motion.recenter(motions.matrices[0], np.zeros(3), [0.1, 0.2, 0.3], grains.centers[0])
-        motions.translations[0] = about_center
         geometry = GEOMETRIES["cone, tilted"]
         np.testing.assert_allclose(
             simulate_radiographs(grains, motions, geometry, projector),
