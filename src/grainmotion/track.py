@@ -40,7 +40,7 @@ GRAIN = 45.0  # pixels across the grains on which the default filter widths were
 class TrackSettings:
     """How to track."""
 
-    projector: Annotated[Projector, Field(description="operator; the reconstruction's own by default")] = "trilinear"
+    projector: Annotated[Projector, Field(description="operator; in an experiment file the reconstruction's own unless given")] = "trilinear"
     derivatives: Annotated[Derivatives, Field(description="exact ones, or finite differences as in the paper")] = (
         "analytic"
     )

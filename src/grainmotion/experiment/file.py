@@ -50,9 +50,9 @@ class Air(_Table):
 class AngleRange(_Table):
     """Equally spaced angles, first and last included, degrees."""
 
-    first: float
-    last: float
-    count: int = Field(gt=0)
+    first: float = Field(description="first angle, degrees")
+    last: float = Field(description="last angle, degrees")
+    count: int = Field(gt=0, description="number of angles")
 
 
 class Circular(_Table):
@@ -66,8 +66,8 @@ class Circular(_Table):
         default=None, description="list, {first, last, count}, or a text file with one angle a line"
     )
     first: float | None = Field(default=None, description="first angle, degrees, with last and count")
-    last: float | None = None
-    count: int | None = Field(default=None, gt=0)
+    last: float | None = Field(default=None, description="last angle, degrees, included")
+    count: int | None = Field(default=None, gt=0, description="number of angles")
     detector_offset: tuple[float, float] = Field(default=(0.0, 0.0), description="along u and v, mm")
     detector_tilts_deg: tuple[float, float, float] = Field(default=(0.0, 0.0, 0.0), description="about x, y, z at 0")
     axis_offset: float = Field(default=0.0, description="of the axis along u, mm")
@@ -117,9 +117,9 @@ class StateTable(ScanTable):
 class OutputTable(_Table):
     """What to write, and where."""
 
-    directory: str = "results"
+    directory: str = Field(default="results", description="folder of the results, from the file's own folder")
     rebuild: bool = Field(default=False, description="write the moved grains of each state as a volume with labels")
-    exports: list[Export] = []
+    exports: list[Export] = Field(default=[], description='files for other software: "vtk", "spam"')
 
 
 class ExperimentFile(_Table):
@@ -227,7 +227,10 @@ def _check_states(tables: ExperimentFile) -> None:
 
 
 def _inherited(data: dict[str, Any]) -> dict[str, Any]:
-    """Let the circular table of a state take what it does not say from the reference's."""
+    """What one table takes from another: tracking the projector, a state's circular table the reference's keys."""
+    reconstruct, track = data.get("reconstruct", {}), data.get("track", {})
+    if isinstance(reconstruct, dict) and isinstance(track, dict) and "projector" in reconstruct:
+        data = {**data, "track": {"projector": reconstruct["projector"], **track}}
     reference = data.get("reference")
     base = reference.get("geometry") if isinstance(reference, dict) else None
     if not isinstance(base, dict):

@@ -1,0 +1,91 @@
+"""Write docs/experiment.md, every key of the experiment file, from the tables themselves.
+
+python docs/write_experiment_reference.py          writes it
+python docs/write_experiment_reference.py --check  fails if it is not up to date
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+import typing
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, get_args
+
+from pydantic.fields import FieldInfo
+from pydantic_core import PydanticUndefined
+
+from grainmotion.experiment import file
+from grainmotion.reconstruct import ReconstructSettings
+from grainmotion.segment import SegmentSettings
+from grainmotion.track import TrackSettings
+
+TABLES: dict[str, type] = {
+    "[reference]": file.ReferenceTable,
+    "[reference.geometry], [states.geometry]": file.Circular,
+    "[reference.air]": file.Air,
+    "[volume]": file.VolumeTable,
+    "[reconstruct]": ReconstructSettings,
+    "[segment]": SegmentSettings,
+    "[track]": TrackSettings,
+    "[[states]]": file.StateTable,
+    "[output]": file.OutputTable,
+}
+HEAD = """# The experiment file
+
+Every key, made from the program's own tables by `python docs/write_experiment_reference.py`. Paths start at the
+file's folder. Lengths in mm, angles in degrees; see [conventions](conventions.md). Any other key is an error.
+"""
+
+
+def main() -> None:
+    """Write or check the page."""
+    page = Path(__file__).with_name("experiment.md")
+    text = "\n".join([HEAD, *(line for name, table in TABLES.items() for line in section(name, table))])
+    if "--check" not in sys.argv:
+        page.write_text(text)
+    elif page.read_text() != text:
+        sys.exit("docs/experiment.md is not up to date: run python docs/write_experiment_reference.py")
+
+
+def section(name: str, table: type) -> Iterator[str]:
+    """The table of one TOML table's keys."""
+    yield f"## `{name}`\n"
+    yield f"{(table.__doc__ or '').strip().splitlines()[0]}\n"
+    yield "| key | default | meaning |"
+    yield "|---|---|---|"
+    for key, default, meaning in keys(table):
+        yield f"| `{key}` | {default} | {meaning.replace('|', ' or ')} |"
+    yield ""
+
+
+def keys(table: type) -> Iterator[tuple[str, str, str]]:
+    """Key, default and meaning of each field of a pydantic model or dataclass."""
+    if dataclasses.is_dataclass(table):
+        hints = typing.get_type_hints(table, include_extras=True)
+        for field in dataclasses.fields(table):
+            meaning = next(a.description for a in get_args(hints[field.name]) if isinstance(a, FieldInfo))
+            yield field.name, shown(field.default), str(meaning)
+    else:
+        fields: dict[str, FieldInfo] = table.model_fields  # type: ignore[attr-defined]
+        for key, info in fields.items():
+            assert info.description, f"{table.__name__}.{key} has no description"
+            yield key, shown(info.get_default(call_default_factory=True)), info.description
+
+
+def shown(value: Any) -> str:
+    """A default as TOML writes it."""
+    if value is PydanticUndefined:
+        return "required"
+    if value is None:
+        return ""
+    if isinstance(value, tuple):
+        return f"`{list(value)}`"
+    if isinstance(value, bool):
+        return f"`{str(value).lower()}`"
+    return f'`"{value}"`' if isinstance(value, str) else f"`{value}`"
+
+
+if __name__ == "__main__":
+    main()
