@@ -18,13 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion import motion
-from grainmotion.experiment import read_experiment
+from grainmotion.experiment.file import read_experiment
 from grainmotion.grains import grains_from_labels
-from grainmotion.inputs import find_inputs
+from grainmotion.experiment.inputs import find_inputs
 from grainmotion.io.motions_csv import read_motions
 from grainmotion.io.results import read_reference
 from grainmotion.motions import Motions
-from grainmotion.scan_input import circular_geometry
+from grainmotion.experiment.scans import circular_geometry
 from grainmotion.track import track
 
 HERE = Path(__file__).parent
@@ -61,7 +61,8 @@ def check_all(folder: Path) -> None:
     experiment = read_experiment(HERE / "experiment.toml")
     given = find_inputs(experiment).reference
     table = experiment.tables.reference.geometry
-    assert given is not None and table is not None
+    assert given is not None
+    assert table is not None
     assert not isinstance(table, str)
     angles = np.loadtxt(HERE / "data" / "angles_deg.txt")
     reference = read_reference(folder / "reference.h5")

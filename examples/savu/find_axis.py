@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 from scipy.optimize import minimize
 
-from grainmotion.experiment import read_experiment
+from grainmotion.experiment.file import read_experiment
 from grainmotion.geometry import Geometry, Panel
-from grainmotion.inputs import find_inputs
+from grainmotion.experiment.inputs import find_inputs
 from grainmotion.reconstruct import ReconstructSettings, reconstruct
 from grainmotion.scan import Scan
 from grainmotion.volume import Volume

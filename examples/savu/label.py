@@ -16,8 +16,8 @@ import tifffile
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from grainmotion.experiment import read_experiment
-from grainmotion.inputs import find_inputs
+from grainmotion.experiment.file import read_experiment
+from grainmotion.experiment.inputs import find_inputs
 from grainmotion.reconstruct import reconstruct
 
 HERE = Path(__file__).parent
