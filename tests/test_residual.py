@@ -149,7 +149,7 @@ class TestNormalEquations:
     @pytest.mark.parametrize("half_off", [False, True])
     def test_against_dense_ones(self, case, half_off):
         problem = StateProblem(GRAINS, target(**case))
-        pose = replace(POSE, translations=POSE.translations + [0.0, 0, 1.3 if half_off else 0])
+        pose = replace(POSE, translations=POSE.translations + np.array([0, 0, 1.3 if half_off else 0]))
         at, seen = problem.linearize(pose), problem.look(pose)
         J = dense_jacobian(problem, pose)
         r = seen.residual.astype(float).ravel()
@@ -274,7 +274,7 @@ class TestNothingToSee:
 
     @pytest.mark.parametrize("gain", [False, True])
     def test_all_grains_off_the_panel(self, gain):
-        away = replace(POSE, translations=POSE.translations + [0, 0, 1e3])
+        away = replace(POSE, translations=POSE.translations + np.array([0, 0, 1e3]))
         problem = StateProblem(GRAINS, target(1.0, gain))
         at = problem.linearize(away)
         assert np.isfinite(at.cost)
