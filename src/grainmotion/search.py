@@ -18,6 +18,14 @@ ANGLES_DEG = (12.0, 25.0, 45.0)
 REFINED = 8  # best candidates that are refined
 
 
+def lost_grains(problem: StateProblem, pose: Pose) -> NDArray[np.bool_]:
+    """Grains that some view sees and that fit badly at a pose, pixel by pixel, ``(n,)``."""
+    plain = StateProblem(problem.grains, problem.target.unfiltered())
+    seen = plain.look(pose)
+    residuals, paths = grain_residuals(plain, seen)
+    return misfits(residuals, paths, noise_level(problem.target.scan)) & (seen.patches.seen.mean(axis=1) > 0)
+
+
 def search_lost(problem: StateProblem, pose: Pose, coarse: Target) -> Pose | None:
     """A pose in which badly fitting grains are turned to where they fit better; None if there is none.
 
@@ -30,17 +38,12 @@ def search_lost(problem: StateProblem, pose: Pose, coarse: Target) -> Pose | Non
     coarse : Target
         The same radiographs under the widest filter, in which candidates are refined.
     """
-    plain = StateProblem(problem.grains, problem.target.unfiltered())
-    seen = plain.look(pose)
-    residuals, paths = grain_residuals(plain, seen)
-    lost = np.nonzero(
-        misfits(residuals, paths, noise_level(problem.target.scan)) & (seen.patches.seen.mean(axis=1) > 0)
-    )[0]
+    lost = np.nonzero(lost_grains(problem, pose))[0]
     if len(lost) == 0 or len(lost) > max(1, 0.7 * len(problem.grains)):
         return None
     translations, matrices = pose.translations.copy(), pose.matrices.copy()
     improved = False
-    for grain in lost[np.argsort(-residuals[lost])]:
+    for grain in lost:
         here = Pose(translations, matrices)
         single = _alone(problem.grains, int(grain))
         own = Pose(translations[grain : grain + 1], matrices[grain : grain + 1])

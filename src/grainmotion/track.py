@@ -26,13 +26,14 @@ from grainmotion.motions import Motions
 from grainmotion.project import PackedGrains, Pose, Projector, project
 from grainmotion.residual import Basis, Derivatives, StateProblem, Target
 from grainmotion.scan import Scan
-from grainmotion.search import search_lost
+from grainmotion.search import lost_grains, search_lost
 from grainmotion.solve import Solution, Stopping, gauss_newton
 
 Float = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 
 ROUGHLY = Stopping(iterations=20, step=0.1, decrease=1e-3)  # for the stages that only bring all grains near
+TOO_MANY = 0.1  # share of badly fitting grains from which another start is tried
 GRAIN = 45.0  # pixels across the grains on which the default filter widths were measured
 
 
@@ -40,7 +41,9 @@ GRAIN = 45.0  # pixels across the grains on which the default filter widths were
 class TrackSettings:
     """How to track."""
 
-    projector: Annotated[Projector, Field(description="operator; in an experiment file the reconstruction's own unless given")] = "trilinear"
+    projector: Annotated[
+        Projector, Field(description="operator; in an experiment file the reconstruction's own unless given")
+    ] = "trilinear"
     derivatives: Annotated[Derivatives, Field(description="exact ones, or finite differences as in the paper")] = (
         "analytic"
     )
@@ -152,9 +155,7 @@ def track(
         fixed = project(grains.background, scan.geometry, settings.projector)
     target = Target(scan, fixed, settings.projector, sigma=0.0, gain=False, derivatives=settings.derivatives)
     course = Course(settings, packed, target, progress)
-    pose = starting_pose(grains, start)
-    if settings.fields:
-        pose = _fields(course, pose)
+    pose = _approach(course, starting_pose(grains, start))
     problem, solution = _free(course, pose, "free")
     if settings.search:
         found = search_lost(problem, solution.state, course.filter(settings.filters[0]))
@@ -186,13 +187,35 @@ def starting_pose(grains: GrainSet, start: Motions | None) -> Pose:
     return Pose(np.where(known[:, None], shifted, shifted[known].mean(axis=0)), matrices)
 
 
-def _fields(course: Course, pose: Pose) -> Pose:
-    """One rigid body from the better of two starts, then a smooth field if there are grains enough for it."""
+def _approach(course: Course, pose: Pose) -> Pose:
+    """The pose from which the free stages start well.
+
+    A smooth field that carries the sample far can mislead grains that moved little and each its own way,
+    so a field is kept only if the grains then fit, else one body and the plain start are tried as well.
+    """
+    if not course.settings.fields:
+        return pose
+    width = course.settings.filters[0]
+    problem = StateProblem(course.grains, course.filter(width))
+    stopping = Stopping(course.settings.iterations, max(course.settings.tolerance, 0.02))
+    best: Solution[Pose] | None = None
+    for candidate in [*reversed(_fields(course, pose)), pose]:
+        end = _solve(course, problem, candidate, stopping, f"free, filter {width:g}")
+        if best is None or end.costs[-1] < best.costs[-1]:
+            best = end
+        if lost_grains(problem, best.state).mean() < TOO_MANY:
+            break
+    assert best is not None
+    return best.state
+
+
+def _fields(course: Course, pose: Pose) -> list[Pose]:
+    """One rigid body from the better of two starts, then smooth fields if there are grains enough for them."""
     width = course.settings.field_filter
     problem = StateProblem(course.grains, course.filter(width), stages.rigid)
     starts = [pose, centroid_shift(problem, pose)]
     ends = [_solve(course, problem, s, ROUGHLY, "one body") for s in starts]
-    pose = min(ends, key=lambda e: e.costs[-1]).state
+    poses = [min(ends, key=lambda e: e.costs[-1]).state]
     fields: list[tuple[str, Basis, int]] = [
         ("affine field", stages.affine, 6),
         ("quadratic field", stages.quadratic, 20),
@@ -200,8 +223,8 @@ def _fields(course: Course, pose: Pose) -> Pose:
     for name, basis, needed in fields:
         if len(course.grains) >= needed:
             problem = StateProblem(course.grains, course.filter(width), basis)
-            pose = _solve(course, problem, pose, ROUGHLY, name).state
-    return pose
+            poses.append(_solve(course, problem, poses[-1], ROUGHLY, name).state)
+    return poses
 
 
 def _free(course: Course, pose: Pose, name: str) -> tuple[StateProblem, Solution[Pose]]:
