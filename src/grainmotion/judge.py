@@ -3,7 +3,8 @@
 Covariance: the estimate is x = J⁺ F b with F the last filter, so photon noise of variance s² carried
 through it gives  s² H⁻¹ (F J)ᵀ(F J) H⁻¹  with J the filtered derivatives and H = JᵀJ, coupling between
 grains included.  s² is the residual's own variance over the grain's shadow, so that it holds model error
-too, and is raised by the factor by which filtered residuals exceed what white noise would leave.
+too, and is raised by the factor by which filtered residuals exceed what white noise would leave.  Turns
+that the radiographs do not confirm (`turns`) are added as unknown.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from grainmotion.motions import Motions, StateFit, Status
 from grainmotion.project import Pose
 from grainmotion.residual import Seen, StateProblem, grain_residuals, misfits, noise_level, normal_matrix
 from grainmotion.solve import DENSE_UP_TO, Solution
+from grainmotion.turns import unconfirmed
 
 Float = NDArray[np.float64]
 SEEN_ENOUGH = 0.6  # share of a grain's shadows on the panel below which it has left the field
@@ -37,6 +39,7 @@ def judge(
     raw = plain.look(solution.state)
     residuals, paths = grain_residuals(plain, raw)
     covariances = _covariances(problem, seen, raw, residuals)
+    covariances[:, 3:, 3:] += unconfirmed(problem, solution.state, seen)
     n = len(grains)
     statuses, reasons = np.full(n, Status.CONVERGED.value, dtype="<U20"), [""] * n
     lost = misfits(residuals, paths, noise_level(problem.target.scan))
@@ -86,13 +89,14 @@ def _verdict(
             "badly segmented grain; give a nearer start, more views, or check its label",
         )
     sd = np.sqrt(np.diagonal(covariance))
-    bad_u, bad_w = sd[:3] > limits[0], ~(sd[3:] <= limits[1])
+    bad_u, bad_w = ~(sd[:3] <= limits[0]), ~(sd[3:] <= limits[1])
     if bad_u.any() or bad_w.any():
         names = [f"translation along {a}" for a, b in zip("xyz", bad_u) if b]
         names += [f"rotation about {a}" for a, b in zip("xyz", bad_w) if b]
         return (
             Status.POORLY_DETERMINED.value,
-            f"poorly determined: {', '.join(names)}; the views cannot see it, take more views or other angles",
+            f"poorly determined: {', '.join(names)}; the views, or a shape as round as this, do not tell; "
+            "take other angles, or leave the rotation out",
         )
     if moving:
         return Status.NOT_CONVERGED.value, "still moving when iterations ran out; raise track.iterations"
