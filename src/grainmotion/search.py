@@ -41,6 +41,7 @@ def search_lost(problem: StateProblem, pose: Pose, coarse: Target) -> Pose | Non
     lost = np.nonzero(lost_grains(problem, pose))[0]
     if len(lost) == 0 or len(lost) > max(1, 0.7 * len(problem.grains)):
         return None
+    coarse = replace(coarse, scan=_evened(problem, pose))
     translations, matrices = pose.translations.copy(), pose.matrices.copy()
     improved = False
     for grain in lost:
@@ -75,6 +76,14 @@ def _turns() -> Float:
     return Rotation.from_rotvec(vectors).as_matrix()
 
 
+def _evened(problem: StateProblem, pose: Pose) -> Scan:
+    """The radiographs without the gain and offset that fit at a pose, so that one grain can be fitted alone."""
+    seen, scan = problem.look(pose), problem.target.scan
+    if not 0.5 < seen.gain < 2:  # no beam drifts so far: what was fitted is not a gain
+        return scan
+    return Scan((scan.line_integrals - seen.offset) / seen.gain, scan.geometry, scan.valid)
+
+
 def _alone(grains: PackedGrains, k: int) -> PackedGrains:
     size = int(np.prod(grains.shapes[k]))
     start = int(grains.starts[k])
@@ -92,5 +101,4 @@ def _without(problem: StateProblem, pose: Pose, single: PackedGrains, own: Pose,
     for grains, at in ((problem.grains, pose), (single, own)):
         patches = shadows(grains, at, geometry)
         images.append(assemble(project_patches(grains, at, geometry, patches, projector), patches, geometry))
-    scan = Scan(coarse.scan.line_integrals, geometry, coarse.scan.valid)
-    return replace(coarse, scan=scan, fixed=coarse.fixed + images[0] - images[1], gain=False)
+    return replace(coarse, fixed=coarse.fixed + images[0] - images[1], gain=False)

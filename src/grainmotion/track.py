@@ -197,13 +197,14 @@ def _approach(course: Course, pose: Pose) -> Pose:
         return pose
     width = course.settings.filters[0]
     problem = StateProblem(course.grains, course.filter(width))
+    judged = StateProblem(course.grains, course.filter(width, course.settings.gain))  # a drift is no misfit
     stopping = Stopping(course.settings.iterations, max(course.settings.tolerance, 0.02))
     best: Solution[Pose] | None = None
     for candidate in [*reversed(_fields(course, pose)), pose]:
         end = _solve(course, problem, candidate, stopping, f"free, filter {width:g}")
         if best is None or end.costs[-1] < best.costs[-1]:
             best = end
-        if lost_grains(problem, best.state).mean() < TOO_MANY:
+        if lost_grains(judged, best.state).mean() < TOO_MANY:
             break
     assert best is not None
     return best.state
