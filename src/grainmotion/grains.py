@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from skimage.segmentation import expand_labels
 from grainmotion.errors import InputError
 from grainmotion.volume import Volume
 
+Background = Literal["ignore", "fixed"]
 PADDING = 2  # empty voxels kept around each grain, so that interpolation never leaves its crop
 
 
@@ -88,7 +90,12 @@ class GrainSet:
 
 
 def grains_from_labels(
-    volume: Volume, labels: NDArray[np.integer], *, reach: float = 3.0, border: Collection[int] = ()
+    volume: Volume,
+    labels: NDArray[np.integer],
+    *,
+    reach: float = 3.0,
+    border: Collection[int] = (),
+    background: Background = "ignore",
 ) -> GrainSet:
     """Cut a labelled volume into grains.
 
@@ -105,6 +112,8 @@ def grains_from_labels(
         How far attenuation without a label is handed to the nearest grain, in voxels.
     border : collection of int
         Labels of grains that touch the border of the field of view.
+    background : {"ignore", "fixed"}
+        What becomes of attenuation further away: dropped, or kept where it is in all states.
 
     Raises
     ------
@@ -127,7 +136,10 @@ def grains_from_labels(
             grains.append(grain)
     if not grains:
         raise InputError("labels", "no grains found", "check the threshold, or the labels given")
-    return GrainSet(tuple(grains))
+    rest = None
+    if background == "fixed":
+        rest = Volume(np.where(grown > 0, 0, volume.array), volume.voxel_size, volume.center)
+    return GrainSet(tuple(grains), rest)
 
 
 def _cut(

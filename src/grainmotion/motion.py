@@ -21,9 +21,13 @@ def exp(rotation_vector: ArrayLike) -> Array:
 
 
 def log(matrix: ArrayLike) -> Array:
-    """Rotation vectors ``(..., 3)`` in radians, of length at most π, of rotation matrices ``(..., 3, 3)``."""
+    """Rotation vectors ``(..., 3)`` in radians, of length at most π, of matrices ``(..., 3, 3)``; NaN of NaN."""
     m = np.asarray(matrix, dtype=float)
-    return Rotation.from_matrix(m.reshape(-1, 3, 3)).as_rotvec().reshape(*m.shape[:-2], 3)
+    flat = m.reshape(-1, 3, 3)
+    known = np.isfinite(flat).all(axis=(1, 2))
+    out = np.full((len(flat), 3), np.nan)
+    out[known] = Rotation.from_matrix(flat[known]).as_rotvec()
+    return out.reshape(*m.shape[:-2], 3)
 
 
 def skew(vector: ArrayLike) -> Array:

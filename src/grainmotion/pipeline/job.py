@@ -155,7 +155,14 @@ class Job:
         if self.grain_set is None:
             reference = self.labelled()
             assert reference.labels is not None
-            self.grain_set = grains_from_labels(reference.volume, reference.labels, border=reference.border)
+            settings = self.tables.segment
+            self.grain_set = grains_from_labels(
+                reference.volume,
+                reference.labels,
+                reach=settings.reach,
+                border=reference.border,
+                background=settings.background,
+            )
         return self.grain_set
 
     def finish(self, stage: str, fingerprint: str, files: list[Path]) -> None:

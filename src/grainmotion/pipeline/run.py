@@ -28,7 +28,7 @@ from grainmotion.motions import Motions
 from grainmotion.pipeline import outputs
 from grainmotion.pipeline.job import CHECKPOINT, REFERENCE, Job, Progress, kept
 from grainmotion.reconstruct import reconstruct
-from grainmotion.segment import segment
+from grainmotion.segment import border_labels, segment
 from grainmotion.track import track
 
 Until = Literal["reconstruct", "segment", "track", "report"]
@@ -131,7 +131,7 @@ def _segment(job: Job) -> None:
     volume = job.volume()
     residuals = job.reference.residuals if job.reference is not None else ()
     if job.given_labels is not None:
-        reference = Reference(volume, residuals, job.given_labels)
+        reference = Reference(volume, residuals, job.given_labels, border=border_labels(job.given_labels))
     else:
         found = segment(volume, job.tables.segment, job.listener("segment"))
         labels = np.asarray(found.labels, dtype=np.int32)
