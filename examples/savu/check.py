@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 
 from grainmotion import motion
 from grainmotion.experiment.file import read_experiment
-from grainmotion.grains import grains_from_labels
 from grainmotion.experiment.inputs import find_inputs
+from grainmotion.experiment.scans import circular_geometry
+from grainmotion.grains import grains_from_labels
 from grainmotion.io.motions_csv import read_motions
 from grainmotion.io.results import read_reference
 from grainmotion.motions import Motions
-from grainmotion.experiment.scans import circular_geometry
 from grainmotion.track import track
 
 HERE = Path(__file__).parent

@@ -18,8 +18,8 @@ from scipy.ndimage import map_coordinates
 from scipy.optimize import minimize
 
 from grainmotion.experiment.file import read_experiment
-from grainmotion.geometry import Geometry, Panel
 from grainmotion.experiment.inputs import find_inputs
+from grainmotion.geometry import Geometry, Panel
 from grainmotion.reconstruct import ReconstructSettings, reconstruct
 from grainmotion.scan import Scan
 from grainmotion.volume import Volume
