@@ -1,9 +1,12 @@
 """Tracking a few small grains: drift, starts, lost grains, progress; accuracy is for `physics/`."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
+
 from few_grains import (
     ANGLES,
     PANEL,
@@ -15,8 +18,6 @@ from few_grains import (
     radiographs,
     small_motions,
 )
-from pydantic import ValidationError
-
 from grainmotion import motion
 from grainmotion.compare import compare
 from grainmotion.errors import InputError
@@ -95,8 +96,8 @@ class TestOrdinary:
         assert_found(track(grains, radiographs(grains, truth, views=Geometry(rows, PANEL))), truth)
 
     def test_background_stays_where_it_is(self):
-        z, y, x = np.meshgrid(*((np.arange(n) - (n - 1) / 2) * VOXEL for n in (46, 60, 60)), indexing="ij")
-        tube = Volume(0.7 * (np.abs(np.hypot(x, y) - 2.6) < 0.15), VOXEL)
+        y, x = (np.mgrid[:60, :60] - 29.5) * VOXEL
+        tube = Volume(np.tile(0.7 * (np.abs(np.hypot(x, y) - 2.6) < 0.15), (46, 1, 1)), VOXEL)
         grains = GrainSet(GRAINS.grains, tube)
         assert_found(track(grains, radiographs(grains, TRUTH)), TRUTH)
 
@@ -292,7 +293,7 @@ class TestTelling:
 
     def test_costs_fall_within_a_stage(self):
         costs = track(GRAINS, radiographs(GRAINS, TRUTH)).fit.costs
-        for (stage, cost), (next_stage, next_cost) in zip(costs, costs[1:]):
+        for (stage, cost), (next_stage, next_cost) in pairwise(costs):
             if stage == next_stage and "free" in stage:
                 assert next_cost < cost
         assert costs[-1][1] < 0.05
