@@ -93,10 +93,10 @@ def _verdict(
     if bad_u.any() or bad_w.any():
         names = [f"translation along {a}" for a, b in zip("xyz", bad_u) if b]
         names += [f"rotation about {a}" for a, b in zip("xyz", bad_w) if b]
+        cause = "the views, or a shape as round as this, do not tell" if bad_w.any() else "the views do not tell"
         return (
             Status.POORLY_DETERMINED.value,
-            f"poorly determined: {', '.join(names)}; the views, or a shape as round as this, do not tell; "
-            "take other angles, or leave the rotation out",
+            f"poorly determined: {', '.join(names)}; {cause}, take more views or other angles, or use the rest alone",
         )
     if moving:
         return Status.NOT_CONVERGED.value, "still moving when iterations ran out; raise track.iterations"

@@ -1,0 +1,190 @@
+"""Statuses, sentences and covariances: what is said of each grain is true."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+from few_grains import ANGLES, PANEL, VOXEL, geometry, grain_set, motions, radiographs, small_motions
+from grainmotion import motion
+from grainmotion.geometry import Geometry
+from grainmotion.judge import _regular_inverse, _sandwich, judge
+from grainmotion.motions import Status
+from grainmotion.project import PackedGrains, Pose
+from grainmotion.residual import StateProblem, Target
+from grainmotion.scan import Scan
+from grainmotion.solve import Solution, Stopping, gauss_newton
+
+GRAINS = grain_set()
+TRUTH = small_motions(GRAINS)
+LIMITS = (0.5 * VOXEL, np.deg2rad(5.0))
+
+
+def posed(truth):
+    return Pose(truth.translations, truth.matrices)
+
+
+def problem_of(scan, grains=GRAINS, sigma=0.7, gain=True):
+    target = Target(scan, np.zeros(scan.line_integrals.shape, np.float32), "trilinear", sigma, gain)
+    return StateProblem(PackedGrains.of(grains), target)
+
+
+def judged(scan, pose, grains=GRAINS, limits=LIMITS, settled=True, last_step=None, **target):
+    """The verdict on a pose, as if the solver had ended there."""
+    problem = problem_of(scan, grains, **target)
+    at = problem.linearize(pose)
+    step = np.zeros(6 * len(grains)) if last_step is None else last_step
+    return judge(
+        grains, problem, Solution(pose, at, (at.cost,), step, settled), limits, (("free", 0.1), ("free", 0.05))
+    )
+
+
+class TestStatuses:
+    def test_converged(self):
+        found = judged(radiographs(GRAINS, TRUTH), posed(TRUTH))
+        assert set(found.statuses) == {Status.CONVERGED.value}
+        assert set(found.reasons) == {""}
+        np.testing.assert_allclose(found.translations, TRUTH.translations)
+        np.testing.assert_allclose(found.rotations, TRUTH.rotations, atol=1e-12)
+        np.testing.assert_allclose(found.residuals, 0.01, rtol=0.1)
+        assert set(found.iterations) == {2}
+        assert found.fit.costs == (("free", 0.1), ("free", 0.05))
+        assert found.fit.gain == pytest.approx(1, abs=2e-3)
+
+    def test_wrong_place(self):
+        """Two voxels off: the residual says so, and keeps the last value."""
+        wrong = replace(TRUTH, translations=TRUTH.translations.copy())
+        wrong.translations[2] += 2 * VOXEL
+        found = judged(radiographs(GRAINS, TRUTH), posed(wrong))
+        assert found.statuses[2] == Status.NOT_CONVERGED.value
+        assert "residual" in found.reasons[2]
+        np.testing.assert_allclose(found.translations[2], wrong.translations[2])
+        assert found.ok[3:].all()  # what overlaps it may suffer, the others do not
+
+    def test_still_moving_when_iterations_ran_out(self):
+        step = np.zeros(30)
+        step[6 * 3] = 0.2 * VOXEL
+        step[6 * 1] = 0.05 * VOXEL
+        found = judged(radiographs(GRAINS, TRUTH), posed(TRUTH), settled=False, last_step=step)
+        assert list(found.statuses == Status.NOT_CONVERGED.value) == [False, False, False, True, False]
+        assert "track.iterations" in found.reasons[3]
+        assert judged(radiographs(GRAINS, TRUTH), posed(TRUTH), last_step=step).ok.all()
+
+    def test_turning_still_counts_as_moving(self):
+        step = np.zeros(30)
+        step[6 * 2 + 5] = 0.05  # radians, 0.3 voxel at the rim
+        found = judged(radiographs(GRAINS, TRUTH), posed(TRUTH), settled=False, last_step=step)
+        assert found.statuses[2] == Status.NOT_CONVERGED.value
+
+    def test_left_field_and_not_fitted(self):
+        truth = replace(TRUTH, translations=TRUTH.translations.copy())
+        truth.translations[3] += [0, 0, 1.5]
+        truth.translations[4] += [0, 0, 30]
+        found = judged(radiographs(GRAINS, truth), posed(truth))
+        assert found.statuses[3] == Status.LEFT_FIELD.value
+        assert "of its shadows" in found.reasons[3]
+        assert found.statuses[4] == Status.NOT_FITTED.value
+        assert np.isnan(found.translations[3:]).all()
+        assert np.isnan(found.rotations[3:]).all()
+        assert np.isnan(found.covariances[3:]).all()
+        assert found.ok[:3].all()
+
+    def test_limits_decide_what_is_poorly_determined(self):
+        scan = radiographs(GRAINS, TRUTH)
+        found = judged(scan, posed(TRUTH), limits=(1e-9, 1.0))
+        assert set(found.statuses) == {Status.POORLY_DETERMINED.value}
+        assert "translation along x, translation along y, translation along z" in found.reasons[0]
+        assert "rotation" not in found.reasons[0]
+        turned = judged(scan, posed(TRUTH), limits=(1.0, 1e-9))
+        assert "rotation about x, rotation about y, rotation about z" in turned.reasons[0]
+        np.testing.assert_allclose(turned.translations, TRUTH.translations)  # kept, and marked
+
+    def test_depth_in_one_parallel_view(self):
+        grains = grain_set(1)
+        truth = motions(grains)
+        scan = radiographs(grains, truth, views=Geometry.parallel([0.0], PANEL, VOXEL))
+        found = judged(scan, posed(truth), grains)
+        assert found.statuses[0] == Status.POORLY_DETERMINED.value
+        assert "translation along y" in found.reasons[0]
+        sd = np.sqrt(np.diagonal(found.covariances[0]))
+        assert sd[1] > 1e3 * max(sd[0], sd[2])
+
+
+class TestCovariance:
+    def test_scatter_of_many_noises(self):
+        """Thirty noises: errors over stated standard deviations have a root mean square of one.
+
+        The reference is exact here and the noise white, so nothing but the noise is asked of the covariance.
+        """
+        grains = grain_set(3)
+        truth = small_motions(grains)
+        clean = radiographs(grains, truth, noise=0.0)
+        ratios = []
+        for seed in range(30):
+            noise = 0.05 * np.random.default_rng(seed).standard_normal(clean.line_integrals.shape)
+            problem = problem_of(Scan(clean.line_integrals + noise.astype(np.float32), clean.geometry), grains)
+            solution = gauss_newton(problem, posed(truth), Stopping(10, 1e-4))
+            found = judge(grains, problem, solution, LIMITS, ())
+            u = found.translations - truth.translations
+            w = motion.log(found.matrices @ truth.matrices.transpose(0, 2, 1))
+            ratios.append(np.hstack([u, w]) / np.sqrt(np.diagonal(found.covariances, axis1=1, axis2=2)))
+        rms = np.sqrt(np.mean(np.square(ratios), axis=(0, 1)))
+        assert np.sqrt(np.mean(rms**2)) == pytest.approx(1, abs=0.2)
+        assert rms.min() > 0.6
+        assert rms.max() < 1.6
+
+    def test_more_noise_more_views_and_filters(self):
+        def sd(noise=0.02, angles=ANGLES, sigma=0.7):
+            scan = radiographs(GRAINS, TRUTH, views=geometry(angles), noise=noise)
+            found = judged(scan, posed(TRUTH), sigma=sigma)
+            return np.sqrt(np.diagonal(found.covariances, axis1=1, axis2=2))
+
+        np.testing.assert_allclose(sd(noise=0.04), 2 * sd(noise=0.02), rtol=0.15)
+        assert (sd(angles=(0.0, 30.0, 60.0, 90.0, 120.0, 150.0)) < sd(angles=(0.0, 90.0))).all()
+        # a filter does not create information, and a mild one loses little
+        assert (sd(sigma=0.7) > 0.85 * sd(sigma=0.0)).all()
+        assert (sd(sigma=0.7) < 2 * sd(sigma=0.0)).all()
+
+    def test_symmetric_and_positive(self):
+        found = judged(radiographs(GRAINS, TRUTH), posed(TRUTH)).covariances
+        np.testing.assert_allclose(found, found.transpose(0, 2, 1), rtol=1e-6, atol=1e-12)
+        assert (np.linalg.eigvalsh(found) > 0).all()
+
+    def test_an_honest_residual_is_of_the_stronger_noise(self):
+        """A gain that drifted is not counted as noise."""
+        plain = judged(radiographs(GRAINS, TRUTH), posed(TRUTH))
+        drifted = judged(radiographs(GRAINS, TRUTH, gain=1.2), posed(TRUTH))
+        np.testing.assert_allclose(drifted.residuals, plain.residuals, rtol=0.02)
+        assert drifted.fit.gain == pytest.approx(1.2, abs=2e-3)
+
+
+class TestSandwich:
+    def matrices(self, n=6, seed=0):
+        rng = np.random.default_rng(seed)
+        J = np.zeros((60 * n, 6 * n))
+        for k in range(n):
+            for other in range(k, min(n, k + 2)):
+                weight = 1 if other == k else 0.2
+                J[60 * k : 60 * k + 60, 6 * other : 6 * other + 6] = weight * rng.normal(size=(60, 6))
+        F = J + 0.1 * np.roll(J, 1, axis=0)
+        return (sparse.bsr_array(a, blocksize=(6, 6)) for a in (J.T @ J, F.T @ F))
+
+    def test_blocks_of_the_dense_product(self):
+        once, twice = self.matrices()
+        inverse = np.linalg.inv(once.toarray())
+        full = inverse @ twice.toarray() @ inverse
+        expected = [full[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] for k in range(6)]
+        np.testing.assert_allclose(_sandwich(once, twice), expected, rtol=1e-6, atol=1e-12)
+
+    def test_neighbourhoods_of_many_grains_come_near(self, monkeypatch):
+        once, twice = self.matrices()
+        dense = _sandwich(once, twice)
+        monkeypatch.setattr("grainmotion.judge.DENSE_UP_TO", 0)
+        np.testing.assert_allclose(_sandwich(once, twice), dense, rtol=0.05, atol=0.02 * np.abs(dense).max())
+
+    def test_unseen_directions_get_a_huge_variance_and_harm_no_other(self):
+        matrix = np.diag([4.0, 1.0, 0.0, 9.0])
+        inverse = _regular_inverse(matrix)
+        np.testing.assert_allclose(np.diagonal(inverse)[[0, 1, 3]], [1 / 4, 1, 1 / 9])
+        assert inverse[2, 2] > 1e9
