@@ -280,6 +280,51 @@ class TestLostGrains:
         assert_honest(measured)
 
 
+class TestAbsurd:
+    """Wrong numbers give honest statuses, not exceptions and not warnings."""
+
+    pytestmark = pytest.mark.filterwarnings("error")
+
+    @pytest.mark.parametrize(
+        "shift", [(0, -500, 0), (0, 0, 5000), (1e12, 0, 0), (0, -40, 0)], ids=["behind", "far", "huge", "at the source"]
+    )
+    def test_starts_in_another_unit(self, shift):
+        measured = track(GRAINS, radiographs(GRAINS, TRUTH), motions(GRAINS, shift))
+        assert not measured.ok.any()
+        assert_honest(measured)
+
+    @pytest.mark.parametrize("shape", [(1, 1), (52, 2), (1, 64)], ids=str)
+    def test_panels_far_too_small(self, shape):
+        measured = track(GRAINS, radiographs(GRAINS, TRUTH, views=geometry(shape=shape)))
+        assert not measured.ok.any()
+        assert_honest(measured)
+
+    def test_radiographs_upside_down_in_sign(self):
+        scan = radiographs(GRAINS, TRUTH)
+        measured = track(GRAINS, Scan(-scan.line_integrals, scan.geometry))
+        assert not measured.ok.any()
+        assert_honest(measured)
+
+    def test_a_grain_without_attenuation(self):
+        first = GRAINS.grains[0]
+        empty = replace(first, volume=replace(first.volume, array=0 * first.volume.array))
+        grains = GrainSet((empty, *GRAINS.grains[1:]))
+        measured = track(grains, radiographs(grains, TRUTH))
+        assert measured.statuses[0] == Status.NOT_FITTED.value
+        assert_found(measured, TRUTH, among=slice(1, None))
+        assert_honest(measured)
+
+    def test_grains_of_negative_attenuation(self):
+        """Bubbles in a dense fluid, of which the fluid is taken off."""
+        grains = GrainSet(tuple(replace(g, volume=replace(g.volume, array=-g.volume.array)) for g in GRAINS.grains))
+        assert_found(track(grains, radiographs(grains, TRUTH)), TRUTH)
+
+    def test_no_noise_at_all(self):
+        still = motions(GRAINS)
+        measured = track(GRAINS, radiographs(GRAINS, still, noise=0.0))
+        assert_found(measured, still, voxels=1e-3, degrees=1e-2)
+
+
 class TestTelling:
     def test_progress(self):
         told = []

@@ -33,6 +33,8 @@ _DIRECTIONS = 128
 # ---------------------------------------------------------------------- whole volumes
 def pad(array: NDArray[np.floating]) -> NDArray[np.floating]:
     """The array with the empty layers that the kernels ask for."""
+    if np.prod([n + 2 * PADDING for n in array.shape], dtype=float) >= 2**32:
+        raise InputError("volume", f"{array.shape} voxels are more than 2^32", "reconstruct in parts or coarser")
     return np.pad(array, PADDING)
 
 
@@ -274,7 +276,9 @@ def _walk(
 
 def _radius(grain: Grain) -> float:
     """Radius of the ball whose attenuation spreads as the grain's does: r² = 5/3 of the mean square distance."""
-    array = np.maximum(grain.volume.array, 0)
+    array = np.abs(grain.volume.array)
+    if not array.any():
+        return grain.volume.voxel_size
     axes = [
         grain.volume.origin[k] + grain.volume.voxel_size * np.arange(array.shape[2 - k]) - grain.center[k]
         for k in range(3)

@@ -227,7 +227,7 @@ def grain_residuals(problem: StateProblem, seen: Seen) -> tuple[Float, Float]:
         start, end = seen.patches.offsets[p : p + 2]
         own = seen.values[start:end].astype(float)
         residual = seen.residual[view, r0:r1, c0:c1].ravel()
-        weight = own * problem.target.valid[view, r0:r1, c0:c1].ravel()
+        weight = np.abs(own) * problem.target.valid[view, r0:r1, c0:c1].ravel()
         sums[grain] += weight.sum(), weight @ residual.astype(float) ** 2, weight @ own**2
     mass = np.maximum(sums[:, :1], 1e-30)
     both = np.sqrt(sums[:, 1:] / mass)

@@ -261,6 +261,8 @@ def centroid_shift(problem: StateProblem, pose: Pose) -> Pose:
     middle = (problem.grains.centers + pose.translations).mean(axis=0)
     step = problem.grains.voxel_size
     spots = geometry.project_points(np.vstack([middle, middle + step * np.eye(3)]))
+    if not np.isfinite(spots).all():  # the start lies behind a source
+        return pose
     slopes = (spots[:, 1:] - spots[:, :1]).transpose(0, 2, 1).reshape(-1, 3) / step
     gaps = _centroids(target.measured - target.filtered(target.fixed)) - _centroids(
         simulated - target.filtered(target.fixed)
