@@ -18,16 +18,17 @@ from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from grainmotion import motion, stages
+from grainmotion import motion
 from grainmotion.errors import InputError
 from grainmotion.grains import GrainSet
-from grainmotion.judge import judge
 from grainmotion.motions import Motions
 from grainmotion.project import PackedGrains, Pose, Projector, project
-from grainmotion.residual import Basis, Derivatives, StateProblem, Target
 from grainmotion.scan import Scan
-from grainmotion.search import lost_grains, search_lost
 from grainmotion.solve import Solution, Stopping, gauss_newton
+from grainmotion.tracking import stages
+from grainmotion.tracking.judge import judge
+from grainmotion.tracking.residual import Basis, Derivatives, StateProblem, Target
+from grainmotion.tracking.search import lost_grains, search_lost
 
 Float = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]

@@ -9,8 +9,8 @@ from few_grains import VOXEL, geometry, grain_set, motions, radiographs, small_m
 from grainmotion import motion
 from grainmotion.grains import GrainSet
 from grainmotion.project import PackedGrains, Pose, shadows
-from grainmotion.residual import StateProblem, Target
-from grainmotion.turns import ANY_TURN, _swollen, unconfirmed
+from grainmotion.tracking.residual import StateProblem, Target
+from grainmotion.tracking.turns import ANY_TURN, _swollen, unconfirmed
 
 
 def loose(grains, truth, scan, valid=None):

@@ -5,8 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from grainmotion import motion, stages
+from grainmotion import motion
 from grainmotion.project import Pose
+from grainmotion.tracking import stages
 
 BASES = {"rigid": (stages.rigid, 6), "affine": (stages.affine, 12), "quadratic": (stages.quadratic, 30)}
 

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 from scipy import ndimage, sparse
 
-from grainmotion import motion, stages
+from grainmotion import motion
 from grainmotion.geometry import Geometry
 from grainmotion.grains import grains_from_labels
 from grainmotion.project import PackedGrains, Pose, assemble, differentiate_patches, project_patches, shadows
-from grainmotion.residual import (
+from grainmotion.scan import Scan
+from grainmotion.tracking import stages
+from grainmotion.tracking.residual import (
     StateProblem,
     Target,
     best_gain,
@@ -20,7 +22,6 @@ from grainmotion.residual import (
     noise_level,
     normal_matrix,
 )
-from grainmotion.scan import Scan
 from grainmotion.volume import Volume
 
 PANEL = (34, 46)

@@ -9,12 +9,12 @@ from scipy import sparse
 from few_grains import ANGLES, PANEL, VOXEL, geometry, grain_set, motions, radiographs, small_motions
 from grainmotion import motion
 from grainmotion.geometry import Geometry
-from grainmotion.judge import _regular_inverse, _sandwich, judge
 from grainmotion.motions import Status
 from grainmotion.project import PackedGrains, Pose
-from grainmotion.residual import StateProblem, Target
 from grainmotion.scan import Scan
 from grainmotion.solve import Solution, Stopping, gauss_newton
+from grainmotion.tracking.judge import _regular_inverse, _sandwich, judge
+from grainmotion.tracking.residual import StateProblem, Target
 
 GRAINS = grain_set()
 TRUTH = small_motions(GRAINS)
@@ -180,7 +180,7 @@ class TestSandwich:
     def test_neighbourhoods_of_many_grains_come_near(self, monkeypatch):
         once, twice = self.matrices()
         dense = _sandwich(once, twice)
-        monkeypatch.setattr("grainmotion.judge.DENSE_UP_TO", 0)
+        monkeypatch.setattr("grainmotion.tracking.judge.DENSE_UP_TO", 0)
         np.testing.assert_allclose(_sandwich(once, twice), dense, rtol=0.05, atol=0.02 * np.abs(dense).max())
 
     def test_unseen_directions_get_a_huge_variance_and_harm_no_other(self):

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from grainmotion import motion
 from grainmotion.kernels import normal
 from grainmotion.project import PackedGrains, Patches, Pose, differentiate_patches, project_patches, shadows
-from grainmotion.residual import Seen, StateProblem
+from grainmotion.tracking.residual import Seen, StateProblem
 
 Float = NDArray[np.float64]
 RIM = 4.0  # voxels that the rim of a grain is carried

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from grainmotion.project import PackedGrains, Pose, assemble, project_patches, shadows
-from grainmotion.residual import StateProblem, Target, grain_residuals, misfits, noise_level
 from grainmotion.scan import Scan
 from grainmotion.solve import Stopping, gauss_newton
+from grainmotion.tracking.residual import StateProblem, Target, grain_residuals, misfits, noise_level
 
 Float = NDArray[np.float64]
 ANGLES_DEG = (12.0, 25.0, 45.0)

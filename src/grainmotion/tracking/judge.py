@@ -18,9 +18,9 @@ from grainmotion.grains import GrainSet
 from grainmotion.kernels import normal
 from grainmotion.motions import Motions, StateFit, Status
 from grainmotion.project import Pose
-from grainmotion.residual import Seen, StateProblem, grain_residuals, misfits, noise_level, normal_matrix
 from grainmotion.solve import DENSE_UP_TO, Solution
-from grainmotion.turns import unconfirmed
+from grainmotion.tracking.residual import Seen, StateProblem, grain_residuals, misfits, noise_level, normal_matrix
+from grainmotion.tracking.turns import unconfirmed
 
 Float = NDArray[np.float64]
 SEEN_ENOUGH = 0.6  # share of a grain's shadows on the panel below which it has left the field
