@@ -25,7 +25,8 @@ from grainmotion.geometry import Geometry
 from grainmotion.grains import GrainSet
 from grainmotion.motions import Motions, Status
 from grainmotion.scan import Scan
-from grainmotion.track import PAPER, TrackSettings, starting_pose, track
+from grainmotion.track import PAPER, TrackSettings, track
+from grainmotion.tracking.starts import starting_pose
 from grainmotion.volume import Volume
 
 GRAINS = grain_set()
