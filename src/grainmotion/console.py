@@ -129,7 +129,7 @@ def print_states(motions: dict[str, Motions]) -> None:
         table.add_row(name, str(len(m)), str(int(m.ok.sum())), others or "-", *middle)
     Console(width=None if sys.stdout.isatty() else 120).print(table)
     lines = [
-        f"{name}, grain {label}: {status}: {reason}"
+        f"{name}, grain {label}: {reason or status}"
         for name, m in motions.items()
         for label, status, reason, ok in zip(m.labels, m.statuses, m.reasons, m.ok)
         if not ok
