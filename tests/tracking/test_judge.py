@@ -175,13 +175,26 @@ class TestSandwich:
         inverse = np.linalg.inv(once.toarray())
         full = inverse @ twice.toarray() @ inverse
         expected = [full[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] for k in range(6)]
-        np.testing.assert_allclose(_sandwich(once, twice), expected, rtol=1e-6, atol=1e-12)
+        np.testing.assert_allclose(_sandwich(once, twice), expected, rtol=1e-4, atol=1e-6)
 
     def test_neighbourhoods_of_many_grains_come_near(self, monkeypatch):
         once, twice = self.matrices()
         dense = _sandwich(once, twice)
         monkeypatch.setattr("grainmotion.tracking.judge.DENSE_UP_TO", 0)
         np.testing.assert_allclose(_sandwich(once, twice), dense, rtol=0.05, atol=0.02 * np.abs(dense).max())
+
+    def test_variances_stay_positive_where_rounding_decides(self):
+        """Two unknowns that only appear summed, in single precision: each unknown, their sum known."""
+        rng = np.random.default_rng(1)
+        J = rng.normal(size=(500, 6))
+        J[:, 4] = J[:, 3]
+        for seed in range(20):
+            rounding = 1e-7 * np.random.default_rng(seed).normal(size=(2, 6, 6)) * 500
+            once, twice = (sparse.bsr_array(J.T @ J + r + r.T, blocksize=(6, 6)) for r in rounding)
+            (found,) = _sandwich(once, twice)
+            assert (np.diagonal(found) > 0).all()
+            assert np.diagonal(found)[[3, 4]].min() > 1
+            assert np.diagonal(found)[[0, 1, 2, 5]].max() < 0.01
 
     def test_unseen_directions_get_a_huge_variance_and_harm_no_other(self):
         matrix = np.diag([4.0, 1.0, 0.0, 9.0])

@@ -23,6 +23,7 @@ from grainmotion.tracking.residual import Seen, StateProblem, grain_residuals, m
 from grainmotion.tracking.turns import unconfirmed
 
 Float = NDArray[np.float64]
+ROUNDING = 1e-6  # of the normal matrices, which are summed from single precision
 SEEN_ENOUGH = 0.6  # share of a grain's shadows on the panel below which it has left the field
 
 
@@ -142,7 +143,9 @@ def _sandwich(once: sparse.bsr_array, twice: sparse.bsr_array) -> Float:
     for i, near in enumerate(neighbourhoods):
         rows = (6 * near[:, None] + np.arange(6)).ravel()
         inverse = _regular_inverse(h[rows][:, rows].toarray())
-        full = inverse @ m[rows][:, rows].toarray() @ inverse
+        moments = m[rows][:, rows].toarray()
+        moments[np.diag_indices_from(moments)] *= 1 + ROUNDING  # else unseen directions may get variances below 0
+        full = inverse @ moments @ inverse
         if len(neighbourhoods) == 1:
             for k in range(n):
                 out[k] = full[6 * k : 6 * k + 6, 6 * k : 6 * k + 6]
@@ -155,5 +158,5 @@ def _regular_inverse(matrix: Float) -> Float:
     """Inverse after scaling to unit diagonal, unseen directions left with a huge variance, not an error."""
     scale = np.sqrt(np.maximum(np.diagonal(matrix), 1e-30))
     values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
-    values = np.maximum(values, 1e-10)
+    values = np.maximum(values, ROUNDING)
     return (vectors / values) @ vectors.T / np.outer(scale, scale)
