@@ -111,6 +111,13 @@ class TestGrainSet:
         assert grains.voxel_size == VOXEL
         assert grains.background is None
 
+    def test_without(self, two_blocks):
+        grains = grains_from_labels(*two_blocks)
+        np.testing.assert_array_equal(grains.without([0]).labels, [7])
+        np.testing.assert_array_equal(grains.without([]).labels, [3, 7])
+        with pytest.raises(InputError, match="no grain"):
+            grains.without([0, 1])
+
     def test_empty(self):
         with pytest.raises(InputError, match="no grain"):
             GrainSet(())

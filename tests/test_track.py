@@ -220,17 +220,34 @@ class TestLostGrains:
         assert_found(measured, TRUTH, among=[0, 1, 2, 4])
         assert_honest(measured)
 
-    def test_a_grain_that_is_gone(self):
-        """Removed between the states: whatever it spoils, no grain that says so is wrong."""
-        left = GrainSet(GRAINS.grains[:2] + GRAINS.grains[3:])
-        kept = [0, 1, 3, 4]
+    @pytest.mark.parametrize("gone", range(5))
+    def test_a_grain_that_is_gone(self, gone):
+        """Removed between the states: it is not fitted, and the others are found as if it had never been."""
+        left = GRAINS.without([gone])
+        kept = np.delete(np.arange(5), gone)
         truth = replace(
             Motions.identity(left.labels, left.centers),
             translations=TRUTH.translations[kept],
             rotations=TRUTH.rotations[kept],
         )
         measured = track(GRAINS, radiographs(left, truth))
-        assert not measured.ok[2]
+        assert measured.statuses[gone] == Status.NOT_FITTED.value
+        assert "not on the radiographs" in measured.reasons[gone]
+        np.testing.assert_array_equal(measured.labels, GRAINS.labels)
+        assert_found(measured, TRUTH, among=kept)
+        assert_honest(measured)
+
+    def test_two_of_five_gone(self):
+        """Too many to tell which: whatever is said to have converged is right."""
+        left = GRAINS.without([2, 4])
+        kept = [0, 1, 3]
+        truth = replace(
+            Motions.identity(left.labels, left.centers),
+            translations=TRUTH.translations[kept],
+            rotations=TRUTH.rotations[kept],
+        )
+        measured = track(GRAINS, radiographs(left, truth))
+        assert not measured.ok[[2, 4]].any()
         u, w = errors(measured, TRUTH)
         assert (np.abs(u[measured.ok]) < 0.3).all()
         assert (np.abs(w[measured.ok]) < 5).all()

@@ -73,6 +73,10 @@ class GrainSet:
     def __len__(self) -> int:
         return len(self.grains)
 
+    def without(self, rows: Collection[int]) -> GrainSet:
+        """The same sample without the grains of some rows."""
+        return GrainSet(tuple(g for k, g in enumerate(self.grains) if k not in rows), self.background)
+
     @property
     def labels(self) -> NDArray[np.int64]:
         """Labels ``(n,)``."""

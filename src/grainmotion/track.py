@@ -24,6 +24,7 @@ from grainmotion.project import PackedGrains, Pose, Projector, project
 from grainmotion.scan import Scan
 from grainmotion.solve import Solution, Stopping, gauss_newton
 from grainmotion.tracking import stages
+from grainmotion.tracking.absent import complete, improves, merit, support, suspects
 from grainmotion.tracking.judge import judge
 from grainmotion.tracking.residual import Basis, Derivatives, StateProblem, Target
 from grainmotion.tracking.search import lost_grains, search_lost
@@ -149,6 +150,22 @@ def track(
         One row a grain; what became of it is in ``statuses`` and ``reasons``, never an exception.
     """
     settings = settings or TrackSettings()
+    whole, supports = _all_together(grains, scan, start, settings, progress)
+    best, present = whole, grains
+    while absent := suspects(best, supports):
+        trials = [present.without(rows) for rows in absent]
+        ends = [_all_together(t, scan, start, settings, progress) for t in trials]
+        k = max(range(len(ends)), key=lambda k: merit(ends[k][0]))
+        if not improves(ends[k][0], best):
+            break
+        present, (best, supports) = trials[k], ends[k]
+    return complete(best, grains) if best.ok.sum() > whole.ok.sum() else whole
+
+
+def _all_together(
+    grains: GrainSet, scan: Scan, start: Motions | None, settings: TrackSettings, progress: Progress | None
+) -> tuple[Motions, Float]:
+    """All stages for some grains, and how much of each grain's shadow the radiographs hold."""
     packed = PackedGrains.of(grains)
     fixed = np.zeros(scan.line_integrals.shape, np.float32)
     if grains.background is not None:
@@ -163,7 +180,8 @@ def track(
             problem, solution = _free(course, found, "again")
     course.tell("judging the grains", course.stages)
     limits = (settings.max_sd_voxel * grains.voxel_size, float(np.deg2rad(settings.max_sd_deg)))
-    return judge(grains, problem, solution, limits, tuple(course.costs))
+    motions = judge(grains, problem, solution, limits, tuple(course.costs))
+    return motions, support(problem, solution.state)
 
 
 def _approach(course: Course, pose: Pose) -> Pose:
