@@ -61,8 +61,10 @@ class TestResults:
         path, result = finished
         for name, shift in SHIFTS.items():
             motions = read_motions(path.parent / "results" / name / "motions.csv")
-            assert (motions.statuses == "converged").all()
             np.testing.assert_allclose(motions.translations, np.tile(shift, (3, 1)), atol=0.02)
+            # The grains are balls: nothing tells how they turn, and the table says so.
+            assert (motions.statuses == "poorly-determined").all()
+            assert all("rotation about" in r and "translation" not in r for r in result.motions[name].reasons)
             np.testing.assert_array_equal(result.motions[name].labels, motions.labels)
 
     def test_full_results_agree_with_the_table(self, finished):
