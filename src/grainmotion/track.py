@@ -61,7 +61,9 @@ class TrackSettings:
     fields: Annotated[
         bool, Field(description="begin with one body and a smooth field; off: all grains free at once")
     ] = True
-    search: Annotated[bool, Field(description="search rotations for grains that fit badly")] = True
+    search: Annotated[
+        bool, Field(description="search rotations for grains that fit badly, leave out grains that are not there")
+    ] = True
     gain: Annotated[bool, Field(description="eliminate a global gain and offset (a, b of Eq. 22)")] = True
     iterations: Annotated[int, Field(ge=1, description="most iterations a stage")] = 30
     tolerance: Annotated[
@@ -152,7 +154,7 @@ def track(
     settings = settings or TrackSettings()
     whole, supports = _all_together(grains, scan, start, settings, progress)
     best, present = whole, grains
-    while absent := suspects(best, supports):
+    while settings.search and (absent := suspects(best, supports)):
         trials = [present.without(rows) for rows in absent]
         ends = [_all_together(t, scan, start, settings, progress) for t in trials]
         k = max(range(len(ends)), key=lambda k: merit(ends[k][0]))
