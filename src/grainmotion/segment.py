@@ -1,18 +1,22 @@
 """Segmentation: Volume → labels.  Threshold, distance transform, watershed, and which basins are one grain.
 
-A watershed of the distance transform cuts angular grains into several basins.  Basins are put together
-again in two steps over the graph of touching basins:
+Grains are told apart in their *cores*, the voxels well above the half-way level between air and grain
+(`CORE`): blur bridges the gap at a contact at the half-way level, hardly in the cores.  A watershed of
+the cores' distance transform cuts angular grains into several basins.  They are put together again in
+two steps over the graph of touching basins, with s the saddle between two (the half-width of the neck),
+m the lower of their two peaks (the half-width of the smaller) and A the area of the neck:
 
-1. **Depth** (H-minima): a basin whose peak stands less than ``depth`` voxels above its saddle is no
-   basin.  This removes what the voxels themselves make.
-2. **Neck and visibility**, free of scale, the best pair first: two basins are one grain if
+1. **Depth** (H-minima): a basin is none if m − s < ``depth`` voxels, which is what voxels make, or
+   s > 0.9 m, which is what unevenness makes.
+2. **Neck**, free of scale, the widest first: two basins are one grain if
 
-       κ = r · V ≥ ``oneness``,
+       κ = s² A / (π m⁴) ≥ ``oneness``.
 
-   with r the half-width of the neck over that of the smaller basin (saddle over peak of the distance),
-   and V the share of straight lines from points of one to points of the other that stay inside the two.
-   Two grains that touch have a narrow neck or do not see each other through it; two halves of one
-   grain do both.
+   A s² goes as the second moment of the neck's section, so κ compares the stiffness of the neck in bending
+   with that of the smaller basin's thickest round section: two halves of one grain give about 1 or
+   more, however flat or long it is, two grains that touch much less.
+
+Then the labels grow from the cores into all voxels above the threshold, bright ones first.
 
 Soille (2003) for the watershed on distances; `docs/decisions/0002-segmentation.md` for the measure.
 """
@@ -39,10 +43,13 @@ from grainmotion.volume import Volume
 
 Progress = Callable[[str, int, int], None]
 Ints = NDArray[np.int32]
+Bools = NDArray[np.bool_]
 
-SIGHTS = 600  # lines tried between two basins
-STEPS = 48  # places looked at on each line
-NECK_AT_LEAST = 0.3  # a narrower neck is never looked through
+CORE = 0.75  # level of the cores: 0 is the mean outside the grains, 1 the grain's own attenuation around
+AROUND = 9  # voxels along the edge of the cube over which a grain's own attenuation is averaged
+UNEVEN = 0.9  # a saddle above this share of the lower peak separates nothing
+TOGETHER = 0.65  # of the neighbours of a voxel that Otsu finds are found too; below that it finds noise
+RARE = 1e-4  # share of voxels above Otsu's threshold below which they are hot voxels, not grains
 SMALL = 0.02  # of the median grain's volume: the smallest grain, unless given
 SPECK = 30  # voxels: what is smaller is no grain in any case
 
@@ -58,8 +65,8 @@ class SegmentSettings:
         float, Field(ge=0, description="least height of a distance peak over its saddle (H-minima), voxels")
     ] = 0.5
     oneness: Annotated[
-        float, Field(gt=0, description="two basins are one grain from this neck times visibility; lower merges more")
-    ] = 0.475
+        float, Field(gt=0, description="two basins are one grain from this stiffness of their neck; lower merges more")
+    ] = 0.7
     min_volume: Annotated[
         int | None, Field(gt=0, description="smallest grain, voxels; 2 % of the median grain unless given")
     ] = None
@@ -117,16 +124,24 @@ def segment(volume: Volume, settings: SegmentSettings | None = None, progress: P
             progress(message, done, 4)
 
     tell("threshold", 0)
-    threshold, solid = _solid(volume, settings)
-    tell("distances and watershed", 1)
-    distance = edt.edt(solid, parallel=1)
-    basins = _basins(distance, solid)
-    tell("which basins are one grain", 2)
-    graph = _Graph.of(distance, basins)
-    labels = graph.merge_shallow(settings.depth)[basins]
-    labels = _merge_whole(distance, labels, settings.oneness)[labels]
-    tell("small objects", 3)
-    labels = _kept(labels, settings.min_volume)
+    threshold = _threshold(volume, settings)
+    speck = min(settings.min_volume or SPECK, SPECK)
+    solid = _filled(volume.array > threshold)
+    labels = np.zeros(volume.shape, np.int32)
+    box = _bounds(solid)
+    if box is not None:
+        array, solid = volume.array[box], solid[box]
+        if settings.threshold is None and _togetherness(solid) < TOGETHER:
+            fact = f"no grains found: what lies above {threshold:.4g} 1/mm is scattered like noise"
+            raise InputError("segment.threshold", fact, "give a threshold, or check the scan")
+        tell("distances and watershed", 1)
+        distance = edt.edt(_cores(array, solid, threshold), parallel=1)
+        basins = _basins(distance)
+        tell("which basins are one grain", 2)
+        cores = _Graph.of(distance, basins).joined(settings.depth, settings.oneness)[basins]
+        tell("small objects", 3)
+        grown = watershed(-array, _at_least(cores, speck), mask=solid)
+        labels[box] = _kept(grown, settings.min_volume)
     if labels.max() == 0:
         raise InputError(
             "segment.threshold", f"no grains found above {threshold:.4g} 1/mm", "lower it, or lower segment.min_volume"
@@ -145,145 +160,185 @@ def border_labels(labels: NDArray[np.integer]) -> tuple[int, ...]:
     return tuple(int(i) for i in np.unique(labels[edge]) if i)
 
 
-def _solid(volume: Volume, settings: SegmentSettings) -> tuple[float, NDArray[np.bool_]]:
-    """The threshold, and the voxels above it with holes filled and specks removed."""
+def _threshold(volume: Volume, settings: SegmentSettings) -> float:
     array = volume.array
     if array.max() <= array.min():
         raise InputError("segment.threshold", "no grains found: the volume is uniform", "check the volume")
-    threshold = settings.threshold if settings.threshold is not None else float(threshold_otsu(array))
-    solid = ndimage.binary_fill_holes(array > threshold)
-    pieces, n = ndimage.label(solid)
-    large = np.bincount(pieces.ravel(), minlength=n + 1) >= min(settings.min_volume or SPECK, SPECK)
-    large[0] = False
-    return threshold, large[pieces]
+    if settings.threshold is not None:
+        return settings.threshold
+    threshold = float(threshold_otsu(array))
+    while np.count_nonzero(array > threshold) < RARE * array.size:
+        array = np.minimum(array, np.float32(threshold))
+        threshold = float(threshold_otsu(array))
+    return threshold
 
 
-def _basins(distance: NDArray[np.float32], solid: NDArray[np.bool_]) -> Ints:
+def _filled(solid: Bools) -> Bools:
+    """The same with its cavities filled: what is empty and does not reach a face of the array."""
+    empty, n = ndimage.label(~solid)
+    outside = np.zeros(n + 1, dtype=bool)
+    for axis in range(3):
+        faces = np.take(empty, [0, -1], axis=axis)
+        outside[np.unique(faces)] = True
+    outside[0] = False
+    return ~outside[empty]
+
+
+def _togetherness(solid: Bools) -> float:
+    """Share of solid voxels among the six neighbours of a solid voxel; a half-full box of noise has a half."""
+    links = sum(np.count_nonzero(np.diff(solid, axis=axis)) for axis in range(3))  # solid beside empty
+    return 1 - links / (6 * np.count_nonzero(solid))
+
+
+def _bounds(solid: Bools) -> tuple[slice, slice, slice] | None:
+    """The smallest box around it, and one voxel more; None if there is nothing."""
+    box = []
+    for axis in range(3):
+        there = np.flatnonzero(solid.any(axis=tuple({0, 1, 2} - {axis})))
+        if len(there) == 0:
+            return None
+        box.append(slice(max(int(there[0]) - 1, 0), int(there[-1]) + 2))
+    return box[0], box[1], box[2]
+
+
+def _cores(array: NDArray[np.float32], solid: Bools, threshold: float) -> Bools:
+    """Voxels at `CORE` of their grain's own attenuation; never lower than the threshold.
+
+    A grain fainter than the rest has a lower level; inclusions brighter than the rest raise none.
+    """
+    bright = float(np.median(array[solid]))
+    outside = array[~solid]
+    dark = float(outside.mean()) if outside.size else 0.0
+    inner = ndimage.binary_erosion(solid)
+    weight = ndimage.uniform_filter(inner.astype(np.float32), AROUND)
+    own = ndimage.uniform_filter(np.where(inner, np.minimum(array, bright), 0).astype(np.float32), AROUND)
+    known = weight > 1 / AROUND**3
+    own = np.where(known, own / np.where(known, weight, 1), bright)
+    cores = _filled(solid & (array > np.maximum(threshold, dark + CORE * (own - dark))))
+    pieces, n = ndimage.label(solid)  # a piece too thin or too faint for a core is its own
+    without = np.ones(n + 1, dtype=bool)
+    without[pieces[cores]] = False
+    without[0] = False
+    return cores | without[pieces]
+
+
+def _basins(distance: NDArray[np.float32]) -> Ints:
     """Watershed from every local maximum of the distance."""
-    peaks = (distance == ndimage.maximum_filter(distance, size=3)) & solid
+    inside = distance > 0
+    peaks = (distance == ndimage.maximum_filter(distance, size=3)) & inside
     seeds, _ = ndimage.label(peaks, np.ones((3, 3, 3)))
-    return watershed(-distance, seeds, mask=solid).astype(np.int32)
+    return watershed(-distance, seeds, mask=inside).astype(np.int32)
 
 
 @record
 class _Graph:
-    """Touching basins: ``peaks (n + 1,)`` of the distance, and the saddle of each pair ``(i, j)``, i < j."""
+    """Touching basins 1 … n: ``peaks (n + 1,)`` of the distance; each pair's saddle and its faces along z, y, x."""
 
     peaks: NDArray[np.float64]
-    pairs: NDArray[np.int64]
-    saddles: NDArray[np.float64]
+    pairs: NDArray[np.int64]  # (k, 2)
+    saddles: NDArray[np.float64]  # (k,)
+    faces: NDArray[np.float64]  # (k, 3)
 
     @classmethod
     def of(cls, distance: NDArray[np.float32], basins: Ints) -> _Graph:
-        n = int(basins.max())
-        peaks = np.zeros(n + 1)
-        if n:
-            peaks[1:] = ndimage.maximum(distance, basins, np.arange(1, n + 1))
-        keys, heights = [], []
+        peaks = np.zeros(int(basins.max()) + 1)
+        peaks[1:] = ndimage.maximum(distance, basins, np.arange(1, len(peaks)))
+        pairs, heights = [], []
         for axis in range(3):
             first = tuple(slice(None, -1) if k == axis else slice(None) for k in range(3))
             second = tuple(slice(1, None) if k == axis else slice(None) for k in range(3))
             a, b = basins[first], basins[second]
             meet = (a != b) & (a > 0) & (b > 0)
-            low, high = np.minimum(a[meet], b[meet]).astype(np.int64), np.maximum(a[meet], b[meet])
-            keys.append(low * (n + 1) + high)
+            pairs.append(np.column_stack([a[meet], b[meet]]))
             heights.append(np.minimum(distance[first][meet], distance[second][meet]))
-        key, height = np.concatenate(keys), np.concatenate(heights)
-        unique, index = np.unique(key, return_inverse=True)
-        saddles = np.zeros(len(unique))
-        np.maximum.at(saddles, index, height)
-        return cls(peaks, np.column_stack([unique // (n + 1), unique % (n + 1)]), saddles)
+        axes = np.repeat([0, 1, 2], [len(p) for p in pairs])
+        return cls._gathered(peaks, np.concatenate(pairs), np.concatenate(heights), np.eye(3)[axes])
 
-    def merge_shallow(self, depth: float) -> Ints:
-        """New labels ``(n + 1,)`` once peaks less than ``depth`` above their highest saddle have joined."""
+    @classmethod
+    def _gathered(
+        cls, peaks: NDArray[np.float64], pairs: NDArray[np.integer], saddles: NDArray[np.floating], faces: NDArray
+    ) -> _Graph:
+        """From pairs that may come many times and either way round."""
+        n = len(peaks)
+        key, index = np.unique(pairs.min(axis=1).astype(np.int64) * n + pairs.max(axis=1), return_inverse=True)
+        highest, total = np.zeros(len(key)), np.zeros((len(key), 3))
+        np.maximum.at(highest, index, saddles)
+        np.add.at(total, index, faces)
+        return cls(peaks, np.column_stack([key // n, key % n]), highest, total)
+
+    def joined(self, depth: float, oneness: float) -> Ints:
+        """New labels ``(n + 1,)`` once all that is one grain has joined."""
+        shallow = self._join_shallow(depth)
+        return self._under(shallow)._join_necks(oneness)[shallow]
+
+    def _join_shallow(self, depth: float) -> Ints:
+        """New labels once peaks that hardly stand above their highest saddle have joined."""
         root = np.arange(len(self.peaks))
-        for k in np.argsort(-self.saddles):
+        for k in np.argsort(-self.saddles, kind="stable"):
             a, b = (_find(root, int(i)) for i in self.pairs[k])
             low, high = (a, b) if self.peaks[a] < self.peaks[b] else (b, a)
-            if a != b and self.peaks[low] - self.saddles[k] < depth:
+            peak, saddle = self.peaks[low], self.saddles[k]
+            if a != b and (peak - saddle < depth or saddle > UNEVEN * peak):
                 root[low] = high
         return _renumbered(np.array([_find(root, i) for i in range(len(root))]))
 
+    def _under(self, labels: Ints) -> _Graph:
+        """The graph of basins joined under new labels."""
+        peaks = np.zeros(int(labels.max()) + 1)
+        np.maximum.at(peaks, labels, self.peaks)
+        pairs = labels[self.pairs]
+        apart = pairs[:, 0] != pairs[:, 1]
+        return self._gathered(peaks, pairs[apart], self.saddles[apart], self.faces[apart])
 
-def _merge_whole(distance: NDArray[np.float32], labels: Ints, oneness: float) -> Ints:
-    """New labels ``(n + 1,)`` once basins that are one grain have joined, the surest pair first."""
-    graph = _Graph.of(distance, labels)
-    n = len(graph.peaks) - 1
-    root = np.arange(n + 1)
-    peaks = graph.peaks.copy()
-    necks: list[dict[int, float]] = [{} for _ in range(n + 1)]
-    for (a, b), saddle in zip(graph.pairs, graph.saddles, strict=True):
-        necks[a][int(b)] = necks[b][int(a)] = float(saddle)
-    points = _points(labels, n)
-    version = np.zeros(n + 1, dtype=int)
-    rng = np.random.default_rng(0)
-    queue: list[tuple[float, int, int, int, int]] = []
+    def _join_necks(self, oneness: float) -> Ints:
+        """New labels once basins with a wide neck between them have joined, the widest first."""
+        root, peaks = np.arange(len(self.peaks)), self.peaks.copy()
+        necks: list[dict[int, tuple[float, NDArray[np.float64]]]] = [{} for _ in root]
+        for (a, b), saddle, faces in zip(self.pairs.tolist(), self.saddles.tolist(), self.faces, strict=True):
+            necks[a][b] = necks[b][a] = (saddle, faces)
+        version = [0] * len(root)
+        queue: list[tuple[float, int, int, int, int]] = []
 
-    def offer(a: int, b: int) -> None:
-        neck = necks[a][b] / min(peaks[a], peaks[b])
-        if neck < max(NECK_AT_LEAST, oneness):
-            return  # visibility is at most 1
-        score = neck * _visibility(labels, root, (a, points[a]), (b, points[b]), rng)
-        if score >= oneness:
-            heapq.heappush(queue, (-score, a, b, version[a], version[b]))
+        def offer(a: int, b: int) -> None:
+            (saddle, faces), peak = necks[a][b], min(peaks[a], peaks[b])
+            # the norm of the faces' numbers is the area of a flat neck, whichever way it looks
+            kappa = saddle**2 * float(np.sqrt(faces @ faces)) / (np.pi * peak**4)
+            if kappa >= oneness:
+                heapq.heappush(queue, (-kappa, a, b, version[a], version[b]))
 
-    for a in range(1, n + 1):
-        for b in necks[a]:
-            if a < b:
-                offer(a, b)
-    while queue:
-        _, a, b, va, vb = heapq.heappop(queue)
-        if version[a] != va or version[b] != vb:
-            continue
-        root[root == b] = a
-        peaks[a] = max(peaks[a], peaks[b])
-        points[a] = np.concatenate([points[a], points[b]])
-        version[a] += 1
-        version[b] = -1
-        for c, saddle in necks[b].items():
-            del necks[c][b]
-            if c != a:
-                necks[a][c] = necks[c][a] = max(saddle, necks[a].get(c, 0.0))
-        necks[b] = {}
-        for c in necks[a]:
-            offer(min(a, c), max(a, c))
-    return _renumbered(root)
+        for a, b in self.pairs.tolist():
+            offer(a, b)
+        while queue:
+            _, a, b, va, vb = heapq.heappop(queue)
+            if version[a] != va or version[b] != vb:
+                continue
+            root[b] = a
+            peaks[a] = max(peaks[a], peaks[b])
+            version[a], version[b] = version[a] + 1, -1
+            for c, (saddle, faces) in necks[b].items():
+                del necks[c][b]
+                if c != a:
+                    old, before = necks[a].get(c, (0.0, 0.0))
+                    necks[a][c] = necks[c][a] = (max(saddle, old), faces + before)
+            necks[b] = {}
+            for c in necks[a]:
+                offer(min(a, c), max(a, c))
+        return _renumbered(np.array([_find(root, i) for i in range(len(root))]))
 
 
-def _visibility(
-    labels: Ints,
-    root: NDArray[np.int64],
-    one: tuple[int, NDArray[np.int16]],
-    other: tuple[int, NDArray[np.int16]],
-    rng: np.random.Generator,
-) -> float:
-    """Share of straight lines from points of one basin to points of the other that stay inside the two."""
-    (a, from_points), (b, to_points) = one, other
-    start = from_points[rng.integers(len(from_points), size=SIGHTS)].astype(np.float32)
-    end = to_points[rng.integers(len(to_points), size=SIGHTS)].astype(np.float32)
-    t = ((np.arange(STEPS) + 0.5) / STEPS).astype(np.float32)
-    at = np.rint(start[:, None] + (end - start)[:, None] * t[None, :, None]).astype(np.intp)
-    met = root[labels[at[..., 0], at[..., 1], at[..., 2]]]
-    return float(((met == a) | (met == b)).all(axis=1).mean())
-
-
-def _points(labels: Ints, n: int) -> list[NDArray[np.int16]]:
-    """Voxels (z, y, x) of each label 0 … n; none for 0."""
-    flat = labels.ravel()
-    inside = np.flatnonzero(flat)
-    inside = inside[np.argsort(flat[inside], kind="stable")]
-    ends = np.cumsum(np.bincount(flat[inside], minlength=n + 1))
-    place = np.stack(np.unravel_index(inside, labels.shape), axis=1).astype(np.int16)
-    return [place[start:end] for start, end in zip(np.concatenate([[0], ends[:-1]]), ends, strict=True)]
+def _at_least(labels: Ints, least: int) -> Ints:
+    """Labels without those of fewer voxels, numbered 1 … n."""
+    sizes = np.bincount(labels.ravel())
+    sizes[0] = 0
+    return _renumbered(np.where(sizes >= least, np.arange(len(sizes)), 0))[labels]
 
 
 def _kept(labels: Ints, min_volume: int | None) -> Ints:
     """Labels without the small objects, numbered 1 … n."""
-    sizes = np.bincount(labels.ravel())
-    sizes[0] = 0
-    grains = sizes[sizes >= SPECK]
-    least = min_volume or max(SPECK, int(SMALL * np.median(grains)) if len(grains) else SPECK)
-    return _renumbered(np.where(sizes >= least, np.arange(len(sizes)), 0))[labels]
+    if min_volume is None:
+        sizes = np.bincount(labels.ravel())[1:]
+        min_volume = max(SPECK, int(SMALL * np.median(sizes))) if len(sizes) else SPECK
+    return _at_least(labels, min_volume)
 
 
 def _find(root: NDArray[np.int64], i: int) -> int:
