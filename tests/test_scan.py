@@ -5,15 +5,12 @@ import pytest
 
 from grainmotion.errors import InputError
 from grainmotion.geometry import Geometry
-from grainmotion.scan import (
-    Scan,
-    air_levels,
+from grainmotion.intensity import (
     checked_line_integrals,
     line_integrals_from_counts,
     line_integrals_from_transmission,
-    normalize_air,
-    snr,
 )
+from grainmotion.scan import Scan, air_levels, normalize_air, snr
 
 SHAPE = (7, 9)
 

@@ -4,11 +4,10 @@ The whole job in a notebook::
 
     import grainmotion as gm
 
-    scan, _ = gm.read_scan("experiment.toml")
-    reconstruction = gm.reconstruct(scan, gm.Volume.zeros((280, 180, 180), voxel_size=0.112))
-    segmentation = gm.segment(reconstruction.volume)
-    grains = gm.grains_from_labels(reconstruction.volume, segmentation.labels)
-    state, _ = gm.read_scan("experiment.toml", "step-01")
+    scan = gm.read_scan("reference/*.tif", "reference.csv", flats="flats/*.tif", darks="darks/*.tif")
+    volume = gm.reconstruct(scan, gm.Volume.zeros((280, 180, 180), voxel_size=0.112)).volume
+    grains = gm.grains_from_labels(volume, gm.segment(volume).labels)
+    state = gm.read_scan("step-01/*.tif", "step-01.csv", flats="flats/*.tif", darks="darks/*.tif")
     motions = gm.track(grains, state)
     motions.to_table()
 """
@@ -19,12 +18,13 @@ from grainmotion.experiment.file import read_experiment
 from grainmotion.experiment.scans import read_scan
 from grainmotion.geometry import Geometry, Panel
 from grainmotion.grains import Grain, GrainSet, grains_from_labels
+from grainmotion.intensity import line_integrals_from_counts
 from grainmotion.motions import Motions, StateFit, Status
 from grainmotion.pipeline.run import run
 from grainmotion.project import back_project, project, simulate_radiographs
 from grainmotion.rebuild import rebuild
 from grainmotion.reconstruct import Reconstruction, ReconstructSettings, reconstruct
-from grainmotion.scan import Scan, line_integrals_from_counts, normalize_air, snr
+from grainmotion.scan import Scan, normalize_air, snr
 from grainmotion.segment import Segmentation, SegmentSettings, segment
 from grainmotion.track import PAPER, TrackSettings, track
 from grainmotion.volume import Volume

@@ -10,8 +10,8 @@ import tifffile
 from grainmotion.errors import InputError
 from grainmotion.experiment.dataset import write_dataset
 from grainmotion.geometry import COLUMNS
+from grainmotion.intensity import line_integrals_from_counts
 from grainmotion.motions import Motions
-from grainmotion.scan import line_integrals_from_counts
 from grainmotion.simulate import LATER_ANGLES_DEG, attenuation_volume, gaps, small
 
 

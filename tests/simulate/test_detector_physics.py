@@ -7,7 +7,8 @@ import pytest
 
 from grainmotion.errors import InputError
 from grainmotion.geometry import Geometry
-from grainmotion.scan import line_integrals_from_counts, snr
+from grainmotion.intensity import line_integrals_from_counts
+from grainmotion.scan import snr
 from grainmotion.simulate import (
     Ellipsoid,
     Particle,

@@ -8,7 +8,8 @@ import numpy as np
 
 from grainmotion.experiment.inputs import Inputs
 from grainmotion.experiment.scans import ScanInput
-from grainmotion.scan import PixelReport, Scan
+from grainmotion.intensity import PixelReport
+from grainmotion.scan import Scan
 from grainmotion.volume import Volume
 
 MASKED_SHARE = 0.01  # more masked pixels than this deserve a warning

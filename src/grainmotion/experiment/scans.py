@@ -13,18 +13,17 @@ from numpy.typing import NDArray
 from grainmotion.errors import InputError
 from grainmotion.experiment.file import Air, AngleRange, Circular, Kind, ReferenceTable, ScanTable
 from grainmotion.geometry import Beam, Geometry, Panel
+from grainmotion.intensity import (
+    PixelReport,
+    checked_line_integrals,
+    line_integrals_from_counts,
+    line_integrals_from_transmission,
+)
 from grainmotion.io.files import checked_file
 from grainmotion.io.geometry_csv import read_geometry
 from grainmotion.io.hdf5 import DARK, FLAT, NXtomo
 from grainmotion.io.stacks import Stack, find_stack
-from grainmotion.scan import (
-    PixelReport,
-    Scan,
-    checked_line_integrals,
-    line_integrals_from_counts,
-    line_integrals_from_transmission,
-    normalize_air,
-)
+from grainmotion.scan import Scan, normalize_air
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,10 +16,11 @@ from grainmotion.errors import InputError
 from grainmotion.experiment.file import Experiment, ExperimentFile
 from grainmotion.experiment.inputs import Inputs, check_contrast
 from grainmotion.grains import GrainSet, grains_from_labels
+from grainmotion.intensity import PixelReport
 from grainmotion.io.ledger import Ledger
 from grainmotion.io.results import Reference, read_reference
 from grainmotion.io.stacks import Stack
-from grainmotion.scan import PixelReport, Scan
+from grainmotion.scan import Scan
 from grainmotion.volume import Volume
 
 Progress = Callable[[str, int, int], None]
