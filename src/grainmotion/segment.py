@@ -23,9 +23,7 @@ Soille (2003) for the watershed on distances; `docs/decisions/0002-segmentation.
 
 from __future__ import annotations
 
-import heapq
 from collections.abc import Callable
-from dataclasses import dataclass as record
 from typing import Annotated
 
 import edt
@@ -37,6 +35,7 @@ from scipy import ndimage
 from skimage.filters import threshold_otsu
 from skimage.segmentation import watershed
 
+from grainmotion.basins import BasinGraph, renumbered
 from grainmotion.errors import InputError
 from grainmotion.grains import Background
 from grainmotion.volume import Volume
@@ -47,7 +46,6 @@ Bools = NDArray[np.bool_]
 
 CORE = 0.75  # level of the cores: 0 is the mean outside the grains, 1 the grain's own attenuation around
 AROUND = 9  # voxels along the edge of the cube over which a grain's own attenuation is averaged
-UNEVEN = 0.9  # a saddle above this share of the lower peak separates nothing
 TOGETHER = 0.65  # of the neighbours of a voxel that Otsu finds are found too; below that it finds noise
 RARE = 1e-4  # share of voxels above Otsu's threshold below which they are hot voxels, not grains
 SMALL = 0.02  # of the median grain's volume: the smallest grain, unless given
@@ -138,7 +136,7 @@ def segment(volume: Volume, settings: SegmentSettings | None = None, progress: P
         distance = edt.edt(_cores(array, solid, threshold), parallel=1)
         basins = _basins(distance)
         tell("which basins are one grain", 2)
-        cores = _Graph.of(distance, basins).joined(settings.depth, settings.oneness)[basins]
+        cores = BasinGraph.of(distance, basins).joined(settings.depth, settings.oneness)[basins]
         tell("small objects", 3)
         grown = watershed(-array, _at_least(cores, speck), mask=solid)
         labels[box] = _kept(grown, settings.min_volume)
@@ -230,107 +228,11 @@ def _basins(distance: NDArray[np.float32]) -> Ints:
     return watershed(-distance, seeds, mask=inside).astype(np.int32)
 
 
-@record
-class _Graph:
-    """Touching basins 1 … n: ``peaks (n + 1,)`` of the distance; each pair's saddle and its faces along z, y, x."""
-
-    peaks: NDArray[np.float64]
-    pairs: NDArray[np.int64]  # (k, 2)
-    saddles: NDArray[np.float64]  # (k,)
-    faces: NDArray[np.float64]  # (k, 3)
-
-    @classmethod
-    def of(cls, distance: NDArray[np.float32], basins: Ints) -> _Graph:
-        peaks = np.zeros(int(basins.max()) + 1)
-        peaks[1:] = ndimage.maximum(distance, basins, np.arange(1, len(peaks)))
-        pairs, heights = [], []
-        for axis in range(3):
-            first = tuple(slice(None, -1) if k == axis else slice(None) for k in range(3))
-            second = tuple(slice(1, None) if k == axis else slice(None) for k in range(3))
-            a, b = basins[first], basins[second]
-            meet = (a != b) & (a > 0) & (b > 0)
-            pairs.append(np.column_stack([a[meet], b[meet]]))
-            heights.append(np.minimum(distance[first][meet], distance[second][meet]))
-        axes = np.repeat([0, 1, 2], [len(p) for p in pairs])
-        return cls._gathered(peaks, np.concatenate(pairs), np.concatenate(heights), np.eye(3)[axes])
-
-    @classmethod
-    def _gathered(
-        cls, peaks: NDArray[np.float64], pairs: NDArray[np.integer], saddles: NDArray[np.floating], faces: NDArray
-    ) -> _Graph:
-        """From pairs that may come many times and either way round."""
-        n = len(peaks)
-        key, index = np.unique(pairs.min(axis=1).astype(np.int64) * n + pairs.max(axis=1), return_inverse=True)
-        highest, total = np.zeros(len(key)), np.zeros((len(key), 3))
-        np.maximum.at(highest, index, saddles)
-        np.add.at(total, index, faces)
-        return cls(peaks, np.column_stack([key // n, key % n]), highest, total)
-
-    def joined(self, depth: float, oneness: float) -> Ints:
-        """New labels ``(n + 1,)`` once all that is one grain has joined."""
-        shallow = self._join_shallow(depth)
-        return self._under(shallow)._join_necks(oneness)[shallow]
-
-    def _join_shallow(self, depth: float) -> Ints:
-        """New labels once peaks that hardly stand above their highest saddle have joined."""
-        root = np.arange(len(self.peaks))
-        for k in np.argsort(-self.saddles, kind="stable"):
-            a, b = (_find(root, int(i)) for i in self.pairs[k])
-            low, high = (a, b) if self.peaks[a] < self.peaks[b] else (b, a)
-            peak, saddle = self.peaks[low], self.saddles[k]
-            if a != b and (peak - saddle < depth or saddle > UNEVEN * peak):
-                root[low] = high
-        return _renumbered(np.array([_find(root, i) for i in range(len(root))]))
-
-    def _under(self, labels: Ints) -> _Graph:
-        """The graph of basins joined under new labels."""
-        peaks = np.zeros(int(labels.max()) + 1)
-        np.maximum.at(peaks, labels, self.peaks)
-        pairs = labels[self.pairs]
-        apart = pairs[:, 0] != pairs[:, 1]
-        return self._gathered(peaks, pairs[apart], self.saddles[apart], self.faces[apart])
-
-    def _join_necks(self, oneness: float) -> Ints:
-        """New labels once basins with a wide neck between them have joined, the widest first."""
-        root, peaks = np.arange(len(self.peaks)), self.peaks.copy()
-        necks: list[dict[int, tuple[float, NDArray[np.float64]]]] = [{} for _ in root]
-        for (a, b), saddle, faces in zip(self.pairs.tolist(), self.saddles.tolist(), self.faces, strict=True):
-            necks[a][b] = necks[b][a] = (saddle, faces)
-        version = [0] * len(root)
-        queue: list[tuple[float, int, int, int, int]] = []
-
-        def offer(a: int, b: int) -> None:
-            (saddle, faces), peak = necks[a][b], min(peaks[a], peaks[b])
-            # the norm of the faces' numbers is the area of a flat neck, whichever way it looks
-            kappa = saddle**2 * float(np.sqrt(faces @ faces)) / (np.pi * peak**4)
-            if kappa >= oneness:
-                heapq.heappush(queue, (-kappa, a, b, version[a], version[b]))
-
-        for a, b in self.pairs.tolist():
-            offer(a, b)
-        while queue:
-            _, a, b, va, vb = heapq.heappop(queue)
-            if version[a] != va or version[b] != vb:
-                continue
-            root[b] = a
-            peaks[a] = max(peaks[a], peaks[b])
-            version[a], version[b] = version[a] + 1, -1
-            for c, (saddle, faces) in necks[b].items():
-                del necks[c][b]
-                if c != a:
-                    old, before = necks[a].get(c, (0.0, 0.0))
-                    necks[a][c] = necks[c][a] = (max(saddle, old), faces + before)
-            necks[b] = {}
-            for c in necks[a]:
-                offer(min(a, c), max(a, c))
-        return _renumbered(np.array([_find(root, i) for i in range(len(root))]))
-
-
 def _at_least(labels: Ints, least: int) -> Ints:
     """Labels without those of fewer voxels, numbered 1 … n."""
     sizes = np.bincount(labels.ravel())
     sizes[0] = 0
-    return _renumbered(np.where(sizes >= least, np.arange(len(sizes)), 0))[labels]
+    return renumbered(np.where(sizes >= least, np.arange(len(sizes)), 0))[labels]
 
 
 def _kept(labels: Ints, min_volume: int | None) -> Ints:
@@ -339,17 +241,3 @@ def _kept(labels: Ints, min_volume: int | None) -> Ints:
         sizes = np.bincount(labels.ravel())[1:]
         min_volume = max(SPECK, int(SMALL * np.median(sizes))) if len(sizes) else SPECK
     return _at_least(labels, min_volume)
-
-
-def _find(root: NDArray[np.int64], i: int) -> int:
-    while root[i] != i:
-        root[i] = root[root[i]]
-        i = int(root[i])
-    return i
-
-
-def _renumbered(labels: NDArray[np.integer]) -> Ints:
-    """The same partition with 0 kept and the others numbered 1 … n."""
-    values, index = np.unique(np.concatenate([[0], labels]), return_inverse=True)
-    assert values[0] == 0
-    return index[1:].astype(np.int32)
