@@ -52,6 +52,20 @@ class TestTouchingGrains:
         solid = (abs(z - 20) < 9 + 0.12 * abs(x - 30)) & (abs(y - 22) < 10) & (abs(x - 30) < 24)
         assert segment(scanned(solid)).labels.max() == 1
 
+    def test_two_boxes_that_touch_over_part_of_a_face_are_two(self):
+        z, y, x = grid()
+        low = (abs(z - 12) < 8) & (abs(y - 15) < 9) & (abs(x - 22) < 14)
+        high = (abs(z - 28) < 8) & (abs(y - 29) < 9) & (abs(x - 38) < 14)
+        found = segment(scanned(low | high))
+        assert confusion(low + 2 * high, found.labels) == (0, 0, 0)
+        assert found.labels.max() == 2
+
+    def test_a_faint_grain_beside_a_bright_one_keeps_its_voxels(self):
+        a, b = ellipsoid((20, 22, 18), (11, 11, 11)), ellipsoid((20, 22, 39.5), (11, 11, 11))
+        found = segment(scanned(np.where(a, 1.0, 0) + np.where(b & ~a, 0.65, 0)))
+        assert found.labels.max() == 2
+        assert confusion(np.where(a, 1, 0) + np.where(b & ~a, 2, 0), found.labels) == (0, 0, 0)
+
     @pytest.mark.parametrize(("seed", "voxels"), [(0, 20), (1, 30)])
     def test_a_packing_of_gravel_is_found_exactly(self, seed, voxels):
         rng = np.random.default_rng(seed)
@@ -88,6 +102,38 @@ class TestSettings:
         hollow = solid & ~ellipsoid((20, 22, 30), (4, 4, 4))
         assert segment(scanned(hollow)).labels[20, 22, 30] == 1
 
+    def test_inclusions_neither_split_a_grain_nor_leave_it(self):
+        solid = ellipsoid((20, 22, 30), (15, 15, 22)).astype(float)
+        solid[ellipsoid((22, 24, 20), (5, 5, 5))] = 2.5
+        solid[ellipsoid((18, 22, 40), (6, 6, 6))] = 0.1
+        found = segment(scanned(solid))
+        assert found.labels.max() == 1
+        assert found.labels[18, 22, 40] == 1
+
+    def test_a_plate_too_thin_for_a_core_is_kept(self):
+        z, y, x = grid()
+        assert segment(scanned((abs(z - 19.5) < 1) & (abs(y - 22) < 15) & (abs(x - 30) < 20))).labels.max() == 1
+
+    def test_a_weak_container_is_no_grain(self):
+        _, y, x = grid()
+        wall = 0.3 * (abs(np.hypot(y - 21.5, x - 29.5) - 19) < 1.5)
+        assert segment(scanned(np.maximum(wall, ellipsoid((20, 22, 30), (11, 11, 11))))).labels.max() == 1
+
+    def test_hot_voxels_do_not_set_the_threshold(self):
+        volume = scanned(ellipsoid((20, 22, 30), (11, 11, 11)))
+        volume.array[2, 2, 2] = 200.0
+        found = segment(volume)
+        assert found.labels.max() == 1
+        assert 0.3 < found.threshold < 0.7
+
+    def test_labels_run_from_1_without_gaps(self):
+        solid = (
+            ellipsoid((20, 22, 18), (9, 9, 9)) | ellipsoid((20, 22, 42), (9, 9, 9)) | ellipsoid((3, 3, 3), (2, 2, 2))
+        )
+        labels = segment(scanned(solid)).labels
+        assert labels.dtype == np.int32
+        assert np.array_equal(np.unique(labels), [0, 1, 2])
+
     def test_a_lower_oneness_merges_more(self):
         a, b = ellipsoid((20, 22, 20), (11, 11, 11)), ellipsoid((20, 22, 36), (11, 11, 11))
         volume = scanned(a | b)
@@ -121,6 +167,12 @@ class TestNothingFound:
     def test_uniform_volume(self):
         with pytest.raises(InputError, match="no grains found"):
             segment(Volume.zeros((10, 10, 10), 0.1))
+
+    @pytest.mark.parametrize("mean", [0.0, 0.5])
+    def test_nothing_but_noise(self, mean):
+        noise = np.random.default_rng(0).normal(mean, 0.1, (40, 40, 40))
+        with pytest.raises(InputError, match=r"segment\.threshold.*noise"):
+            segment(Volume(np.clip(noise, 0, None), 0.1))
 
     def test_threshold_above_everything(self):
         volume = scanned(ellipsoid((20, 22, 30), (10, 10, 10)))
