@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from grainmotion.geometry import Geometry
 from grainmotion.io.geometry_csv import write_geometry
@@ -55,9 +56,9 @@ angles_deg = [10.0, 55.0, 100.0]
 """
 
 
-def geometry(angles_deg: object) -> Geometry:
+def geometry(angles_deg: ArrayLike) -> Geometry:
     """The scanner."""
-    return Geometry.cone(angles_deg, PANEL, 4 * VOXEL, source_to_axis=50, source_to_detector=200)  # type: ignore[arg-type]
+    return Geometry.cone(angles_deg, PANEL, 4 * VOXEL, source_to_axis=50, source_to_detector=200)
 
 
 def sample(shift: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Volume:
