@@ -8,9 +8,8 @@ from grainmotion.errors import InputError
 from grainmotion.geometry import Geometry
 from grainmotion.grains import GrainSet, grains_from_labels
 from grainmotion.motions import Motions
+from grainmotion.packed import PackedGrains, Pose
 from grainmotion.project import (
-    PackedGrains,
-    Pose,
     assemble,
     back_project,
     differentiate_patches,

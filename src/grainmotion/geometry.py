@@ -166,6 +166,26 @@ class Geometry:
         depth = ((np.asarray(point, dtype=float) - s) * normal).sum(1) / ((d - s) * normal).sum(1)
         return float((size * depth).mean())
 
+    def window(self, first: tuple[int, int], shape: tuple[int, int]) -> Geometry:
+        """The same views on another part of the panels' planes: ``shape`` pixels from pixel ``first`` on.
+
+        ``first`` (row, column) may be negative, and the window larger than the panel.
+        """
+        u, v = self.vectors[:, 6:9], self.vectors[:, 9:12]
+        down, right = (f + (new - old) / 2 for f, new, old in zip(first, shape, self.shape, strict=True))
+        vectors = self.vectors.copy()
+        vectors[:, 3:6] += right * u + down * v
+        return Geometry(vectors, shape, self.beam)
+
+    def binned(self, factor: int) -> Geometry:
+        """The same panels with pixels ``factor`` times as large; rows and columns must divide by it."""
+        rows, columns = self.shape
+        if rows % factor or columns % factor:
+            raise InputError("geometry", f"{self.shape} pixels do not divide by {factor}", "cut a window first")
+        vectors = self.vectors.copy()
+        vectors[:, 6:12] *= factor
+        return Geometry(vectors, (rows // factor, columns // factor), self.beam)
+
     # ------------------------------------------------------------------ exchange
     def to_astra(self) -> dict[str, Any]:
         """The projection geometry that ``astra.create_proj_geom`` makes of these views (copied)."""

@@ -88,6 +88,11 @@ class GrainSet:
         return np.array([g.center for g in self.grains]).reshape(-1, 3)
 
     @property
+    def precision(self) -> np.dtype[np.floating]:
+        """The precision of the grains' voxels, and so of all work on them."""
+        return np.result_type(*(g.volume.array.dtype for g in self.grains))
+
+    @property
     def voxel_size(self) -> float:
         """Edge of a voxel, mm."""
         return self.grains[0].volume.voxel_size

@@ -17,21 +17,21 @@ from numpy.typing import NDArray
 from grainmotion import motion
 from grainmotion.errors import InputError
 from grainmotion.geometry import Geometry
-from grainmotion.grains import PADDING, Grain, GrainSet
+from grainmotion.grains import PADDING, GrainSet
 from grainmotion.kernels import grains as kernel
 from grainmotion.kernels import voxels
 from grainmotion.motions import Motions
+from grainmotion.packed import OUT_OF_PLANE, Image, PackedGrains, Pose, planar
 from grainmotion.volume import Volume
 
 Projector = Literal["trilinear", "exact"]
 """``"trilinear"``: the smooth image, sampled once a voxel; ``"exact"``: the exact radiological path of boxes."""
 
 Float = NDArray[np.float64]
-_DIRECTIONS = 128
 
 
 # ---------------------------------------------------------------------- whole volumes
-def pad(array: NDArray[np.floating]) -> NDArray[np.floating]:
+def pad(array: Image) -> Image:
     """The array with the empty layers that the kernels ask for."""
     if np.prod([n + 2 * PADDING for n in array.shape], dtype=float) >= 2**32:
         raise InputError("volume", f"{array.shape} voxels are more than 2^32", "reconstruct in parts or coarser")
@@ -43,7 +43,7 @@ def padded_origin(volume: Volume) -> Float:
     return volume.origin - PADDING * volume.voxel_size
 
 
-def project(volume: Volume, geometry: Geometry, projector: Projector = "trilinear") -> NDArray[np.float32]:
+def project(volume: Volume, geometry: Geometry, projector: Projector = "trilinear") -> Image:
     """Line integrals of a volume.
 
     Parameters
@@ -57,10 +57,10 @@ def project(volume: Volume, geometry: Geometry, projector: Projector = "trilinea
 
     Returns
     -------
-    (views, rows, columns) float32 array
-        Line integrals, dimensionless.
+    (views, rows, columns) array
+        Line integrals, dimensionless, in the precision of the volume.
     """
-    out = np.empty((len(geometry), *geometry.shape), np.float32)
+    out = np.empty((len(geometry), *geometry.shape), volume.array.dtype)
     voxels.forward(
         pad(volume.array), padded_origin(volume), volume.voxel_size, geometry.vectors, geometry.beam == "cone",
         projector == "exact", out,
@@ -68,13 +68,12 @@ def project(volume: Volume, geometry: Geometry, projector: Projector = "trilinea
     return out
 
 
-def back_project(
-    images: NDArray[np.float32], geometry: Geometry, grid: Volume, projector: Projector = "trilinear"
-) -> Volume:
-    """The exact adjoint of `project`: ⟨A x, y⟩ = ⟨x, Aᵀ y⟩; the result has the place of ``grid``."""
-    out = np.zeros([n + 2 * PADDING for n in grid.shape], np.float32)
+def back_project(images: Image, geometry: Geometry, grid: Volume, projector: Projector = "trilinear") -> Volume:
+    """The exact adjoint of `project`: ⟨A x, y⟩ = ⟨x, Aᵀ y⟩; place and precision are those of ``grid``."""
+    precision = grid.array.dtype
+    out = np.zeros([n + 2 * PADDING for n in grid.shape], precision)
     voxels.adjoint(
-        np.ascontiguousarray(images, np.float32), padded_origin(grid), grid.voxel_size, geometry.vectors,
+        np.ascontiguousarray(images, precision), padded_origin(grid), grid.voxel_size, geometry.vectors,
         geometry.beam == "cone", projector == "exact", out,
     )  # fmt: skip
     inner = slice(PADDING, -PADDING)
@@ -82,54 +81,6 @@ def back_project(
 
 
 # ---------------------------------------------------------------------- moving grains
-@dataclass(frozen=True, eq=False)
-class Pose:
-    """Where every grain is: ``translations (n, 3)`` in mm and ``matrices (n, 3, 3)`` about their centres."""
-
-    translations: Float
-    matrices: Float
-
-
-@dataclass(frozen=True, eq=False)
-class PackedGrains:
-    """A `GrainSet` as the flat arrays that kernels walk (see `kernels.grains`).
-
-    ``hulls (n, k, 3)`` are outermost points of each grain seen from its centre, ``radii (n,)`` the radii
-    of balls with the grains' own moments of inertia, both in mm.
-    """
-
-    images: NDArray[np.float32]
-    starts: NDArray[np.int64]
-    shapes: NDArray[np.int64]
-    corners: Float
-    centers: Float
-    hulls: Float
-    radii: Float
-    voxel_size: float
-
-    def __len__(self) -> int:
-        return len(self.starts)
-
-    @classmethod
-    def of(cls, grains: GrainSet) -> PackedGrains:
-        """Pack the grains' voxels one after the other."""
-        arrays = [g.volume.array for g in grains.grains]
-        sizes = np.array([a.size for a in arrays], dtype=np.int64)
-        corners = np.array([g.volume.origin - g.center for g in grains.grains]).reshape(-1, 3)
-        h = grains.voxel_size
-        hulls = np.array([_extreme_points(a) * h + corner for a, corner in zip(arrays, corners, strict=True)])
-        return cls(
-            images=np.concatenate([a.ravel() for a in arrays]),
-            starts=np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64),
-            shapes=np.array([a.shape for a in arrays], dtype=np.int64),
-            corners=corners,
-            centers=grains.centers,
-            hulls=hulls,
-            radii=np.array([_radius(g) for g in grains.grains]),
-            voxel_size=h,
-        )
-
-
 @dataclass(frozen=True, eq=False)
 class Patches:
     """The pixels that grains shade, one patch a (grain, view); see `kernels.grains` for the columns.
@@ -162,6 +113,8 @@ def shadows(grains: PackedGrains, pose: Pose, geometry: Geometry, margin: int = 
     with np.errstate(invalid="ignore"):
         low = np.floor(np.nan_to_num(spots.min(axis=2), nan=-1e9)).astype(np.int64) - slack
         high = np.ceil(np.nan_to_num(spots.max(axis=2), nan=-1e9)).astype(np.int64) + slack + 1
+    if planar(grains, geometry):
+        low[..., 0], high[..., 0] = 0, 1
     edge = np.array([rows, columns])
     inner_low, inner_high = np.clip(low, 0, edge), np.clip(high, 0, edge)
     area = np.prod(np.maximum(high - low, 1), axis=2)
@@ -180,59 +133,67 @@ def shadows(grains: PackedGrains, pose: Pose, geometry: Geometry, margin: int = 
 
 def project_patches(
     grains: PackedGrains, pose: Pose, geometry: Geometry, patches: Patches, projector: Projector
-) -> NDArray[np.float32]:
+) -> Image:
     """Line integrals of every patch, flat (see `Patches.offsets`)."""
-    values = np.zeros(int(patches.offsets[-1]), np.float32)
+    values = np.zeros(int(patches.offsets[-1]), grains.precision)
     _walk(kernel.project, grains, pose, geometry, patches, projector, values)
     return values
 
 
 def differentiate_patches(
     grains: PackedGrains, pose: Pose, geometry: Geometry, patches: Patches, projector: Projector
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Line integrals of every patch, and their derivatives ``(6, pixels)`` by u (1/mm) and δ (1/rad)."""
+) -> tuple[Image, Image]:
+    """Line integrals of every patch, and their derivatives ``(6, pixels)`` by u (1/mm) and δ (1/rad).
+
+    Derivatives by what a planar sample cannot do are zero.
+    """
     total = int(patches.offsets[-1])
-    values, derivatives = np.zeros(total, np.float32), np.zeros((6, total), np.float32)
+    values, derivatives = np.zeros(total, grains.precision), np.zeros((6, total), grains.precision)
     _walk(kernel.project_with_derivatives, grains, pose, geometry, patches, projector, values, derivatives)
+    if planar(grains, geometry):
+        derivatives[list(OUT_OF_PLANE)] = 0
     return values, derivatives
 
 
 def difference_patches(
     grains: PackedGrains, pose: Pose, geometry: Geometry, patches: Patches, projector: Projector
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+) -> tuple[Image, Image]:
     """As `differentiate_patches`, by forward differences: the paper's seven projections a grain.
 
     Steps are a hundredth of a voxel, and the rotation that moves a grain's rim as much.
     """
     values = project_patches(grains, pose, geometry, patches, projector)
-    derivatives = np.empty((6, len(values)), np.float32)
+    derivatives = np.zeros((6, len(values)), grains.precision)
     shift = 0.01 * grains.voxel_size
     turn = shift / float(grains.radii.max())
-    for k, step in enumerate([shift] * 3 + [turn] * 3):
+    steps = list(enumerate([shift] * 3 + [turn] * 3))
+    if planar(grains, geometry):
+        steps = [s for s in steps if s[0] not in OUT_OF_PLANE]
+    for k, step in steps:
         increment = step * np.eye(6)[k]
         moved = Pose(pose.translations + increment[:3], motion.exp(increment[3:]) @ pose.matrices)
         derivatives[k] = (project_patches(grains, moved, geometry, patches, projector) - values) / step
     return values, derivatives
 
 
-def assemble(values: NDArray[np.float32], patches: Patches, geometry: Geometry) -> NDArray[np.float32]:
+def assemble(values: Image, patches: Patches, geometry: Geometry) -> Image:
     """Radiographs ``(views, rows, columns)``: the sum of all patches."""
-    out = np.zeros((len(geometry), *geometry.shape), np.float32)
+    out = np.zeros((len(geometry), *geometry.shape), values.dtype)
     kernel.add_patches(values, patches.boxes, patches.offsets, out)
     return out
 
 
 def simulate_radiographs(
     grains: GrainSet, motions: Motions, geometry: Geometry, projector: Projector = "trilinear"
-) -> NDArray[np.float32]:
+) -> Image:
     """Line integrals of the moved grains and the background.
 
     Grains whose motion is unknown (NaN) are left out.
 
     Returns
     -------
-    (views, rows, columns) float32 array
-        Line integrals, dimensionless; gain and offset of `Motions.fit` are not applied.
+    (views, rows, columns) array
+        Line integrals, dimensionless, in the grains' precision; gain and offset of `Motions.fit` are not applied.
 
     Raises
     ------
@@ -242,7 +203,7 @@ def simulate_radiographs(
     if not np.array_equal(motions.labels, grains.labels):
         raise InputError("motions", "their labels are not the grains'", "give one motion a grain, in the grains' order")
     known = np.all(np.isfinite(np.hstack([motions.translations, motions.rotations])), axis=1)
-    out = np.zeros((len(geometry), *geometry.shape), np.float32)
+    out = np.zeros((len(geometry), *geometry.shape), grains.precision)
     if known.any():
         kept = GrainSet(tuple(g for g, k in zip(grains.grains, known, strict=True) if k))
         packed = PackedGrains.of(kept)
@@ -272,32 +233,3 @@ def _walk(
         geometry.beam == "cone", np.array(geometry.shape), patches.boxes, patches.offsets, patches.jobs,
         projector == "exact", *out,
     )  # fmt: skip
-
-
-def _radius(grain: Grain) -> float:
-    """Radius of the ball whose attenuation spreads as the grain's does: r² = 5/3 of the mean square distance."""
-    array = np.abs(grain.volume.array)
-    if not array.any():
-        return grain.volume.voxel_size
-    axes = [
-        grain.volume.origin[k] + grain.volume.voxel_size * np.arange(array.shape[2 - k]) - grain.center[k]
-        for k in range(3)
-    ]
-    marginals = [array.sum(axis=tuple({0, 1, 2} - {2 - k}), dtype=float) for k in range(3)]
-    return float(np.sqrt(5 / 3 * sum((m @ a**2) / m.sum() for m, a in zip(marginals, axes, strict=True))))
-
-
-def _extreme_points(array: NDArray[np.float32]) -> Float:
-    """Voxels (x y z indices) of the grain that reach furthest in many directions: its convex hull, nearly."""
-    filled = array != 0
-    z, y = np.nonzero(filled.any(axis=2))
-    if len(z) == 0:
-        return np.full((_DIRECTIONS, 3), (np.array(array.shape[::-1]) - 1) / 2)
-    lines = filled[z, y]  # the ends of each line of voxels along x are enough
-    ends = np.concatenate([lines.argmax(axis=1), lines.shape[1] - 1 - lines[:, ::-1].argmax(axis=1)])
-    points = np.column_stack([ends, np.tile(y, 2), np.tile(z, 2)]).astype(float)
-    k = np.arange(_DIRECTIONS) + 0.5
-    height, angle = 1 - 2 * k / _DIRECTIONS, np.pi * (1 + 5**0.5) * k
-    ring = np.sqrt(1 - height**2)
-    directions = np.column_stack([ring * np.cos(angle), ring * np.sin(angle), height])
-    return points[np.argmax(points @ directions.T, axis=0)]

@@ -86,7 +86,7 @@ def reconstruct(
         The volume on ``grid`` and ε after each sweep.
     """
     settings = settings or ReconstructSettings()
-    image = pad(grid.array)
+    image = pad(grid.array.astype(np.float32))
     radius = _radius(grid, settings)
     order = golden_order(len(scan))
     steps = settings.relaxation / _column_sums(scan.geometry, grid)
@@ -129,7 +129,7 @@ def _update(
     valid = np.ones((rows, columns), np.bool_) if scan.valid is None else scan.valid[view]
     sart.residual(
         image, origin, grid.voxel_size, vectors[0], cone, exact, _radius(grid, settings),
-        scan.line_integrals[view], valid, correction[0], squares,
+        scan.line_integrals[view].astype(np.float32), valid, correction[0], squares,
     )  # fmt: skip
     correction *= step
     voxels.adjoint(correction, origin, grid.voxel_size, vectors, cone, exact, image)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from grainmotion.errors import InputError
 from grainmotion.geometry import Geometry
+from grainmotion.volume import precision_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,8 +18,9 @@ class Scan:
 
     Attributes
     ----------
-    line_integrals : (views, rows, columns) float32 array
-        Dimensionless; finite everywhere (repaired where ``valid`` is False).
+    line_integrals : (views, rows, columns) float32 or float64 array
+        Dimensionless; double precision is kept, anything else becomes float32.  Finite everywhere (repaired
+        where ``valid`` is False).
     geometry : Geometry
         One view a radiograph.
     valid : (views, rows, columns) bool array, optional
@@ -30,12 +32,12 @@ class Scan:
         If shapes disagree or a line integral is not finite.
     """
 
-    line_integrals: NDArray[np.float32]
+    line_integrals: NDArray[np.floating]
     geometry: Geometry
     valid: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
-        images = np.ascontiguousarray(self.line_integrals, dtype=np.float32)
+        images = np.ascontiguousarray(self.line_integrals, dtype=precision_of(self.line_integrals))
         expected = (len(self.geometry), *self.geometry.shape)
         if images.shape != expected:
             raise InputError(
@@ -103,7 +105,7 @@ def air_levels(
 
 def normalize_air(scan: Scan, *, margin: int | None = None, region: tuple[int, int, int, int] | None = None) -> Scan:
     """Scale the beam by one factor a view so that air has a line integral of 0; see `air_levels`."""
-    levels = air_levels(scan, margin=margin, region=region).astype(np.float32)
+    levels = air_levels(scan, margin=margin, region=region).astype(scan.line_integrals.dtype)
     return Scan(scan.line_integrals - levels[:, None, None], scan.geometry, scan.valid)
 
 

@@ -27,6 +27,9 @@ State = TypeVar("State")
 DENSE_UP_TO = 3000
 """Unknowns up to which a dense Cholesky factor is taken; beyond, conjugate gradients with block Jacobi."""
 
+EMPTY = 1e-20
+"""Share of the largest diagonal entry below which an unknown counts as unseen, and stays where it is."""
+
 
 @dataclass(frozen=True, eq=False)
 class Linearization:
@@ -149,7 +152,8 @@ def damped_step(at: Linearization, damping: float) -> Array:
 def inverse(hessian: sparse.bsr_array | Array, damping: float) -> Callable[[Array], Array]:
     """Solver of (H + λ diag H) x = b for vectors or columns b; empty rows are kept at zero."""
     diagonal = np.asarray(hessian.diagonal())
-    lifted = damping * diagonal + np.where(diagonal > 0, 1e-12 * diagonal, 1.0)
+    filled = diagonal > EMPTY * max(float(diagonal.max(initial=0.0)), 1e-300)
+    lifted = damping * diagonal + np.where(filled, 1e-12 * diagonal, 1.0)
     if hessian.shape[0] <= DENSE_UP_TO:
         dense = hessian.toarray() if sparse.issparse(hessian) else np.array(hessian)
         dense[np.diag_indices_from(dense)] += lifted

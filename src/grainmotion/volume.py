@@ -5,9 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from grainmotion.errors import InputError
+
+
+def precision_of(array: ArrayLike) -> type[np.floating]:
+    """float64 for an array in double precision, float32 for any other."""
+    return np.float64 if np.asarray(array).dtype == np.float64 else np.float32
 
 
 @dataclass(frozen=True, eq=False)
@@ -16,8 +21,9 @@ class Volume:
 
     Attributes
     ----------
-    array : (nz, ny, nx) float32 array
-        Attenuation at the voxels' centres, in 1/mm, indexed ``[z, y, x]``.
+    array : (nz, ny, nx) float32 or float64 array
+        Attenuation at the voxels' centres, in 1/mm, indexed ``[z, y, x]``.  Double precision is kept, and
+        grains cut from it are tracked in it; anything else becomes float32.
     voxel_size : float
         Edge of a voxel, mm.
     center : (3,) tuple of float
@@ -30,13 +36,13 @@ class Volume:
         the centre is not three finite numbers.
     """
 
-    array: NDArray[np.float32]
+    array: NDArray[np.floating]
     voxel_size: float
     center: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         with np.errstate(over="ignore"):  # what single precision cannot hold becomes infinite, and is refused
-            array = np.ascontiguousarray(self.array, dtype=np.float32)
+            array = np.ascontiguousarray(self.array, dtype=precision_of(self.array))
         if array.ndim != 3 or array.size == 0:
             raise InputError("volume", f"shape {array.shape} is not (z, y, x)", "give a 3-D stack")
         if not np.isfinite(array).all():

@@ -10,9 +10,8 @@ from grainmotion.grains import GrainSet, grains_from_labels
 from grainmotion.kernels import grains as kernel
 from grainmotion.kernels import voxels
 from grainmotion.motions import Motions
+from grainmotion.packed import PackedGrains, Pose
 from grainmotion.project import (
-    PackedGrains,
-    Pose,
     back_project,
     difference_patches,
     differentiate_patches,

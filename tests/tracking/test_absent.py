@@ -7,7 +7,7 @@ import pytest
 
 from few_grains import grain_set, motions, radiographs, small_motions
 from grainmotion.motions import Motions, StateFit, Status
-from grainmotion.project import PackedGrains, Pose
+from grainmotion.packed import PackedGrains, Pose
 from grainmotion.scan import Scan
 from grainmotion.tracking.absent import complete, improves, support, suspects
 from grainmotion.tracking.residual import StateProblem, Target

@@ -10,7 +10,7 @@ from few_grains import ANGLES, PANEL, VOXEL, geometry, grain_set, motions, radio
 from grainmotion import motion
 from grainmotion.geometry import Geometry
 from grainmotion.motions import Status
-from grainmotion.project import PackedGrains, Pose
+from grainmotion.packed import PackedGrains, Pose
 from grainmotion.scan import Scan
 from grainmotion.solve import Solution, Stopping, gauss_newton
 from grainmotion.tracking.judge import _regular_inverse, _sandwich, judge

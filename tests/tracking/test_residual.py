@@ -9,19 +9,12 @@ from scipy import ndimage, sparse
 from grainmotion import motion
 from grainmotion.geometry import Geometry
 from grainmotion.grains import grains_from_labels
-from grainmotion.project import PackedGrains, Pose, assemble, differentiate_patches, project_patches, shadows
+from grainmotion.packed import PackedGrains, Pose
+from grainmotion.project import assemble, differentiate_patches, project_patches, shadows
 from grainmotion.scan import Scan
 from grainmotion.tracking import stages
-from grainmotion.tracking.residual import (
-    StateProblem,
-    Target,
-    best_gain,
-    gaussian,
-    grain_residuals,
-    misfits,
-    noise_level,
-    normal_matrix,
-)
+from grainmotion.tracking.misfit import grain_residuals, misfits, noise_level
+from grainmotion.tracking.residual import StateProblem, Target, best_gain, gaussian, normal_matrix
 from grainmotion.volume import Volume
 
 PANEL = (34, 46)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from grainmotion import motion
-from grainmotion.project import Pose
+from grainmotion.packed import Pose
 from grainmotion.tracking import stages
 
 BASES = {"rigid": (stages.rigid, 6), "affine": (stages.affine, 12), "quadratic": (stages.quadratic, 30)}

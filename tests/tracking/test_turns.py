@@ -8,7 +8,8 @@ import pytest
 from few_grains import VOXEL, geometry, grain_set, motions, radiographs, small_motions
 from grainmotion import motion
 from grainmotion.grains import GrainSet
-from grainmotion.project import PackedGrains, Pose, shadows
+from grainmotion.packed import PackedGrains, Pose
+from grainmotion.project import shadows
 from grainmotion.tracking.residual import StateProblem, Target
 from grainmotion.tracking.turns import ANY_TURN, _swollen, unconfirmed
 

@@ -50,9 +50,10 @@ def filter_images(images, weights):
 
 @nb.njit(parallel=True, cache=True, error_model="numpy")
 def filter_patches(derivatives, boxes, offsets, valid, weights):
-    """Mask, then filter each patch of ``derivatives (6, pixels)`` in place; ``valid`` is (views, rows, columns)."""
-    for job in nb.prange(6 * len(boxes)):
-        p, k = job // 6, job % 6
+    """Mask, then filter each patch of ``derivatives (k, pixels)`` in place; ``valid`` is (views, rows, columns)."""
+    each = len(derivatives)
+    for job in nb.prange(each * len(boxes)):
+        p, k = job // each, job % each
         i, r0, r1, c0, c1 = boxes[p, 1], boxes[p, 2], boxes[p, 3], boxes[p, 4], boxes[p, 5]
         rows, columns = r1 - r0, c1 - c0
         patch = derivatives[k, offsets[p] : offsets[p] + rows * columns].reshape(rows, columns)

@@ -137,7 +137,7 @@ class Job:
         if self.reference is None and self.inputs.volume is not None:
             array = self.inputs.volume.read()
             try:
-                volume = Volume(array, self.inputs.grid.voxel_size, self.inputs.grid.center)
+                volume = Volume(array.astype(np.float32), self.inputs.grid.voxel_size, self.inputs.grid.center)
             except InputError as error:
                 raise InputError(f"{self.inputs.volume.spec} (reference.volume)", error.fact, error.remedy) from error
             self.reference = Reference(volume)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from grainmotion.grains import GrainSet
 from grainmotion.motions import Motions, Status
-from grainmotion.project import Pose
+from grainmotion.packed import Pose
 from grainmotion.tracking.residual import StateProblem
 
 Float = NDArray[np.float64]

@@ -17,30 +17,35 @@ from grainmotion import motion
 from grainmotion.grains import GrainSet
 from grainmotion.kernels import normal
 from grainmotion.motions import Motions, StateFit, Status
-from grainmotion.project import Pose
+from grainmotion.packed import OUT_OF_PLANE, Pose, planar
 from grainmotion.solve import DENSE_UP_TO, Solution
-from grainmotion.tracking.residual import Seen, StateProblem, grain_residuals, misfits, noise_level, normal_matrix
+from grainmotion.tracking.misfit import grain_residuals, misfits, noise_level
+from grainmotion.tracking.residual import Seen, StateProblem, normal_matrix
+from grainmotion.tracking.search import Found
 from grainmotion.tracking.turns import unconfirmed
 
 Float = NDArray[np.float64]
 ROUNDING = 1e-6  # of the normal matrices, which are summed from single precision
+AMBIGUOUS = "another search put it elsewhere, and neither fit is perfect; take more views, or give a nearer start"
 SEEN_ENOUGH = 0.6  # share of a grain's shadows on the panel below which it has left the field
 
 
 def judge(
     grains: GrainSet,
-    problem: StateProblem,
-    solution: Solution[Pose],
+    found: Found,
     limits: tuple[float, float],
     costs: tuple[tuple[str, float], ...],
 ) -> Motions:
-    """Turn the last solution into a table; ``limits`` are the largest sd of u (mm) and of ω (rad) to accept."""
+    """Turn what was found into a table; ``limits`` are the largest sd of u (mm) and of ω (rad) to accept."""
+    problem, solution = found.problem, found.solution
     seen = problem.look(solution.state)
     plain = StateProblem(problem.grains, problem.target.unfiltered())
     raw = plain.look(solution.state)
     residuals, paths = grain_residuals(plain, raw)
     covariances = _covariances(problem, seen, raw, residuals)
     covariances[:, 3:, 3:] += unconfirmed(problem, solution.state, seen)
+    if planar(problem.grains, problem.target.scan.geometry):
+        covariances[:, OUT_OF_PLANE, :] = covariances[:, :, OUT_OF_PLANE] = 0
     n = len(grains)
     statuses, reasons = np.full(n, Status.CONVERGED.value, dtype="<U20"), [""] * n
     lost = misfits(residuals, paths, noise_level(problem.target.scan))
@@ -50,6 +55,8 @@ def judge(
         verdict = _verdict(
             coverage[k], covariances[k], limits, bool(lost[k]), bool(moving[k]), (residuals[k], paths[k])
         )
+        if verdict is None and found.doubtful[k]:
+            verdict = Status.NOT_CONVERGED.value, AMBIGUOUS
         if verdict is not None:
             statuses[k], reasons[k] = verdict
     unknown = np.isin(statuses, [Status.LEFT_FIELD.value, Status.NOT_FITTED.value])
@@ -125,7 +132,7 @@ def _covariances(problem: StateProblem, seen: Seen, raw: Seen, residuals: Float)
     white = float((kernel**2).sum())  # variance left of white noise by one pass along each of two axes
     with np.errstate(invalid="ignore", divide="ignore"):
         excess = np.fmax(1.0, (filtered / (residuals * white)) ** 2)
-        variances = residuals**2 * excess / raw.gain**2
+        variances = residuals**2 * excess / max(abs(raw.gain), 1e-3) ** 2
     return _sandwich(once, twice) * variances[:, None, None]
 
 

@@ -17,21 +17,13 @@ from scipy import sparse
 
 from grainmotion import motion
 from grainmotion.kernels import normal
-from grainmotion.project import (
-    PackedGrains,
-    Patches,
-    Pose,
-    Projector,
-    assemble,
-    difference_patches,
-    differentiate_patches,
-    shadows,
-)
+from grainmotion.packed import PackedGrains, Pose
+from grainmotion.project import Patches, Projector, assemble, difference_patches, differentiate_patches, shadows
 from grainmotion.scan import Scan
 from grainmotion.solve import Linearization
 
 Float = NDArray[np.float64]
-Image = NDArray[np.float32]
+Image = NDArray[np.floating]
 Derivatives = Literal["analytic", "differences"]
 Basis = Callable[[PackedGrains, Pose], Float]
 """From grains and pose to T ``(6n, m)``: the increments (u, δ) of all grains per unit of m parameters."""
@@ -52,22 +44,27 @@ class Target:
     gain: bool
     derivatives: Derivatives = "analytic"
 
+    @property
+    def precision(self) -> np.dtype[np.floating]:
+        """The precision of the arithmetic: that of what is simulated."""
+        return self.fixed.dtype
+
     @cached_property
     def weights(self) -> Image:
         """Half of the Gaussian's kernel, cut at 3σ, of unit sum."""
-        return gaussian(self.sigma)
+        return gaussian(self.sigma).astype(self.precision)
 
     @cached_property
     def valid(self) -> Image:
         """1 where a pixel counts, 0 where not."""
         if self.scan.valid is None:
-            return np.ones(self.scan.line_integrals.shape, np.float32)
-        return self.scan.valid.astype(np.float32)
+            return np.ones(self.scan.line_integrals.shape, self.precision)
+        return self.scan.valid.astype(self.precision)
 
     @cached_property
     def measured(self) -> Image:
         """Filtered radiographs."""
-        return self.filtered(self.scan.line_integrals)
+        return self.filtered(self.scan.line_integrals.astype(self.precision))
 
     @cached_property
     def flat(self) -> Image:
@@ -116,7 +113,7 @@ class StateProblem:
         simulated = target.filtered(assemble(values, patches, geometry) + target.fixed)
         normal.filter_patches(derivatives, patches.boxes, patches.offsets, target.valid, target.weights)
         gain, offset = best_gain(target.measured, simulated, target.flat) if target.gain else (1.0, 0.0)
-        residual = target.measured - np.float32(gain) * simulated - np.float32(offset) * target.flat
+        residual = target.measured - gain * simulated - offset * target.flat
         return Seen(patches, values, derivatives, residual, simulated, gain, offset)
 
     def linearize(self, state: Pose) -> Linearization:
@@ -160,12 +157,12 @@ class StateProblem:
         return out.ravel()
 
 
-def gaussian(sigma: float) -> Image:
+def gaussian(sigma: float) -> Float:
     """Half of a Gaussian kernel (σ in pixels), cut at 3σ, of unit sum over both halves; [1] for σ = 0."""
     if sigma <= 0:
-        return np.ones(1, np.float32)
+        return np.ones(1)
     k = np.exp(-0.5 * (np.arange(int(np.ceil(3 * sigma)) + 1) / sigma) ** 2)
-    return (k / (2 * k.sum() - k[0])).astype(np.float32)
+    return k / (2 * k.sum() - k[0])
 
 
 def best_gain(measured: Image, simulated: Image, flat: Image) -> tuple[float, float]:
@@ -214,43 +211,3 @@ def _overlaps(boxes: NDArray[np.int64]) -> NDArray[np.int64]:
             meets[0] = True
             found.append(np.column_stack([np.full(meets.sum(), index[k]), index[other[meets]]]))
     return np.concatenate(found).astype(np.int64) if found else np.zeros((0, 2), np.int64)
-
-
-def grain_residuals(problem: StateProblem, seen: Seen) -> tuple[Float, Float]:
-    """Root mean square residual over each grain's shadow, and of its own line integrals there, ``(n,)`` each.
-
-    Pixels are weighted by the grain's own line integral, so that its core counts and its rim does not.
-    """
-    n = len(problem.grains)
-    sums = np.zeros((n, 3))
-    for p, (grain, view, r0, r1, c0, c1) in enumerate(seen.patches.boxes):
-        start, end = seen.patches.offsets[p : p + 2]
-        own = seen.values[start:end].astype(float)
-        residual = seen.residual[view, r0:r1, c0:c1].ravel()
-        weight = np.abs(own) * problem.target.valid[view, r0:r1, c0:c1].ravel()
-        sums[grain] += weight.sum(), weight @ residual.astype(float) ** 2, weight @ own**2
-    mass = np.maximum(sums[:, :1], 1e-30)
-    both = np.sqrt(sums[:, 1:] / mass)
-    both[sums[:, 0] <= 0] = np.nan
-    return both[:, 0], both[:, 1]
-
-
-def misfits(residuals: Float, paths: Float, noise: float) -> NDArray[np.bool_]:
-    """Grains that fit far worse than the others do, than the noise allows, or than any grain should.
-
-    ``residuals`` and ``paths`` are those of `grain_residuals`, ``noise`` that of `noise_level`.
-    """
-    usual = float(np.nanmedian(residuals)) if np.isfinite(residuals).any() else 0.0
-    usual = min(usual, max(2 * noise, 1e-6))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        share = residuals / paths
-        return ~np.isfinite(residuals) | ((residuals > 2.5 * usual) & (share > 0.08)) | (share > 0.35)
-
-
-def noise_level(scan: Scan) -> float:
-    """Noise of a pixel: robust spread of second differences along rows, which smooth shadows do not have."""
-    images = scan.line_integrals
-    if images.shape[2] < 3:
-        return 0.0
-    second = images[:, :, 2:] - 2 * images[:, :, 1:-1] + images[:, :, :-2]
-    return float(1.4826 * np.median(np.abs(second)) / np.sqrt(6))

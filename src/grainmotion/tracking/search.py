@@ -1,104 +1,131 @@
-"""Grains that fit badly: a search over rotations for each, its neighbours held."""
+"""Grains in a wrong place: annealed, then all free again, attempt after attempt.
+
+Whether a grain fits badly shows in its residual where the radiographs hold far more pixels than there are
+unknowns.  Where they do not (a slice, seen in a few lines of pixels), wrong placements of many grains can fit
+nearly as well as the true one.  There a placement is trusted if nothing is left of the residual, or once an
+attempt of its own, with other random numbers, comes to the same.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
-from grainmotion.project import PackedGrains, Pose, assemble, project_patches, shadows
-from grainmotion.scan import Scan
-from grainmotion.solve import Stopping, gauss_newton
-from grainmotion.tracking.residual import StateProblem, Target, grain_residuals, misfits, noise_level
+from grainmotion import motion
+from grainmotion.packed import Pose, planar
+from grainmotion.solve import Solution
+from grainmotion.tracking.anneal import Ranges, anneal
+from grainmotion.tracking.course import Course
+from grainmotion.tracking.misfit import evened, lost_grains
+from grainmotion.tracking.residual import StateProblem
 
-Float = NDArray[np.float64]
-ANGLES_DEG = (12.0, 25.0, 45.0)
-REFINED = 8  # best candidates that are refined
+MANY = 0.3  # share of badly fitting grains from which all are annealed, and the fitted gain is not trusted
+THIN = 20.0  # pixels an unknown below which a good fit alone is no proof
+NOTHING = 1e-3  # relative residual that proves a placement all the same
+SAME = 0.2  # voxels between the surfaces of a grain in two placements that are one
+ROUGH = 0.01  # voxels: tolerance of attempts
+PLANAR = tuple(
+    Ranges(math.radians(angle), reach, 0.0, 0.5, 200)
+    for angle, reach in [(45, 0.1)] * 4 + [(45, 0.25)] * 4 + [(90, 0.5)] * 4
+)
+SPATIAL = tuple(
+    Ranges(math.radians(angle), reach, 12.0, 1.0, 40) for angle, reach in [(45, 0.25), (45, 0.5), (90, 0.5)]
+)
 
 
-def lost_grains(problem: StateProblem, pose: Pose) -> NDArray[np.bool_]:
-    """Grains that some view sees and that fit badly at a pose, pixel by pixel, ``(n,)``."""
-    plain = StateProblem(problem.grains, problem.target.unfiltered())
-    seen = plain.look(pose)
-    residuals, paths = grain_residuals(plain, seen)
-    return misfits(residuals, paths, noise_level(problem.target.scan)) & (seen.patches.seen.mean(axis=1) > 0)
+@dataclass(frozen=True, eq=False)
+class Found:
+    """Where a search ended: the last problem, its solution, and the grains that another attempt put elsewhere."""
+
+    problem: StateProblem
+    solution: Solution[Pose]
+    doubtful: NDArray[np.bool_]
 
 
-def search_lost(problem: StateProblem, pose: Pose, coarse: Target) -> Pose | None:
-    """A pose in which badly fitting grains are turned to where they fit better; None if there is none.
+def search(course: Course, base: Pose, problem: StateProblem, solution: Solution[Pose]) -> Found:
+    """Attempts at a better placement of the grains that fit badly.
 
     Parameters
     ----------
-    problem : StateProblem
-        The last free problem.
-    pose : Pose
-        Its solution.
-    coarse : Target
-        The same radiographs under the widest filter, in which candidates are refined.
+    course : Course
+        The state under way.
+    base : Pose
+        Where the smooth field put the grains: around it lost ones are sought.
+    problem, solution : StateProblem, Solution
+        The free problem and its solution so far.
+
+    Returns
+    -------
+    Found
+        The best of all attempts.
     """
-    lost = np.nonzero(lost_grains(problem, pose))[0]
-    if len(lost) == 0 or len(lost) > max(1, 0.7 * len(problem.grains)):
-        return None
-    coarse = replace(coarse, scan=_evened(problem, pose))
-    translations, matrices = pose.translations.copy(), pose.matrices.copy()
-    improved = False
-    for grain in lost:
-        here = Pose(translations, matrices)
-        single = _alone(problem.grains, int(grain))
-        own = Pose(translations[grain : grain + 1], matrices[grain : grain + 1])
-        rest = _without(problem, here, single, own, coarse)
-        best = _best_turn(StateProblem(single, rest), own)
-        if best is not None:
-            translations[grain], matrices[grain] = best.translations[0], best.matrices[0]
-            improved = True
-    return Pose(translations, matrices) if improved else None
+    thin = _pixels_an_unknown(course) < THIN
+    best, others = _End(problem, solution), list[_End]()
+    for number, ranges in enumerate(PLANAR if planar(course.grains, course.target.scan.geometry) else SPATIAL, start=1):
+        lost = lost_grains(best.problem, best.pose)
+        if best.proven or (best.agrees(others).all() if thin else not lost.any()):
+            break
+        every = thin or lost.mean() > MANY
+        start = _annealed(course, base, best, np.ones_like(lost) if every else lost, ranges, number)
+        rough = max(ROUGH, course.settings.tolerance)
+        end = _End(*course.free(start, f"search {number}", course.settings.filters, rough))
+        best, other = (end, best) if end.cost < best.cost else (best, end)
+        others.append(other)
+    doubtful = ~best.agrees(others) if thin and not best.proven else np.zeros(len(course.grains), dtype=bool)
+    if others:
+        best = _End(*course.free(best.pose, "all", course.settings.filters[-1:]))
+    return Found(best.problem, best.solution, doubtful)
 
 
-def _best_turn(problem: StateProblem, own: Pose) -> Pose | None:
-    """The best of many turned starts after refinement, if it beats the present one clearly."""
-    starts = [own, *(Pose(own.translations, turn @ own.matrices) for turn in _turns())]
-    costs = [problem.linearize(s).cost for s in starts]
-    brief = Stopping(iterations=8, step=0.05)
-    order = np.argsort(costs[1:])[:REFINED] + 1
-    ends = [gauss_newton(problem, starts[k], brief) for k in (0, *order)]
-    best = min(ends[1:], key=lambda e: e.costs[-1])
-    return best.state if best.costs[-1] < 0.9 * ends[0].costs[-1] else None
+@dataclass(frozen=True, eq=False)
+class _End:
+    """Where an attempt came to."""
+
+    problem: StateProblem
+    solution: Solution[Pose]
+
+    @property
+    def pose(self) -> Pose:
+        return self.solution.state
+
+    @property
+    def cost(self) -> float:
+        return self.solution.costs[-1]
+
+    @property
+    def proven(self) -> bool:
+        """Whether nothing is left to explain."""
+        measured = self.problem.target.measured
+        return 2 * self.cost < NOTHING**2 * float(np.vdot(measured, measured))
+
+    def agrees(self, others: list[_End]) -> NDArray[np.bool_]:
+        """Grains that one of the others put at the same place, ``(n,)``."""
+        grains = self.problem.grains
+        same = np.zeros(len(grains), dtype=bool)
+        for other in others:
+            turns = motion.log(other.pose.matrices @ np.swapaxes(self.pose.matrices, 1, 2))
+            apart = np.linalg.norm(other.pose.translations - self.pose.translations, axis=1)
+            apart += np.linalg.norm(turns, axis=1) * grains.radii
+            same |= apart < SAME * grains.voxel_size
+        return same
 
 
-def _turns() -> Float:
-    """Rotation matrices by each of `ANGLES_DEG` about 14 axes (faces and corners of a cube, both ways)."""
-    faces = np.concatenate([np.eye(3), -np.eye(3)])
-    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) / np.sqrt(3)
-    axes = np.concatenate([faces, corners])
-    vectors = np.concatenate([np.deg2rad(a) * axes for a in ANGLES_DEG])
-    return Rotation.from_rotvec(vectors).as_matrix()
+def _annealed(course: Course, base: Pose, best: _End, rows: NDArray[np.bool_], ranges: Ranges, seed: int) -> Pose:
+    """Grains of ``rows`` annealed around ``base``, the others held where they are best."""
+    scan = course.target.scan if rows.all() else evened(best.problem, best.pose)
+    start = Pose(
+        np.where(rows[:, None], base.translations, best.pose.translations),
+        np.where(rows[:, None, None], base.matrices, best.pose.matrices),
+    )
+    return anneal(course.grains, replace(course.target, scan=scan), start, np.nonzero(rows)[0], ranges, seed)
 
 
-def _evened(problem: StateProblem, pose: Pose) -> Scan:
-    """The radiographs without the gain and offset that fit at a pose, so that one grain can be fitted alone."""
-    seen, scan = problem.look(pose), problem.target.scan
-    if not 0.5 < seen.gain < 2:  # no beam drifts so far: what was fitted is not a gain
-        return scan
-    return Scan((scan.line_integrals - seen.offset) / seen.gain, scan.geometry, scan.valid)
-
-
-def _alone(grains: PackedGrains, k: int) -> PackedGrains:
-    size = int(np.prod(grains.shapes[k]))
-    start = int(grains.starts[k])
-    one = slice(k, k + 1)
-    return PackedGrains(
-        grains.images[start : start + size], np.zeros(1, np.int64), grains.shapes[one], grains.corners[one],
-        grains.centers[one], grains.hulls[one], grains.radii[one], grains.voxel_size,
-    )  # fmt: skip
-
-
-def _without(problem: StateProblem, pose: Pose, single: PackedGrains, own: Pose, coarse: Target) -> Target:
-    """What is left for one grain to explain: the other grains count as fixed."""
-    geometry, projector = coarse.scan.geometry, coarse.projector
-    images = []
-    for grains, at in ((problem.grains, pose), (single, own)):
-        patches = shadows(grains, at, geometry)
-        images.append(assemble(project_patches(grains, at, geometry, patches, projector), patches, geometry))
-    return replace(coarse, fixed=coarse.fixed + images[0] - images[1], gain=False)
+def _pixels_an_unknown(course: Course) -> float:
+    """Good pixels on which something is seen, over the number of unknowns."""
+    target = course.target
+    lit = (np.abs(target.scan.line_integrals) > 0.05 * np.abs(target.scan.line_integrals).max()) & (target.valid > 0)
+    flat = planar(course.grains, target.scan.geometry)
+    return float(lit.sum()) / ((3 if flat else 6) * len(course.grains))

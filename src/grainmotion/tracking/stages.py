@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion import motion
-from grainmotion.project import PackedGrains, Pose
+from grainmotion.packed import PackedGrains, Pose
 
 Float = NDArray[np.float64]
 

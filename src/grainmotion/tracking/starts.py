@@ -9,7 +9,7 @@ from grainmotion import motion
 from grainmotion.errors import InputError
 from grainmotion.grains import GrainSet
 from grainmotion.motions import Motions
-from grainmotion.project import Pose
+from grainmotion.packed import Image, Pose
 from grainmotion.tracking.residual import StateProblem
 
 Float = NDArray[np.float64]
@@ -53,7 +53,7 @@ def centroid_shift(problem: StateProblem, pose: Pose) -> Pose:
     return Pose(pose.translations + shift, pose.matrices)
 
 
-def _centroids(images: NDArray[np.float32]) -> Float:
+def _centroids(images: Image) -> Float:
     """Mass centres (row, column) of radiographs, ``(views, 2)``."""
     mass = np.maximum(images.sum(axis=(1, 2), dtype=float), 1e-12)
     rows = (images.sum(axis=2, dtype=float) @ np.arange(images.shape[1])) / mass

@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 
 from grainmotion import motion
 from grainmotion.kernels import normal
-from grainmotion.project import PackedGrains, Patches, Pose, differentiate_patches, project_patches, shadows
+from grainmotion.packed import Image, PackedGrains, Pose
+from grainmotion.project import Patches, differentiate_patches, project_patches, shadows
 from grainmotion.tracking.residual import Seen, StateProblem
 
 Float = NDArray[np.float64]
@@ -69,7 +70,7 @@ def _swollen(grains: PackedGrains, angles: Float) -> PackedGrains:
     return replace(grains, hulls=grains.hulls * (1 + out / np.maximum(reach, grains.voxel_size)))
 
 
-def _products(left: NDArray[np.float32], right: NDArray[np.float32], patches: Patches, n: int) -> Float:
+def _products(left: Image, right: Image, patches: Patches, n: int) -> Float:
     """Sums over each grain's own patches of left · rightᵀ, ``(n, 6, 6)``."""
     out = np.zeros((n, len(left), len(right)))
     for p, grain in enumerate(patches.boxes[:, 0]):
@@ -85,10 +86,10 @@ def _rotations(matrices: Float) -> Float:
     return (left + left.transpose(0, 2, 1)) / 2
 
 
-def _fit_out(changes: NDArray[np.float32], slopes: NDArray[np.float32], patches: Patches, n: int) -> None:
+def _fit_out(changes: Image, slopes: Image, patches: Patches, n: int) -> None:
     """Take from the changes, in place, what translations of the grain would do."""
     own = _products(slopes, slopes, patches, n)[:, :3, :3]
     shifts = np.linalg.pinv(own, hermitian=True) @ _products(slopes, changes, patches, n)[:, :3]
     for p, grain in enumerate(patches.boxes[:, 0]):
         mine = slice(patches.offsets[p], patches.offsets[p + 1])
-        changes[:, mine] -= shifts[grain].T.astype(np.float32) @ slopes[:3, mine]
+        changes[:, mine] -= shifts[grain].T.astype(slopes.dtype) @ slopes[:3, mine]

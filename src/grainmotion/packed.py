@@ -1,0 +1,140 @@
+"""PackedGrains and Pose: all grains of a sample as flat arrays, and where each of them is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grainmotion.geometry import Geometry
+from grainmotion.grains import PADDING, Grain, GrainSet
+
+Float = NDArray[np.float64]
+Image = NDArray[np.floating]
+"""Line integrals and their derivatives, in the precision of the volume."""
+OUT_OF_PLANE = (2, 3, 4)
+"""Of (u, δ), what a planar sample cannot do: u_z, δ_x, δ_y."""
+_DIRECTIONS = 128
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """Where every grain is: ``translations (n, 3)`` in mm and ``matrices (n, 3, 3)`` about their centres."""
+
+    translations: Float
+    matrices: Float
+
+
+@dataclass(frozen=True, eq=False)
+class PackedGrains:
+    """A `GrainSet` as the flat arrays that kernels walk (see `kernels.grains`).
+
+    ``hulls (n, k, 3)`` are outermost points of each grain seen from its centre, ``radii (n,)`` the radii
+    of balls with the grains' own moments of inertia, both in mm.
+    """
+
+    images: Image
+    starts: NDArray[np.int64]
+    shapes: NDArray[np.int64]
+    corners: Float
+    centers: Float
+    hulls: Float
+    radii: Float
+    voxel_size: float
+
+    def __len__(self) -> int:
+        return len(self.starts)
+
+    @property
+    def precision(self) -> np.dtype[np.floating]:
+        """The precision in which the grains are projected: that of their voxels."""
+        return self.images.dtype
+
+    @classmethod
+    def of(cls, grains: GrainSet) -> PackedGrains:
+        """Pack the grains' voxels one after the other."""
+        arrays = [g.volume.array for g in grains.grains]
+        sizes = np.array([a.size for a in arrays], dtype=np.int64)
+        corners = np.array([g.volume.origin - g.center for g in grains.grains]).reshape(-1, 3)
+        h = grains.voxel_size
+        hulls = np.array([_extreme_points(a) * h + corner for a, corner in zip(arrays, corners, strict=True)])
+        return cls(
+            images=np.concatenate([a.ravel() for a in arrays]),
+            starts=np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64),
+            shapes=np.array([a.shape for a in arrays], dtype=np.int64),
+            corners=corners,
+            centers=grains.centers,
+            hulls=hulls,
+            radii=np.array([_radius(g) for g in grains.grains]),
+            voxel_size=h,
+        )
+
+    def select(self, rows: Sequence[int] | NDArray[np.int64]) -> PackedGrains:
+        """Some of the grains; a row may come more than once, and shares its voxels."""
+        index = np.asarray(rows, dtype=np.int64)
+        return PackedGrains(
+            self.images, self.starts[index], self.shapes[index], self.corners[index], self.centers[index],
+            self.hulls[index], self.radii[index], self.voxel_size,
+        )  # fmt: skip
+
+    def coarsened(self, factor: int) -> PackedGrains:
+        """The grains on voxels ``factor`` times as large, each the mean of those that it holds."""
+        if factor == 1:
+            return self
+        images, shapes = [], []
+        for start, shape in zip(self.starts, self.shapes, strict=True):
+            inner = self.images[start : start + shape.prod()].reshape(shape)
+            whole = np.pad(inner, [(0, -n % factor) for n in shape])
+            nz, ny, nx = np.array(whole.shape) // factor
+            means = whole.reshape(nz, factor, ny, factor, nx, factor).mean(axis=(1, 3, 5))
+            images.append(np.pad(means, PADDING))
+            shapes.append(images[-1].shape)
+        sizes = np.array([i.size for i in images])
+        # the first coarse voxel's centre lies (factor − 1)/2 voxels inside; then come the empty layers
+        shift = self.voxel_size * ((factor - 1) / 2 - PADDING * factor)
+        return PackedGrains(
+            np.concatenate([i.ravel() for i in images]), np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64),
+            np.array(shapes, dtype=np.int64), self.corners + shift, self.centers, self.hulls, self.radii,
+            self.voxel_size * factor,
+        )  # fmt: skip
+
+
+def planar(grains: PackedGrains, geometry: Geometry) -> bool:
+    """Whether all is one slice: grains one voxel thick at one height, seen by rays of one row in their plane."""
+    if geometry.shape[0] != 1 or np.any(grains.shapes[:, 0] != 1 + 2 * PADDING):
+        return False
+    height = grains.centers[0, 2]
+    rays = geometry.vectors[:, 2] - (height if geometry.beam == "cone" else 0.0)
+    off = np.concatenate([grains.centers[:, 2] - height, geometry.vectors[:, 5] - height, rays, geometry.vectors[:, 8]])
+    return bool(np.abs(off).max() <= 1e-6 * grains.voxel_size)
+
+
+def _radius(grain: Grain) -> float:
+    """Radius of the ball whose attenuation spreads as the grain's does: r² = 5/3 of the mean square distance."""
+    array = np.abs(grain.volume.array)
+    if not array.any():
+        return grain.volume.voxel_size
+    axes = [
+        grain.volume.origin[k] + grain.volume.voxel_size * np.arange(array.shape[2 - k]) - grain.center[k]
+        for k in range(3)
+    ]
+    marginals = [array.sum(axis=tuple({0, 1, 2} - {2 - k}), dtype=float) for k in range(3)]
+    return float(np.sqrt(5 / 3 * sum((m @ a**2) / m.sum() for m, a in zip(marginals, axes, strict=True))))
+
+
+def _extreme_points(array: Image) -> Float:
+    """Voxels (x y z indices) of the grain that reach furthest in many directions: its convex hull, nearly."""
+    filled = array != 0
+    z, y = np.nonzero(filled.any(axis=2))
+    if len(z) == 0:
+        return np.full((_DIRECTIONS, 3), (np.array(array.shape[::-1]) - 1) / 2)
+    lines = filled[z, y]  # the ends of each line of voxels along x are enough
+    ends = np.concatenate([lines.argmax(axis=1), lines.shape[1] - 1 - lines[:, ::-1].argmax(axis=1)])
+    points = np.column_stack([ends, np.tile(y, 2), np.tile(z, 2)]).astype(float)
+    k = np.arange(_DIRECTIONS) + 0.5
+    height, angle = 1 - 2 * k / _DIRECTIONS, np.pi * (1 + 5**0.5) * k
+    ring = np.sqrt(1 - height**2)
+    directions = np.column_stack([ring * np.cos(angle), ring * np.sin(angle), height])
+    return points[np.argmax(points @ directions.T, axis=0)]

@@ -1,0 +1,191 @@
+"""Simulated annealing of badly fitting grains: all of them at once, over wide ranges of turns and shifts.
+
+Where many grains overlap in few views, one grain's best place depends on where the others are, and descent of
+any kind ends in a wrong valley of them all.  So grains are moved one at a time to a candidate drawn with
+probability ∝ exp(−cost / τ), again and again, while the heat τ falls (Kirkpatrick et al. 1983; Geman and Geman
+1984).  Radiographs and grains are coarse enough to make that cheap; Gauss–Newton does the rest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grainmotion import motion
+from grainmotion.kernels import anneal as kernel
+from grainmotion.kernels import normal
+from grainmotion.packed import Image, PackedGrains, Pose, planar
+from grainmotion.project import Patches, assemble, project_patches, shadows
+from grainmotion.scan import Scan
+from grainmotion.tracking.residual import Target
+
+Float = NDArray[np.float64]
+FILTER = 0.7  # pixels of the coarse radiographs
+
+
+@dataclass(frozen=True)
+class Ranges:
+    """How far and how finely to search.
+
+    Attributes
+    ----------
+    angle : float
+        Largest turn, radians.
+    reach : float
+        Largest shift, grain diameters.
+    across : float
+        Pixels across a grain on the coarse radiographs.
+    step : float
+        Pixels between candidates, of a grain's rim for turns.
+    sweeps : int
+        Visits to each grain.
+    """
+
+    angle: float
+    reach: float
+    across: float
+    step: float
+    sweeps: int
+
+
+HOT, COLD, LAST = 0.1, 1e-4, 3
+"""First and last heat, as shares of the residual a grain has at the start; sweeps without heat at the end."""
+
+
+def anneal(
+    grains: PackedGrains, target: Target, base: Pose, rows: NDArray[np.int64], ranges: Ranges, seed: int
+) -> Pose:
+    """The best pose that annealing finds for the grains of ``rows`` around ``base``; the others are held."""
+    flat = planar(grains, target.scan.geometry)
+    diameter = 2 * float(np.median(grains.radii[rows]))
+    pixel = target.scan.geometry.pixel_at((grains.centers + base.translations)[rows].mean(axis=0))
+    factor = 1 if flat else max(1, round(diameter / pixel / ranges.across))
+    coarse = grains.coarsened(factor)
+    h = coarse.voxel_size
+    turns = _turns(ranges.angle, 2 * ranges.step * h / diameter, flat)
+    shifts = _shifts(ranges.reach * diameter, ranges.step * h, flat)
+    slopes = _slopes(target, coarse, base, rows) / factor
+    moved = np.abs(np.einsum("nvij,tj->nvti", slopes, shifts)).max(axis=(0, 1, 2))
+    reach = np.array([0 if flat else max(1, np.ceil(moved[0])), max(1, np.ceil(moved[1]))], dtype=np.int64)
+    # Patches keep inside the images at any shift, and grains near the panel's edge keep whole patches.
+    margin = reach + np.array([0 if flat else 1, 1]) + (0 if flat else int(np.ceil(ranges.across)))
+    view = _coarse_target(target, factor, margin)
+    chosen = coarse.select(rows)
+    own = Pose(base.translations[rows], base.matrices[rows])
+    table = _Table.of(chosen, own, turns, view)
+    images = _residual(coarse, base, view)
+    pad = reach + 1
+    images = np.pad(images, ((0, 0), (pad[0], pad[0]), (pad[1], pad[1]))).astype(np.float32)
+    heat = HOT * float(np.vdot(images, images)) / len(rows)
+    heats = np.concatenate([np.geomspace(heat, heat * COLD / HOT, ranges.sweeps), np.zeros(LAST)])
+    which = np.full(len(rows), int(np.argmin(np.linalg.norm(turns - np.eye(3), axis=(1, 2)))))
+    moves = np.full(len(rows), int(np.argmin((shifts**2).sum(axis=1))))
+    kernel.anneal(
+        np.random.default_rng(seed), heats, images, table.values, table.energies, table.places,
+        table.boxes[:, [2, 4]] + pad, np.ascontiguousarray(table.boxes[:, [3, 5]] - table.boxes[:, [2, 4]]),
+        table.offsets, table.extents, slopes, shifts, reach, which, moves,
+    )  # fmt: skip
+    translations, matrices = base.translations.copy(), base.matrices.copy()
+    translations[rows] += shifts[moves]
+    matrices[rows] = turns[which] @ matrices[rows]
+    return Pose(translations, matrices)
+
+
+@dataclass(frozen=True, eq=False)
+class _Table:
+    """Filtered patches of all grains for all turns; see `kernels.anneal`."""
+
+    values: NDArray[np.float32]
+    energies: NDArray[np.float32]
+    extents: NDArray[np.int64]
+    places: NDArray[np.int64]
+    boxes: NDArray[np.int64]
+    offsets: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, grains: PackedGrains, pose: Pose, turns: Float, target: Target) -> _Table:
+        geometry = target.scan.geometry
+        reach = np.linalg.norm(grains.hulls, axis=2, keepdims=True)
+        ball = replace(grains, hulls=grains.hulls * (reach.max(axis=1, keepdims=True) / np.maximum(reach, 1e-12)))
+        patches = shadows(ball, pose, geometry, margin=len(target.weights) - 1)
+        values = np.empty((len(turns), int(patches.offsets[-1])), np.float32)
+        for k, turn in enumerate(turns):
+            turned = Pose(pose.translations, turn @ pose.matrices)
+            values[k] = project_patches(grains, turned, geometry, patches, target.projector)
+        normal.filter_patches(values, patches.boxes, patches.offsets, np.ones_like(target.valid), target.weights)
+        places = np.full((len(grains), len(geometry)), -1, np.int64)
+        places[patches.boxes[:, 0], patches.boxes[:, 1]] = np.arange(len(patches.boxes))
+        energies = np.add.reduceat(values.astype(float) ** 2, patches.offsets[:-1], axis=1).astype(np.float32)
+        return cls(values, energies, _extents(values, patches), places, patches.boxes, patches.offsets)
+
+
+def _extents(values: NDArray[np.float32], patches: Patches) -> NDArray[np.int64]:
+    """Rows and columns of each patch that are not empty, ``(turns, patches, 4)``: first, end, first, end."""
+    out = np.zeros((len(values), len(patches.boxes), 4), np.int64)
+    for p, (_, _, r0, r1, c0, c1) in enumerate(patches.boxes):
+        filled = values[:, patches.offsets[p] : patches.offsets[p + 1]].reshape(-1, r1 - r0, c1 - c0) != 0
+        for axis, at in ((2, 0), (1, 2)):
+            lines = filled.any(axis=axis)
+            some = lines.any(axis=1)
+            out[some, p, at] = lines[some].argmax(axis=1)
+            out[some, p, at + 1] = lines.shape[1] - lines[some, ::-1].argmax(axis=1)
+    return out
+
+
+def _turns(largest: float, step: float, flat: bool) -> Float:
+    """Rotation matrices no further than ``largest`` from none, about ``step`` apart (radians); none among them."""
+    count = int(np.ceil(largest / step))
+    steps = np.arange(-count, count + 1) * (largest / max(count, 1))
+    vectors = np.stack(np.meshgrid(*([np.zeros(1)] * 2 if flat else [steps] * 2), steps, indexing="ij"), axis=-1)
+    vectors = vectors.reshape(-1, 3)
+    return motion.exp(vectors[np.linalg.norm(vectors, axis=1) <= largest * (1 + 1e-9)])
+
+
+def _shifts(largest: float, step: float, flat: bool) -> Float:
+    """Shifts no longer than ``largest``, ``step`` apart, none among them, ``(t, 3)``."""
+    count = int(largest / step)
+    steps = np.arange(-count, count + 1) * step
+    grid = np.stack(np.meshgrid(steps, steps, np.zeros(1) if flat else steps, indexing="ij"), axis=-1).reshape(-1, 3)
+    return grid[np.linalg.norm(grid, axis=1) <= largest * (1 + 1e-9)]
+
+
+def _slopes(target: Target, grains: PackedGrains, pose: Pose, rows: NDArray[np.int64]) -> Float:
+    """Pixels (row, column) that each grain's centre moves per unit of shift, ``(n, views, 2, 3)``."""
+    geometry, h = target.scan.geometry, grains.voxel_size
+    places = (grains.centers + pose.translations)[rows]
+    here = geometry.project_points(places)
+    there = [geometry.project_points(places + h * axis) for axis in np.eye(3)]
+    return np.ascontiguousarray(np.stack([(t - here) / h for t in there], axis=-1).transpose(1, 0, 2, 3))
+
+
+def _coarse_target(target: Target, factor: int, margin: NDArray[np.int64]) -> Target:
+    """The radiographs on pixels ``factor`` times as large, with ``margin`` empty ones around the panel."""
+    geometry = target.scan.geometry
+    old = np.array(geometry.shape)
+    new = factor * (-(-old // factor) + 2 * margin)
+    before = (new - old) // 2
+    window = geometry.window((-before[0], -before[1]), (new[0], new[1]))
+    around = [(0, 0), *((b, n - o - b) for b, n, o in zip(before, new, old, strict=True))]
+
+    def binned(images: Image) -> Image:
+        padded = np.pad(images, around)
+        views, rows, columns = padded.shape
+        blocks = padded.reshape(views, rows // factor, factor, columns // factor, factor)
+        return blocks.mean(axis=(2, 4))
+
+    share = binned(target.valid)
+    weight = np.maximum(share, 1e-6)
+    images = binned(target.scan.line_integrals.astype(target.precision) * target.valid) / weight
+    fixed = binned(target.fixed * target.valid) / weight
+    scan = Scan(images, window.binned(factor), share > 0.5)
+    return replace(target, scan=scan, fixed=fixed, sigma=FILTER, gain=False)
+
+
+def _residual(grains: PackedGrains, pose: Pose, target: Target) -> Image:
+    """Filtered measured − simulated, all grains at ``pose``."""
+    geometry = target.scan.geometry
+    patches = shadows(grains, pose, geometry)
+    simulated = assemble(project_patches(grains, pose, geometry, patches, target.projector), patches, geometry)
+    return target.measured - target.filtered(simulated + target.fixed)

@@ -1,0 +1,55 @@
+"""From the start to where all grains are near: one body, then a smooth field."""
+
+from __future__ import annotations
+
+from grainmotion.packed import Pose
+from grainmotion.solve import Solution, Stopping
+from grainmotion.tracking import stages
+from grainmotion.tracking.course import ROUGHLY, Course
+from grainmotion.tracking.misfit import lost_grains
+from grainmotion.tracking.residual import Basis, StateProblem
+from grainmotion.tracking.starts import centroid_shift
+
+TOO_MANY = 0.1  # share of badly fitting grains from which another start is tried
+
+
+def approach(course: Course, pose: Pose) -> tuple[Pose, Pose]:
+    """A smooth field's pose, and the pose from which the free stages start well.
+
+    A smooth field that carries the sample far can mislead grains that moved little and each its own way,
+    so a field is kept only if the grains then fit, else one body and the plain start are tried as well.
+    """
+    if not course.settings.fields:
+        return pose, pose
+    width = course.settings.filters[0]
+    problem = StateProblem(course.grains, course.filter(width))
+    judged = StateProblem(course.grains, course.filter(width, course.settings.gain))  # a drift is no misfit
+    stopping = Stopping(course.settings.iterations, max(course.settings.tolerance, 0.02))
+    best: Solution[Pose] | None = None
+    fields = smooth_fields(course, pose)
+    for candidate in [*reversed(fields), pose]:
+        end = course.solve(problem, candidate, stopping, f"free, filter {width:g}")
+        if best is None or end.costs[-1] < best.costs[-1]:
+            best = end
+        if lost_grains(judged, best.state).mean() < TOO_MANY:
+            break
+    assert best is not None
+    return fields[-1], best.state
+
+
+def smooth_fields(course: Course, pose: Pose) -> list[Pose]:
+    """One rigid body from the better of two starts, then smooth fields if there are grains enough for them."""
+    width = course.settings.field_filter
+    problem = StateProblem(course.grains, course.filter(width), stages.rigid)
+    starts = [pose, centroid_shift(problem, pose)]
+    ends = [course.solve(problem, s, ROUGHLY, "one body") for s in starts]
+    poses = [min(ends, key=lambda e: e.costs[-1]).state]
+    fields: list[tuple[str, Basis, int]] = [
+        ("affine field", stages.affine, 6),
+        ("quadratic field", stages.quadratic, 20),
+    ]
+    for name, basis, needed in fields:
+        if len(course.grains) >= needed:
+            problem = StateProblem(course.grains, course.filter(width), basis)
+            poses.append(course.solve(problem, poses[-1], ROUGHLY, name).state)
+    return poses

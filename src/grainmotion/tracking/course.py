@@ -1,0 +1,84 @@
+"""Course: one state under way, from the widest filter to the narrowest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from grainmotion.packed import PackedGrains, Pose
+from grainmotion.solve import Solution, Stopping, gauss_newton
+from grainmotion.tracking.residual import StateProblem, Target
+from grainmotion.tracking.settings import TrackSettings
+
+Progress = Callable[[str, int, int], None]
+
+GRAIN = 45.0  # pixels across the grains on which the default filter widths were measured
+ROUGHLY = Stopping(iterations=20, step=0.1, decrease=1e-3)  # for the stages that only bring all grains near
+
+
+@dataclass
+class Course:
+    """One state under way: what is fitted, the costs so far, and whom to tell."""
+
+    settings: TrackSettings
+    grains: PackedGrains
+    target: Target
+    progress: Progress | None
+    costs: list[tuple[str, float]] = field(default_factory=list)
+    stage: int = 0
+
+    @property
+    def stages(self) -> int:
+        """Stages to expect, a search's repetition not counted."""
+        return len(self.settings.filters) + (3 if self.settings.fields else 0)
+
+    @property
+    def scale(self) -> float:
+        """Grain size over the one for which the filter widths are given."""
+        across = 2 * float(np.median(self.grains.radii))
+        pixels = across / self.target.scan.geometry.pixel_at(self.grains.centers.mean(axis=0))
+        return float(np.clip(pixels / GRAIN, 0.3, 4.0))
+
+    def filter(self, width: float, gain: bool = False) -> Target:
+        """The radiographs under a filter of ``width``, scaled to the grains but for widths below 1 pixel."""
+        sigma = max(width * self.scale, 0.7) if width >= 1 else width
+        return replace(self.target, sigma=sigma, gain=gain)
+
+    def tell(self, message: str, done: int) -> None:
+        """Report progress, if anybody listens."""
+        if self.progress is not None:
+            self.progress(message, min(done, self.stages), self.stages)
+
+    def solve(self, problem: StateProblem, pose: Pose, stopping: Stopping, name: str) -> Solution[Pose]:
+        """Solve a problem, keeping and telling the costs."""
+        norm = float(np.vdot(problem.target.measured, problem.target.measured)) or 1.0
+
+        def observe(cost: float) -> None:
+            self.costs.append((name, float(np.sqrt(2 * cost / norm))))
+            self.tell(f"{name}: residual {self.costs[-1][1]:.4f}", self.stage)
+
+        self.tell(name, self.stage)
+        solution = gauss_newton(problem, pose, stopping, observe)
+        self.stage += 1
+        return solution
+
+    def free(
+        self, pose: Pose, name: str, filters: tuple[float, ...] | None = None, tolerance: float | None = None
+    ) -> tuple[StateProblem, Solution[Pose]]:
+        """All grains free, filter by filter; gain and offset join once the filter is narrow.
+
+        ``filters`` and the ``tolerance`` (voxels) at which the last one ends are the settings' unless given.
+        """
+        settings = self.settings
+        filters = settings.filters if filters is None else filters
+        tolerance = settings.tolerance if tolerance is None else tolerance
+        for k, width in enumerate(filters):
+            last = k == len(filters) - 1
+            gain = settings.gain and (k > 0 or last)
+            problem = StateProblem(self.grains, self.filter(width, gain))
+            stopping = Stopping(settings.iterations, tolerance if last else max(tolerance, 0.02))
+            solution = self.solve(problem, pose, stopping, f"{name}, filter {width:g}")
+            pose = solution.state
+        return problem, solution

@@ -1,0 +1,68 @@
+"""How well each grain fits, and which do not."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grainmotion.packed import Pose
+from grainmotion.scan import Scan
+from grainmotion.tracking.residual import Seen, StateProblem
+
+Float = NDArray[np.float64]
+
+
+def grain_residuals(problem: StateProblem, seen: Seen) -> tuple[Float, Float]:
+    """Root mean square residual over each grain's shadow, and of its own line integrals there, ``(n,)`` each.
+
+    Pixels are weighted by the grain's own line integral, so that its core counts and its rim does not.
+    """
+    n = len(problem.grains)
+    sums = np.zeros((n, 3))
+    for p, (grain, view, r0, r1, c0, c1) in enumerate(seen.patches.boxes):
+        start, end = seen.patches.offsets[p : p + 2]
+        own = seen.values[start:end].astype(float)
+        residual = seen.residual[view, r0:r1, c0:c1].ravel()
+        weight = np.abs(own) * problem.target.valid[view, r0:r1, c0:c1].ravel()
+        sums[grain] += weight.sum(), weight @ residual.astype(float) ** 2, weight @ own**2
+    mass = np.maximum(sums[:, :1], 1e-30)
+    both = np.sqrt(sums[:, 1:] / mass)
+    both[sums[:, 0] <= 0] = np.nan
+    return both[:, 0], both[:, 1]
+
+
+def misfits(residuals: Float, paths: Float, noise: float) -> NDArray[np.bool_]:
+    """Grains that fit far worse than the others do, than the noise allows, or than any grain should.
+
+    ``residuals`` and ``paths`` are those of `grain_residuals`, ``noise`` that of `noise_level`.
+    """
+    usual = float(np.nanmedian(residuals)) if np.isfinite(residuals).any() else 0.0
+    usual = min(usual, max(2 * noise, 1e-6))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = residuals / paths
+        return ~np.isfinite(residuals) | ((residuals > 2.5 * usual) & (share > 0.08)) | (share > 0.35)
+
+
+def noise_level(scan: Scan) -> float:
+    """Noise of a pixel: robust spread of second differences along rows, which smooth shadows do not have."""
+    images = scan.line_integrals
+    if images.shape[2] < 3:
+        return 0.0
+    second = images[:, :, 2:] - 2 * images[:, :, 1:-1] + images[:, :, :-2]
+    return float(1.4826 * np.median(np.abs(second)) / np.sqrt(6))
+
+
+def lost_grains(problem: StateProblem, pose: Pose) -> NDArray[np.bool_]:
+    """Grains that some view sees and that fit badly at a pose, pixel by pixel, ``(n,)``."""
+    plain = StateProblem(problem.grains, problem.target.unfiltered())
+    seen = plain.look(pose)
+    residuals, paths = grain_residuals(plain, seen)
+    return misfits(residuals, paths, noise_level(problem.target.scan)) & (seen.patches.seen.mean(axis=1) > 0)
+
+
+def evened(problem: StateProblem, pose: Pose) -> Scan:
+    """The radiographs without the gain and offset that fit at a pose, so that one grain can be fitted alone."""
+    seen, scan = problem.look(pose), problem.target.scan
+    if not 0.5 < seen.gain < 2:  # no beam drifts so far: what was fitted is not a gain
+        return scan
+    return Scan((scan.line_integrals - seen.offset) / seen.gain, scan.geometry, scan.valid)
