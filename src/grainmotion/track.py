@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from grainmotion.grains import GrainSet
 from grainmotion.motions import Motions
@@ -59,6 +60,14 @@ def track(
         One row a grain; what became of it is in ``statuses`` and ``reasons``, never an exception.
     """
     settings = settings or TrackSettings()
+    with threadpool_limits(limits=1, user_api="blas"):  # its matrices are small, and kernels use all cores
+        return _track(grains, scan, start, settings, progress)
+
+
+def _track(
+    grains: GrainSet, scan: Scan, start: Motions | None, settings: TrackSettings, progress: Progress | None
+) -> Motions:
+    """All grains; then without those that seem not to be there, if the others fit better so."""
     whole, supports = _all_together(grains, scan, start, settings, progress)
     best, present = whole, grains
     while settings.search and (absent := suspects(best, supports)):

@@ -10,9 +10,8 @@ images R, a candidate lowers ‖R‖² by
 where R·P for all shifts is one cross-correlation.  A visit draws a candidate with probability ∝ exp(score / τ).
 
 ``places (n, views)`` are patch numbers, −1 where a grain is out of sight.  Patch p has its first pixel at
-``anchors[p]`` of the images and ``sizes[p]`` pixels, in ``tables[k, offsets[p]:]`` for turn k, zero outside the
-rows and columns ``extents[k, p]`` (first, end, first, end).  ``slopes (n, views, 2, 3)`` are pixels (row, column)
-per unit of shift.
+``anchors[p]`` of the images and ``sizes[p]`` pixels, in ``tables[k, offsets[p]:]`` for turn k.  ``slopes (n,
+views, 2, 3)`` are pixels (row, column) per unit of shift.
 """
 
 from __future__ import annotations
@@ -56,54 +55,61 @@ def _put(images, tables, places, anchors, sizes, offsets, slopes, g, turn, shift
 
 
 @nb.njit(parallel=True, cache=True, fastmath=True, error_model="numpy")
-def _correlate(images, tables, energies, places, anchors, sizes, offsets, extents, g, reach, out, bounds):
-    """2 R·P − ‖P‖² of every turn and view at all whole-pixel moves, and the most that a turn can score."""
-    for k in nb.prange(len(tables)):
-        bounds[k] = 0
-        for v in range(len(images)):
-            p = places[g, v]
-            if p < 0:
-                continue
-            patch = tables[k, offsets[p] : offsets[p] + sizes[p, 0] * sizes[p, 1]].reshape(sizes[p, 0], sizes[p, 1])
-            r0, r1, c0, c1 = extents[k, p]
-            top = LOWEST
-            for i in range(2 * reach[0] + 1):
-                for j in range(2 * reach[1] + 1):
-                    row, column = anchors[p, 0] + i - reach[0], anchors[p, 1] + j - reach[1]
-                    total = np.float32(0)
-                    for r in range(r0, r1):
-                        line = images[v, row + r]
-                        for c in range(c0, c1):
-                            total += line[column + c] * patch[r, c]
-                    out[k, v, i, j] = 2 * total - energies[k, p]
-                    top = max(top, out[k, v, i, j])
-            bounds[k] += top
+def _correlate(images, tables, energies, places, anchors, sizes, offsets, g, reach, some, out):
+    """2 R·P − ‖P‖² of some turns in each view at all whole-pixel moves, ``out (views, turns, moves)``.
+
+    The image under each move is a column, so that the correlation is one matrix product a view.
+    """
+    down, right = 2 * reach[0] + 1, 2 * reach[1] + 1
+    for v in nb.prange(len(images)):
+        p = places[g, v]
+        if p < 0:
+            out[v] = 0
+            continue
+        rows, columns = sizes[p, 0], sizes[p, 1]
+        patches = np.empty((len(some), rows * columns), np.float32)
+        for m in range(len(some)):
+            patches[m] = tables[some[m], offsets[p] : offsets[p] + rows * columns]
+        under = np.empty((rows * columns, down * right), np.float32)
+        for r in range(rows):
+            for c in range(columns):
+                for i in range(down):
+                    line = images[v, anchors[p, 0] - reach[0] + r + i]
+                    start = anchors[p, 1] - reach[1] + c
+                    under[r * columns + c, i * right : (i + 1) * right] = line[start : start + right]
+        found = np.dot(patches, under)
+        for m in range(len(some)):
+            for s in range(down * right):
+                out[v, m, s] = 2 * found[m, s] - energies[some[m], p]
 
 
 @nb.njit(cache=True, fastmath=True, error_model="numpy")
-def _draw(rng, scores, bounds, places, slopes, shifts, g, reach, heat):
-    """A candidate (turn, row of shifts): the best at heat 0, else one drawn with probability ∝ exp(score / heat)."""
+def _draw(rng, scores, slopes, shifts, some, g, reach, heat):
+    """A row of scores and a shift of ``some``: the best at heat 0, else drawn with probability ∝ exp(score / heat)."""
+    right = 2 * reach[1] + 1
+    bounds = np.zeros(scores.shape[1])  # the most that a turn can score
+    for v in range(len(scores)):
+        for k in range(len(bounds)):
+            bounds[k] += scores[v, k].max()
     best, top = LOWEST, LOWEST
-    turn, row = 0, 0
+    turn, row = 0, some[0]
     for k in np.argsort(-bounds):
         if bounds[k] < top - 12 * heat:  # nor will those that follow come near
             break
-        for t in range(len(shifts)):
+        for t in some:
             score = 0.0
-            for v in range(scores.shape[1]):
-                if places[g, v] < 0:
-                    continue
+            for v in range(len(scores)):
                 s, m = shifts[t], slopes[g, v]
                 down = m[0, 0] * s[0] + m[0, 1] * s[1] + m[0, 2] * s[2] + reach[0]
-                right = m[1, 0] * s[0] + m[1, 1] * s[1] + m[1, 2] * s[2] + reach[1]
-                i, j = min(int(down), max(2 * reach[0] - 1, 0)), min(int(right), max(2 * reach[1] - 1, 0))
-                a, b = down - i, right - j
-                image = scores[k, v]
-                near = image[i, j] + b * (image[i, j + 1] - image[i, j])
+                over = m[1, 0] * s[0] + m[1, 1] * s[1] + m[1, 2] * s[2] + reach[1]
+                i, j = min(int(down), max(2 * reach[0] - 1, 0)), min(int(over), 2 * reach[1] - 1)
+                a, b = down - i, over - j
+                near = scores[v, k, i * right + j : i * right + j + 2]
+                value = near[0] + b * (near[1] - near[0])
                 if a > 0:
-                    far = image[i + 1, j] + b * (image[i + 1, j + 1] - image[i + 1, j])
-                    near += a * (far - near)
-                score += near
+                    far = scores[v, k, (i + 1) * right + j : (i + 1) * right + j + 2]
+                    value += a * (far[0] + b * (far[1] - far[0]) - value)
+                score += value
             top = max(top, score)
             if heat > 0:
                 score -= heat * np.log(-np.log(max(rng.random(), 1e-300)))
@@ -113,21 +119,38 @@ def _draw(rng, scores, bounds, places, slopes, shifts, g, reach, heat):
 
 
 @nb.njit(cache=True, error_model="numpy")
-def anneal(rng, heats, images, tables, energies, places, anchors, sizes, offsets, extents, slopes, shifts, reach,
+def _choose(rng, deck, count, present):
+    """``count`` numbers of a deck (all different, shuffled in place) at random, the present one among them."""
+    for i in range(count):
+        j = i + rng.integers(0, len(deck) - i)
+        deck[i], deck[j] = deck[j], deck[i]
+    some = deck[:count].copy()
+    if not (some == present).any():
+        some[0] = present
+    return some
+
+
+@nb.njit(cache=True, error_model="numpy")
+def anneal(rng, heats, batch, images, tables, energies, places, anchors, sizes, offsets, slopes, shifts, reach,
            turns, moves):  # fmt: skip
     """One sweep over all grains a heat, in random order, from and to ``turns (n,)`` and ``moves (n,)`` (rows).
 
-    ``images`` are the residual at the start; returned is the lowest ‖R‖², whose candidates are left behind.
+    A visit weighs at most ``batch`` (turns, shifts) drawn at random.  ``images`` are the residual at the start;
+    returned is the lowest ‖R‖², whose candidates are left behind.
     """
     n = len(turns)
-    scores = np.empty((len(tables), len(images), 2 * reach[0] + 1, 2 * reach[1] + 1), np.float32)
-    bounds = np.empty(len(tables))
+    count = min(batch[0], len(tables)), min(batch[1], len(shifts))
+    turn_deck, shift_deck = np.arange(len(tables)), np.arange(len(shifts))
+    scores = np.empty((len(images), count[0], (2 * reach[0] + 1) * (2 * reach[1] + 1)), np.float32)
     best, best_turns, best_moves = np.inf, turns.copy(), moves.copy()
     for heat in heats:
         for g in rng.permutation(n):
+            some = _choose(rng, turn_deck, count[0], turns[g])
+            moved = _choose(rng, shift_deck, count[1], moves[g])
             _put(images, tables, places, anchors, sizes, offsets, slopes, g, turns[g], shifts[moves[g]], 1.0)
-            _correlate(images, tables, energies, places, anchors, sizes, offsets, extents, g, reach, scores, bounds)
-            turns[g], moves[g] = _draw(rng, scores, bounds, places, slopes, shifts, g, reach, heat)
+            _correlate(images, tables, energies, places, anchors, sizes, offsets, g, reach, some, scores)
+            row, moves[g] = _draw(rng, scores, slopes, shifts, moved, g, reach, heat)
+            turns[g] = some[row]
             _put(images, tables, places, anchors, sizes, offsets, slopes, g, turns[g], shifts[moves[g]], -1.0)
         cost = 0.0
         for v in range(len(images)):

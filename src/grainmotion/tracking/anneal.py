@@ -17,7 +17,7 @@ from grainmotion import motion
 from grainmotion.kernels import anneal as kernel
 from grainmotion.kernels import normal
 from grainmotion.packed import Image, PackedGrains, Pose, planar
-from grainmotion.project import Patches, assemble, project_patches, shadows
+from grainmotion.project import assemble, project_patches, shadows
 from grainmotion.scan import Scan
 from grainmotion.tracking.residual import Target
 
@@ -50,6 +50,8 @@ class Ranges:
     sweeps: int
 
 
+BATCH = 256, 512
+"""Turns and shifts weighed at a visit, at most."""
 HOT, COLD, LAST = 0.1, 1e-4, 3
 """First and last heat, as shares of the residual a grain has at the start; sweeps without heat at the end."""
 
@@ -83,9 +85,9 @@ def anneal(
     which = np.full(len(rows), int(np.argmin(np.linalg.norm(turns - np.eye(3), axis=(1, 2)))))
     moves = np.full(len(rows), int(np.argmin((shifts**2).sum(axis=1))))
     kernel.anneal(
-        np.random.default_rng(seed), heats, images, table.values, table.energies, table.places,
+        np.random.default_rng(seed), heats, BATCH, images, table.values, table.energies, table.places,
         table.boxes[:, [2, 4]] + pad, np.ascontiguousarray(table.boxes[:, [3, 5]] - table.boxes[:, [2, 4]]),
-        table.offsets, table.extents, slopes, shifts, reach, which, moves,
+        table.offsets, slopes, shifts, reach, which, moves,
     )  # fmt: skip
     translations, matrices = base.translations.copy(), base.matrices.copy()
     translations[rows] += shifts[moves]
@@ -99,7 +101,6 @@ class _Table:
 
     values: NDArray[np.float32]
     energies: NDArray[np.float32]
-    extents: NDArray[np.int64]
     places: NDArray[np.int64]
     boxes: NDArray[np.int64]
     offsets: NDArray[np.int64]
@@ -118,20 +119,7 @@ class _Table:
         places = np.full((len(grains), len(geometry)), -1, np.int64)
         places[patches.boxes[:, 0], patches.boxes[:, 1]] = np.arange(len(patches.boxes))
         energies = np.add.reduceat(values.astype(float) ** 2, patches.offsets[:-1], axis=1).astype(np.float32)
-        return cls(values, energies, _extents(values, patches), places, patches.boxes, patches.offsets)
-
-
-def _extents(values: NDArray[np.float32], patches: Patches) -> NDArray[np.int64]:
-    """Rows and columns of each patch that are not empty, ``(turns, patches, 4)``: first, end, first, end."""
-    out = np.zeros((len(values), len(patches.boxes), 4), np.int64)
-    for p, (_, _, r0, r1, c0, c1) in enumerate(patches.boxes):
-        filled = values[:, patches.offsets[p] : patches.offsets[p + 1]].reshape(-1, r1 - r0, c1 - c0) != 0
-        for axis, at in ((2, 0), (1, 2)):
-            lines = filled.any(axis=axis)
-            some = lines.any(axis=1)
-            out[some, p, at] = lines[some].argmax(axis=1)
-            out[some, p, at + 1] = lines.shape[1] - lines[some, ::-1].argmax(axis=1)
-    return out
+        return cls(values, energies, places, patches.boxes, patches.offsets)
 
 
 def _turns(largest: float, step: float, flat: bool) -> Float:

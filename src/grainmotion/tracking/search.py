@@ -32,8 +32,10 @@ PLANAR = tuple(
     for angle, reach in [(45, 0.1)] * 4 + [(45, 0.25)] * 4 + [(90, 0.5)] * 4
 )
 SPATIAL = tuple(
-    Ranges(math.radians(angle), reach, 12.0, 1.0, 40) for angle, reach in [(45, 0.25), (45, 0.5), (90, 0.5)]
+    Ranges(math.radians(angle), reach, 12.0, 1.0, sweeps)
+    for angle, reach, sweeps in [(60, 0.5, 20), (90, 0.5, 40), (90, 1.0, 40), (90, 1.0, 60)]
 )
+PATIENCE = 2  # attempts without a better end, where a good fit is proof
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,15 +65,16 @@ def search(course: Course, base: Pose, problem: StateProblem, solution: Solution
         The best of all attempts.
     """
     thin = _pixels_an_unknown(course) < THIN
-    best, others = _End(problem, solution), list[_End]()
+    best, others, vain = _End(problem, solution), list[_End](), 0
     for number, ranges in enumerate(PLANAR if planar(course.grains, course.target.scan.geometry) else SPATIAL, start=1):
         lost = lost_grains(best.problem, best.pose)
-        if best.proven or (best.agrees(others).all() if thin else not lost.any()):
+        if best.proven or (best.agrees(others).all() if thin else vain == PATIENCE or not lost.any()):
             break
         every = thin or lost.mean() > MANY
         start = _annealed(course, base, best, np.ones_like(lost) if every else lost, ranges, number)
         rough = max(ROUGH, course.settings.tolerance)
         end = _End(*course.free(start, f"search {number}", course.settings.filters, rough))
+        vain = 0 if end.cost < 0.99 * best.cost else vain + 1
         best, other = (end, best) if end.cost < best.cost else (best, end)
         others.append(other)
     doubtful = ~best.agrees(others) if thin and not best.proven else np.zeros(len(course.grains), dtype=bool)

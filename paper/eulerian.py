@@ -1,0 +1,117 @@
+"""The Eulerian projector, which the paper's §3 argues against: move the voxels, then project them.
+
+Each grain's voxels are rotated and shifted onto the sample's grid by trilinear resampling, afresh at each
+evaluation, and that image is projected.  It plugs into the package's solver in place of the Lagrangian
+projector, which pulls rays back into voxels that stay as they are.  As projection is linear, each grain is
+resampled into a box of its own, cut from the sample's grid: the sum is that of the whole sample.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grainmotion import motion
+from grainmotion.grains import PADDING, GrainSet
+from grainmotion.kernels import normal, resample
+from grainmotion.motions import Motions, Status
+from grainmotion.packed import PackedGrains, Pose
+from grainmotion.project import Patches, assemble, project_patches, shadows
+from grainmotion.scan import Scan
+from grainmotion.solve import Stopping, gauss_newton
+from grainmotion.tracking.residual import Derivatives, Seen, StateProblem, Target, best_gain
+
+STEP = 0.01  # of a voxel: the same finite differences as the Lagrangian projector's
+SPREAD = 2  # voxels by which resampling widens a grain: √3, rounded up
+
+
+class EulerianProblem(StateProblem):
+    """The residual of one state, its grains resampled onto the sample's grid; derivatives are differences."""
+
+    def look(self, pose: Pose) -> Seen:
+        """Simulate, compare and differentiate at a pose."""
+        target, geometry = self.target, self.target.scan.geometry
+        patches = shadows(_widened(self.grains), pose, geometry, margin=len(target.weights) - 1)
+        values = self._project(pose, patches)
+        derivatives = np.empty((6, len(values)), values.dtype)
+        shift = STEP * self.grains.voxel_size
+        turn = shift / float(self.grains.radii.max())
+        for k, step in enumerate([shift] * 3 + [turn] * 3):
+            moved = self.retract(pose, np.tile(step * np.eye(6)[k], len(self.grains)))
+            derivatives[k] = (self._project(moved, patches) - values) / step
+        simulated = target.filtered(assemble(values, patches, geometry) + target.fixed)
+        normal.filter_patches(derivatives, patches.boxes, patches.offsets, target.valid, target.weights)
+        gain, offset = best_gain(target.measured, simulated, target.flat) if target.gain else (1.0, 0.0)
+        residual = (target.measured - gain * simulated - offset * target.flat).astype(values.dtype)
+        return Seen(patches, values, derivatives, residual, simulated, gain, offset)
+
+    def _project(self, pose: Pose, patches: Patches) -> NDArray[np.floating]:
+        """Resample all grains, then project their images without any further motion."""
+        still = Pose(pose.translations, np.broadcast_to(np.eye(3), pose.matrices.shape).copy())
+        images = resampled(self.grains, pose)
+        return project_patches(images, still, self.target.scan.geometry, patches, self.target.projector)
+
+
+def resampled(grains: PackedGrains, pose: Pose) -> PackedGrains:
+    """The grains' images in the sample's grid at a pose; their corners are seen from the moved centres."""
+    h = grains.voxel_size
+    images, corners = [], np.empty_like(grains.corners)
+    for k, (shape, corner) in enumerate(zip(grains.shapes, grains.corners, strict=True)):
+        source = grains.images[grains.starts[k] :][: np.prod(shape)].reshape(shape)
+        # Voxels of the grid are counted from the grain's own first one, which lies on the grid.
+        reach = (grains.hulls[k] @ pose.matrices[k].T + pose.translations[k] - corner) / h
+        low = np.floor(reach.min(axis=0)).astype(np.int64) - SPREAD - PADDING
+        size = np.ceil(reach.max(axis=0)).astype(np.int64) + SPREAD + PADDING + 1 - low
+        back = np.ascontiguousarray(pose.matrices[k].T)
+        corners[k] = corner + h * low - pose.translations[k]
+        image = np.zeros(size[::-1], source.dtype)
+        edge = np.full(3, PADDING, np.int64)
+        resample.add_moved(source, back, (back @ corners[k] - corner) / h, edge, size - edge, image)
+        images.append(image)
+    sizes = [image.size for image in images]
+    return replace(
+        grains,
+        images=np.concatenate([image.ravel() for image in images]),
+        starts=np.cumsum([0, *sizes[:-1]]).astype(np.int64),
+        shapes=np.array([image.shape for image in images], dtype=np.int64),
+        corners=corners,
+    )
+
+
+def track_by_filters(
+    problem: type[StateProblem],
+    grains: GrainSet,
+    scan: Scan,
+    start: Motions,
+    filters: tuple[float, ...] = (6.0, 2.0, 0.7),
+    derivatives: Derivatives = "analytic",
+) -> Motions:
+    """All grains free from a start, filter by filter and nothing else, by the problem given.
+
+    Every grain is said to have converged: it is for the comparison with the truth to fail it.
+    """
+    packed = PackedGrains.of(grains)
+    fixed = np.zeros(scan.line_integrals.shape, packed.images.dtype)
+    pose = Pose(start.translations, motion.exp(start.rotations))
+    iterations = 0
+    for width in filters:
+        target = Target(scan, fixed, "trilinear", sigma=width, gain=False, derivatives=derivatives)
+        tolerance = 2e-3 if width == filters[-1] else 0.02
+        solution = gauss_newton(problem(packed, target), pose, Stopping(30, tolerance))
+        pose, iterations = solution.state, iterations + solution.iterations
+    n = len(grains)
+    return replace(
+        start,
+        translations=pose.translations,
+        rotations=motion.log(pose.matrices),
+        statuses=np.full(n, Status.CONVERGED.value, dtype="<U20"),
+        iterations=np.full(n, iterations),
+    )
+
+
+def _widened(grains: PackedGrains) -> PackedGrains:
+    """The same with hulls that hold what resampling smears, so that shadows hold it too."""
+    lengths = np.linalg.norm(grains.hulls, axis=2, keepdims=True)
+    return replace(grains, hulls=grains.hulls * (1 + SPREAD * grains.voxel_size / np.maximum(lengths, 1e-9)))
