@@ -32,10 +32,10 @@ STONES = 95
 DIAMETER = 30.0  # of the circle of the same area, on average
 GAP = 3  # pixels of air around each grain at least
 ATTENUATION, CONTRAST = 0.02, 0.15  # mean, per pixel; relative standard deviation of the grey levels
-SIZE = 320
+SIZE = 384
 SETS = ("one", "loose", "dense", "all")
 VIEWS_DEG = {n: tuple(22.5 + 180.0 * np.arange(n) / n) for n in (2, 4, 6)}
-PANEL = (1, 400)
+PANEL = (1, 420)
 
 
 @dataclass(frozen=True, eq=False)

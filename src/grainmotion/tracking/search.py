@@ -27,15 +27,22 @@ THIN = 20.0  # pixels an unknown below which a good fit alone is no proof
 NOTHING = 1e-3  # relative residual that proves a placement all the same
 SAME = 0.2  # voxels between the surfaces of a grain in two placements that are one
 ROUGH = 0.01  # voxels: tolerance of attempts
-PLANAR = tuple(
-    Ranges(math.radians(angle), reach, 0.0, 0.5, 200)
-    for angle, reach in [(45, 0.1)] * 4 + [(45, 0.25)] * 4 + [(90, 0.5)] * 4
-)
-SPATIAL = tuple(
-    Ranges(math.radians(angle), reach, 12.0, 1.0, sweeps)
-    for angle, reach, sweeps in [(60, 0.5, 20), (90, 0.5, 40), (90, 1.0, 40), (90, 1.0, 60)]
-)
-PATIENCE = 2  # attempts without a better end, where a good fit is proof
+MOST, PATIENCE = 14, 2  # attempts, and those without a better end where a good fit is proof
+
+
+def _planar(angle: float, reach: float) -> Ranges:
+    return Ranges(math.radians(angle), reach, across=0.0, step=0.5, sweeps=200)
+
+
+def _spatial(angle: float, reach: float, sweeps: int) -> Ranges:
+    return Ranges(math.radians(angle), reach, across=12.0, step=1.0, sweeps=sweeps)
+
+
+PLANAR = (*[_planar(45, 0.1)] * 4, *[_planar(45, 0.25)] * 4, *[_planar(90, 0.5)] * 4)
+SPATIAL = (_spatial(60, 0.5, 20), _spatial(90, 0.5, 40), _spatial(90, 1.0, 40), _spatial(90, 1.0, 60))
+"""What attempts range over, one after the other."""
+PLANAR_WIDE, SPATIAL_WIDE = _planar(90, 0.25), _spatial(90, 0.5, 40)
+"""What the attempt ranges over that is to confirm a good fit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,21 +71,29 @@ def search(course: Course, base: Pose, problem: StateProblem, solution: Solution
     Found
         The best of all attempts.
     """
-    thin = _pixels_an_unknown(course) < THIN
-    best, others, vain = _End(problem, solution), list[_End](), 0
-    for number, ranges in enumerate(PLANAR if planar(course.grains, course.target.scan.geometry) else SPATIAL, start=1):
+    flat = planar(course.grains, course.target.scan.geometry)
+    thin = flat or _pixels_an_unknown(course) < THIN
+    ranges, wide = (iter(PLANAR), PLANAR_WIDE) if flat else (iter(SPATIAL), SPATIAL_WIDE)
+    best = _End(problem, solution)
+    confirming, tried, vain = list[_End](), 0, 0
+    while tried < MOST and not best.proven and (thin or vain < PATIENCE):
         lost = lost_grains(best.problem, best.pose)
-        if best.proven or (best.agrees(others).all() if thin else vain == PATIENCE or not lost.any()):
+        if not lost.any() and (not thin or best.agrees(confirming).all()):
             break
-        every = thin or lost.mean() > MANY
-        start = _annealed(course, base, best, np.ones_like(lost) if every else lost, ranges, number)
+        chosen = wide if not lost.any() else next(ranges, None)
+        if chosen is None:
+            break
+        tried += 1
+        rows = np.ones_like(lost) if thin or lost.mean() > MANY else lost
+        start = _annealed(course, base, best, rows, chosen, seed=tried)
         rough = max(ROUGH, course.settings.tolerance)
-        end = _End(*course.free(start, f"search {number}", course.settings.filters, rough))
+        end = _End(*course.free(start, f"search {tried}", course.settings.filters, rough))
         vain = 0 if end.cost < 0.99 * best.cost else vain + 1
         best, other = (end, best) if end.cost < best.cost else (best, end)
-        others.append(other)
-    doubtful = ~best.agrees(others) if thin and not best.proven else np.zeros(len(course.grains), dtype=bool)
-    if others:
+        if chosen.angle == wide.angle:
+            confirming.append(other)
+    doubtful = ~best.agrees(confirming) if thin and not best.proven else np.zeros(len(course.grains), dtype=bool)
+    if tried:
         best = _End(*course.free(best.pose, "all", course.settings.filters[-1:]))
     return Found(best.problem, best.solution, doubtful)
 
