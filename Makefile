@@ -6,7 +6,7 @@ STAMP  := $(VENV)/.installed
 SPAM   := .venv-spam
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-browser test-spam test-all check format bench clean
+.PHONY: help install demo test test-browser test-spam test-all check format bench paper clean
 
 help:            ## list the targets
 	@grep -hE '^[a-z-]+: .*##|^[a-z-]+:  *##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -53,5 +53,8 @@ format: $(STAMP) ## format the code
 bench: $(STAMP)  ## run the benchmarks against their peers
 	for script in benchmarks/*.py; do $(BIN)/python $$script || exit 1; done
 
+paper: $(STAMP)  ## rerun every result of the paper and write docs/paper.md (under an hour on two cores)
+	$(BIN)/python -m paper
+
 clean:           ## remove the environments and caches
-	rm -rf $(VENV) $(SPAM) .venv-bench .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) $(SPAM) .venv-bench .paper .pytest_cache .mypy_cache .ruff_cache

@@ -50,11 +50,11 @@ class Trial:
 FINE_DEG = np.arange(-90.0, 90.5, 0.5)
 
 
-def trial(seed: int) -> Trial:
+def trial(seed: int, turns_deg: Float = TURNS_DEG) -> Trial:
     """The innermost grain of a sample, at rest, from starts that are wrong."""
     grains = images.draw(seed).grains("one")
     scan = images.observe(grains, Motions.identity(grains.labels, grains.centers), 2)
-    turns = {name: [_end(grains, scan, settings, turn=t) for t in TURNS_DEG] for name, settings in SOLVERS.items()}
+    turns = {name: [_end(grains, scan, settings, turn=t) for t in turns_deg] for name, settings in SOLVERS.items()}
     shifts = {
         name: np.array(
             [

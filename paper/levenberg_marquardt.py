@@ -8,70 +8,55 @@ grain, not of the sample: 7 projections of every grain an iteration, 4 in a plan
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from unittest import mock
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize
+from scipy import optimize, sparse
 from threadpoolctl import threadpool_limits
 
 from grainmotion import motion
 from grainmotion.grains import GrainSet
-from grainmotion.kernels import grains as kernel
 from grainmotion.motions import Motions, Status
 from grainmotion.packed import OUT_OF_PLANE, PackedGrains, Pose, planar
-from grainmotion.project import Projector, assemble, project_patches, shadows
+from grainmotion.project import Patches, Projector, assemble, project_patches, shadows
 from grainmotion.scan import Scan
+from paper.counting import Count, counted
 
 Float = NDArray[np.float64]
+Method = Literal["dense", "sparse"]
+"""``"dense"``: MINPACK's Levenberg–Marquardt; ``"sparse"``: SciPy's ``trf``, a trust region without bounds, by LSMR."""
+Matrix = Float | sparse.csr_array
 STEP = 1e-6
-"""Of the differences, in voxels that a grain's surface moves; fit for double precision."""
-WALKS = ("project", "project_with_derivatives")
-
-
-@dataclass
-class Count:
-    """Projections of a grain to a view so far."""
-
-    walks: int = 0
-
-
-@contextmanager
-def counted() -> Iterator[Count]:
-    """Count projections of grains while it lasts: one a grain and view, be it with derivatives or without."""
-    count = Count()
-
-    def wrapped(name: str):  # noqa: ANN202 – of the kernel's own type
-        inner = getattr(kernel, name)
-
-        def walk(*arguments):
-            count.walks += len(arguments[10])  # boxes, one a grain and view
-            return inner(*arguments)
-
-        return walk
-
-    with mock.patch.multiple(kernel, **{name: wrapped(name) for name in WALKS}):
-        yield count
+"""Of the differences, in voxels that a grain's surface moves; fine, as double precision allows."""
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Where the baseline ended, and what it took.
+    """Where the solver ended, and what it took.
 
-    ``iterations`` are Jacobians taken, one an accepted step; ``path`` holds the CPU seconds and the motions at
-    each of them; ``projecting`` and ``cpu`` are CPU seconds, of projections and of all.
+    Attributes
+    ----------
+    motions : Motions
+        All of status *converged*, so that errors alone judge them.
+    settled : bool
+        Whether a tolerance was met; False when the evaluations ran out.
+    iterations : int
+        Accepted steps.
+    cpu : float
+        Seconds.
+    count : Count
+        What of it was projection.
+    path : tuple of (float, Motions)
+        CPU seconds and motions at each Jacobian.
     """
 
     motions: Motions
     settled: bool
     iterations: int
-    evaluations: int
-    walks: int
     cpu: float
-    projecting: float
+    count: Count
     path: tuple[tuple[float, Motions], ...]
 
 
@@ -80,99 +65,116 @@ def fit(
     scan: Scan,
     start: Motions | None = None,
     projector: Projector = "trilinear",
+    *,
+    method: Method = "dense",
     tolerance: float = 1e-8,
     evaluations: int = 200,
-    method: str = "lm",
-    **options: object,
+    step: float = STEP,
 ) -> Fit:
-    """Fit the motions of all grains; ``tolerance`` is SciPy's of cost, step and gradient, one number for all three."""
-    start = start or Motions.identity(grains.labels, grains.centers)
-    problem = _Problem(grains, scan, projector)
-    x = problem.unknowns(start)
-    problem.residual(x)  # compiles
-    problem.reset()
+    """Fit the motions of all grains, from zero unless a start is given.
+
+    ``tolerance`` is SciPy's of cost, step and gradient alike, ``evaluations`` the most residuals it may ask for.
+    """
+    problem = _Problem(grains, scan, projector, start or Motions.identity(grains.labels, grains.centers), method, step)
+    problem.residual(problem.first)  # compiles what is timed below
+    problem.seen = None
+    solver = {"method": "lm"} if method == "dense" else {"method": "trf", "tr_solver": "lsmr"}
     with threadpool_limits(limits=1, user_api="blas"), counted() as count:
         begin = time.process_time()
         found = optimize.least_squares(
-            problem.residual, x, problem.jacobian, method=method, x_scale="jac",
-            ftol=tolerance, xtol=tolerance, gtol=tolerance, max_nfev=evaluations, **options,
+            problem.residual, problem.first, problem.jacobian, x_scale="jac", max_nfev=evaluations,
+            ftol=tolerance, xtol=tolerance, gtol=tolerance, **solver,
         )  # fmt: skip
         cpu = time.process_time() - begin
-    path = tuple((at - begin, problem.motions(start, y)) for at, y in problem.path)
-    return Fit(
-        problem.motions(start, found.x), found.status > 0, len(path), found.nfev, count.walks, cpu,
-        problem.projecting, path,
-    )  # fmt: skip
+    path = tuple((at - begin, problem.motions(x)) for at, x in problem.path)
+    return Fit(problem.motions(found.x), found.status > 0, len(path) - 1, cpu, count, path)
+
+
+# ---------------------------------------------------------------------- the problem
+@dataclass(eq=False)
+class _Seen:
+    """What is known at one place."""
+
+    x: Float
+    patches: Patches
+    values: Float
+    residual: Float
+    jacobian: Matrix | None = None
 
 
 @dataclass(eq=False)
 class _Problem:
-    """Residual and Jacobian by the unknowns ``(n, 6)``, or ``(n, 3)`` in a plane, flat."""
+    """Residual and Jacobian by the unknowns ``(n, 6)``, or ``(n, 3)`` in a plane, flat.
+
+    What SciPy asks for twice at one place is not computed twice.
+    """
 
     grains: GrainSet
     scan: Scan
     projector: Projector
-    projecting: float = 0.0
+    start: Motions
+    method: Method
+    step: float
     path: list[tuple[float, Float]] = field(default_factory=list)
+    seen: _Seen | None = None
 
     def __post_init__(self) -> None:
         packed = PackedGrains.of(self.grains)
-        # single precision would drown such small differences
-        self.packed = replace(packed, images=packed.images.astype(float))
         flat = planar(packed, self.scan.geometry)
         self.free = [k for k in range(6) if not (flat and k in OUT_OF_PLANE)]
-        self.steps = STEP * packed.voxel_size / np.where(np.arange(6) < 3, 1.0, packed.radii.max())
-        self.reset()
+        self.steps = self.step * packed.voxel_size / np.repeat([1.0, float(packed.radii.max())], 3)
+        # Single precision would drown small differences.
+        self.packed = replace(packed, images=packed.images.astype(float))
+        self.first = np.hstack([self.start.translations, self.start.rotations])[:, self.free].ravel()
 
-    def reset(self) -> None:
-        """Forget all that was seen."""
-        self.seen = None
-        self.path, self.projecting = [], 0.0
-
-    def unknowns(self, motions: Motions) -> Float:
-        """Of motions of the same grains."""
-        return np.hstack([motions.translations, motions.rotations])[:, self.free].ravel()
-
-    def motions(self, start: Motions, x: Float) -> Motions:
-        """Motions of unknowns."""
-        every = self._full(x)
-        statuses = np.full(len(every), Status.CONVERGED.value, dtype="<U20")  # so that errors alone judge it
-        return replace(start, translations=every[:, :3], rotations=every[:, 3:], statuses=statuses)
+    def motions(self, x: Float) -> Motions:
+        """The motions that unknowns mean."""
+        every = self._every(x)
+        statuses = np.full(len(every), Status.CONVERGED.value, dtype="<U20")
+        return replace(self.start, translations=every[:, :3], rotations=every[:, 3:], statuses=statuses)
 
     def residual(self, x: Float) -> Float:
         """Measured − simulated."""
-        geometry = self.scan.geometry
-        begin = time.process_time()
-        patches = shadows(self.packed, _pose(self._full(x)), geometry)
-        values = self._project(self._full(x), patches)
-        simulated = assemble(values, patches, geometry)
-        self.projecting += time.process_time() - begin
-        self.seen = x.copy(), patches, values
-        return (self.scan.line_integrals - simulated).ravel()
+        return self._look(x).residual
 
-    def jacobian(self, x: Float) -> Float:
-        """Forward differences; the rotation vector itself is what is stepped."""
-        if not np.array_equal(self.seen[0], x):  # a rejected step came between
-            self.residual(x)
-        _, patches, values = self.seen
-        begin = time.process_time()
-        self.path.append((begin, x.copy()))
-        every, n = self._full(x), len(self.packed)
-        out = np.zeros((*self.scan.line_integrals.shape, n, len(self.free)))
-        for j, k in enumerate(self.free):
+    def jacobian(self, x: Float) -> Matrix:
+        """Forward differences, of the rotation vector itself."""
+        seen = self._look(x)
+        if seen.jacobian is None:
+            self.path.append((time.process_time(), x.copy()))
+            seen.jacobian = self._differences(seen)
+        return seen.jacobian
+
+    def _look(self, x: Float) -> _Seen:
+        if self.seen is None or not np.array_equal(self.seen.x, x):
+            geometry, every = self.scan.geometry, self._every(x)
+            patches = shadows(self.packed, _pose(every), geometry)
+            values = self._project(every, patches)
+            residual = self.scan.line_integrals - assemble(values, patches, geometry)
+            self.seen = _Seen(x.copy(), patches, values, residual.ravel())
+        return self.seen
+
+    def _differences(self, seen: _Seen) -> Matrix:
+        every = self._every(seen.x)
+        slopes = np.empty((len(self.free), len(seen.values)))
+        for row, k in zip(slopes, self.free, strict=True):
             moved = every.copy()
             moved[:, k] += self.steps[k]
-            slopes = (values - self._project(moved, patches)) / self.steps[k]
-            for (grain, view, top, bottom, left, right), at in zip(patches.boxes, patches.offsets, strict=False):
-                size = (bottom - top) * (right - left)
-                out[view, top:bottom, left:right, grain, j] = slopes[at : at + size].reshape(bottom - top, -1)
-        self.projecting += time.process_time() - begin
-        return out.reshape(-1, n * len(self.free))
+            row[:] = (seen.values - self._project(moved, seen.patches)) / self.steps[k]
+        pixels, owners = _places(seen.patches, self.scan.line_integrals.shape)
+        columns = owners * len(self.free) + np.arange(len(self.free))[:, None]
+        shape = len(seen.residual), seen.x.size
+        if self.method == "sparse":
+            rows = np.broadcast_to(pixels, slopes.shape)
+            return sparse.csr_array((slopes.ravel(), (rows.ravel(), columns.ravel())), shape)
+        out = np.zeros(shape)
+        out[pixels, columns] = slopes
+        return out
 
-    def _project(self, every: Float, patches) -> Float:
+    def _project(self, every: Float, patches: Patches) -> Float:
         return project_patches(self.packed, _pose(every), self.scan.geometry, patches, self.projector)
 
-    def _full(self, x: Float) -> Float:
+    def _every(self, x: Float) -> Float:
         every = np.zeros((len(self.packed), 6))
         every[:, self.free] = x.reshape(len(every), -1)
         return every
@@ -180,3 +182,10 @@ class _Problem:
 
 def _pose(every: Float) -> Pose:
     return Pose(every[:, :3], motion.exp(every[:, 3:]))
+
+
+def _places(patches: Patches, shape: tuple[int, ...]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Which pixel of the radiographs each one of the patches is, and whose."""
+    numbers = np.arange(np.prod(shape)).reshape(shape)
+    pixels = [numbers[view, top:bottom, left:right].ravel() for _, view, top, bottom, left, right in patches.boxes]
+    return np.concatenate(pixels), np.repeat(patches.boxes[:, 0], np.diff(patches.offsets))

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from typing import TypeVar
+
+from rich.progress import track
 
 Arguments, Outcome = TypeVar("Arguments"), TypeVar("Outcome")
 THREADS = ("NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
 
 
-def each(trial: Callable[[Arguments], Outcome], arguments: Iterable[Arguments]) -> list[Outcome]:
+def each(trial: Callable[[Arguments], Outcome], arguments: Sequence[Arguments]) -> list[Outcome]:
     """``trial(argument)`` of each argument, in order; planar samples are too small to share among threads."""
     kept = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, "1"))
     try:
         with ProcessPoolExecutor(len(os.sched_getaffinity(0)), get_context("spawn")) as pool:
-            return list(pool.map(trial, arguments))
+            return list(track(pool.map(trial, arguments), trial.__module__, total=len(arguments)))
     finally:
         for name, value in kept.items():
             if value is None:

@@ -30,7 +30,7 @@ def grain_set(count: int = 5, sphere: int | None = None, seed: int = 0) -> Grain
     """Convex polyhedra with soft faces and a dense corner, labels 1 … count; grain ``sphere`` is an even ball."""
     rng = np.random.default_rng(seed)
     z, y, x = np.meshgrid(*((np.arange(n) - (n - 1) / 2) * VOXEL for n in (46, 44, 52)), indexing="ij")
-    volume, labels = np.zeros(x.shape), np.zeros(x.shape, np.int32)
+    volume, labels = np.zeros(x.shape, np.float32), np.zeros(x.shape, np.int32)
     for label, place in enumerate(PLACES[:count], start=1):
         p = np.stack([x - place[0], y - place[1], z - place[2]], axis=-1)
         normals = rng.normal(size=(9, 3))

@@ -365,3 +365,26 @@ class TestRefused:
     def test_panel_turned_edge_on(self):
         with pytest.raises(InputError, match="the rays run inside the panel's plane"):
             circular(panel=Panel(tilts_deg=(0, 0, 90.0)))
+
+
+class TestWindowAndBinning:
+    POINTS = np.array([[0.3, -2.0, 1.1], [-4.0, 1.0, 2.5]])
+
+    @pytest.mark.parametrize("beam", BEAMS)
+    @pytest.mark.parametrize(("first", "shape"), [((3, 5), (10, 11)), ((-4, -7), (51, 80))], ids=["cut", "widened"])
+    def test_a_window_counts_its_pixels_from_its_own_first(self, beam, first, shape):
+        whole = circular(beam, [10.0, 80.0], panel=Panel(offset=(0.4, -0.2), tilts_deg=(1.0, 2.0, 3.0)))
+        part = whole.window(first, shape)
+        assert part.shape == shape
+        np.testing.assert_allclose(part.project_points(self.POINTS), whole.project_points(self.POINTS) - first)
+
+    @pytest.mark.parametrize("beam", BEAMS)
+    def test_a_bin_lies_in_the_middle_of_its_pixels(self, beam):
+        whole = circular(beam, [10.0, 80.0], panel=Panel(offset=(0.4, -0.2)))
+        binned = whole.binned(4)
+        assert binned.shape == (10, 15)
+        np.testing.assert_allclose(binned.project_points(self.POINTS), (whole.project_points(self.POINTS) - 1.5) / 4)
+
+    def test_pixels_that_do_not_divide(self):
+        with pytest.raises(InputError, match="divide by 7"):
+            circular().binned(7)

@@ -284,3 +284,12 @@ class TestStep:
         )
         with pytest.raises(LinAlgError, match="not positive"):
             damped_step(bad, 0.0)
+
+
+def test_an_unknown_that_is_all_but_unseen_stays():
+    """A column of rounding errors is no information: its unknown keeps its value, the others are found."""
+    a = np.random.default_rng(0).normal(size=(20, 3))
+    a[:, 1] = 1e-16 * np.random.default_rng(1).normal(size=20)
+    b = a[:, [0, 2]] @ [2.0, -1.0]
+    solution = gauss_newton(LeastSquares(lambda x: a @ x - b, lambda x: a), np.zeros(3), Stopping(step=1e-12))
+    np.testing.assert_allclose(solution.state, [2.0, 0.0, -1.0], atol=1e-9)

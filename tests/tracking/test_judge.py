@@ -15,6 +15,7 @@ from grainmotion.scan import Scan
 from grainmotion.solve import Solution, Stopping, gauss_newton
 from grainmotion.tracking.judge import _regular_inverse, _sandwich, judge
 from grainmotion.tracking.residual import StateProblem, Target
+from grainmotion.tracking.search import Found
 
 GRAINS = grain_set()
 TRUTH = small_motions(GRAINS)
@@ -30,14 +31,14 @@ def problem_of(scan, grains=GRAINS, sigma=0.7, gain=True):
     return StateProblem(PackedGrains.of(grains), target)
 
 
-def judged(scan, pose, grains=GRAINS, limits=LIMITS, settled=True, last_step=None, **target):
+def judged(scan, pose, grains=GRAINS, limits=LIMITS, settled=True, last_step=None, doubtful=None, **target):
     """The verdict on a pose, as if the solver had ended there."""
     problem = problem_of(scan, grains, **target)
     at = problem.linearize(pose)
     step = np.zeros(6 * len(grains)) if last_step is None else last_step
-    return judge(
-        grains, problem, Solution(pose, at, (at.cost,), step, settled), limits, (("free", 0.1), ("free", 0.05))
-    )
+    solution = Solution(pose, at, (at.cost,), step, settled)
+    found = Found(problem, solution, np.zeros(len(grains), dtype=bool) if doubtful is None else doubtful)
+    return judge(grains, found, limits, (("free", 0.1), ("free", 0.05)))
 
 
 class TestStatuses:
@@ -61,6 +62,19 @@ class TestStatuses:
         assert "residual" in found.reasons[2]
         np.testing.assert_allclose(found.translations[2], wrong.translations[2])
         assert found.ok[3:].all()  # what overlaps it may suffer, the others do not
+
+    def test_a_grain_that_another_search_put_elsewhere(self):
+        doubtful = np.arange(5) == 2
+        found = judged(radiographs(GRAINS, TRUTH), posed(TRUTH), doubtful=doubtful)
+        np.testing.assert_array_equal(found.statuses == Status.NOT_CONVERGED.value, doubtful)
+        assert "elsewhere" in found.reasons[2]
+        np.testing.assert_allclose(found.translations, TRUTH.translations)
+
+    def test_without_any_noise_what_no_view_sees_is_still_unknown(self):
+        """A residual of nothing is no proof that the depth in one parallel view is known."""
+        views = Geometry.parallel([0.0], PANEL, VOXEL)
+        found = judged(radiographs(GRAINS, TRUTH, views=views, noise=0.0), posed(TRUTH))
+        assert set(found.statuses) == {Status.POORLY_DETERMINED.value}
 
     def test_still_moving_when_iterations_ran_out(self):
         step = np.zeros(30)
@@ -125,7 +139,7 @@ class TestCovariance:
             noise = 0.05 * np.random.default_rng(seed).standard_normal(clean.line_integrals.shape)
             problem = problem_of(Scan(clean.line_integrals + noise.astype(np.float32), clean.geometry), grains)
             solution = gauss_newton(problem, posed(truth), Stopping(10, 1e-4))
-            found = judge(grains, problem, solution, LIMITS, ())
+            found = judge(grains, Found(problem, solution, np.zeros(3, dtype=bool)), LIMITS, ())
             u = found.translations - truth.translations
             w = motion.log(found.matrices @ truth.matrices.transpose(0, 2, 1))
             ratios.append(np.hstack([u, w]) / np.sqrt(np.diagonal(found.covariances, axis1=1, axis2=2)))

@@ -41,6 +41,8 @@ class Ranges:
         Pixels between candidates, of a grain's rim for turns.
     sweeps : int
         Visits to each grain.
+    heat : float
+        Of the first sweep, as a share of the residual that a grain has at the start.
     """
 
     angle: float
@@ -48,12 +50,13 @@ class Ranges:
     across: float
     step: float
     sweeps: int
+    heat: float = 0.1
 
 
 BATCH = 256, 512
 """Turns and shifts weighed at a visit, at most."""
-HOT, COLD, LAST = 0.1, 1e-4, 3
-"""First and last heat, as shares of the residual a grain has at the start; sweeps without heat at the end."""
+COOLING, LAST = 1e-3, 3
+"""Last heat over the first; sweeps without heat at the end."""
 
 
 def anneal(
@@ -80,8 +83,8 @@ def anneal(
     images = _residual(coarse, base, view)
     pad = reach + 1
     images = np.pad(images, ((0, 0), (pad[0], pad[0]), (pad[1], pad[1]))).astype(np.float32)
-    heat = HOT * float(np.vdot(images, images)) / len(rows)
-    heats = np.concatenate([np.geomspace(heat, heat * COLD / HOT, ranges.sweeps), np.zeros(LAST)])
+    heat = ranges.heat * float(np.vdot(images, images)) / len(rows)
+    heats = np.concatenate([np.geomspace(heat, heat * COOLING, ranges.sweeps), np.zeros(LAST)])
     which = np.full(len(rows), int(np.argmin(np.linalg.norm(turns - np.eye(3), axis=(1, 2)))))
     moves = np.full(len(rows), int(np.argmin((shifts**2).sum(axis=1))))
     kernel.anneal(

@@ -27,6 +27,7 @@ from grainmotion.tracking.turns import unconfirmed
 Float = NDArray[np.float64]
 ROUNDING = 1e-6  # of the normal matrices, which are summed from single precision
 AMBIGUOUS = "another search put it elsewhere, and neither fit is perfect; take more views, or give a nearer start"
+LEAST_ERROR = 2e-3  # of a grain's line integrals: no radiograph and no voxel image is better than that
 SEEN_ENOUGH = 0.6  # share of a grain's shadows on the panel below which it has left the field
 
 
@@ -42,7 +43,7 @@ def judge(
     plain = StateProblem(problem.grains, problem.target.unfiltered())
     raw = plain.look(solution.state)
     residuals, paths = grain_residuals(plain, raw)
-    covariances = _covariances(problem, seen, raw, residuals)
+    covariances = _covariances(problem, seen, raw, np.fmax(residuals, LEAST_ERROR * paths))
     covariances[:, 3:, 3:] += unconfirmed(problem, solution.state, seen)
     if planar(problem.grains, problem.target.scan.geometry):
         covariances[:, OUT_OF_PLANE, :] = covariances[:, :, OUT_OF_PLANE] = 0

@@ -27,7 +27,8 @@ THIN = 20.0  # pixels an unknown below which a good fit alone is no proof
 NOTHING = 1e-3  # relative residual that proves a placement all the same
 SAME = 0.2  # voxels between the surfaces of a grain in two placements that are one
 ROUGH = 0.01  # voxels: tolerance of attempts
-MOST, PATIENCE = 14, 2  # attempts, and those without a better end where a good fit is proof
+PATIENCE = 2  # attempts without a better end after which to give up, where a good fit is proof
+MAJORITY = 0.9  # share of confirmed grains below which none of a thin placement is trusted
 
 
 def _planar(angle: float, reach: float) -> Ranges:
@@ -38,11 +39,13 @@ def _spatial(angle: float, reach: float, sweeps: int) -> Ranges:
     return Ranges(math.radians(angle), reach, across=12.0, step=1.0, sweeps=sweeps)
 
 
-PLANAR = (*[_planar(45, 0.1)] * 4, *[_planar(45, 0.25)] * 4, *[_planar(90, 0.5)] * 4)
+_WIDE = _planar(180, 0.25)
+PLANAR = (
+    *[_planar(45, 0.1)] * 4, _WIDE, *[_planar(45, 0.1)] * 2, *[_planar(45, 0.25)] * 4, _WIDE,
+    *[_planar(180, 0.5)] * 3, _WIDE,
+)  # fmt: skip
 SPATIAL = (_spatial(60, 0.5, 20), _spatial(90, 0.5, 40), _spatial(90, 1.0, 40), _spatial(90, 1.0, 60))
-"""What attempts range over, one after the other."""
-PLANAR_WIDE, SPATIAL_WIDE = _planar(90, 0.25), _spatial(90, 0.5, 40)
-"""What the attempt ranges over that is to confirm a good fit."""
+"""What attempts range over, one after the other; those over the largest angle can confirm a placement."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,26 +76,27 @@ def search(course: Course, base: Pose, problem: StateProblem, solution: Solution
     """
     flat = planar(course.grains, course.target.scan.geometry)
     thin = flat or _pixels_an_unknown(course) < THIN
-    ranges, wide = (iter(PLANAR), PLANAR_WIDE) if flat else (iter(SPATIAL), SPATIAL_WIDE)
+    plan = PLANAR if flat else SPATIAL
+    widest = max(ranges.angle for ranges in plan)
     best = _End(problem, solution)
     confirming, tried, vain = list[_End](), 0, 0
-    while tried < MOST and not best.proven and (thin or vain < PATIENCE):
+    for ranges in plan:
         lost = lost_grains(best.problem, best.pose)
-        if not lost.any() and (not thin or best.agrees(confirming).all()):
-            break
-        chosen = wide if not lost.any() else next(ranges, None)
-        if chosen is None:
+        if best.proven or (best.agrees(confirming).all() if thin else vain == PATIENCE or not lost.any()):
             break
         tried += 1
         rows = np.ones_like(lost) if thin or lost.mean() > MANY else lost
-        start = _annealed(course, base, best, rows, chosen, seed=tried)
+        start = _annealed(course, base, best, rows, ranges, seed=tried)
         rough = max(ROUGH, course.settings.tolerance)
         end = _End(*course.free(start, f"search {tried}", course.settings.filters, rough))
         vain = 0 if end.cost < 0.99 * best.cost else vain + 1
         best, other = (end, best) if end.cost < best.cost else (best, end)
-        if chosen.angle == wide.angle:
+        if ranges.angle == widest:
             confirming.append(other)
-    doubtful = ~best.agrees(confirming) if thin and not best.proven else np.zeros(len(course.grains), dtype=bool)
+    doubtful = np.zeros(len(course.grains), dtype=bool)
+    if thin and not best.proven:
+        doubtful = ~best.agrees(confirming)
+        doubtful |= doubtful.mean() > 1 - MAJORITY
     if tried:
         best = _End(*course.free(best.pose, "all", course.settings.filters[-1:]))
     return Found(best.problem, best.solution, doubtful)

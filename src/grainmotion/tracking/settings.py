@@ -35,7 +35,7 @@ class TrackSettings:
         bool, Field(description="begin with one body and a smooth field; off: all grains free at once")
     ] = True
     search: Annotated[
-        bool, Field(description="search rotations for grains that fit badly, leave out grains that are not there")
+        bool, Field(description="search widely for grains that fit badly, leave out grains that are not there")
     ] = True
     gain: Annotated[bool, Field(description="eliminate a global gain and offset (a, b of Eq. 22)")] = True
     iterations: Annotated[int, Field(ge=1, description="most iterations a stage")] = 30
