@@ -23,7 +23,7 @@ from paper.page import table
 STATE, VIEWS = "random", 4
 NEAR, NEAR_SEED = (1.0, 6.0), 57  # voxels and degrees from the truth, at most
 ALONE = TrackSettings(fields=False, search=False, gain=False, filters=(0.7,))
-SPATIAL_CAP = 150  # evaluations: 5 to 6 minutes with a dense Jacobian
+SPATIAL_CAP = 100  # evaluations: 4 to 6 minutes with a dense Jacobian
 SAME = (0.01, 0.1)  # voxels and degrees, root mean square a component, within which two answers are one
 GOAL = 50.0  # times less CPU
 
@@ -146,7 +146,7 @@ def _ratios(found: dict[tuple[str, str, str], Row]) -> str:
     """CPU seconds of the baselines over ours, and whether both came to the same answer."""
     best = {name: found[name, "smooth", "near"] for name in (OURS, OURS_ALONE)}
     head = ["baseline, near start", "operator", "from ours, voxel", "°", "same answer"]
-    head += [f"CPU s over {name}, smooth" for name in best]
+    head += [f"CPU over that of {name}, smooth" for name in best]
     rows, reached, same = [], [], []
     for (name, operator, start), row in found.items():
         if start != "near" or not isinstance(row.end, Fit):
@@ -158,12 +158,13 @@ def _ratios(found: dict[tuple[str, str, str], Row]) -> str:
         rows[-1] += ["yes" if alike else "NO", *(("" if row.ended else "> ") + f"{r:.1f}" for r in ratios.values())]
         reached += [f"{name}, {operator}, against {k}" for k, r in ratios.items() if r >= GOAL]
         same += [(r, alike) for r in ratios.values()]
-    most = max((r for r, alike in same if alike), default=float("nan"))
+    alike_ratios = [r for r, alike in same if alike] or [float("nan")]
+    least, most = min(alike_ratios), max(alike_ratios)
     verdict = (
         f"The goal, {GOAL:g} times less CPU time to the same answer, is "
         + ("met" if most >= GOAL else "NOT met")
-        + f": where both come to the same answer (within {_limits()}, root mean square) the largest ratio is "
-        f"{most:.1f}."
+        + f": where both come to the same answer (within {_limits()}, root mean square) the ratio is "
+        f"{least:.1f} to {most:.1f}."
     )
     if reached:
         verdict += f"  Regardless of the answer, it is reached by: {'; '.join(reached)}."
@@ -183,12 +184,13 @@ def _where(found: dict[tuple[str, str, str], Row]) -> str:
         f"Where the time goes: the dense baseline spends {_share(dense)} of its time outside the projectors, in "
         f"filling and factorising a Jacobian of {gravel.state(STATE, VIEWS).line_integrals.size} × "
         f"{6 * len(gravel.grains())} numbers, of which few are not 0; the sparse one {_share(lean)}.  A projection "
-        f"takes the baseline {their:.2f} ms, and ours, with the derivatives, {our:.2f} ms; it asks for {per[0]:.0f} a "
-        f"grain and view, ours for {per[1]:.0f} with all stages and for {per[2]:.0f} in the free stage alone.  From a "
-        f"start that near, our stages and checks take {mine.end.cpu / alone.end.cpu:.1f} times the time of the free "
-        f"stage alone; they need no such start, and take {zero.seconds} s from zero.  With Siddon's path the cost has "
-        f"kinks: the sparse baseline with fine differences takes {fine.end.iterations} iterations instead of "
-        f"{lean.end.iterations}, and ends {farther:.0f} times as far from the true translations as ours by default."
+        f"takes the baseline {their:.2f} ms, and ours, with the derivatives, {our:.2f} ms; the sparse "
+        f"baseline asks for {per[0]:.0f} a grain and view, ours for {per[1]:.0f} with all stages and for {per[2]:.0f} "
+        f"in the free stage alone.  From a start that near, our stages and checks take "
+        f"{mine.end.cpu / alone.end.cpu:.1f} times the time of the free stage alone; they need no such start, and take "
+        f"{zero.seconds} s from zero.  With Siddon's path the cost has kinks: the sparse baseline with fine "
+        f"differences takes {fine.end.iterations} iterations instead of {lean.end.iterations}, and ends "
+        f"{farther:.0f} times as far from the true translations as ours by default."
     )
 
 
