@@ -51,10 +51,10 @@ class Move:
     turn_deg: float = 0.0
 
 
-RIGID = [Move(rigid=r) for r in (0.0, 15.0, 30.0, 45.0, 60.0)]
+RIGID = [Move(rigid=r) for r in (0.0, 30.0, 60.0)]
 SHIFTED = [Move(shift=s, turn_deg=30.0) for s in (0.25, 0.5, 0.75, 1.0)]
-TURNED = [Move(shift=0.5, turn_deg=w) for w in (0.0, 15.0, 30.0, 45.0, 60.0)]
-POINTS = {15: dict.fromkeys(RIGID + SHIFTED + TURNED), 200: dict.fromkeys([RIGID[2], *SHIFTED[:2]])}
+TURNED = [Move(shift=0.5, turn_deg=w) for w in (0.0, 15.0, 30.0, 60.0)]
+POINTS = {15: dict.fromkeys(RIGID + SHIFTED + TURNED), 200: dict.fromkeys([RIGID[1], *SHIFTED[:2]])}
 GOAL = Move(shift=0.5, turn_deg=30.0)
 
 
@@ -156,7 +156,7 @@ def _cell(outcome: Outcome, n: int) -> str:
 
 
 def _draw(outcomes: dict[tuple[int, Move, int], Outcome]) -> Figure:
-    image = Figure(figsize=(13, 3.6))
+    image = Figure(figsize=(13, 3.6), layout="constrained")
     sweeps = [
         (RIGID, "rigid", "shift of the whole sample, voxels"),
         (SHIFTED, "shift", "largest shift of each grain, diameters (with 30°)"),

@@ -137,7 +137,7 @@ def _range(succeeded: NDArray[np.bool_]) -> float:
 
 
 def _draw(first: Trial, trials: list[Trial]) -> Figure:
-    image = Figure(figsize=(13, 3.8))
+    image = Figure(figsize=(13, 3.8), layout="constrained")
     left, middle, right = image.subplots(1, 3)
     left.plot(FINE_DEG, first.cost / first.cost.max())
     left.set(xlabel="ω, °", ylabel="F(0, 0, ω) / largest")

@@ -12,7 +12,7 @@ from grainmotion.tracking.residual import Target
 
 GRAINS = grain_set()
 PACKED = PackedGrains.of(GRAINS)
-FAR = Ranges(angle=np.deg2rad(60), reach=0.5, across=10.0, step=1.0, sweeps=15)
+FAR = Ranges(angle=np.deg2rad(60), reach=0.5, across=10.0, step=1.0, turn_step=1.2, sweeps=15)
 
 
 def moved(rows, shift, turn_deg, seed=0):

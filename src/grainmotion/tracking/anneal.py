@@ -38,7 +38,9 @@ class Ranges:
     across : float
         Pixels across a grain on the coarse radiographs.
     step : float
-        Pixels between candidates, of a grain's rim for turns.
+        Pixels between candidate shifts.
+    turn_step : float
+        Pixels that a grain's rim moves between candidate turns.
     sweeps : int
         Visits to each grain.
     heat : float
@@ -49,6 +51,7 @@ class Ranges:
     reach: float
     across: float
     step: float
+    turn_step: float
     sweeps: int
     heat: float = 0.1
 
@@ -69,7 +72,7 @@ def anneal(
     factor = 1 if flat else max(1, round(diameter / pixel / ranges.across))
     coarse = grains.coarsened(factor)
     h = coarse.voxel_size
-    turns = _turns(ranges.angle, 2 * ranges.step * h / diameter, flat)
+    turns = _turns(ranges.angle, 2 * ranges.turn_step * h / diameter, flat)
     shifts = _shifts(ranges.reach * diameter, ranges.step * h, flat)
     slopes = _slopes(target, coarse, base, rows) / factor
     moved = np.abs(np.einsum("nvij,tj->nvti", slopes, shifts)).max(axis=(0, 1, 2))
@@ -83,6 +86,8 @@ def anneal(
     images = _residual(coarse, base, view)
     pad = reach + 1
     images = np.pad(images, ((0, 0), (pad[0], pad[0]), (pad[1], pad[1]))).astype(np.float32)
+    if not images.any():  # nothing that counts is to be explained
+        return base
     heat = ranges.heat * float(np.vdot(images, images)) / len(rows)
     heats = np.concatenate([np.geomspace(heat, heat * COOLING, ranges.sweeps), np.zeros(LAST)])
     which = np.full(len(rows), int(np.argmin(np.linalg.norm(turns - np.eye(3), axis=(1, 2)))))

@@ -32,11 +32,11 @@ MAJORITY = 0.9  # share of confirmed grains below which none of a thin placement
 
 
 def _planar(angle: float, reach: float) -> Ranges:
-    return Ranges(math.radians(angle), reach, across=0.0, step=0.5, sweeps=200)
+    return Ranges(math.radians(angle), reach, across=0.0, step=0.5, turn_step=0.5, sweeps=200)
 
 
 def _spatial(angle: float, reach: float, sweeps: int) -> Ranges:
-    return Ranges(math.radians(angle), reach, across=12.0, step=1.0, sweeps=sweeps)
+    return Ranges(math.radians(angle), reach, across=12.0, step=1.0, turn_step=1.6, sweeps=sweeps)
 
 
 _WIDE = _planar(180, 0.25)
@@ -46,6 +46,8 @@ PLANAR = (
 )  # fmt: skip
 SPATIAL = (_spatial(60, 0.5, 20), _spatial(90, 0.5, 40), _spatial(90, 1.0, 40), _spatial(90, 1.0, 60))
 """What attempts range over, one after the other; those over the largest angle can confirm a placement."""
+ALONE = _spatial(90, 1.0, 40)
+"""What they range over where few grains are lost: one attempt at them tells."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,12 +82,14 @@ def search(course: Course, base: Pose, problem: StateProblem, solution: Solution
     widest = max(ranges.angle for ranges in plan)
     best = _End(problem, solution)
     confirming, tried, vain = list[_End](), 0, 0
-    for ranges in plan:
+    for planned in plan:
         lost = lost_grains(best.problem, best.pose)
-        if best.proven or (best.agrees(confirming).all() if thin else vain == PATIENCE or not lost.any()):
+        few = not thin and lost.mean() <= MANY
+        in_vain = vain >= (1 if few or lost.all() else PATIENCE)
+        if best.proven or (best.agrees(confirming).all() if thin else in_vain or not lost.any()):
             break
         tried += 1
-        rows = np.ones_like(lost) if thin or lost.mean() > MANY else lost
+        rows, ranges = (lost, ALONE) if few else (np.ones_like(lost), planned)
         start = _annealed(course, base, best, rows, ranges, seed=tried)
         rough = max(ROUGH, course.settings.tolerance)
         end = _End(*course.free(start, f"search {tried}", course.settings.filters, rough))
