@@ -50,7 +50,7 @@ class Trial:
 FINE_DEG = np.arange(-90.0, 90.5, 0.5)
 
 
-def trial(seed: int, turns_deg: Float = TURNS_DEG) -> Trial:
+def trial(seed: int, turns_deg: Float = TURNS_DEG, directions_deg: Float = DIRECTIONS_DEG) -> Trial:
     """The innermost grain of a sample, at rest, from starts that are wrong."""
     grains = images.draw(seed).grains("one")
     scan = images.observe(grains, Motions.identity(grains.labels, grains.centers), 2)
@@ -58,7 +58,7 @@ def trial(seed: int, turns_deg: Float = TURNS_DEG) -> Trial:
     shifts = {
         name: np.array(
             [
-                [_exact(_end(grains, scan, settings, shift=s * images.DIAMETER * _unit(d))) for d in DIRECTIONS_DEG]
+                [_exact(_end(grains, scan, settings, shift=s * images.DIAMETER * _unit(d))) for d in directions_deg]
                 for s in SHIFTS
             ]
         )
