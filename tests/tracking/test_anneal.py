@@ -7,6 +7,7 @@ from few_grains import VOXEL, errors, grain_set, motions, radiographs
 from grainmotion import motion
 from grainmotion.kernels import anneal as kernel
 from grainmotion.packed import PackedGrains, Pose
+from grainmotion.tracking import anneal as module
 from grainmotion.tracking.anneal import Ranges, anneal
 from grainmotion.tracking.residual import Target
 
@@ -94,6 +95,23 @@ class TestAnneal:
         held = np.setdiff1d(np.arange(len(GRAINS)), rows)
         np.testing.assert_array_equal(found.translations[held], 0)
         np.testing.assert_array_equal(found.matrices[held], np.tile(np.eye(3), (len(held), 1, 1)))
+
+    def test_many_grains_get_fewer_turns(self, monkeypatch):
+        """The table of patches is bounded: with a tenth of the room there are fewer turns, none among them."""
+        room = []
+        of = module._Table.of.__func__
+
+        def kept(cls, *arguments):
+            room.append(of(cls, *arguments))
+            return room[-1]
+
+        monkeypatch.setattr(module._Table, "of", classmethod(kept))
+        truth = moved(np.array([1]), 0.2, 20.0)
+        anneal(PACKED, target(truth), start(), np.arange(5), FAR, seed=0)
+        monkeypatch.setattr(module, "LARGEST_TABLE", room[0].values.size // 4)
+        anneal(PACKED, target(truth), start(), np.arange(5), FAR, seed=0)
+        assert room[1].values.size <= module.LARGEST_TABLE + room[0].values.shape[1]
+        assert any(np.allclose(turn, np.eye(3)) for turn in room[1].turns)
 
     def test_a_seed_says_it_all(self):
         truth = moved(np.array([2]), 0.5, 40.0)

@@ -58,6 +58,8 @@ class Ranges:
 
 BATCH = 256, 512
 """Turns and shifts weighed at a visit, at most."""
+LARGEST_TABLE, FEWEST_TURNS = 2**27, 32
+"""Numbers in the table of patches; turns in it however many grains there are."""
 COOLING, LAST = 1e-3, 3
 """Last heat over the first; sweeps without heat at the end."""
 
@@ -90,7 +92,7 @@ def anneal(
         return base
     heat = ranges.heat * float(np.vdot(images, images)) / len(rows)
     heats = np.concatenate([np.geomspace(heat, heat * COOLING, ranges.sweeps), np.zeros(LAST)])
-    which = np.full(len(rows), int(np.argmin(np.linalg.norm(turns - np.eye(3), axis=(1, 2)))))
+    which = np.full(len(rows), _still(table.turns))
     moves = np.full(len(rows), int(np.argmin((shifts**2).sum(axis=1))))
     kernel.anneal(
         np.random.default_rng(seed), heats, BATCH, images, table.values, table.energies, table.places,
@@ -99,7 +101,7 @@ def anneal(
     )  # fmt: skip
     translations, matrices = base.translations.copy(), base.matrices.copy()
     translations[rows] += shifts[moves]
-    matrices[rows] = turns[which] @ matrices[rows]
+    matrices[rows] = table.turns[which] @ matrices[rows]
     return Pose(translations, matrices)
 
 
@@ -107,6 +109,7 @@ def anneal(
 class _Table:
     """Filtered patches of all grains for all turns; see `kernels.anneal`."""
 
+    turns: Float
     values: NDArray[np.float32]
     energies: NDArray[np.float32]
     places: NDArray[np.int64]
@@ -119,15 +122,27 @@ class _Table:
         reach = np.linalg.norm(grains.hulls, axis=2, keepdims=True)
         ball = replace(grains, hulls=grains.hulls * (reach.max(axis=1, keepdims=True) / np.maximum(reach, 1e-12)))
         patches = shadows(ball, pose, geometry, margin=len(target.weights) - 1)
-        values = np.empty((len(turns), int(patches.offsets[-1])), np.float32)
+        pixels = int(patches.offsets[-1])
+        most = max(FEWEST_TURNS, LARGEST_TABLE // max(pixels, 1))
+        if len(turns) > most:  # evenly thinned: neighbours on the grid follow each other
+            turns = turns[np.unique(np.append(np.linspace(0, len(turns) - 1, most).astype(int), _still(turns)))]
+        values = np.empty((len(turns), pixels), np.float32)
         for k, turn in enumerate(turns):
             turned = Pose(pose.translations, turn @ pose.matrices)
             values[k] = project_patches(grains, turned, geometry, patches, target.projector)
         normal.filter_patches(values, patches.boxes, patches.offsets, np.ones_like(target.valid), target.weights)
         places = np.full((len(grains), len(geometry)), -1, np.int64)
         places[patches.boxes[:, 0], patches.boxes[:, 1]] = np.arange(len(patches.boxes))
-        energies = np.add.reduceat(values.astype(float) ** 2, patches.offsets[:-1], axis=1).astype(np.float32)
-        return cls(values, energies, places, patches.boxes, patches.offsets)
+        energies = np.empty((len(turns), len(patches.boxes)), np.float32)
+        for p in range(len(patches.boxes)):
+            mine = values[:, patches.offsets[p] : patches.offsets[p + 1]]
+            energies[:, p] = np.einsum("kp,kp->k", mine, mine)
+        return cls(turns, values, energies, places, patches.boxes, patches.offsets)
+
+
+def _still(turns: Float) -> int:
+    """The turn that is none."""
+    return int(np.argmin(np.linalg.norm(turns - np.eye(3), axis=(1, 2))))
 
 
 def _turns(largest: float, step: float, flat: bool) -> Float:
