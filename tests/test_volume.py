@@ -36,18 +36,29 @@ class TestArray:
         assert repr(Volume.zeros((2, 3, 4), 0.5)) == "<Volume (2, 3, 4) voxel_size=0.5 center=(0.0, 0.0, 0.0)>"
 
 
+@pytest.mark.parametrize(
+    ("given", "kept"), [(np.float64, np.float64), (np.float32, np.float32), (np.int16, np.float32), (bool, np.float32)]
+)
+def test_double_precision_is_kept_and_anything_else_becomes_single(given, kept):
+    assert Volume(np.ones((2, 3, 4), given), 1.0).array.dtype == kept
+
+
 class TestRefused:
     @pytest.mark.parametrize("shape", [(3, 4), (2, 3, 4, 5), (0, 3, 4), (5,)])
     def test_shape(self, shape):
         with pytest.raises(InputError, match=r"is not \(z, y, x\); give a 3-D stack"):
             Volume(np.zeros(shape), 1.0)
 
-    @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e39])
+    @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
     def test_voxels(self, value):
         array = np.zeros((2, 2, 2))
         array[1, 0, 1] = value
         with pytest.raises(InputError, match="NaN or infinite voxels"):
             Volume(array, 1.0)
+
+    def test_voxels_that_single_precision_cannot_hold(self):
+        with pytest.raises(InputError, match="NaN or infinite voxels"):
+            Volume(np.full((2, 2, 2), 10**39, dtype=object), 1.0)
 
     @pytest.mark.parametrize("size", [0, -1.0, np.nan, np.inf])
     def test_voxel_size(self, size):
