@@ -14,6 +14,7 @@ STUDIES = (
     "table2",
     "figure4",
     "capture",
+    "capture_many",
     "baseline",
     "tables34",
     "reconstruction",
