@@ -53,7 +53,7 @@ format: $(STAMP) ## format the code
 bench: $(STAMP)  ## run the benchmarks against their peers
 	for script in benchmarks/*.py; do $(BIN)/python $$script || exit 1; done
 
-paper: $(STAMP)  ## rerun every result of the paper and write docs/paper.md (under an hour on two cores)
+paper: $(STAMP)  ## rerun every result of the paper and write docs/paper.md (long)
 	$(BIN)/python -m paper
 
 clean:           ## remove the environments and caches

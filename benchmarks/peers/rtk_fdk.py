@@ -18,6 +18,7 @@ from pathlib import Path
 
 import itk
 import numpy as np
+from rtk_scene import centred, circular
 
 rtk = itk.RTK
 job = json.loads(Path(sys.argv[1]).read_text())
@@ -25,18 +26,7 @@ radiographs = np.load(job["radiographs"]).astype(np.float32)
 h, pixel = job["voxel_size"], job["pixel_size"]
 nz, ny, nx = job["shape"]
 
-
-def centred(array, spacing):
-    """An ITK image whose middle is the origin."""
-    image = itk.image_from_array(array)
-    image.SetSpacing(spacing)
-    image.SetOrigin([-(n - 1) / 2 * s for n, s in zip(array.shape[::-1], spacing)])
-    return image
-
-
-geometry = rtk.ThreeDCircularProjectionGeometry.New()
-for angle in job["angles_deg"]:
-    geometry.AddProjection(job["source_to_axis"], job["source_to_detector"], angle)
+geometry = circular(job)
 
 fdk = rtk.FDKConeBeamReconstructionFilter[itk.Image[itk.F, 3]].New()
 fdk.SetGeometry(geometry)

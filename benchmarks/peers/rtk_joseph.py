@@ -16,6 +16,7 @@ from pathlib import Path
 
 import itk
 import numpy as np
+from rtk_scene import centred, circular
 
 rtk = itk.RTK
 job = json.loads(Path(sys.argv[1]).read_text())
@@ -23,18 +24,7 @@ volume = np.ascontiguousarray(np.load(job["volume"]).transpose(1, 0, 2)[::-1], d
 rows, columns = job["panel"]
 h, pixel = job["voxel_size"], job["pixel_size"]
 
-
-def centred(array, spacing):
-    """An ITK image whose middle is the origin."""
-    image = itk.image_from_array(array)
-    image.SetSpacing(spacing)
-    image.SetOrigin([-(n - 1) / 2 * s for n, s in zip(array.shape[::-1], spacing)])
-    return image
-
-
-geometry = rtk.ThreeDCircularProjectionGeometry.New()
-for angle in job["angles_deg"]:
-    geometry.AddProjection(job["source_to_axis"], job["source_to_detector"], angle)
+geometry = circular(job)
 
 image_type = itk.Image[itk.F, 3]
 panels = centred(np.zeros((len(job["angles_deg"]), rows, columns), np.float32), [pixel, pixel, 1.0])

@@ -2,8 +2,8 @@
 
 From the given start: (1) all grains as one body, from the start and from the shift that the
 radiographs' centroids tell; (2) a smooth displacement field; (3) all grains free, under Gaussian
-filters of falling width; (4) grains that still fit badly are searched over rotations, one by one with
-their neighbours held, then all are free again.
+filters of falling width; (4) grains that still fit badly are searched for by annealing, then all are
+free again; (5) grains whose shadow is not there are left out.
 """
 
 from __future__ import annotations
