@@ -17,6 +17,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from grainmotion.experiment import file
+from grainmotion.plan import PlanSettings
 from grainmotion.reconstruct import ReconstructSettings
 from grainmotion.segment import SegmentSettings
 from grainmotion.track import TrackSettings
@@ -26,9 +27,11 @@ TABLES: dict[str, type] = {
     "[reference.geometry], [states.geometry]": file.Circular,
     "[reference.air]": file.Air,
     "[volume]": file.VolumeTable,
+    "[calibrate]": file.CalibrateTable,
     "[reconstruct]": ReconstructSettings,
     "[segment]": SegmentSettings,
     "[track]": TrackSettings,
+    "[plan]": PlanSettings,
     "[[states]]": file.StateTable,
     "[output]": file.OutputTable,
 }

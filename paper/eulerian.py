@@ -14,14 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion import motion
+from grainmotion.geometry import Geometry
 from grainmotion.grains import PADDING, GrainSet
-from grainmotion.kernels import normal, resample
+from grainmotion.kernels import resample
 from grainmotion.motions import Motions, Status
-from grainmotion.packed import PackedGrains, Pose
-from grainmotion.project import Patches, assemble, project_patches, shadows
+from grainmotion.packed import Image, PackedGrains, Pose
+from grainmotion.project import Patches, project_patches, shadows
 from grainmotion.scan import Scan
 from grainmotion.solve import Stopping, gauss_newton
-from grainmotion.tracking.residual import Derivatives, Seen, StateProblem, Target, best_gain
+from grainmotion.tracking.residual import Derivatives, StateProblem, Target
 
 STEP = 0.01  # of a voxel: the same finite differences as the Lagrangian projector's
 SPREAD = 2  # voxels by which resampling widens a grain: √3, rounded up
@@ -30,10 +31,9 @@ SPREAD = 2  # voxels by which resampling widens a grain: √3, rounded up
 class EulerianProblem(StateProblem):
     """The residual of one state, its grains resampled onto the sample's grid; derivatives are differences."""
 
-    def look(self, pose: Pose) -> Seen:
-        """Simulate, compare and differentiate at a pose."""
-        target, geometry = self.target, self.target.scan.geometry
-        patches = shadows(_widened(self.grains), pose, geometry, margin=len(target.weights) - 1)
+    def simulate(self, pose: Pose, geometry: Geometry) -> tuple[Patches, Image, Image]:
+        """Patches of resampled grains, their line integrals, and differences of these."""
+        patches = shadows(_widened(self.grains), pose, geometry, margin=len(self.target.kernel) - 1)
         values = self._project(pose, patches)
         derivatives = np.empty((6, len(values)), values.dtype)
         shift = STEP * self.grains.voxel_size
@@ -41,11 +41,7 @@ class EulerianProblem(StateProblem):
         for k, step in enumerate([shift] * 3 + [turn] * 3):
             moved = self.retract(pose, np.tile(step * np.eye(6)[k], len(self.grains)))
             derivatives[k] = (self._project(moved, patches) - values) / step
-        simulated = target.filtered(assemble(values, patches, geometry) + target.fixed)
-        normal.filter_patches(derivatives, patches.boxes, patches.offsets, target.valid, target.weights)
-        gain, offset = best_gain(target.measured, simulated, target.flat) if target.gain else (1.0, 0.0)
-        residual = (target.measured - gain * simulated - offset * target.flat).astype(values.dtype)
-        return Seen(patches, values, derivatives, residual, simulated, gain, offset)
+        return patches, values, derivatives
 
     def _project(self, pose: Pose, patches: Patches) -> NDArray[np.floating]:
         """Resample all grains, then project their images without any further motion."""
@@ -97,7 +93,7 @@ def track_by_filters(
     pose = Pose(start.translations, motion.exp(start.rotations))
     iterations = 0
     for width in filters:
-        target = Target(scan, fixed, "trilinear", sigma=width, gain=False, derivatives=derivatives)
+        target = Target(scan, fixed, "trilinear", sigma=width, derivatives=derivatives)
         tolerance = 2e-3 if width == filters[-1] else 0.02
         solution = gauss_newton(problem(packed, target), pose, Stopping(30, tolerance))
         pose, iterations = solution.state, iterations + solution.iterations

@@ -120,7 +120,7 @@ def _exact(measured: Motions) -> bool:
 
 def _costs(grains: GrainSet, scan: Scan) -> Float:
     """F(0, 0, ω), pixel by pixel, over `FINE_DEG`."""
-    target = Target(scan, np.zeros_like(scan.line_integrals), "trilinear", sigma=0.0, gain=False)
+    target = Target(scan, np.zeros_like(scan.line_integrals), "trilinear", sigma=0.0)
     problem = StateProblem(PackedGrains.of(grains), target)
     vectors = np.deg2rad(FINE_DEG)[:, None] * np.array([0.0, 0.0, 1.0])
     return np.array([problem.linearize(Pose(np.zeros((1, 3)), m[None])).cost for m in motion.exp(vectors)])

@@ -12,15 +12,19 @@ The whole job in a notebook::
     motions.to_table()
 """
 
+from grainmotion.calibrate import CalibrateSettings, calibrate
+from grainmotion.calibrating.corrections import Calibration
 from grainmotion.compare import Comparison, compare
 from grainmotion.errors import GrainmotionError, InputError
 from grainmotion.experiment.file import read_experiment
 from grainmotion.experiment.scans import read_scan
 from grainmotion.geometry import Geometry, Panel
 from grainmotion.grains import Grain, GrainSet, grains_from_labels
+from grainmotion.hardening import Hardening, HardeningSettings, calibrate_hardening
 from grainmotion.intensity import line_integrals_from_counts
 from grainmotion.motions import Motions, StateFit, Status
 from grainmotion.pipeline.run import run
+from grainmotion.plan import Plan, PlanSettings, plan
 from grainmotion.project import back_project, project, simulate_radiographs
 from grainmotion.rebuild import rebuild
 from grainmotion.reconstruct import Reconstruction, ReconstructSettings, reconstruct
@@ -31,14 +35,20 @@ from grainmotion.volume import Volume
 
 __all__ = [
     "PAPER",
+    "CalibrateSettings",
+    "Calibration",
     "Comparison",
     "Geometry",
     "Grain",
     "GrainSet",
     "GrainmotionError",
+    "Hardening",
+    "HardeningSettings",
     "InputError",
     "Motions",
     "Panel",
+    "Plan",
+    "PlanSettings",
     "ReconstructSettings",
     "Reconstruction",
     "Scan",
@@ -49,10 +59,13 @@ __all__ = [
     "TrackSettings",
     "Volume",
     "back_project",
+    "calibrate",
+    "calibrate_hardening",
     "compare",
     "grains_from_labels",
     "line_integrals_from_counts",
     "normalize_air",
+    "plan",
     "project",
     "read_experiment",
     "read_scan",

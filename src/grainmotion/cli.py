@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from pydantic import ValidationError
 
 from grainmotion import console
 from grainmotion.demo import run_demo, write_case
@@ -23,8 +24,10 @@ from grainmotion.errors import InputError
 from grainmotion.experiment.file import Experiment, read_experiment
 from grainmotion.experiment.inputs import find_inputs
 from grainmotion.experiment.inspection import inspect_inputs
+from grainmotion.pipeline.plans import plan_case, plan_experiment
 from grainmotion.pipeline.run import RunResult, Until
 from grainmotion.pipeline.run import run as run_pipeline
+from grainmotion.plan import PlanSettings
 
 app = typer.Typer(
     name="grainmotion",
@@ -49,10 +52,29 @@ class Format(StrEnum):
 
 
 class CaseName(StrEnum):
-    """What `simulate` makes."""
+    """A simulated packing."""
 
     SMALL = "small"
     PAPER = "paper"
+
+
+class DatasetName(StrEnum):
+    """What `simulate` writes: the packings, and the hard cases at the small one's size."""
+
+    SMALL = "small"
+    PAPER = "paper"
+    NOISY = "noisy"
+    BEAM_HARDENING = "beam-hardening"
+    BLUR = "blur"
+    MISALIGNED = "misaligned"
+    MISALIGNED_STATE = "misaligned-state"
+    GAIN_DRIFT = "gain-drift"
+    GAIN_DRIFT_VIEWS = "gain-drift-views"
+    CONTAINER = "container"
+    MISSING = "missing"
+    BROKEN = "broken"
+    NEAR_SPHERICAL = "near-spherical"
+    SHEAR_BAND = "shear-band"
 
 
 def _reported(command: Callable[..., None]) -> Callable[..., None]:
@@ -152,14 +174,66 @@ def _run(experiment: Experiment, until: Until, out: Path | None, quiet: bool) ->
     return result
 
 
+# ---------------------------------------------------------------------- before beam time
+@app.command()
+@_reported
+def plan(
+    file: Annotated[
+        Path | None, typer.Argument(metavar="[FILE]", help="experiment file (TOML) with the reference")
+    ] = None,
+    case: Annotated[CaseName | None, typer.Option("--case", help="a simulated packing instead of a file")] = None,
+    photons: Annotated[
+        float | None, typer.Option("--photons", help="a pixel of open beam; else the file's or case's own")
+    ] = None,
+    views: Annotated[str | None, typer.Option("--views", help="numbers of views, as 2,3,4,6")] = None,
+    step_deg: Annotated[float | None, typer.Option("--step-deg", help="between candidate angles, degrees")] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="folder in which plan/ is made")] = None,
+    seed: Seed = 0,
+    quiet: Quiet = False,
+) -> None:
+    """Predict precision and capture for 2, 3, 4, 6 views of a sample, and find the best angles."""
+    if (file is None) == (case is None):
+        fact = "neither an experiment file nor --case is given" if case is None else "a file and --case are both given"
+        raise InputError("plan", fact, "give one of them")
+    given: dict[str, Any] = {"photons": photons, "views": _counts(views), "step_deg": step_deg}
+    given = {key: value for key, value in given.items() if value is not None}
+    experiment = read_experiment(file) if file is not None else None
+    try:
+        settings = dataclasses.replace(experiment.tables.plan if experiment else PlanSettings(), **given)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = f"--{str(first['loc'][0]).replace('_', '-')}"
+        raise InputError(where, f"{first['msg'].lower()}, got {first['input']!r}", "correct the value") from error
+    with console.progress(quiet) as listener:
+        if experiment is not None:
+            found, folder = plan_experiment(experiment, settings, out=out, progress=listener)
+        else:
+            assert case is not None
+            found, folder = plan_case(
+                case.value, settings, out=out or Path(), photons=photons, seed=seed, progress=listener
+            )
+    console.print_plan(found)
+    print(f"plan: {folder}")
+
+
+def _counts(text: str | None) -> tuple[int, ...] | None:
+    """The numbers of ``2,3,4``."""
+    if text is None:
+        return None
+    try:
+        return tuple(int(part) for part in text.split(","))
+    except ValueError:
+        raise InputError("--views", f"'{text}' is no list of whole numbers", "give them as 2,3,4,6") from None
+
+
 # ---------------------------------------------------------------------- simulated experiments
 @app.command()
 @_reported
 def simulate(
     folder: Annotated[Path, typer.Argument(metavar="OUTDIR", help="folder for the experiment")],
     case: Annotated[
-        CaseName, typer.Option("--case", help="6 grains in seconds, or the paper's scale")
-    ] = CaseName.SMALL,
+        DatasetName, typer.Option("--case", help="6 grains in seconds, the paper's scale, or a hard case of 6 grains")
+    ] = DatasetName.SMALL,
     seed: Seed = 0,
     quiet: Quiet = False,
 ) -> None:

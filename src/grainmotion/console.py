@@ -21,6 +21,8 @@ from rich.table import Table
 from grainmotion.compare import Comparison
 from grainmotion.experiment.inspection import Inspection
 from grainmotion.motions import Motions
+from grainmotion.plan import Plan
+from grainmotion.planning.capture import SOURCE
 
 MOST_LINES = 20
 Listener = Callable[[str, int, int], None]
@@ -147,3 +149,29 @@ def print_comparisons(comparisons: dict[str, Comparison]) -> None:
         errors = f"{c.translation_rms_voxels:.4f}", f"{c.rotation_rms_deg:.4f}"
         table.add_row(name, str(len(c)), str(c.failures), *errors)
     Console(width=None if sys.stdout.isatty() else 120).print(table)
+
+
+def print_plan(plan: Plan) -> None:
+    """Print each set of views: angles, predicted precision, and the motions to expect of tracking."""
+    console = Console(width=None if sys.stdout.isatty() else 180)
+    table = Table("views", "set", "angles (deg)", "sd of u (voxel)", "(mm)", "sd of w (deg)")
+    for name in ("worst (voxel, deg)", "found again (diameters, deg)", "room across, along (mm)"):
+        table.add_column(name)
+    for s, row in zip(plan.sets, plan.angles_table().itertuples()):
+        table.add_row(
+            str(len(s)),
+            s.kind,
+            str(row.angles_deg),
+            f"{row.sd_u_voxel:.4f}",
+            f"{row.sd_u_mm:.3g}",
+            f"{row.sd_w_deg:.3f}",
+            f"{row.worst_sd_u_voxel:.4f}, {row.worst_sd_w_deg:.3f}",
+            "; ".join(f"{d:g}, {a:g}" for d, a in s.capture.ranges),
+            f"{row.room_across_mm:.3g}, {row.room_along_mm:.3g}",
+        )
+    console.print(table)
+    exposure = f"{plan.settings.photons:.4g} photons a pixel of open beam, model error {plan.settings.model_error:g}"
+    print(f"sd of a component: medians over {len(plan.labels)} grains; worst: of any grain; {exposure}")
+    diameter = f"a diameter is {np.median(plan.diameters):.4g} mm"
+    print(f"found again: every grain its own way up to so much, from a zero start ({SOURCE}); {diameter}")
+    print("room: the sample may move so far across and along the axis before a shadow leaves the panel")

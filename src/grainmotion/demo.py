@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+
+import numpy as np
 
 from grainmotion import simulate
 from grainmotion.compare import Comparison, compare
+from grainmotion.errors import InputError
 from grainmotion.experiment.dataset import write_dataset
 from grainmotion.experiment.file import read_experiment
 from grainmotion.experiment.inputs import find_inputs
+from grainmotion.io.geometry_csv import write_geometry
 from grainmotion.io.motions_csv import read_motions
 from grainmotion.io.results import read_reference
 from grainmotion.pipeline import outputs
@@ -19,8 +22,7 @@ from grainmotion.pipeline.job import REFERENCE
 from grainmotion.pipeline.run import RunResult, run
 
 Progress = Callable[[str, int, int], None]
-CaseName = Literal["small", "paper"]
-
+PLAIN_CASES = {"small": simulate.small, "paper": simulate.paper_scale}
 ALL_STATES = (("unmoved", 4), ("shift", 4), ("shift", 2), ("random", 4), ("random", 2))
 DEMO_STATES = (("shift", 4), ("random", 4))
 
@@ -42,7 +44,7 @@ class Demo:
 
 def write_case(
     folder: str | Path,
-    case: CaseName = "small",
+    case: str = "small",
     seed: int = 0,
     states: Sequence[tuple[str, int]] = ALL_STATES,
     progress: Progress | None = None,
@@ -52,12 +54,14 @@ def write_case(
     Parameters
     ----------
     folder : str or Path
-    case : {"small", "paper"}
-        See `simulate.small` and `simulate.paper_scale`.
+    case : str
+        ``small`` or ``paper`` (see `simulate.small` and `simulate.paper_scale`), or one of `simulate.HARD_CASES`.
     seed : int
         Of the packing, the motions and the noise.
     states : sequence of (str, int)
-        Name of a motion of the case and number of views (2 or 4); the state is called ``NAME-VIEWS``.
+        Name of a motion of the case and number of views (2 or 4); the state is called ``NAME-VIEWS``.  A hard
+        case has one motion, and the states ``CASE-4`` and ``CASE-2``; where its true views are not those that
+        the experiment file is told, they lie in ``STATE-true-views.csv``.
     progress : callable, optional
 
     Returns
@@ -65,7 +69,12 @@ def write_case(
     Path
         The experiment file.
     """
-    made = (simulate.small if case == "small" else simulate.paper_scale)(seed, progress=progress)
+    if case in simulate.HARD_CASES:
+        return _write_hard_case(Path(folder), simulate.hard_case(case, seed, progress=progress), progress)
+    if case not in PLAIN_CASES:
+        known = ", ".join([*PLAIN_CASES, *simulate.HARD_CASES])
+        raise InputError("case", f"'{case}' is unknown", f"choose one of {known}")
+    made = PLAIN_CASES[case](seed, progress=progress)
     recordings = {}
     for number, (name, views) in enumerate(states, start=1):
         if progress is not None:
@@ -77,6 +86,24 @@ def write_case(
         progress("simulating radiographs", len(states), len(states) + 1)
     grid = made.scanner.grid
     return write_dataset(folder, made.reference_counts(), recordings, grid, initial="reference")
+
+
+def _write_hard_case(folder: Path, hard: simulate.HardCase, progress: Progress | None) -> Path:
+    recordings, views = {}, {"reference": (hard.told_geometry(), hard.true_reference_geometry())}
+    for number, (count, angles_deg) in enumerate(sorted(simulate.LATER_ANGLES_DEG.items(), reverse=True), start=1):
+        if progress is not None:
+            progress("simulating radiographs", number - 1, 3)
+        name = f"{hard.name}-{count}"
+        recordings[name] = (hard.state_counts(angles_deg, number), hard.motions)
+        views[name] = (hard.told_geometry(angles_deg), hard.true_geometry(angles_deg, number))
+    if progress is not None:
+        progress("simulating radiographs", 2, 3)
+    grid = hard.case.scanner.grid
+    path = write_dataset(folder, hard.reference_counts(), recordings, grid, initial="reference")
+    for name, (told, true) in views.items():
+        if not np.allclose(told.vectors, true.vectors, rtol=0, atol=1e-9):
+            write_geometry(folder / f"{name}-true-views.csv", true)
+    return path
 
 
 def run_demo(folder: str | Path, seed: int = 0, progress: Progress | None = None) -> Demo:

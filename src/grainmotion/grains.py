@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -14,7 +14,7 @@ from skimage.segmentation import expand_labels
 from grainmotion.errors import InputError
 from grainmotion.volume import Volume
 
-Background = Literal["ignore", "fixed"]
+Background = Literal["ignore", "fixed", "moving"]
 PADDING = 2  # empty voxels kept around each grain, so that interpolation never leaves its crop
 
 
@@ -49,7 +49,9 @@ class GrainSet:
     grains : tuple of Grain
         All on the same voxel size.
     background : Volume, optional
-        Attenuation that belongs to no grain and stays where it is (container, fines).
+        Attenuation that belongs to no grain (container, fines).
+    background_moves : bool
+        Whether it may move as one rigid body; else it stays where it is.
 
     Raises
     ------
@@ -59,6 +61,7 @@ class GrainSet:
 
     grains: tuple[Grain, ...]
     background: Volume | None = None
+    background_moves: bool = False
 
     def __post_init__(self) -> None:
         if not self.grains:
@@ -75,7 +78,7 @@ class GrainSet:
 
     def without(self, rows: Collection[int]) -> GrainSet:
         """The same sample without the grains of some rows."""
-        return GrainSet(tuple(g for k, g in enumerate(self.grains) if k not in rows), self.background)
+        return replace(self, grains=tuple(g for k, g in enumerate(self.grains) if k not in rows))
 
     @property
     def labels(self) -> NDArray[np.int64]:
@@ -121,8 +124,8 @@ def grains_from_labels(
         How far attenuation without a label is handed to the nearest grain, in voxels.
     border : collection of int
         Labels of grains that touch the border of the field of view.
-    background : {"ignore", "fixed"}
-        What becomes of attenuation further away: dropped, or kept where it is in all states.
+    background : {"ignore", "fixed", "moving"}
+        What becomes of attenuation further away: dropped, kept where it is in all states, or moved as one body.
 
     Raises
     ------
@@ -146,9 +149,9 @@ def grains_from_labels(
     if not grains:
         raise InputError("labels", "no grains found", "check the threshold, or the labels given")
     rest = None
-    if background == "fixed":
+    if background != "ignore":
         rest = Volume(np.where(grown > 0, 0, volume.array), volume.voxel_size, volume.center)
-    return GrainSet(tuple(grains), rest)
+    return GrainSet(tuple(grains), rest, background == "moving")
 
 
 def _cut(

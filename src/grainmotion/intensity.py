@@ -7,7 +7,7 @@ and hold the mean of their good neighbours so that filters meet no hole; `PixelR
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -109,7 +109,8 @@ def line_integrals_from_counts(
         saturated=int((saturated & ~dead).sum()),
     )
     np.divide(signal, open_beam, out=signal)
-    return _from_ratio("counts", signal, good, geometry), report
+    beam = np.maximum(open_beam / open_beam[~dead].mean(), 0.01)
+    return replace(_from_ratio("counts", signal, good, geometry), open_beam=beam), report
 
 
 def line_integrals_from_transmission(transmission: ArrayLike, geometry: Geometry) -> tuple[Scan, PixelReport]:

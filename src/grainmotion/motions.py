@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from grainmotion import motion
 from grainmotion.errors import InputError
+from grainmotion.response import Response
 
 
 class Status(StrEnum):
@@ -29,22 +30,39 @@ COLUMNS = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class StateFit:
     """How the fit of one state went as a whole.
 
     Attributes
     ----------
     gain, offset : float
-        a and b of Eq. 22: measured ≈ a · simulated + b.
+        a and b of Eq. 22: measured ≈ a · simulated + b; means over views where each has its own.
     costs : tuple of (str, float)
-        Stage and relative residual ‖F(b − a P − o)‖/‖F b‖ after each iteration, in order, under the
+        Stage and relative residual ‖F(b − m(P))‖/‖F b‖ after each iteration, in order, under the
         stage's own filter F (so that stages with different filters do not compare).
+    response : Response, optional
+        All that was found of the detector's response; None if only gain and offset are known.
+    corrections, corrections_sd : (views, 3) arrays, optional
+        Pose of each view and its standard deviation: shift of the panel along u and v (pixels), angle of the
+        stage (radians).  None where it was not estimated.
+    background : (6,) array, optional
+        Motion (u, ω) of the background about its centre of mass, mm and radians, if it could move.
+    downweighted : float
+        Share of the shaded pixels that a robust loss counted less.
+    notes : tuple of str
+        Sentences on the state as a whole: what was refused, what was seen that belongs to no grain.
     """
 
     gain: float = 1.0
     offset: float = 0.0
     costs: tuple[tuple[str, float], ...] = ()
+    response: Response | None = None
+    corrections: NDArray[np.float64] | None = None
+    corrections_sd: NDArray[np.float64] | None = None
+    background: NDArray[np.float64] | None = None
+    downweighted: float = 0.0
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

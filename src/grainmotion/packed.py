@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion.geometry import Geometry
-from grainmotion.grains import PADDING, Grain, GrainSet
+from grainmotion.grains import PADDING, Grain, GrainSet, grains_from_labels
+from grainmotion.volume import Volume
 
 Float = NDArray[np.float64]
 Image = NDArray[np.floating]
@@ -20,11 +21,37 @@ _DIRECTIONS = 128
 
 
 @dataclass(frozen=True, eq=False)
+class Surroundings:
+    """What moved beside the grains.
+
+    ``views (views, 3)`` are each panel's shift along u and along v (pixels) and the stage's angle (radians);
+    ``translation (3,)`` (mm) and ``matrix (3, 3)`` are the background's motion about its centre of mass.
+    """
+
+    views: Float
+    translation: Float
+    matrix: Float
+
+    @classmethod
+    def still(cls, views: int) -> Surroundings:
+        """Nothing moved."""
+        return cls(np.zeros((views, 3)), np.zeros(3), np.eye(3))
+
+
+@dataclass(frozen=True, eq=False)
 class Pose:
-    """Where every grain is: ``translations (n, 3)`` in mm and ``matrices (n, 3, 3)`` about their centres."""
+    """Where every grain is: ``translations (n, 3)`` in mm and ``matrices (n, 3, 3)`` about their centres.
+
+    ``surroundings`` says what else moved; None is nothing.
+    """
 
     translations: Float
     matrices: Float
+    surroundings: Surroundings | None = None
+
+    def moved(self, translations: Float, matrices: Float) -> Pose:
+        """The grains elsewhere, in the same surroundings."""
+        return Pose(translations, matrices, self.surroundings)
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +126,11 @@ class PackedGrains:
             np.array(shapes, dtype=np.int64), self.corners + shift, self.centers, self.hulls, self.radii,
             self.voxel_size * factor,
         )  # fmt: skip
+
+
+def packed_body(background: Volume) -> PackedGrains:
+    """A background as one body: turned about its centre of mass, without the empty voxels around it."""
+    return PackedGrains.of(grains_from_labels(background, np.ones(background.shape, np.int8), reach=0))
 
 
 def planar(grains: PackedGrains, geometry: Geometry) -> bool:

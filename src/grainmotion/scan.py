@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,8 @@ class Scan:
         One view a radiograph.
     valid : (views, rows, columns) bool array, optional
         False where the pixel was dead, saturated or dark and must carry no weight; None if all are good.
+    open_beam : (rows, columns) array, optional
+        Flat minus dark over its own mean, which says how many photons stand behind each pixel; None is even.
 
     Raises
     ------
@@ -35,6 +37,7 @@ class Scan:
     line_integrals: NDArray[np.floating]
     geometry: Geometry
     valid: NDArray[np.bool_] | None = None
+    open_beam: NDArray[np.floating] | None = None
 
     def __post_init__(self) -> None:
         images = np.ascontiguousarray(self.line_integrals, dtype=precision_of(self.line_integrals))
@@ -49,6 +52,8 @@ class Scan:
             raise InputError("scan", "line integrals hold NaN or infinity", "repair or mask those pixels")
         if self.valid is not None and self.valid.shape != expected:
             raise InputError("scan", f"mask {self.valid.shape} does not match {expected}", "give one flag a pixel")
+        if self.open_beam is not None and self.open_beam.shape != expected[1:]:
+            raise InputError("scan", f"open beam {self.open_beam.shape} does not match {expected[1:]}", "give one flat")
         object.__setattr__(self, "line_integrals", images)
 
     def __len__(self) -> int:
@@ -57,7 +62,7 @@ class Scan:
     def select(self, views: slice | list[int] | NDArray[np.int_]) -> Scan:
         """The scan of some views, in the order asked for."""
         valid = None if self.valid is None else self.valid[views]
-        return Scan(self.line_integrals[views], self.geometry[views], valid)
+        return Scan(self.line_integrals[views], self.geometry[views], valid, self.open_beam)
 
     def __repr__(self) -> str:
         return f"<Scan of {len(self)} {self.geometry.beam}-beam radiographs, {self.geometry.shape}>"
@@ -106,7 +111,7 @@ def air_levels(
 def normalize_air(scan: Scan, *, margin: int | None = None, region: tuple[int, int, int, int] | None = None) -> Scan:
     """Scale the beam by one factor a view so that air has a line integral of 0; see `air_levels`."""
     levels = air_levels(scan, margin=margin, region=region).astype(scan.line_integrals.dtype)
-    return Scan(scan.line_integrals - levels[:, None, None], scan.geometry, scan.valid)
+    return replace(scan, line_integrals=scan.line_integrals - levels[:, None, None])
 
 
 def snr(scan_a: Scan, scan_b: Scan) -> float:

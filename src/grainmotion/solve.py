@@ -1,12 +1,14 @@
 """Damped Gauss–Newton (Levenberg–Marquardt) on block-sparse normal equations; knows no X-rays.
 
-Minimises ½‖r(x) − C y‖² over the state x, with the few linear unknowns y eliminated exactly (variable
-projection; Golub and Pereyra 1973, in Kaufman's form).  One damped step solves
+Minimises ½‖r(x)‖² over many unknowns with a sparse matrix and a few that couple with all of them: linear
+ones, already eliminated exactly from r (variable projection; Golub and Pereyra 1973, in Kaufman's form), then
+ones that step with the others.  One damped step solves
 
-    (H + λ diag H − B D⁻¹ Bᵀ) δ = −g,     H = JᵀJ,  B = JᵀC,  D = CᵀC,  g = Jᵀr,
+    [H + λ diag H   B] [δ]     [g]
+    [     Bᵀ        D] [ε] = − [h],     H = JᵀJ,  B = JᵀC,  D = CᵀC,  g = Jᵀr,  h = Cᵀr,
 
-with r already minimised over y.  H is sparse in blocks; B has as many columns as y has numbers, so the
-low-rank term is carried by Woodbury's identity.  The damping follows Nielsen (1999).
+with h zero for what was eliminated.  H is sparse in blocks; B has few columns, so the Schur complement on
+them is small and dense.  The damping follows Nielsen (1999).
 """
 
 from __future__ import annotations
@@ -47,6 +49,8 @@ class Linearization:
         B = JᵀC; m may be 0.
     corner : (m, m) array
         D = CᵀC.
+    slope : (k,) array
+        h of the last k of those m, which are not eliminated but step with the others; k may be 0.
     """
 
     cost: float
@@ -54,6 +58,7 @@ class Linearization:
     hessian: sparse.bsr_array | Array
     border: Array
     corner: Array
+    slope: Array = field(default_factory=lambda: np.zeros(0))
 
 
 class Problem(Protocol[State]):
@@ -64,7 +69,7 @@ class Problem(Protocol[State]):
         ...
 
     def retract(self, state: State, step: Array) -> State:
-        """The state after a step."""
+        """The state after a step ``(N + k,)``."""
         ...
 
     def size(self, state: State, step: Array) -> float:
@@ -115,7 +120,7 @@ def gauss_newton(
     state, here = start, problem.linearize(start)
     costs = [here.cost]
     damping, growth = 1e-4, 2.0
-    step = np.zeros_like(here.gradient)
+    step = np.zeros(len(here.gradient) + len(here.slope))
     settled = False
     while len(costs) <= stopping.iterations and not settled:
         proposal = damped_step(here, damping)
@@ -123,7 +128,7 @@ def gauss_newton(
         there = problem.linearize(trial_state)
         size = problem.size(state, proposal)
         if there.cost < here.cost:
-            predicted = _predicted(here, proposal)
+            predicted = _predicted(here, proposal, damping)
             ratio = (here.cost - there.cost) / predicted if predicted > 0 else 0.0
             settled = size < stopping.step or here.cost - there.cost < stopping.decrease * here.cost
             damping *= max(0.1, 1 - (2 * min(ratio, 1.5) - 1) ** 3)
@@ -139,14 +144,17 @@ def gauss_newton(
 
 
 def damped_step(at: Linearization, damping: float) -> Array:
-    """The step −(H + λ diag H − B D⁻¹ Bᵀ)⁻¹ g."""
+    """The step (δ, ε) ``(N + k,)``, ε of what is not eliminated alone."""
     solve = inverse(at.hessian, damping)
     plain = solve(at.gradient)
     if at.border.shape[1] == 0:
         return -plain
     across = solve(at.border)
     small = at.corner - at.border.T @ across
-    return -(plain + across @ np.linalg.lstsq(small, at.border.T @ plain, rcond=None)[0])
+    slope = np.zeros(len(small))
+    slope[len(small) - len(at.slope) :] = at.slope
+    few = np.linalg.lstsq(small, at.border.T @ plain - slope, rcond=None)[0]
+    return np.concatenate([-(plain + across @ few), few[len(few) - len(at.slope) :]])
 
 
 def inverse(hessian: sparse.bsr_array | Array, damping: float) -> Callable[[Array], Array]:
@@ -191,9 +199,8 @@ def _block_jacobi(hessian: sparse.bsr_array, lifted: Array) -> LinearOperator:
     )
 
 
-def _predicted(at: Linearization, step: Array) -> float:
-    """Decrease that the quadratic model promises for ``step``."""
-    curved = at.hessian @ step
-    if at.border.shape[1]:
-        curved = curved - at.border @ np.linalg.lstsq(at.corner, at.border.T @ step, rcond=None)[0]
-    return float(-at.gradient @ step - 0.5 * step @ curved)
+def _predicted(at: Linearization, step: Array, damping: float) -> float:
+    """Decrease that the quadratic model promises for a ``step`` of `damped_step`."""
+    own = step[: len(at.gradient)]
+    slopes = float(at.gradient @ own) + float(at.slope @ step[len(own) :])
+    return 0.5 * (damping * float(own @ (np.asarray(at.hessian.diagonal()) * own)) - slopes)

@@ -14,21 +14,26 @@ from threadpoolctl import threadpool_limits
 
 from grainmotion.grains import GrainSet
 from grainmotion.motions import Motions
-from grainmotion.packed import PackedGrains
+from grainmotion.packed import PackedGrains, packed_body
 from grainmotion.project import project
 from grainmotion.scan import Scan
-from grainmotion.tracking.absent import complete, improves, merit, support, suspects
+from grainmotion.tracking.absent import complete, improves, merit, shadows_held, suspects
 from grainmotion.tracking.approach import approach
 from grainmotion.tracking.course import Course, Progress
 from grainmotion.tracking.judge import judge
+from grainmotion.tracking.polish import polish
 from grainmotion.tracking.residual import Target
 from grainmotion.tracking.search import Found, search
 from grainmotion.tracking.settings import PAPER, TrackSettings
 from grainmotion.tracking.starts import starting_pose
+from grainmotion.tracking.surroundings import Loose
 
 __all__ = ["PAPER", "TrackSettings", "track"]
 
 Float = NDArray[np.float64]
+
+BODY_SHIFT, BODY_TURN = 20.0, 0.1
+"""Voxels, radians: standard deviations of the prior on a moving background."""
 
 
 def track(
@@ -85,17 +90,26 @@ def _all_together(
 ) -> tuple[Motions, Float]:
     """All stages for some grains, and how much of each grain's shadow the radiographs hold."""
     packed = PackedGrains.of(grains)
-    fixed = np.zeros(scan.line_integrals.shape, grains.precision)
-    if grains.background is not None:
-        fixed = project(grains.background, scan.geometry, settings.projector)
-    target = Target(scan, fixed, settings.projector, sigma=0.0, gain=False, derivatives=settings.derivatives)
-    course = Course(settings, packed, target, progress)
+    course = Course(settings, packed, _target(grains, scan, settings), progress)
     base, pose = approach(course, starting_pose(grains, start))
     problem, solution = course.free(pose, "free")
     found = Found(problem, solution, np.zeros(len(packed), dtype=bool))
     if settings.search:
         found = search(course, base, problem, solution)
     course.tell("judging the grains", course.stages)
+    polished = polish(course, base, found.problem, found.solution)
     limits = (settings.max_sd_voxel * grains.voxel_size, float(np.deg2rad(settings.max_sd_deg)))
-    motions = judge(grains, found, limits, tuple(course.costs))
-    return motions, support(found.problem, found.solution.state)
+    motions = judge(grains, polished, found.doubtful, limits, tuple(course.costs))
+    held = shadows_held(polished.problem, polished.solution.state)
+    return motions, np.array([shadow.support for shadow in held])
+
+
+def _target(grains: GrainSet, scan: Scan, settings: TrackSettings) -> Target:
+    """What is fitted, and the background that stays or moves."""
+    fixed, body, loose = np.zeros(scan.line_integrals.shape, grains.precision), None, Loose()
+    if grains.background is not None:
+        fixed = project(grains.background, scan.geometry, settings.projector)
+        body = packed_body(grains.background)
+        h = grains.voxel_size
+        loose = Loose(body=grains.background_moves, body_shift=BODY_SHIFT * h, body_turn=BODY_TURN)
+    return Target(scan, fixed, settings.projector, 0.0, derivatives=settings.derivatives, body=body, loose=loose)

@@ -9,7 +9,8 @@ from few_grains import grain_set, motions, radiographs, small_motions
 from grainmotion.motions import Motions, StateFit, Status
 from grainmotion.packed import PackedGrains, Pose
 from grainmotion.scan import Scan
-from grainmotion.tracking.absent import complete, improves, support, suspects
+from grainmotion.tracking.absent import complete, improves, shadows_held, suspects
+from grainmotion.tracking.freedom import DRIFT
 from grainmotion.tracking.residual import StateProblem, Target
 
 GRAINS = grain_set()
@@ -17,8 +18,9 @@ TRUTH = small_motions(GRAINS)
 
 
 def supports_of(scan, truth=TRUTH):
-    target = Target(scan, np.zeros(scan.line_integrals.shape, np.float32), "trilinear", 2.0, True)
-    return support(StateProblem(PackedGrains.of(GRAINS), target), Pose(truth.translations, truth.matrices))
+    target = Target(scan, np.zeros(scan.line_integrals.shape, np.float32), "trilinear", 2.0, DRIFT)
+    held = shadows_held(StateProblem(PackedGrains.of(GRAINS), target), Pose(truth.translations, truth.matrices))
+    return np.array([shadow.support for shadow in held])
 
 
 class TestSupport:

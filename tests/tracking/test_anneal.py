@@ -32,7 +32,7 @@ def start():
 
 def target(truth):
     scan = radiographs(GRAINS, truth)
-    return Target(scan, np.zeros(scan.line_integrals.shape, np.float32), "trilinear", sigma=0.0, gain=False)
+    return Target(scan, np.zeros(scan.line_integrals.shape, np.float32), "trilinear", sigma=0.0)
 
 
 class TestKernel:

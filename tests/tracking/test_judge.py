@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import sparse
 
 from few_grains import ANGLES, PANEL, VOXEL, geometry, grain_set, motions, radiographs, small_motions
 from grainmotion import motion
@@ -13,9 +12,14 @@ from grainmotion.motions import Status
 from grainmotion.packed import PackedGrains, Pose
 from grainmotion.scan import Scan
 from grainmotion.solve import Solution, Stopping, gauss_newton
-from grainmotion.tracking.judge import _regular_inverse, _sandwich, judge
+from grainmotion.tracking.coupling import normal_matrix
+from grainmotion.tracking.covariance import covariances, regular_inverse
+from grainmotion.tracking.freedom import DRIFT, Freedom
+from grainmotion.tracking.judge import judge
+from grainmotion.tracking.polish import Polished
 from grainmotion.tracking.residual import StateProblem, Target
-from grainmotion.tracking.search import Found
+from grainmotion.tracking.turns import unconfirmed
+from grainmotion.tracking.weak import weak_directions
 
 GRAINS = grain_set()
 TRUTH = small_motions(GRAINS)
@@ -27,7 +31,9 @@ def posed(truth):
 
 
 def problem_of(scan, grains=GRAINS, sigma=0.7, gain=True):
-    target = Target(scan, np.zeros(scan.line_integrals.shape, np.float32), "trilinear", sigma, gain)
+    target = Target(
+        scan, np.zeros(scan.line_integrals.shape, np.float32), "trilinear", sigma, DRIFT if gain else Freedom()
+    )
     return StateProblem(PackedGrains.of(grains), target)
 
 
@@ -37,8 +43,17 @@ def judged(scan, pose, grains=GRAINS, limits=LIMITS, settled=True, last_step=Non
     at = problem.linearize(pose)
     step = np.zeros(6 * len(grains)) if last_step is None else last_step
     solution = Solution(pose, at, (at.cost,), step, settled)
-    found = Found(problem, solution, np.zeros(len(grains), dtype=bool) if doubtful is None else doubtful)
-    return judge(grains, found, limits, (("free", 0.1), ("free", 0.05)))
+    doubtful = np.zeros(len(grains), dtype=bool) if doubtful is None else doubtful
+    return judge(grains, polished(problem, solution), doubtful, limits, (("free", 0.1), ("free", 0.05)))
+
+
+def polished(problem, solution):
+    """A solution with its covariances, nothing held."""
+    seen = problem.look(solution.state)
+    hessian = normal_matrix(seen.derivatives, seen.patches, len(problem.grains))
+    known, _ = covariances(problem, solution.state, seen, hessian)
+    known[:, 3:, 3:] += unconfirmed(problem, solution.state, seen)
+    return Polished(problem, solution, known, weak_directions(known, problem.grains).posterior())
 
 
 class TestStatuses:
@@ -108,10 +123,10 @@ class TestStatuses:
         scan = radiographs(GRAINS, TRUTH)
         found = judged(scan, posed(TRUTH), limits=(1e-9, 1.0))
         assert set(found.statuses) == {Status.POORLY_DETERMINED.value}
-        assert "translation along x, translation along y, translation along z" in found.reasons[0]
+        assert "translation along any axis" in found.reasons[0]
         assert "rotation" not in found.reasons[0]
         turned = judged(scan, posed(TRUTH), limits=(1.0, 1e-9))
-        assert "rotation about x, rotation about y, rotation about z" in turned.reasons[0]
+        assert "rotation about any axis" in turned.reasons[0]
         np.testing.assert_allclose(turned.translations, TRUTH.translations)  # kept, and marked
 
     def test_depth_in_one_parallel_view(self):
@@ -122,7 +137,7 @@ class TestStatuses:
         assert found.statuses[0] == Status.POORLY_DETERMINED.value
         assert "translation along y" in found.reasons[0]
         sd = np.sqrt(np.diagonal(found.covariances[0]))
-        assert sd[1] > 1e3 * max(sd[0], sd[2])
+        assert sd[1] > 10 * max(sd[0], sd[2])  # what the prior leaves of an unknown depth
 
 
 class TestCovariance:
@@ -139,7 +154,7 @@ class TestCovariance:
             noise = 0.05 * np.random.default_rng(seed).standard_normal(clean.line_integrals.shape)
             problem = problem_of(Scan(clean.line_integrals + noise.astype(np.float32), clean.geometry), grains)
             solution = gauss_newton(problem, posed(truth), Stopping(10, 1e-4))
-            found = judge(grains, Found(problem, solution, np.zeros(3, dtype=bool)), LIMITS, ())
+            found = judge(grains, polished(problem, solution), np.zeros(3, dtype=bool), LIMITS, ())
             u = found.translations - truth.translations
             w = motion.log(found.matrices @ truth.matrices.transpose(0, 2, 1))
             ratios.append(np.hstack([u, w]) / np.sqrt(np.diagonal(found.covariances, axis1=1, axis2=2)))
@@ -172,46 +187,23 @@ class TestCovariance:
         np.testing.assert_allclose(drifted.residuals, plain.residuals, rtol=0.02)
         assert drifted.fit.gain == pytest.approx(1.2, abs=2e-3)
 
-
-class TestSandwich:
-    def matrices(self, n=6, seed=0):
-        rng = np.random.default_rng(seed)
-        J = np.zeros((60 * n, 6 * n))
-        for k in range(n):
-            for other in range(k, min(n, k + 2)):
-                weight = 1 if other == k else 0.2
-                J[60 * k : 60 * k + 60, 6 * other : 6 * other + 6] = weight * rng.normal(size=(60, 6))
-        F = J + 0.1 * np.roll(J, 1, axis=0)
-        return (sparse.bsr_array(a, blocksize=(6, 6)) for a in (J.T @ J, F.T @ F))
-
-    def test_blocks_of_the_dense_product(self):
-        once, twice = self.matrices()
-        inverse = np.linalg.inv(once.toarray())
-        full = inverse @ twice.toarray() @ inverse
-        expected = [full[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] for k in range(6)]
-        np.testing.assert_allclose(_sandwich(once, twice), expected, rtol=1e-4, atol=1e-6)
-
     def test_neighbourhoods_of_many_grains_come_near(self, monkeypatch):
-        once, twice = self.matrices()
-        dense = _sandwich(once, twice)
-        monkeypatch.setattr("grainmotion.tracking.judge.DENSE_UP_TO", 0)
-        np.testing.assert_allclose(_sandwich(once, twice), dense, rtol=0.05, atol=0.02 * np.abs(dense).max())
+        problem = problem_of(radiographs(GRAINS, TRUTH))
+        seen = problem.look(posed(TRUTH))
+        hessian = normal_matrix(seen.derivatives, seen.patches, len(GRAINS))
+        dense, _ = covariances(problem, posed(TRUTH), seen, hessian)
+        monkeypatch.setattr("grainmotion.tracking.covariance.DENSE_UP_TO", 0)
+        near, _ = covariances(problem, posed(TRUTH), seen, hessian)
+        np.testing.assert_allclose(
+            np.sqrt(np.diagonal(near, axis1=1, axis2=2)), np.sqrt(np.diagonal(dense, axis1=1, axis2=2)), rtol=0.1
+        )
 
-    def test_variances_stay_positive_where_rounding_decides(self):
-        """Two unknowns that only appear summed, in single precision: each unknown, their sum known."""
-        rng = np.random.default_rng(1)
-        J = rng.normal(size=(500, 6))
-        J[:, 4] = J[:, 3]
-        for seed in range(20):
-            rounding = 1e-7 * np.random.default_rng(seed).normal(size=(2, 6, 6)) * 500
-            once, twice = (sparse.bsr_array(J.T @ J + r + r.T, blocksize=(6, 6)) for r in rounding)
-            (found,) = _sandwich(once, twice)
-            assert (np.diagonal(found) > 0).all()
-            assert np.diagonal(found)[[3, 4]].min() > 1
-            assert np.diagonal(found)[[0, 1, 2, 5]].max() < 0.01
 
+class TestRegularInverse:
     def test_unseen_directions_get_a_huge_variance_and_harm_no_other(self):
         matrix = np.diag([4.0, 1.0, 0.0, 9.0])
-        inverse = _regular_inverse(matrix)
+        inverse, unseen = regular_inverse(matrix)
         np.testing.assert_allclose(np.diagonal(inverse)[[0, 1, 3]], [1 / 4, 1, 1 / 9])
         assert inverse[2, 2] > 1e9
+        np.testing.assert_allclose(np.diagonal(unseen)[[0, 1, 3]], 0)
+        assert unseen[2, 2] == inverse[2, 2]

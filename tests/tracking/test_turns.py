@@ -10,13 +10,14 @@ from grainmotion import motion
 from grainmotion.grains import GrainSet
 from grainmotion.packed import PackedGrains, Pose
 from grainmotion.project import shadows
+from grainmotion.tracking.freedom import DRIFT
 from grainmotion.tracking.residual import StateProblem, Target
 from grainmotion.tracking.turns import ANY_TURN, _swollen, unconfirmed
 
 
 def loose(grains, truth, scan, valid=None):
     """Covariances of unconfirmed turns at the truth."""
-    target = Target(scan, np.zeros(scan.line_integrals.shape, np.float32), "trilinear", 0.7, True)
+    target = Target(scan, np.zeros(scan.line_integrals.shape, np.float32), "trilinear", 0.7, DRIFT)
     problem = StateProblem(PackedGrains.of(grains), target)
     pose = Pose(truth.translations, truth.matrices)
     return unconfirmed(problem, pose, problem.look(pose))

@@ -16,14 +16,19 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
+from grainmotion.calibrating.corrections import Parameter
 from grainmotion.errors import InputError
 from grainmotion.geometry import Beam
 from grainmotion.io.files import checked_file
+from grainmotion.plan import PlanSettings
 from grainmotion.reconstruct import ReconstructSettings
 from grainmotion.segment import SegmentSettings
 from grainmotion.track import TrackSettings
 
-RESERVED = ("reference.h5", "reconstruction.h5", "report.html", "stages.json", "reference.tif", "reference.vti")
+RESERVED = (
+    "reference.h5", "reconstruction.h5", "report.html", "stages.json", "reference.tif", "reference.vti",
+    "calibration.json",
+)  # fmt: skip
 Kind = Literal["counts", "transmission", "line-integrals"]
 Export = Literal["vtk", "spam"]
 
@@ -107,6 +112,19 @@ class VolumeTable(_Table):
     center: tuple[float, float, float] = Field(default=(0.0, 0.0, 0.0), description="mm, x y z")
 
 
+class CalibrateTable(_Table):
+    """What the reference scan is asked about the machine, for the reference and all states; nothing unless asked."""
+
+    geometry: bool | list[Parameter] = Field(
+        default=False,
+        description='true, or a list of corrections to find: "shift_u", "turn", "axis_tilt" (these are found if true), '
+        '"axis_offset", "yaw", "pitch", "shift_v"',
+    )
+    hardening: Literal[0, 2, 3, 4] = Field(
+        default=0, description="degree of the curve that undoes beam hardening; 0 to leave it"
+    )
+
+
 class StateTable(ScanTable):
     """The few radiographs of one later state."""
 
@@ -127,9 +145,11 @@ class ExperimentFile(_Table):
 
     reference: ReferenceTable
     volume: VolumeTable = Field(default_factory=VolumeTable)
+    calibrate: CalibrateTable = Field(default_factory=CalibrateTable)
     reconstruct: ReconstructSettings = Field(default_factory=ReconstructSettings)
     segment: SegmentSettings = Field(default_factory=SegmentSettings)
     track: TrackSettings = Field(default_factory=TrackSettings)
+    plan: PlanSettings = Field(default_factory=PlanSettings)
     states: list[StateTable] = []
     output: OutputTable = Field(default_factory=OutputTable)
 
@@ -198,9 +218,11 @@ def _check_tables(data: dict[str, Any]) -> None:
             _check_keys(f"{where}.geometry", table.get("geometry"), Circular.model_fields)
             _check_keys(f"{where}.air", table.get("air"), Air.model_fields)
     _check_keys("volume", data.get("volume"), VolumeTable.model_fields)
+    _check_keys("calibrate", data.get("calibrate"), CalibrateTable.model_fields)
     _check_keys("output", data.get("output"), OutputTable.model_fields)
     for name, settings in (
         ("reconstruct", ReconstructSettings), ("segment", SegmentSettings), ("track", TrackSettings),
+        ("plan", PlanSettings),
     ):  # fmt: skip
         _check_keys(name, data.get(name), [f.name for f in dataclasses.fields(settings)])
 

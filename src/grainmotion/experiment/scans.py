@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from grainmotion.errors import InputError
 from grainmotion.experiment.file import Air, AngleRange, Circular, Kind, ReferenceTable, ScanTable
 from grainmotion.geometry import Beam, Geometry, Panel
+from grainmotion.hardening import Hardening
 from grainmotion.intensity import (
     PixelReport,
     checked_line_integrals,
@@ -43,6 +44,8 @@ class ScanInput:
         Which radiographs to use; None for all.
     air : Air, optional
     saturation : float, optional
+    hardening : Hardening, optional
+        Curve that makes the line integrals linear; no part of the `settings`.
     """
 
     key: str
@@ -54,6 +57,7 @@ class ScanInput:
     views: NDArray[np.int64] | None = None
     air: Air | None = None
     saturation: float | None = None
+    hardening: Hardening | None = None
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -93,7 +97,7 @@ class ScanInput:
                 scan = normalize_air(scan, margin=self.air.margin, region=self.air.region)
         except InputError as error:
             raise InputError(self._named(error.where), error.fact, error.remedy) from error
-        return scan, report
+        return (scan if self.hardening is None else self.hardening.apply(scan)), report
 
     def _named(self, where: str) -> str:
         """File and key behind the "counts", "flats" or "darks" of an error."""

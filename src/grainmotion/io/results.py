@@ -5,7 +5,7 @@
 grain; attributes ``threshold`` and ``border``) and the group ``grains`` with one array a column.
 
 ``motions.h5`` holds every field of `Motions` under its own name (mm and **radians**), and the group
-``fit`` with gain, offset and the convergence curve.
+``fit`` with gain, offset, the convergence curve and all else of `StateFit`.
 """
 
 from __future__ import annotations
@@ -22,9 +22,11 @@ from grainmotion.grains import GrainSet
 from grainmotion.io.files import written_whole
 from grainmotion.io.hdf5 import opened
 from grainmotion.motions import Motions, StateFit
+from grainmotion.response import Response
 from grainmotion.volume import Volume
 
 _ARRAYS = ("labels", "centers", "translations", "rotations", "covariances", "residuals", "iterations")
+_OPTIONAL = ("corrections", "corrections_sd", "background")
 _CHUNKED: dict[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
 
 
@@ -109,6 +111,15 @@ def write_motions_h5(path: str | Path, motions: Motions) -> None:
         fit.attrs.update(gain=motions.fit.gain, offset=motions.fit.offset)
         fit.create_dataset("stage", data=[stage for stage, _ in motions.fit.costs], dtype=text)
         fit["cost"] = np.array([cost for _, cost in motions.fit.costs], dtype=float)
+        fit.attrs["downweighted"] = motions.fit.downweighted
+        fit.create_dataset("notes", data=list(motions.fit.notes), dtype=text)
+        for name in _OPTIONAL:
+            value = getattr(motions.fit, name)
+            if value is not None:
+                fit[name] = value
+        if motions.fit.response is not None:
+            fit["polynomial"] = motions.fit.response.polynomial
+            fit["background_terms"] = motions.fit.response.background
 
 
 def read_motions_h5(path: str | Path) -> Motions:
@@ -124,5 +135,15 @@ def read_motions_h5(path: str | Path) -> Motions:
                 gain=float(fit.attrs["gain"]),
                 offset=float(fit.attrs["offset"]),
                 costs=tuple((str(stage), float(cost)) for stage, cost in costs),
+                response=_response(fit),
+                downweighted=float(fit.attrs.get("downweighted", 0.0)),
+                notes=tuple(str(n) for n in fit["notes"].asstr()[()]) if "notes" in fit else (),
+                **{name: fit[name][()] if name in fit else None for name in _OPTIONAL},
             ),
         )
+
+
+def _response(fit: h5py.Group) -> Response | None:
+    if "polynomial" not in fit:
+        return None
+    return Response(fit["polynomial"][()], fit["background_terms"][()])

@@ -17,9 +17,11 @@ from grainmotion.experiment.file import Experiment, ExperimentFile
 from grainmotion.experiment.inputs import Inputs, check_contrast
 from grainmotion.grains import GrainSet, grains_from_labels
 from grainmotion.intensity import PixelReport
+from grainmotion.io.calibration_json import read_calibration
 from grainmotion.io.ledger import Ledger
 from grainmotion.io.results import Reference, read_reference
 from grainmotion.io.stacks import Stack
+from grainmotion.pipeline.machine import Machine
 from grainmotion.scan import Scan
 from grainmotion.volume import Volume
 
@@ -27,6 +29,7 @@ Progress = Callable[[str, int, int], None]
 
 CHECKPOINT = "reconstruction.h5"  # the volume until its grains are found; then both are in REFERENCE
 REFERENCE = "reference.h5"
+CALIBRATION = "calibration.json"
 T = TypeVar("T")
 
 
@@ -45,11 +48,29 @@ class Job:
     reference: Reference | None = None
     grain_set: GrainSet | None = None
     given_labels: NDArray[np.int32] | None = None
+    machine: Machine = field(default_factory=Machine)
 
     @property
     def tables(self) -> ExperimentFile:
         """All tables of the experiment file."""
         return self.experiment.tables
+
+    @property
+    def calibrates(self) -> bool:
+        """Whether the reference scan is asked about the machine."""
+        return bool(self.tables.calibrate.geometry or self.tables.calibrate.hardening)
+
+    @cached_property
+    def calibrate_print(self) -> str:
+        """Fingerprint of what was found of the machine."""
+        inputs, grid, wanted = self.inputs, self.inputs.grid, self.tables.calibrate
+        assert inputs.reference is not None
+        made = ["calibrate", wanted.model_dump(), grid.shape, grid.voxel_size, grid.center, inputs.reference.settings]
+        files = list(inputs.reference.files)
+        if wanted.hardening:
+            made += [_plain(self.tables.reconstruct), _plain(self.tables.segment)]
+            files += [] if inputs.labels is None else inputs.labels.files
+        return self.ledger.fingerprint(made, files)
 
     @cached_property
     def reconstruct_print(self) -> str:
@@ -61,7 +82,8 @@ class Job:
             return self.ledger.fingerprint(["volume", place, inner], inputs.volume.files)
         assert inputs.reference is not None
         made = ["reconstruct", place, _plain(self.tables.reconstruct), inputs.reference.settings]
-        return self.ledger.fingerprint(made, inputs.reference.files)
+        upstream = [self.calibrate_print] if self.calibrates else []
+        return self.ledger.fingerprint(made, inputs.reference.files, upstream)
 
     @cached_property
     def segment_print(self) -> str:
@@ -94,6 +116,11 @@ class Job:
         return self.ledger.is_done("segment", self.segment_print)
 
     @property
+    def has_machine(self) -> bool:
+        """Whether the machine need not be calibrated."""
+        return not self.calibrates or self.ledger.is_done("calibrate", self.calibrate_print)
+
+    @property
     def has_volume(self) -> bool:
         """Whether the reference volume need not be reconstructed."""
         given = self.inputs.volume is not None
@@ -101,12 +128,12 @@ class Job:
 
     def check_pixels(self, states: bool) -> None:
         """Read all that is still to be used, so that bad pixels are known before anything is written."""
-        if not self.has_volume and self.inputs.reference is not None:
+        if not (self.has_volume and self.has_machine) and self.inputs.reference is not None:
             self.tell("reading the reference scan", 0, 1)
             self.scan, pixels = self.inputs.reference.read()
             self.tell_pixels("reference", pixels)
             check_contrast(f"{self.inputs.reference.radiographs.spec} (reference.radiographs)", self.scan)
-        if not self.has_grains:
+        if not (self.has_grains and self.has_machine):
             if self.inputs.volume is not None:
                 self.volume()
             if self.inputs.labels is not None:
@@ -131,6 +158,17 @@ class Job:
     def listener(self, prefix: str) -> Progress:
         """A verb's progress, with the stage's name before it."""
         return lambda message, done, total: self.tell(f"{prefix}: {message}", done, total)
+
+    def read_machine(self) -> Machine:
+        """What an earlier run found of the machine."""
+        told = self.inputs.reference
+        assert told is not None
+        return Machine(*kept(lambda path: read_calibration(path, told.geometry), self.folder / CALIBRATION))
+
+    @cached_property
+    def corrected(self) -> Inputs:
+        """The inputs as they are to be used, once the machine is known; fingerprints are of what was told."""
+        return self.machine.correct(self.inputs) if self.calibrates else self.inputs
 
     def volume(self) -> Volume:
         """The reference volume, as a reconstruction or as given."""

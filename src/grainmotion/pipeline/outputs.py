@@ -18,20 +18,18 @@ from grainmotion.io.spam import write_ddic_tsv
 from grainmotion.io.tiff import read_tiff, write_tiff
 from grainmotion.io.vtk import write_grains_vtp, write_image_vti
 from grainmotion.motions import Motions
-from grainmotion.project import Projector, simulate_radiographs
+from grainmotion.project import Projector
 from grainmotion.rebuild import rebuild
 from grainmotion.report import ReportData, StateReport
 from grainmotion.report.data import Rows
 from grainmotion.scan import Scan
+from grainmotion.tracking.leftover import leftover
 from grainmotion.volume import Volume
 
 
 def write_residuals(folder: Path, grains: GrainSet, motions: Motions, scan: Scan, projector: Projector) -> list[Path]:
-    """Write ``residuals.tif``: measured − (a · simulated + b) of each view, NaN where a pixel is masked."""
-    simulated = simulate_radiographs(grains, motions, scan.geometry, projector)
-    residuals = scan.line_integrals - (motions.fit.gain * simulated + motions.fit.offset)
-    if scan.valid is not None:
-        residuals[~scan.valid] = np.nan
+    """Write ``residuals.tif``: measured − m(simulated) of each view, NaN where a pixel is masked."""
+    residuals = leftover(grains, motions, scan, projector)
     path = folder / "residuals.tif"
     write_tiff(path, residuals.astype(np.float32))
     return [path]
@@ -77,8 +75,12 @@ def write_report(
     motions: Mapping[str, Motions],
     folder: Path,
     comparisons: Mapping[str, Rows] | None = None,
+    machine: Rows = (),
 ) -> Path:
-    """Write ``report.html`` from the results in ``folder``; ``comparisons`` are facts beside a state."""
+    """Write ``report.html`` from the results in ``folder``.
+
+    ``comparisons`` are facts beside a state, ``machine`` those that calibration found.
+    """
     beside = comparisons or {}
     states = tuple(
         _state_report(scan, name, motions[name], folder, reference.volume.voxel_size, beside.get(name, ()))
@@ -86,7 +88,7 @@ def write_report(
     )
     data = ReportData(
         title=experiment.path.stem if experiment.path.stem != "experiment" else experiment.folder.resolve().name,
-        facts=_facts(inputs, reference),
+        facts=(*_facts(inputs, reference), *machine),
         reconstruction_errors=reference.residuals,
         volume=reference.volume,
         labels=reference.labels,

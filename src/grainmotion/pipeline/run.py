@@ -1,6 +1,7 @@
 """Pipeline: the order of a run, from the experiment file to the report.  The only file that knows it.
 
-    radiographs → reconstruct → segment → grains → track state by state → residuals, rebuilt, exports → report
+    radiographs → calibrate → reconstruct → segment → grains → track state by state
+                → residuals, rebuilt, exports → report
 
 Everything is read and checked before anything is written.  Each stage's files are written whole, then
 entered in the ledger with a fingerprint of all they were made from; a stage that stands there with the
@@ -20,13 +21,15 @@ from grainmotion.errors import InputError
 from grainmotion.experiment.file import Experiment, StateTable
 from grainmotion.experiment.inputs import Inputs, find_inputs
 from grainmotion.experiment.scans import ScanInput
+from grainmotion.io.calibration_json import write_calibration
 from grainmotion.io.files import checked_folder
 from grainmotion.io.ledger import Ledger
 from grainmotion.io.motions_csv import write_motions
 from grainmotion.io.results import Reference, read_motions_h5, write_motions_h5, write_reference
 from grainmotion.motions import Motions
 from grainmotion.pipeline import outputs
-from grainmotion.pipeline.job import CHECKPOINT, REFERENCE, Job, Progress, kept
+from grainmotion.pipeline.job import CALIBRATION, CHECKPOINT, REFERENCE, Job, Progress, kept
+from grainmotion.pipeline.machine import calibrate_machine
 from grainmotion.reconstruct import reconstruct
 from grainmotion.segment import border_labels, segment
 from grainmotion.track import track
@@ -34,7 +37,7 @@ from grainmotion.track import track
 Until = Literal["reconstruct", "segment", "track", "report"]
 
 WRITTEN = (
-    REFERENCE, CHECKPOINT, "reference.tif", "reference_labels.tif", "motions.h5",
+    CALIBRATION, REFERENCE, CHECKPOINT, "reference.tif", "reference_labels.tif", "motions.h5",
     "residuals.tif", "rebuilt.tif", "rebuilt_labels.tif",
 )  # fmt: skip
 
@@ -94,22 +97,42 @@ def run(
     job.check_pixels(states=until in ("track", "report"))
     motions: dict[str, Motions] = {}
     report = None
+    _calibrate(job)
     _reconstruct(job)
     if until != "reconstruct":
         _segment(job)
     if until in ("track", "report"):
         previous = None
-        for scan, table in zip(inputs.states, experiment.tables.states):
+        for scan, table in zip(job.corrected.states, experiment.tables.states):
             previous = motions[table.name] = _track(job, scan, table, previous)
     if until == "report":
         _export_reference(job)
-        for scan, table in zip(inputs.states, experiment.tables.states):
+        for scan, table in zip(job.corrected.states, experiment.tables.states):
             _after(job, scan, table, motions[table.name])
         report = _report(job, motions)
     return RunResult(folder, motions, tuple(job.done), tuple(job.reused), report)
 
 
 # ---------------------------------------------------------------------- the stages
+def _calibrate(job: Job) -> None:
+    """Ask the reference scan about the machine, and correct what it says."""
+    if not job.calibrates:
+        return
+    if job.has("calibrate", job.calibrate_print):
+        job.machine = job.read_machine()
+    else:
+        assert job.scan is not None
+        labels = job.given_labels
+        machine = calibrate_machine(job.scan, job.inputs.grid, job.tables, labels, job.listener)
+        path = job.folder / CALIBRATION
+        job.ledger.strike("calibrate")
+        write_calibration(path, machine.calibration, machine.hardening)
+        job.machine = machine
+        job.finish("calibrate", job.calibrate_print, [path])
+    if job.scan is not None:
+        job.scan = job.machine.apply(job.scan)
+
+
 def _reconstruct(job: Job) -> None:
     if job.has_volume:
         if job.inputs.volume is None:
@@ -207,7 +230,8 @@ def _report(job: Job, motions: dict[str, Motions]) -> Path:
     if not job.has("report", fingerprint):
         job.tell("report", 0, 1)
         job.ledger.strike("report")
-        outputs.write_report(job.experiment, job.inputs, job.labelled(), motions, job.folder)
+        facts = job.machine.facts
+        outputs.write_report(job.experiment, job.corrected, job.labelled(), motions, job.folder, machine=facts)
         job.finish("report", fingerprint, [path])
     return path
 

@@ -141,7 +141,10 @@ def _state(i: int, state: StateReport, pixels: int, most: int) -> str:
     if fit.costs:
         facts.append(("relative residual at the end", tables.significant(fit.costs[-1][1])))
         facts.append(("iterations", str(len(fit.costs))))
-    parts.append(tables.facts_table(tuple(facts)))
+    parts.append(tables.facts_table(tuple(facts + tables.response_facts(fit))))
+    parts += [f"<p>{escape(note)}</p>" for note in fit.notes]
+    if fit.corrections is not None:
+        parts.append(f"<h3>Poses of the views</h3>{tables.corrections_table(fit, state.views)}")
     if state.comparison:
         parts.append(f"<h3>Comparison</h3>{tables.facts_table(state.comparison)}")
     parts.append("</div>")

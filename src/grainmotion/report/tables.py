@@ -8,7 +8,7 @@ from html import escape
 
 import numpy as np
 
-from grainmotion.motions import COLUMNS, Motions, Status
+from grainmotion.motions import COLUMNS, Motions, StateFit, Status
 from grainmotion.report.data import Rows, StateReport
 
 STATUS_COLOURS = {
@@ -90,6 +90,37 @@ def summary_table(states: Sequence[StateReport]) -> str:
     heads = "".join(f"<th scope=col>{cell}</th>" for cell in head)
     body = f"<thead><tr>{heads}</tr></thead><tbody>{''.join(rows)}</tbody>"
     return f"<div class=scroll><table class=summary>{body}</table></div>"
+
+
+def response_facts(fit: StateFit) -> list[tuple[str, str]]:
+    """What was found of the detector's response and of the background, beyond one gain and offset."""
+    facts = []
+    response = fit.response
+    if response is not None and np.ptp(response.polynomial[:, 0]) > 0:
+        facts.append(("gain of each view", ", ".join(f"{g:.4f}" for g in response.polynomial[:, 0])))
+    if response is not None and response.polynomial.shape[1] > 1:
+        powers = ", ".join(f"{significant(c)} p^{k}" for k, c in enumerate(response.polynomial[0, 1:], start=2))
+        facts.append(("beam hardening", powers))
+    if fit.background is not None:
+        shift, turn = (float(np.linalg.norm(part)) for part in (fit.background[:3], np.rad2deg(fit.background[3:])))
+        facts.append(("background moved", f"{significant(shift)} mm, {significant(turn)}°"))
+    if fit.downweighted:
+        facts.append(("shaded pixels counted less", f"{fit.downweighted:.2%}"))
+    return facts
+
+
+def corrections_table(fit: StateFit, views: tuple[str, ...]) -> str:
+    """Shift of each view's panel and angle of its stage, with standard deviations."""
+    assert fit.corrections is not None
+    sd = np.full_like(fit.corrections, np.nan) if fit.corrections_sd is None else fit.corrections_sd
+    rows = []
+    for view, value, deviation in zip(views, fit.corrections, sd, strict=True):
+        pairs = zip([*value[:2], np.rad2deg(value[2])], [*deviation[:2], np.rad2deg(deviation[2])])
+        cells = "".join(f"<td>{v:.4f} ± {d:.4f}</td>" for v, d in pairs)
+        rows.append(f"<tr><td>{escape(view)}</td>{cells}</tr>")
+    heads = "".join(f"<th scope=col>{t}</th>" for t in ("view", "along u (pixels)", "along v (pixels)", "angle (°)"))
+    table = f"<table><thead><tr>{heads}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
+    return f"<div class=scroll>{table}</div>"
 
 
 def attention_list(motions: Motions) -> str:

@@ -4,7 +4,12 @@ Particles are triangle meshes or ellipsoids, their line integrals are exact chor
 intensities, so that nothing of the tracker's own projector enters its test data.
 """
 
+from grainmotion.simulate.bounds import motion_bounds
 from grainmotion.simulate.cases import LATER_ANGLES_DEG, Case, Scanner, paper_scale, small
+from grainmotion.simulate.flaws import HardCase
+from grainmotion.simulate.fracture import broken, cut
+from grainmotion.simulate.hard import HARD_CASES, hard_case
+from grainmotion.simulate.misalignment import Slip, misaligned
 from grainmotion.simulate.packing import PackingSettings, gaps, pack
 from grainmotion.simulate.physics import (
     Physics,
@@ -15,7 +20,7 @@ from grainmotion.simulate.physics import (
     record_line_integrals,
 )
 from grainmotion.simulate.radiograph import line_integrals, transmission
-from grainmotion.simulate.sample import Particle, Sample, Tube, ellipsoid_particle
+from grainmotion.simulate.sample import Particle, Sample, Tube, ellipsoid_particle, inscribed
 from grainmotion.simulate.shapes import (
     Ellipsoid,
     Mesh,
@@ -30,9 +35,11 @@ from grainmotion.simulate.truth import affine, random, rigid, shear_band, unmove
 from grainmotion.simulate.voxels import attenuation_volume, inside, label_volume
 
 __all__ = [
+    "HARD_CASES",
     "LATER_ANGLES_DEG",
     "Case",
     "Ellipsoid",
+    "HardCase",
     "Mesh",
     "PackingSettings",
     "Particle",
@@ -40,16 +47,23 @@ __all__ = [
     "Recording",
     "Sample",
     "Scanner",
+    "Slip",
     "Tube",
     "affine",
     "attenuation_volume",
+    "broken",
+    "cut",
     "detector_gain",
     "ellipsoid_particle",
     "gaps",
+    "hard_case",
     "icosphere",
+    "inscribed",
     "inside",
     "label_volume",
     "line_integrals",
+    "misaligned",
+    "motion_bounds",
     "pack",
     "paper_scale",
     "photons_for_snr",

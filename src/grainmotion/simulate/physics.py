@@ -66,7 +66,7 @@ class Recording:
     geometry: Geometry
 
 
-def record(sample: Sample, geometry: Geometry, physics: Physics, seed: int) -> Recording:
+def record(sample: Sample, geometry: Geometry, physics: Physics, seed: int, beam: ArrayLike = 1.0) -> Recording:
     """Radiographs of a sample as counts, with flats and darks of the same detector.
 
     Parameters
@@ -76,9 +76,11 @@ def record(sample: Sample, geometry: Geometry, physics: Physics, seed: int) -> R
     physics : Physics
     seed : int
         Of the noise and of this state's drift; flats are taken before the beam drifts.
+    beam : float or (views,) array
+        Intensity of the beam in each view over that of the flats, beside the drift.
     """
     rng = np.random.default_rng(seed)
-    fraction = _transmission(sample, geometry, physics)
+    fraction = _levels(beam, geometry) * _transmission(sample, geometry, physics)
     gain = detector_gain(geometry.shape, physics)
     drift = 1 + physics.gain_drift * rng.standard_normal()
     bright = np.broadcast_to(gain, (physics.flats, *geometry.shape))
@@ -90,14 +92,17 @@ def record(sample: Sample, geometry: Geometry, physics: Physics, seed: int) -> R
     )
 
 
-def record_line_integrals(sample: Sample, geometry: Geometry, physics: Physics, seed: int) -> Scan:
+def record_line_integrals(
+    sample: Sample, geometry: Geometry, physics: Physics, seed: int, beam: ArrayLike = 1.0
+) -> Scan:
     """Radiographs of a sample as line integrals with the noise of `Physics.photons`, perfectly calibrated.
 
-    Dark level and flat field cancel and are left out; blur, spectrum and this state's drift are kept.
+    Dark level and flat field cancel and are left out; blur, spectrum, this state's drift and ``beam`` (as
+    in `record`) are kept.
     """
     rng = np.random.default_rng(seed)
     drift = 1 + physics.gain_drift * rng.standard_normal()
-    fraction = drift * _transmission(sample, geometry, physics)
+    fraction = drift * _levels(beam, geometry) * _transmission(sample, geometry, physics)
     photons = rng.poisson(physics.photons * fraction)
     return Scan((-np.log(np.maximum(photons, 0.5) / physics.photons)).astype(np.float32), geometry)
 
@@ -127,6 +132,14 @@ def photons_for_snr(line_integrals: ArrayLike, snr: float) -> float:
         raise InputError("snr", f"must be > 0, got {snr}", "the paper has about 50")
     p = np.asarray(line_integrals, dtype=float)
     return float(snr**2 * np.exp(p).sum() / (p**2).sum())
+
+
+def _levels(beam: ArrayLike, geometry: Geometry) -> Array:
+    """Intensity of the beam of each view ``(views, 1, 1)``."""
+    levels = np.asarray(beam, dtype=float)
+    if levels.shape not in ((), (len(geometry),)) or not (np.isfinite(levels) & (levels > 0)).all():
+        raise InputError("beam", f"{beam!r} is no intensity a view", f"give a number > 0, or {len(geometry)} of them")
+    return np.broadcast_to(levels, len(geometry))[:, None, None]
 
 
 def _transmission(sample: Sample, geometry: Geometry, physics: Physics) -> Array:

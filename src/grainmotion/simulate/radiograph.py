@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from grainmotion.errors import InputError
 from grainmotion.geometry import Geometry
 from grainmotion.simulate import rasterise
-from grainmotion.simulate.sample import Sample
+from grainmotion.simulate.sample import Sample, Tube
 from grainmotion.simulate.shapes import Array, Ellipsoid, Mesh
 
 Averaging = Literal["intensity", "line-integral"]
@@ -91,7 +91,7 @@ def transmission(
         inverses,
         origins,
         signs,
-        np.array([tube.inner_radius, tube.outer_radius, tube.bottom, tube.top] if tube else [0.0] * 4),
+        _tube_numbers(tube),
         tube.attenuation if tube else 0.0,
         subsamples,
         averaging == "intensity",
@@ -122,6 +122,14 @@ def _triangles(sample: Sample) -> tuple[Array, NDArray[np.int64], Array]:
                 weights.append(np.full(len(shape.faces), weight))
                 count += len(shape.vertices)
     return np.concatenate(vertices), np.concatenate(faces), np.concatenate(weights)
+
+
+def _tube_numbers(tube: Tube | None) -> Array:
+    """The 16 numbers of a tube for the kernel, zeros without one."""
+    if tube is None:
+        return np.zeros(16)
+    sizes = [tube.inner_radius, tube.outer_radius, tube.bottom, tube.top]
+    return np.concatenate([sizes, tube.center, tube.axes.T.ravel()])
 
 
 def _check_in_front(vertices: Array, inverses: Array, origins: Array, cone: bool) -> None:

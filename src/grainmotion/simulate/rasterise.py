@@ -120,10 +120,20 @@ def _add_ellipsoid(image, view, cone, per_pixel, box, center, whitening, weight)
 
 
 @numba.njit(cache=True)
+def _in_frame(o, d, frame, p, e):
+    """Origin and direction (p, e) of a ray (o, d) in a frame: its origin (3), then its axes as rows (3 × 3)."""
+    for i in range(3):
+        p[i] = e[i] = 0.0
+        for j in range(3):
+            p[i] += frame[3 + 3 * i + j] * (o[j] - frame[j])
+            e[i] += frame[3 + 3 * i + j] * d[j]
+
+
+@numba.njit(cache=True)
 def _finish(image, view, cone, per_pixel, tube, attenuation, by_intensity, weights, ratios, out):
     """λ → mm, add the tube, and average each pixel's samples into its transmission."""
     rows, columns = out.shape
-    o, d = np.empty(3), np.empty(3)
+    o, d, p, e = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for row in range(rows):
         for column in range(columns):
             mean = 0.0
@@ -133,9 +143,10 @@ def _finish(image, view, cone, per_pixel, tube, attenuation, by_intensity, weigh
                 _ray(view, cone, x, y, o, d)
                 path = image[i, j]
                 if attenuation != 0.0:
-                    enter, leave = _interval(o, d, tube[1], tube[2], tube[3])
+                    _in_frame(o, d, tube[4:], p, e)
+                    enter, leave = _interval(p, e, tube[1], tube[2], tube[3])
                     path += attenuation * (leave - enter)
-                    enter, leave = _interval(o, d, tube[0], tube[2], tube[3])
+                    enter, leave = _interval(p, e, tube[0], tube[2], tube[3])
                     path -= attenuation * (leave - enter)
                 path *= math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
                 if by_intensity:
@@ -161,7 +172,7 @@ def transmission(
 
     Directions of parallel ``views`` have unit length; ``inverses`` and ``origins`` give q of a vertex,
     ``signs`` the handedness of (u, v, ray); ``boxes`` (views, ellipsoids, 4) bound the ellipsoids'
-    shadows in samples.
+    shadows in samples; ``tube`` (16) holds inner and outer radius, bottom, top, and the tube's frame.
     """
     for n in numba.prange(len(views)):
         image = np.zeros((out.shape[1] * per_pixel, out.shape[2] * per_pixel))

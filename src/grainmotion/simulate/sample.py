@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from grainmotion import motion
 from grainmotion.errors import InputError
 from grainmotion.motions import Motions
-from grainmotion.simulate.shapes import Array, Ellipsoid, Shape
+from grainmotion.simulate.shapes import Array, Ellipsoid, Mesh, Shape
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +56,7 @@ class Particle:
 
 @dataclass(frozen=True)
 class Tube:
-    """An upright cylindrical wall about the z axis, which stays where it is.
+    """A cylindrical wall: upright about the z axis, unless it was moved.
 
     Attributes
     ----------
@@ -64,7 +65,11 @@ class Tube:
     attenuation : float
         1/mm.
     bottom, top : float
-        Heights at which it is cut, mm.
+        Heights above ``center``, along its own axis, at which it is cut, mm.
+    center : (float, float, float)
+        A point of its axis, mm.
+    rotation : (float, float, float)
+        Rotation vector that carries z to its axis, radians.
     """
 
     inner_radius: float
@@ -72,6 +77,8 @@ class Tube:
     attenuation: float
     bottom: float = -1e6
     top: float = 1e6
+    center: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rotation: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         if not 0 <= self.inner_radius < self.outer_radius:
@@ -80,6 +87,18 @@ class Tube:
                 f"inner radius {self.inner_radius} mm is not below outer radius {self.outer_radius} mm",
                 "give 0 <= inner_radius < outer_radius",
             )
+
+    @property
+    def axes(self) -> Array:
+        """Unit vectors of its own x, y and z in columns ``(3, 3)``."""
+        return motion.exp(self.rotation)
+
+    def moved(self, matrix: ArrayLike, shift: ArrayLike) -> Tube:
+        """The tube carried by x → matrix · x + shift, where ``matrix`` is a rotation."""
+        m = np.asarray(matrix, dtype=float)
+        x, y, z = m @ self.center + np.asarray(shift, dtype=float)
+        a, b, c = motion.log(m @ self.axes)
+        return replace(self, center=(float(x), float(y), float(z)), rotation=(float(a), float(b), float(c)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +128,7 @@ class Sample:
         return np.array([p.center for p in self.particles]).reshape(-1, 3)
 
     def moved(self, motions: Motions) -> Sample:
-        """The sample after x = Ω (X − c) + u + c of each particle; the tube stays.
+        """The sample after x = Ω (X − c) + u + c of each particle; the tube stays (see `Tube.moved`).
 
         Raises
         ------
@@ -162,3 +181,13 @@ def ellipsoid_particle(
     small = 0.45 * semi_axes.min() * rng.uniform(0.6, 1.0, 3)
     inclusion = Ellipsoid(offset * semi_axes, small, turn)
     return Particle(body, attenuation, ((inclusion, inclusion_attenuation),))
+
+
+def inscribed(mesh: Mesh, rng: np.random.Generator) -> Ellipsoid:
+    """A random, off-centre ellipsoid wholly inside a mesh, half to two thirds as wide as fits."""
+    room = mesh.clearance
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    turn *= np.sign(np.linalg.det(turn))
+    direction = rng.normal(size=3)
+    offset = room * rng.uniform(0.2, 0.35) * direction / np.linalg.norm(direction)
+    return Ellipsoid(mesh.star_point + offset, room * rng.uniform(0.45, 0.64, 3), turn)

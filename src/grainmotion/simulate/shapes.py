@@ -45,6 +45,25 @@ class Mesh:
         volumes, centres = _tetrahedra(self)
         return volumes @ centres / volumes.sum()
 
+    @property
+    def depth(self) -> float:
+        """Least distance from the star point to a face's plane, mm: all points that near see the whole surface."""
+        corners, normals = _corners(self)
+        return float(np.einsum("ij,ij->i", corners[0], normals).min())
+
+    @property
+    def clearance(self) -> float:
+        """Least distance from the star point to the surface, mm: the radius of the largest ball about it."""
+        corners, normals = _corners(self)
+        nearest, over = np.inf, np.ones(len(self.faces), dtype=bool)
+        for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+            edge = end - start
+            along = np.clip(-(start * edge).sum(axis=1) / (edge**2).sum(axis=1), 0, 1)
+            nearest = min(nearest, float(np.linalg.norm(start + along[:, None] * edge, axis=1).min()))
+            over &= np.einsum("ij,ij->i", np.cross(start, edge), normals) >= 0
+        heights = np.einsum("ij,ij->i", corners[0], normals)[over]
+        return min(nearest, float(heights.min(initial=np.inf)))
+
     def moved(self, matrix: ArrayLike, shift: ArrayLike) -> Mesh:
         """The mesh carried by x → matrix · x + shift (``matrix`` may also scale)."""
         m, s = np.asarray(matrix, dtype=float), np.asarray(shift, dtype=float)
@@ -194,6 +213,13 @@ def _tetrahedra(mesh: Mesh) -> tuple[Array, Array]:
     corners = mesh.vertices[mesh.faces] - mesh.star_point
     volumes = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6
     return volumes, mesh.star_point + corners.sum(axis=1) / 4
+
+
+def _corners(mesh: Mesh) -> tuple[Array, Array]:
+    """Corners of the faces seen from the star point ``(3, k, 3)``, and outward unit normals ``(k, 3)``."""
+    corners = (mesh.vertices[mesh.faces] - mesh.star_point).transpose(1, 0, 2)
+    normals = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+    return corners, normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
 
 def _outward(vertices: Array, faces: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -11,7 +11,7 @@ is not (0.05 to 0.45 against 0.8 to 1 in trials, five grains, one of them taken 
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,24 +19,56 @@ from numpy.typing import NDArray
 from grainmotion.grains import GrainSet
 from grainmotion.motions import Motions, Status
 from grainmotion.packed import Pose
+from grainmotion.tracking.freedom import Freedom
 from grainmotion.tracking.residual import StateProblem
 
 Float = NDArray[np.float64]
 ENOUGH = 0.6
 FEW = 4
+ABSENT, BROKEN, INTACT = 0.4, 0.4, (0.7, 1.3)
+"""Mass below which a grain is missing; support and mass of one whose matter is there in another shape."""
 REASON = "its shadow is not on the radiographs: the others fit better without it; check whether it is still there"
 
 
-def support(problem: StateProblem, pose: Pose) -> Float:
-    """Share of each grain's shadow that the radiographs hold, ``(n,)``; NaN where no view sees it."""
-    seen = StateProblem(problem.grains, replace(problem.target, sigma=0.0, gain=False)).look(pose)
-    sums = np.zeros((len(problem.grains), 2))
+@dataclass(frozen=True)
+class Shadow:
+    """What the radiographs hold of one grain's shadow.
+
+    Attributes
+    ----------
+    support : float
+        Share of it in the least squares sense; NaN where no view sees it.
+    mass : float
+        Attenuation that the others leave over where it is, over the grain's own; near 1 if all of it is there,
+        whatever its shape.
+    """
+
+    support: float = np.nan
+    mass: float = np.nan
+
+    @property
+    def sentence(self) -> str:
+        """What is likely to have become of a grain that fits badly."""
+        if self.mass < ABSENT:
+            return "little of its shadow is there, it is missing or far away"
+        if INTACT[0] < self.mass < INTACT[1] and self.support > BROKEN:
+            return "its mass is there but not its shape, it is broken, deformed or badly segmented"
+        return "wrong minimum, broken or badly segmented grain"
+
+
+def shadows_held(problem: StateProblem, pose: Pose) -> list[Shadow]:
+    """What the radiographs hold of each grain's shadow."""
+    plain = replace(problem.target, sigma=0.0, freedom=Freedom(), weights=None)
+    seen = StateProblem(problem.grains, plain).look(pose)
+    sums = np.zeros((len(problem.grains), 4))
     for p, (grain, view, r0, r1, c0, c1) in enumerate(seen.patches.boxes):
         own = seen.values[seen.patches.offsets[p] : seen.patches.offsets[p + 1]].astype(float)
         own *= problem.target.valid[view, r0:r1, c0:c1].ravel()
-        sums[grain] += own @ seen.residual[view, r0:r1, c0:c1].ravel(), own @ own
+        left = seen.raw[view, r0:r1, c0:c1].ravel()
+        sums[grain] += own @ left, own @ own, left.sum(), own.sum()
     with np.errstate(divide="ignore", invalid="ignore"):
-        return 1 + sums[:, 0] / sums[:, 1]
+        shares = 1 + sums[:, ::2] / sums[:, 1::2]
+    return [Shadow(float(support), float(mass)) for support, mass in shares]
 
 
 def suspects(measured: Motions, supports: Float) -> list[NDArray[np.int64]]:

@@ -102,7 +102,7 @@ def anneal(
     translations, matrices = base.translations.copy(), base.matrices.copy()
     translations[rows] += shifts[moves]
     matrices[rows] = table.turns[which] @ matrices[rows]
-    return Pose(translations, matrices)
+    return base.moved(translations, matrices)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +121,7 @@ class _Table:
         geometry = target.scan.geometry
         reach = np.linalg.norm(grains.hulls, axis=2, keepdims=True)
         ball = replace(grains, hulls=grains.hulls * (reach.max(axis=1, keepdims=True) / np.maximum(reach, 1e-12)))
-        patches = shadows(ball, pose, geometry, margin=len(target.weights) - 1)
+        patches = shadows(ball, pose, geometry, margin=len(target.kernel) - 1)
         pixels = int(patches.offsets[-1])
         most = max(FEWEST_TURNS, LARGEST_TABLE // max(pixels, 1))
         if len(turns) > most:  # evenly thinned: neighbours on the grid follow each other
@@ -130,7 +130,7 @@ class _Table:
         for k, turn in enumerate(turns):
             turned = Pose(pose.translations, turn @ pose.matrices)
             values[k] = project_patches(grains, turned, geometry, patches, target.projector)
-        normal.filter_patches(values, patches.boxes, patches.offsets, np.ones_like(target.valid), target.weights)
+        normal.filter_patches(values, patches.boxes, patches.offsets, np.ones_like(target.valid), target.kernel)
         places = np.full((len(grains), len(geometry)), -1, np.int64)
         places[patches.boxes[:, 0], patches.boxes[:, 1]] = np.arange(len(patches.boxes))
         energies = np.empty((len(turns), len(patches.boxes)), np.float32)
@@ -191,7 +191,7 @@ def _coarse_target(target: Target, factor: int, margin: NDArray[np.int64]) -> Ta
     images = binned(target.scan.line_integrals.astype(target.precision) * target.valid) / weight
     fixed = binned(target.fixed * target.valid) / weight
     scan = Scan(images, window.binned(factor), share > 0.5)
-    return replace(target, scan=scan, fixed=fixed, sigma=FILTER, gain=False)
+    return Target(scan, fixed, target.projector, FILTER)
 
 
 def _residual(grains: PackedGrains, pose: Pose, target: Target) -> Image:

@@ -9,6 +9,7 @@ import numpy as np
 
 from grainmotion.packed import PackedGrains, Pose
 from grainmotion.solve import Solution, Stopping, gauss_newton
+from grainmotion.tracking.freedom import Freedom
 from grainmotion.tracking.residual import StateProblem, Target
 from grainmotion.tracking.settings import TrackSettings
 
@@ -41,10 +42,13 @@ class Course:
         pixels = across / self.target.scan.geometry.pixel_at(self.grains.centers.mean(axis=0))
         return float(np.clip(pixels / GRAIN, 0.3, 4.0))
 
-    def filter(self, width: float, gain: bool = False) -> Target:
-        """The radiographs under a filter of ``width``, scaled to the grains but for widths below 1 pixel."""
+    def filter(self, width: float, freedom: Freedom | None = None) -> Target:
+        """The radiographs under a filter of ``width``, scaled to the grains but for widths below 1 pixel.
+
+        ``freedom`` is what of the response is unknown; None is nothing.
+        """
         sigma = max(width * self.scale, 0.7) if width >= 1 else width
-        return replace(self.target, sigma=sigma, gain=gain)
+        return replace(self.target, sigma=sigma, freedom=freedom or Freedom())
 
     def tell(self, message: str, done: int) -> None:
         """Report progress, if anybody listens."""
@@ -76,8 +80,9 @@ class Course:
         tolerance = settings.tolerance if tolerance is None else tolerance
         for k, width in enumerate(filters):
             last = k == len(filters) - 1
-            gain = settings.gain and (k > 0 or last)
-            problem = StateProblem(self.grains, self.filter(width, gain))
+            known = Freedom() if k == 0 and not last else replace(settings.freedom, degree=1)
+            freedom = settings.freedom if last else known
+            problem = StateProblem(self.grains, self.filter(width, freedom))
             stopping = Stopping(settings.iterations, tolerance if last else max(tolerance, 0.02))
             solution = self.solve(problem, pose, stopping, f"{name}, filter {width:g}")
             pose = solution.state

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,7 +17,7 @@ LEAST, USUAL = 0.08, 0.05
 
 
 def grain_residuals(problem: StateProblem, seen: Seen) -> tuple[Float, Float]:
-    """Root mean square residual over each grain's shadow, and of its own line integrals there, ``(n,)`` each.
+    """Root mean square of b − m(P) over each grain's shadow, and of its own line integrals there, ``(n,)`` each.
 
     Pixels are weighted by the grain's own line integral, so that its core counts and its rim does not.
     """
@@ -24,7 +26,7 @@ def grain_residuals(problem: StateProblem, seen: Seen) -> tuple[Float, Float]:
     for p, (grain, view, r0, r1, c0, c1) in enumerate(seen.patches.boxes):
         start, end = seen.patches.offsets[p : p + 2]
         own = seen.values[start:end].astype(float)
-        residual = seen.residual[view, r0:r1, c0:c1].ravel()
+        residual = seen.raw[view, r0:r1, c0:c1].ravel()
         weight = np.abs(own) * problem.target.valid[view, r0:r1, c0:c1].ravel()
         sums[grain] += weight.sum(), weight @ residual.astype(float) ** 2, weight @ own**2
     mass = np.maximum(sums[:, :1], 1e-30)
@@ -57,15 +59,15 @@ def noise_level(scan: Scan) -> float:
 
 def lost_grains(problem: StateProblem, pose: Pose) -> NDArray[np.bool_]:
     """Grains that some view sees and that fit badly at a pose, pixel by pixel, ``(n,)``."""
-    plain = StateProblem(problem.grains, problem.target.unfiltered())
-    seen = plain.look(pose)
-    residuals, paths = grain_residuals(plain, seen)
+    seen = problem.look(pose)
+    residuals, paths = grain_residuals(problem, seen)
     return misfits(residuals, paths, noise_level(problem.target.scan)) & (seen.patches.seen.mean(axis=1) > 0)
 
 
 def evened(problem: StateProblem, pose: Pose) -> Scan:
-    """The radiographs without the gain and offset that fit at a pose, so that one grain can be fitted alone."""
+    """The radiographs as a perfect detector would show them, so that one grain can be fitted alone."""
     seen, scan = problem.look(pose), problem.target.scan
-    if not 0.5 < seen.gain < 2:  # no beam drifts so far: what was fitted is not a gain
+    gains = seen.response.polynomial[:, 0]
+    if not ((gains > 0.5) & (gains < 2)).all():  # no beam drifts so far: what was fitted is not a gain
         return scan
-    return Scan((scan.line_integrals - seen.offset) / seen.gain, scan.geometry, scan.valid)
+    return replace(scan, line_integrals=seen.path + seen.raw / np.maximum(seen.response.slope(seen.path), 0.1))

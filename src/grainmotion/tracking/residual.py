@@ -1,7 +1,8 @@
 """The D-DPC residual of one state, and its normal equations, for the solver.
 
-Eq. 22 of Khalili et al. (2017), filtered:  r = F(b − a P(motions) − o), with F a Gaussian on each
-radiograph (residual and derivatives alike) and gain a, offset o global or fixed at 1, 0.
+Eq. 22 of Khalili et al. (2017), weighted and filtered:  r = F w (b − m(P)), with P the line integrals of the
+moved grains and the background, m the detector's response (gain, offset and more, see `freedom`), w the root
+of each pixel's weight and F a Gaussian on each radiograph.  Derivatives are treated as the residual is.
 """
 
 from __future__ import annotations
@@ -16,14 +17,20 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from grainmotion import motion
+from grainmotion.geometry import Geometry
 from grainmotion.kernels import normal
-from grainmotion.packed import PackedGrains, Pose
+from grainmotion.packed import Image, PackedGrains, Pose, Surroundings
 from grainmotion.project import Patches, Projector, assemble, difference_patches, differentiate_patches, shadows
+from grainmotion.response import Response, trend_terms
 from grainmotion.scan import Scan
 from grainmotion.solve import Linearization
+from grainmotion.tracking import surroundings
+from grainmotion.tracking.columns import Columns
+from grainmotion.tracking.coupling import normal_matrix
+from grainmotion.tracking.freedom import KNOWN, Freedom, eliminated, powers, trends_shared
+from grainmotion.tracking.surroundings import STILL, Loose
 
 Float = NDArray[np.float64]
-Image = NDArray[np.floating]
 Derivatives = Literal["analytic", "differences"]
 Basis = Callable[[PackedGrains, Pose], Float]
 """From grains and pose to T ``(6n, m)``: the increments (u, δ) of all grains per unit of m parameters."""
@@ -33,16 +40,21 @@ Basis = Callable[[PackedGrains, Pose], Float]
 class Target:
     """What is fitted: radiographs, what of them does not move, and how they are compared.
 
-    ``fixed`` is the background's line integrals; ``gain`` says whether a and o are unknowns;
-    ``derivatives`` says how those of P are taken.
+    ``fixed`` is the background's line integrals where nothing moved, ``body`` the background itself if it can
+    move; ``freedom`` says which numbers of the response are unknown, ``loose`` what of the surroundings is;
+    ``derivatives`` says how those of P are taken; ``weights (views, rows, columns)`` count pixels (None: all
+    alike).
     """
 
     scan: Scan
     fixed: Image
     projector: Projector
     sigma: float
-    gain: bool
+    freedom: Freedom = KNOWN
     derivatives: Derivatives = "analytic"
+    weights: Image | None = None
+    body: PackedGrains | None = None
+    loose: Loose = STILL
 
     @property
     def precision(self) -> np.dtype[np.floating]:
@@ -50,7 +62,7 @@ class Target:
         return self.fixed.dtype
 
     @cached_property
-    def weights(self) -> Image:
+    def kernel(self) -> Image:
         """Half of the Gaussian's kernel, cut at 3σ, of unit sum."""
         return gaussian(self.sigma).astype(self.precision)
 
@@ -62,38 +74,64 @@ class Target:
         return self.scan.valid.astype(self.precision)
 
     @cached_property
+    def roots(self) -> Image:
+        """Root of each pixel's weight, 0 where it does not count."""
+        return self.valid if self.weights is None else self.valid * np.sqrt(self.weights).astype(self.precision)
+
+    @cached_property
     def measured(self) -> Image:
-        """Filtered radiographs."""
+        """Weighted and filtered radiographs."""
         return self.filtered(self.scan.line_integrals.astype(self.precision))
 
     @cached_property
-    def flat(self) -> Image:
-        """Filtered radiograph of ones: what a unit of offset adds."""
-        return self.filtered(np.ones_like(self.valid))
-
-    def unfiltered(self) -> Target:
-        """The same comparison pixel by pixel."""
-        return replace(self, sigma=0.0)
+    def trends(self) -> Columns:
+        """The background's terms, weighted and filtered."""
+        columns = Columns()
+        for term in trend_terms(self.valid.shape[1:], self.freedom.terms):
+            stack = np.broadcast_to(term, self.valid.shape).astype(self.precision)
+            columns.add(self.filtered(stack), trends_shared(self.freedom))
+        return columns
 
     def filtered(self, images: Image) -> Image:
-        """Mask and filter a stack of radiographs."""
-        out = images * self.valid
-        if len(self.weights) > 1:
-            normal.filter_images(out, self.weights)
+        """Weight and filter a stack of radiographs."""
+        out = images * self.roots
+        if len(self.kernel) > 1:
+            normal.filter_images(out, self.kernel)
         return out
 
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """Everything that one evaluation at a pose yields."""
+    """Everything that one evaluation at a pose yields.
+
+    ``values`` are each grain's own line integrals and ``derivatives`` those of m(P), weighted and filtered;
+    ``residual`` and ``simulated`` are weighted and filtered, ``path`` (P) and ``raw`` (b − m(P), 0 where a
+    pixel does not count) are not; ``linear`` are eliminated unknowns, ``loose`` those of the surroundings.
+    """
 
     patches: Patches
     values: Image
     derivatives: Image
     residual: Image
     simulated: Image
-    gain: float
-    offset: float
+    path: Image
+    raw: Image
+    response: Response
+    linear: Columns
+    loose: Columns
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """Where the grains are expected: ``precisions (n, 6, 6)`` of (u, δ) from there, in units of the cost."""
+
+    pose: Pose
+    precisions: Float
+
+    def departure(self, pose: Pose) -> Float:
+        """(u, δ) of each grain from where it is expected, ``(n, 6)``."""
+        turns = motion.log(pose.matrices @ np.swapaxes(self.pose.matrices, 1, 2))
+        return np.hstack([pose.translations - self.pose.translations, turns])
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,58 +141,126 @@ class StateProblem:
     grains: PackedGrains
     target: Target
     basis: Basis | None = None
+    prior: Prior | None = None
 
     def look(self, pose: Pose) -> Seen:
         """Simulate, compare and differentiate at a pose."""
-        target, geometry = self.target, self.target.scan.geometry
-        patches = shadows(self.grains, pose, geometry, margin=len(target.weights) - 1)
-        differentiate = differentiate_patches if target.derivatives == "analytic" else difference_patches
-        values, derivatives = differentiate(self.grains, pose, geometry, patches, target.projector)
-        simulated = target.filtered(assemble(values, patches, geometry) + target.fixed)
-        normal.filter_patches(derivatives, patches.boxes, patches.offsets, target.valid, target.weights)
-        gain, offset = best_gain(target.measured, simulated, target.flat) if target.gain else (1.0, 0.0)
-        residual = target.measured - gain * simulated - offset * target.flat
-        return Seen(patches, values, derivatives, residual, simulated, gain, offset)
+        target = self.target
+        loose = target.loose
+        geometry = surroundings.corrected(target.scan.geometry, pose.surroundings)
+        patches, values, derivatives = self.simulate(pose, geometry)
+        path, stacks = target.fixed, list[Image]()
+        if target.body is not None and (loose.body or pose.surroundings is not None):
+            path, stacks = surroundings.background_images(
+                target.body, pose.surroundings, geometry, target.projector, loose.body
+            )
+        path = assemble(values, patches, geometry) + path
+        response, simulated, linear = self._respond(path)
+        slope = response.slope(path)
+        moving = Columns()
+        if loose.views:
+            for stack in surroundings.view_images(path, derivatives, self.grains, pose, patches, geometry):
+                moving.add(target.filtered(slope * stack), shared=False)
+        for stack in stacks:
+            moving.add(target.filtered(slope * stack), shared=True)
+        factor = target.roots * slope
+        normal.filter_patches(derivatives, patches.boxes, patches.offsets, factor, target.kernel)
+        raw = (target.scan.line_integrals.astype(target.precision) - response.apply(path)) * target.valid
+        residual = target.measured - simulated
+        return Seen(patches, values, derivatives, residual, simulated, path, raw, response, linear, moving)
+
+    def simulate(self, pose: Pose, geometry: Geometry) -> tuple[Patches, Image, Image]:
+        """Patches with a margin for the filter, the grains' line integrals in them, and the derivatives of these."""
+        patches = shadows(self.grains, pose, geometry, margin=len(self.target.kernel) - 1)
+        differentiate = differentiate_patches if self.target.derivatives == "analytic" else difference_patches
+        return patches, *differentiate(self.grains, pose, geometry, patches, self.target.projector)
+
+    def _respond(self, path: Image) -> tuple[Response, Image, Columns]:
+        """The best response to the line integrals of the model, what it gives, and the columns eliminated.
+
+        A polynomial that is not monotone is no response: its degree is lowered until it is.
+        """
+        target = self.target
+        plain = target.filtered(path)
+        freedom, views = target.freedom, len(path)
+        while True:
+            linear = Columns()
+            for k, (power, shared) in enumerate(powers(freedom, path)):
+                first = k == 0 and freedom.gain != "none"
+                linear.add(plain if first else target.filtered(power), shared)
+            linear = linear + target.trends
+            response, more = eliminated(freedom, linear, target.measured - plain, views)
+            if freedom.degree == 1 or response.is_monotone(float(path.max(initial=0.0))):
+                return response, plain + more, linear
+            freedom = replace(freedom, degree=freedom.degree - 1)
 
     def linearize(self, state: Pose) -> Linearization:
-        """Cost ½‖r‖², gradient and block-sparse normal matrix at a pose."""
-        seen = self.look(state)
-        n = len(self.grains)
-        hessian = normal_matrix(seen.derivatives, seen.patches, n) * seen.gain**2
-        gradient = -seen.gain * self._dot(seen, seen.residual)
-        border, corner = np.zeros((6 * n, 0)), np.zeros((0, 0))
-        if self.target.gain:
-            columns = (seen.simulated, self.target.flat)
-            border = seen.gain * np.stack([self._dot(seen, c) for c in columns], axis=1)
-            corner = np.array([[np.vdot(a, b) for a in columns] for b in columns], dtype=float)
+        """Cost ½‖r‖², gradient and block-sparse normal matrix at a pose, with the priors' share."""
+        seen, n = self.look(state), len(self.grains)
+        columns = seen.linear + seen.loose
+        hessian = normal_matrix(seen.derivatives, seen.patches, n)
+        gradient = -Columns([seen.residual], [True]).border(seen.derivatives, seen.patches, n)[:, 0]
+        border, corner = columns.border(seen.derivatives, seen.patches, n), columns.gram()
         cost = 0.5 * float(np.vdot(seen.residual, seen.residual))
-        if self.basis is None:
-            return Linearization(cost, gradient, hessian, border, corner)
-        tie = self.basis(self.grains, state)
-        return Linearization(cost, tie.T @ gradient, tie.T @ (hessian @ tie), tie.T @ border, corner)
+        free = len(seen.loose.owners)
+        slope = -seen.loose.dot(seen.residual)
+        if free:
+            precisions, departure = self.surrounding_prior(state)
+            slope, cost = slope + precisions @ departure, cost + 0.5 * float(departure @ precisions @ departure)
+            corner[-free:, -free:] += precisions
+        if self.prior is not None:
+            departure = self.prior.departure(state)
+            pull = np.einsum("nij,nj->ni", self.prior.precisions, departure)
+            gradient, cost = gradient + pull.ravel(), cost + 0.5 * float(np.vdot(pull, departure))
+            hessian = raised(hessian, self.prior.precisions)
+        if self.basis is not None:
+            tie = self.basis(self.grains, state)
+            gradient, hessian, border = tie.T @ gradient, tie.T @ (hessian @ tie), tie.T @ border
+        return Linearization(cost, gradient, hessian, border, corner, slope)
+
+    def surrounding_prior(self, state: Pose) -> tuple[Float, Float]:
+        """Precisions of the prior on the surroundings' unknowns, in units of the cost, and how far these are."""
+        loose, views = self.target.loose, len(self.target.scan)
+        at = state.surroundings or Surroundings.still(views)
+        return self.variance * loose.precisions(views), surroundings.values(loose, at)
+
+    @cached_property
+    def variance(self) -> float:
+        """What a pixel's residual is at least expected to be, squared; gives the surroundings' prior its unit."""
+        return LEAST_SHARE**2 * float(np.mean(self.target.measured.astype(float) ** 2))
 
     def retract(self, state: Pose, step: Float) -> Pose:
-        """Add translations; turn on the group, Ω ← exp[δ]ₓ Ω."""
-        each = self._each(state, step)
-        return Pose(state.translations + each[:, :3], motion.exp(each[:, 3:]) @ state.matrices)
+        """Add translations; turn on the group, Ω ← exp[δ]ₓ Ω; move the surroundings."""
+        each, rest = self._each(state, step)
+        around = state.surroundings
+        if len(rest):
+            still = Surroundings.still(len(self.target.scan))
+            around = surroundings.moved(self.target.loose, around or still, rest)
+        return Pose(state.translations + each[:, :3], motion.exp(each[:, 3:]) @ state.matrices, around)
 
     def size(self, state: Pose, step: Float) -> float:
         """Largest displacement of any grain's surface, in voxels."""
-        each = self._each(state, step)
+        each, _ = self._each(state, step)
         moved = np.linalg.norm(each[:, :3], axis=1) + np.linalg.norm(each[:, 3:], axis=1) * self.grains.radii
         return float(moved.max()) / self.grains.voxel_size
 
-    def _each(self, state: Pose, step: Float) -> Float:
-        full = step if self.basis is None else self.basis(self.grains, state) @ step
-        return full.reshape(-1, 6)
+    def _each(self, state: Pose, step: Float) -> tuple[Float, Float]:
+        """Increments of the grains ``(n, 6)`` and of the surroundings."""
+        free = len(self.target.loose.deviations(len(self.target.scan)))
+        own, rest = step[: len(step) - free], step[len(step) - free :]
+        full = own if self.basis is None else self.basis(self.grains, state) @ own
+        return full.reshape(-1, 6), rest
 
-    def _dot(self, seen: Seen, images: Image) -> Float:
-        """Jᵀ images, ``(6n,)``, for the filtered ∂P of every grain."""
-        parts = np.zeros((len(seen.patches.boxes), 6))
-        normal.gradients(seen.derivatives, seen.patches.boxes, seen.patches.offsets, images, parts)
-        out = np.zeros((len(self.grains), 6))
-        np.add.at(out, seen.patches.boxes[:, 0], parts)
-        return out.ravel()
+
+LEAST_SHARE = 0.01
+"""Of the radiographs' rms: the residual that is expected at least, where nothing else says what to expect."""
+
+
+def raised(hessian: sparse.bsr_array, blocks: Float) -> sparse.bsr_array:
+    """H with 6×6 blocks added on its diagonal."""
+    n = len(blocks)
+    more = sparse.bsr_array((blocks, np.arange(n), np.arange(n + 1)), shape=hessian.shape)
+    return sparse.bsr_array(hessian + more, blocksize=(6, 6))
 
 
 def gaussian(sigma: float) -> Float:
@@ -163,51 +269,3 @@ def gaussian(sigma: float) -> Float:
         return np.ones(1)
     k = np.exp(-0.5 * (np.arange(int(np.ceil(3 * sigma)) + 1) / sigma) ** 2)
     return k / (2 * k.sum() - k[0])
-
-
-def best_gain(measured: Image, simulated: Image, flat: Image) -> tuple[float, float]:
-    """Gain a and offset o that minimise ‖measured − a simulated − o flat‖; (1, 0) if nothing is simulated."""
-    columns = (simulated, flat)
-    corner = np.array([[np.vdot(a, b) for a in columns] for b in columns], dtype=float)
-    if np.linalg.matrix_rank(corner, tol=1e-9 * corner.max()) < 2:
-        return 1.0, 0.0
-    gain, offset = np.linalg.solve(corner, [float(np.vdot(c, measured)) for c in columns])
-    return float(gain), float(offset)
-
-
-def normal_matrix(derivatives: Image, patches: Patches, n: int) -> sparse.bsr_array:
-    """JᵀJ ``(6n, 6n)`` of filtered patches: grains couple where their patches overlap in a view."""
-    boxes = patches.boxes
-    pairs = _overlaps(boxes)
-    grains = np.sort(boxes[pairs, 0], axis=1)
-    swap = boxes[pairs[:, 0], 0] > boxes[pairs[:, 1], 0]
-    pairs[swap] = pairs[swap][:, ::-1]
-    key = grains[:, 0] * n + grains[:, 1]
-    order = np.argsort(key, kind="stable")
-    unique, first = np.unique(key[order], return_index=True)
-    out = np.zeros((len(unique), 6, 6))
-    bounds = np.append(first, len(order)).astype(np.int64)
-    normal.blocks(derivatives, boxes, patches.offsets, np.ascontiguousarray(pairs[order]), bounds, out)
-    i, j = unique // n, unique % n
-    off = i != j
-    rows, columns = np.concatenate([i, j[off]]), np.concatenate([j, i[off]])
-    data = np.concatenate([out, np.swapaxes(out[off], 1, 2)])
-    order = np.lexsort((columns, rows))
-    indptr = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=n))])
-    return sparse.bsr_array((data[order], columns[order], indptr), shape=(6 * n, 6 * n))
-
-
-def _overlaps(boxes: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Pairs (p, q), p <= q, of patches of one view that share pixels, each patch with itself included."""
-    found = []
-    for view in np.unique(boxes[:, 1]):
-        index = np.nonzero(boxes[:, 1] == view)[0]
-        index = index[np.argsort(boxes[index, 2], kind="stable")]
-        b = boxes[index]
-        ends = np.searchsorted(b[:, 2], b[:, 3], side="left")
-        for k, end in enumerate(ends):
-            other = np.arange(k, end)
-            meets = (b[other, 4] < b[k, 5]) & (b[other, 5] > b[k, 4])
-            meets[0] = True
-            found.append(np.column_stack([np.full(meets.sum(), index[k]), index[other[meets]]]))
-    return np.concatenate(found).astype(np.int64) if found else np.zeros((0, 2), np.int64)

@@ -142,7 +142,7 @@ class _End:
 def _annealed(course: Course, base: Pose, best: _End, rows: NDArray[np.bool_], ranges: Ranges, seed: int) -> Pose:
     """Grains of ``rows`` annealed around ``base``, the others held where they are best."""
     scan = course.target.scan if rows.all() else evened(best.problem, best.pose)
-    start = Pose(
+    start = best.pose.moved(
         np.where(rows[:, None], base.translations, best.pose.translations),
         np.where(rows[:, None, None], base.matrices, best.pose.matrices),
     )

@@ -4,11 +4,19 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 from pydantic.dataclasses import dataclass
 
 from grainmotion.project import Projector
+from grainmotion.response import Trend
+from grainmotion.tracking.freedom import Freedom, Gain
 from grainmotion.tracking.residual import Derivatives
+from grainmotion.tracking.weighting import Loss, Weights
+
+
+def _named(gain: object) -> object:
+    """Yes and no, as the names of what they mean."""
+    return {True: "global", False: "none"}[gain] if isinstance(gain, bool) else gain
 
 
 @dataclass(frozen=True)
@@ -37,7 +45,25 @@ class TrackSettings:
     search: Annotated[
         bool, Field(description="search widely for grains that fit badly, leave out grains that are not there")
     ] = True
-    gain: Annotated[bool, Field(description="eliminate a global gain and offset (a, b of Eq. 22)")] = True
+    gain: Annotated[
+        Gain,
+        BeforeValidator(_named),
+        Field(description="gain and offset (a, b of Eq. 22) to eliminate: none, one for all views, one a view"),
+    ] = "global"
+    trend: Annotated[Trend, Field(description="polynomial background to eliminate in each view")] = "none"
+    hardening: Annotated[
+        int, Field(ge=1, le=4, description="degree of a polynomial of the line integral fitted for beam hardening")
+    ] = 1
+    weights: Annotated[
+        Weights, Field(description="of pixels: all alike, or as photon noise and model error, estimated, tell")
+    ] = "uniform"
+    loss: Annotated[
+        Loss,
+        Field(description="least squares, Huber's loss against outliers, or the likelihood of Poisson counts"),
+    ] = "squares"
+    view_corrections: Annotated[
+        bool, Field(description="estimate each view's own panel shift and stage angle, where the views can tell")
+    ] = False
     iterations: Annotated[int, Field(ge=1, description="most iterations a stage")] = 30
     tolerance: Annotated[
         float, Field(gt=0, description="a stage ends once no grain's surface moves further, voxels")
@@ -49,6 +75,11 @@ class TrackSettings:
         float, Field(gt=0, description="a grain is poorly determined above this sd of ω, degrees")
     ] = 5.0
 
+    @property
+    def freedom(self) -> Freedom:
+        """What of the detector's response is unknown."""
+        return Freedom(self.gain, self.trend, self.hardening)
+
 
 PAPER = TrackSettings(
     projector="exact",
@@ -56,7 +87,7 @@ PAPER = TrackSettings(
     filters=(0.0,),
     fields=False,
     search=False,
-    gain=False,
+    gain="none",
     iterations=200,
 )
 """The variant of Khalili et al. (2017): Siddon's path, finite differences, no filter, no stages."""

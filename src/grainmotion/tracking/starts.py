@@ -50,7 +50,7 @@ def centroid_shift(problem: StateProblem, pose: Pose) -> Pose:
         simulated - target.filtered(target.fixed)
     )
     shift = np.linalg.lstsq(slopes, gaps.ravel(), rcond=1e-3)[0]
-    return Pose(pose.translations + shift, pose.matrices)
+    return pose.moved(pose.translations + shift, pose.matrices)
 
 
 def _centroids(images: Image) -> Float:

@@ -37,9 +37,10 @@ def unconfirmed(problem: StateProblem, pose: Pose, seen: Seen) -> Float:
     """Covariance ``(n, 3, 3)``, rad², of the turns that the radiographs do not confirm; zero where they do."""
     target, grains = problem.target, problem.grains
     angles = np.minimum(RIM * grains.voxel_size / grains.radii, LARGEST)
-    patches = shadows(_swollen(grains, angles), pose, target.scan.geometry, margin=len(target.weights) - 1)
+    patches = shadows(_swollen(grains, angles), pose, target.scan.geometry, margin=len(target.kernel) - 1)
+    factor = target.roots * seen.response.slope(seen.path)
     values, slopes = differentiate_patches(grains, pose, target.scan.geometry, patches, target.projector)
-    normal.filter_patches(slopes, patches.boxes, patches.offsets, target.valid, target.weights)
+    normal.filter_patches(slopes, patches.boxes, patches.offsets, factor, target.kernel)
     information, axes = np.linalg.eigh(_rotations(_products(slopes, slopes, patches, len(grains))))
     changes = np.empty_like(slopes)
     for axis in range(3):
@@ -48,7 +49,7 @@ def unconfirmed(problem: StateProblem, pose: Pose, seen: Seen) -> Float:
             turned = Pose(pose.translations, turns @ pose.matrices)
             moved = project_patches(grains, turned, target.scan.geometry, patches, target.projector)
             changes[2 * axis + sign] = moved - values
-    normal.filter_patches(changes, patches.boxes, patches.offsets, target.valid, target.weights)
+    normal.filter_patches(changes, patches.boxes, patches.offsets, factor, target.kernel)
     _fit_out(changes, slopes, patches, len(grains))
     both = (len(grains), 3, 2)
     squares = np.diagonal(_products(changes, changes, patches, len(grains)), axis1=1, axis2=2).reshape(both).sum(2)
@@ -57,7 +58,7 @@ def unconfirmed(problem: StateProblem, pose: Pose, seen: Seen) -> Float:
     dots = np.zeros((len(grains), 6))
     np.add.at(dots, patches.boxes[:, 0], against)
     with np.errstate(divide="ignore", invalid="ignore"):
-        confirmed = 1 - 2 * dots.reshape(both).sum(2) / (seen.gain * squares)
+        confirmed = 1 - 2 * dots.reshape(both).sum(2) / squares
         coherent = squares / (2 * angles[:, None] ** 2 * information)
     loose = (confirmed < 0.5) | ((confirmed < 0.9) & (coherent < 0.3))
     return ANY_TURN * np.einsum("nia,na,nja->nij", axes, loose.astype(float), axes)

@@ -1,0 +1,54 @@
+"""Candidate views: where they stand, which of a scan's own views to take, and even sets among them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grainmotion.geometry import Beam, Geometry
+from grainmotion.planning.settings import PlanSettings
+
+Float = NDArray[np.float64]
+
+
+def candidate_angles(beam: Beam, settings: PlanSettings) -> Float:
+    """Angles to choose from, degrees: from 0 in steps of ``step_deg``, the end of the span left out.
+
+    Opposite views of a parallel beam are mirror images, so its span is 180° unless told otherwise.
+    """
+    span = settings.span_deg or (180.0 if beam == "parallel" else 360.0)
+    return np.arange(0, span * (1 - 1e-9), settings.step_deg)
+
+
+def angles_of(geometry: Geometry) -> Float:
+    """Angle of each view about z, degrees in [0, 360): 0 where the beam runs along +y, counter-clockwise."""
+    s, d = geometry.vectors[:, :3], geometry.vectors[:, 3:6]
+    beam = d - s if geometry.beam == "cone" else s
+    angles = np.rad2deg(np.arctan2(-beam[:, 0], beam[:, 1]))
+    return np.asarray(np.round(angles, 6) % 360, dtype=float)
+
+
+def angles_between(geometry: Geometry) -> Float:
+    """Angles ``(m, m)`` between the views' central rays as lines, degrees: 0 for opposite views, 90 at most."""
+    s, d = geometry.vectors[:, :3], geometry.vectors[:, 3:6]
+    rays = d - s if geometry.beam == "cone" else s
+    rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    return np.rad2deg(np.arccos(np.clip(np.abs(rays @ rays.T), 0, 1)))
+
+
+def nearest_views(geometry: Geometry, settings: PlanSettings) -> Geometry:
+    """Of a scan's own views those nearest to the candidate angles, each once."""
+    chosen = _nearest(angles_of(geometry), candidate_angles(geometry.beam, settings), 360.0)
+    return geometry[np.unique(chosen)]
+
+
+def even_set(angles_deg: Float, count: int, first: int = 0) -> tuple[int, ...] | None:
+    """The candidates nearest to ``count`` angles evenly over 180° from candidate ``first`` on; None if two coincide."""
+    wanted = angles_deg[first] + np.arange(count) * 180.0 / count
+    chosen = np.unique(_nearest(angles_deg, wanted, 360.0))
+    return tuple(int(i) for i in chosen) if len(chosen) == count else None
+
+
+def _nearest(angles_deg: Float, wanted_deg: Float, period: float) -> NDArray[np.int64]:
+    apart = np.abs((angles_deg - wanted_deg[:, None] + period / 2) % period - period / 2)
+    return np.argmin(apart, axis=1)

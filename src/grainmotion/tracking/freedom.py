@@ -1,0 +1,91 @@
+"""Freedom: which numbers of the detector's response are unknown, and their elimination.
+
+They enter linearly, so at every pose they are minimised over exactly (variable projection).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from grainmotion.packed import Image
+from grainmotion.response import TREND_TERMS, Response, Trend
+from grainmotion.tracking.columns import Columns, minimum_norm
+
+Gain = Literal["none", "global", "view"]
+
+
+@dataclass(frozen=True)
+class Freedom:
+    """What of the response is unknown.
+
+    Attributes
+    ----------
+    gain : {"none", "global", "view"}
+        One gain for all views, or one a view.  Where ``trend`` is "none", an offset goes with it.
+    trend : {"none", "constant", "linear", "quadratic"}
+        A polynomial background in each view.
+    degree : int
+        Of the polynomial of beam hardening, shared by the views; 1 is none.
+    """
+
+    gain: Gain = "none"
+    trend: Trend = "none"
+    degree: int = 1
+
+    @property
+    def terms(self) -> int:
+        """Terms of the background."""
+        return max(TREND_TERMS[self.trend], int(self.gain != "none"))
+
+    @property
+    def any(self) -> bool:
+        """Whether anything is unknown."""
+        return self.terms > 0 or self.degree > 1
+
+
+KNOWN = Freedom()
+"""Nothing: measured line integrals are the simulated ones."""
+DRIFT = Freedom("global")
+"""A global gain and offset, a and b of Eq. 22."""
+
+
+def powers(freedom: Freedom, path: Image) -> list[tuple[Image, bool]]:
+    """Images of the unknowns that are powers of the line integral, and whether the views share them."""
+    found = [(path, freedom.gain == "global")] if freedom.gain != "none" else []
+    return found + [(path**k, True) for k in range(2, freedom.degree + 1)]
+
+
+def trends_shared(freedom: Freedom) -> bool:
+    """Whether the background's terms are the same in all views."""
+    return freedom.trend == "none" and freedom.gain == "global"
+
+
+def eliminated(freedom: Freedom, columns: Columns, gap: Image, views: int) -> tuple[Response, Image | float]:
+    """The response that minimises ‖gap − C c‖, and C c.
+
+    Parameters
+    ----------
+    freedom : Freedom
+    columns : Columns
+        Of the powers, then of the background's terms.
+    gap : (views, rows, columns) array
+        Measured minus simulated, weighted and filtered.
+    views : int
+    """
+    polynomial, background = np.zeros((views, freedom.degree)), np.zeros((views, freedom.terms))
+    polynomial[:, 0] = 1.0
+    if not columns.stacks or not columns.stacks[0].any():  # nothing is simulated: nothing is known
+        return Response(polynomial, background), 0.0
+    found = minimum_norm(columns.gram(), columns.dot(gap))
+    owners = columns.owners
+    first = 0 if freedom.gain != "none" else 1
+    many = freedom.degree - first
+    for k in range(len(columns.stacks)):
+        if k < many:
+            polynomial[:, first + k] += found[owners == k]
+        else:
+            background[:, k - many] = found[owners == k]
+    return Response(polynomial, background), columns.combine(found)

@@ -1,0 +1,39 @@
+"""calibration.json comes back as it was written."""
+
+import math
+
+import numpy as np
+import pytest
+
+from grainmotion.calibrating.corrections import Calibration, Correction, corrected
+from grainmotion.errors import InputError
+from grainmotion.geometry import Geometry
+from grainmotion.hardening import Hardening
+from grainmotion.io.calibration_json import read_calibration, write_calibration
+
+TOLD = Geometry.cone([0, 90], (4, 6), 0.5, source_to_axis=20, source_to_detector=50)
+CORRECTIONS = (Correction("shift_u", 0.123456789, 0.01), Correction("pitch", 0.0, math.inf))
+FOUND = Calibration(corrected(TOLD, {"shift_u": 0.123456789}), CORRECTIONS, (0.05, 0.03))
+CURVE = Hardening((1.0, 0.1, 0.0), 2.5, 0.003)
+
+
+@pytest.mark.parametrize("curve", [CURVE, None])
+@pytest.mark.parametrize("found", [FOUND, None])
+def test_round_trip(tmp_path, found, curve):
+    path = tmp_path / "calibration.json"
+    write_calibration(path, found, curve)
+    calibration, hardening = read_calibration(path, TOLD)
+    assert hardening == curve
+    assert (calibration is None) == (found is None)
+    if calibration is not None:
+        assert calibration.corrections == CORRECTIONS
+        assert calibration.residuals == FOUND.residuals
+        np.testing.assert_array_equal(calibration.geometry.vectors, FOUND.geometry.vectors)
+
+
+@pytest.mark.parametrize("text", ["{", "{}", '{"geometry": {}, "hardening": null}', "[1]"])
+def test_other_files_are_refused(tmp_path, text):
+    path = tmp_path / "calibration.json"
+    path.write_text(text)
+    with pytest.raises(InputError, match="holds no calibration"):
+        read_calibration(path, TOLD)
