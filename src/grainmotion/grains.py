@@ -12,6 +12,7 @@ from scipy import ndimage
 from skimage.segmentation import expand_labels
 
 from grainmotion.errors import InputError
+from grainmotion.partition import fine_grain
 from grainmotion.volume import Volume
 
 Background = Literal["ignore", "fixed", "moving"]
@@ -32,12 +33,15 @@ class Grain:
         Attenuation-weighted centre of mass c, mm, x y z: the centre of its rotations.
     touches_border : bool
         Whether it reaches the border of the reconstructed field of view, and so may be incomplete.
+    fine : Volume, optional
+        The same attenuation on finer voxels, for the last stages of tracking; padded as ``volume``.
     """
 
     label: int
     volume: Volume
     center: NDArray[np.float64]
     touches_border: bool = False
+    fine: Volume | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +112,7 @@ def grains_from_labels(
     reach: float = 3.0,
     border: Collection[int] = (),
     background: Background = "ignore",
+    finer: int = 2,
 ) -> GrainSet:
     """Cut a labelled volume into grains.
 
@@ -126,6 +131,9 @@ def grains_from_labels(
         Labels of grains that touch the border of the field of view.
     background : {"ignore", "fixed", "moving"}
         What becomes of attenuation further away: dropped, kept where it is in all states, or moved as one body.
+    finer : int
+        Each grain is resampled, too, on voxels this many times finer, and parted from its neighbours there (see
+        `partition`); 1 is none.  A slice one voxel thick is not.
 
     Raises
     ------
@@ -144,14 +152,23 @@ def grains_from_labels(
         if box is None:
             continue
         grain = _cut(volume, grown, index, box, index in border)
-        if grain is not None:
-            grains.append(grain)
+        if grain is None:
+            continue
+        if finer > 1 and min(volume.shape) > 1:
+            fine = fine_grain(volume, labels, index, box, finer, reach)
+            grain = grain if fine is None else replace(grain, fine=padded(fine))
+        grains.append(grain)
     if not grains:
         raise InputError("labels", "no grains found", "check the threshold, or the labels given")
     rest = None
     if background != "ignore":
         rest = Volume(np.where(grown > 0, 0, volume.array), volume.voxel_size, volume.center)
     return GrainSet(tuple(grains), rest, background == "moving")
+
+
+def padded(volume: Volume) -> Volume:
+    """The volume with `PADDING` empty voxels around it."""
+    return Volume(np.pad(volume.array, PADDING), volume.voxel_size, volume.center)
 
 
 def _cut(

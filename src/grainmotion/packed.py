@@ -59,7 +59,8 @@ class PackedGrains:
     """A `GrainSet` as the flat arrays that kernels walk (see `kernels.grains`).
 
     ``hulls (n, k, 3)`` are outermost points of each grain seen from its centre, ``radii (n,)`` the radii
-    of balls with the grains' own moments of inertia, both in mm.
+    of balls with the grains' own moments of inertia, both in mm.  ``voxel_size`` is that of these images and
+    ``unit`` that of the reference, in which tolerances are given.
     """
 
     images: Image
@@ -70,6 +71,7 @@ class PackedGrains:
     hulls: Float
     radii: Float
     voxel_size: float
+    unit: float
 
     def __len__(self) -> int:
         return len(self.starts)
@@ -80,12 +82,14 @@ class PackedGrains:
         return self.images.dtype
 
     @classmethod
-    def of(cls, grains: GrainSet) -> PackedGrains:
-        """Pack the grains' voxels one after the other."""
-        arrays = [g.volume.array for g in grains.grains]
+    def of(cls, grains: GrainSet, fine: bool = False) -> PackedGrains:
+        """Pack the grains' voxels one after the other; ``fine`` takes their finer ones if all have some."""
+        fine = fine and all(g.fine is not None for g in grains.grains)
+        volumes = [g.fine if fine and g.fine is not None else g.volume for g in grains.grains]
+        arrays = [v.array for v in volumes]
         sizes = np.array([a.size for a in arrays], dtype=np.int64)
-        corners = np.array([g.volume.origin - g.center for g in grains.grains]).reshape(-1, 3)
-        h = grains.voxel_size
+        corners = np.array([v.origin - g.center for v, g in zip(volumes, grains.grains, strict=True)]).reshape(-1, 3)
+        h = volumes[0].voxel_size
         hulls = np.array([_extreme_points(a) * h + corner for a, corner in zip(arrays, corners, strict=True)])
         return cls(
             images=np.concatenate([a.ravel() for a in arrays]),
@@ -96,6 +100,7 @@ class PackedGrains:
             hulls=hulls,
             radii=np.array([_radius(g) for g in grains.grains]),
             voxel_size=h,
+            unit=grains.voxel_size,
         )
 
     def select(self, rows: Sequence[int] | NDArray[np.int64]) -> PackedGrains:
@@ -103,7 +108,7 @@ class PackedGrains:
         index = np.asarray(rows, dtype=np.int64)
         return PackedGrains(
             self.images, self.starts[index], self.shapes[index], self.corners[index], self.centers[index],
-            self.hulls[index], self.radii[index], self.voxel_size,
+            self.hulls[index], self.radii[index], self.voxel_size, self.unit,
         )  # fmt: skip
 
     def coarsened(self, factor: int) -> PackedGrains:
@@ -124,7 +129,7 @@ class PackedGrains:
         return PackedGrains(
             np.concatenate([i.ravel() for i in images]), np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64),
             np.array(shapes, dtype=np.int64), self.corners + shift, self.centers, self.hulls, self.radii,
-            self.voxel_size * factor,
+            self.voxel_size * factor, self.unit,
         )  # fmt: skip
 
 

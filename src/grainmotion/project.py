@@ -206,7 +206,7 @@ def simulate_radiographs(
     out = np.zeros((len(geometry), *geometry.shape), grains.precision)
     if known.any():
         kept = GrainSet(tuple(g for g, k in zip(grains.grains, known, strict=True) if k))
-        packed = PackedGrains.of(kept)
+        packed = PackedGrains.of(kept, fine=projector == "trilinear")
         matrices = motions.matrices[known]
         shifts = motion.recenter(matrices, motions.translations[known], motions.centers[known], kept.centers)
         pose = Pose(shifts, matrices)

@@ -72,8 +72,12 @@ class SegmentSettings:
         float, Field(ge=0, description="attenuation without a label goes to the nearest grain this far away, voxels")
     ] = 3.0
     background: Annotated[
-        Background, Field(description='what is further away: "ignore" it, or keep it "fixed" in all states')
+        Background,
+        Field(description='what is further away: "ignore" it, keep it "fixed" in all states, or "moving" as one body'),
     ] = "ignore"
+    finer: Annotated[
+        int, Field(ge=1, le=4, description="voxels of the last stages of tracking: this many times finer, by splines")
+    ] = 2
 
 
 @dataclass(frozen=True, config={"arbitrary_types_allowed": True})

@@ -89,8 +89,8 @@ def _all_together(
     grains: GrainSet, scan: Scan, start: Motions | None, settings: TrackSettings, progress: Progress | None
 ) -> tuple[Motions, Float]:
     """All stages for some grains, and how much of each grain's shadow the radiographs hold."""
-    packed = PackedGrains.of(grains)
-    course = Course(settings, packed, _target(grains, scan, settings), progress)
+    packed, fine = (PackedGrains.of(grains, fine=f and settings.projector == "trilinear") for f in (False, True))
+    course = Course(settings, packed, fine, _target(grains, scan, settings), progress)
     base, pose = approach(course, starting_pose(grains, start))
     problem, solution = course.free(pose, "free")
     found = Found(problem, solution, np.zeros(len(packed), dtype=bool))

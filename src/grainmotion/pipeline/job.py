@@ -201,6 +201,7 @@ class Job:
                 reach=settings.reach,
                 border=reference.border,
                 background=settings.background,
+                finer=settings.finer,
             )
         return self.grain_set
 

@@ -60,7 +60,7 @@ def plan_experiment(
     segmented = experiment.tables.segment
     grains = grains_from_labels(
         reference.volume, reference.labels, reach=segmented.reach, border=reference.border,
-        background=segmented.background,
+        background=segmented.background, finer=1,
     )  # fmt: skip
     return _planned(grains, views, settings, done.folder, progress)
 
@@ -84,7 +84,7 @@ def plan_case(
     settings = replace(settings or PlanSettings(), photons=exposure)
     grid = made.scanner.grid
     volume = simulate.attenuation_volume(made.sample, grid)
-    grains = grains_from_labels(volume, simulate.label_volume(made.sample, grid))
+    grains = grains_from_labels(volume, simulate.label_volume(made.sample, grid), finer=1)
     angles = tuple(float(a) for a in candidate_angles("cone", settings))
     return _planned(grains, made.scanner.geometry(angles), settings, folder, progress)
 

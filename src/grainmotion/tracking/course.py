@@ -21,10 +21,14 @@ ROUGHLY = Stopping(iterations=20, step=0.1, decrease=1e-3)  # for the stages tha
 
 @dataclass
 class Course:
-    """One state under way: what is fitted, the costs so far, and whom to tell."""
+    """One state under way: what is fitted, the costs so far, and whom to tell.
+
+    ``fine`` are the same grains as ``grains`` on finer voxels, for the last stages.
+    """
 
     settings: TrackSettings
     grains: PackedGrains
+    fine: PackedGrains
     target: Target
     progress: Progress | None
     costs: list[tuple[str, float]] = field(default_factory=list)
@@ -82,7 +86,7 @@ class Course:
             last = k == len(filters) - 1
             known = Freedom() if k == 0 and not last else replace(settings.freedom, degree=1)
             freedom = settings.freedom if last else known
-            problem = StateProblem(self.grains, self.filter(width, freedom))
+            problem = StateProblem(self.fine if last else self.grains, self.filter(width, freedom))
             stopping = Stopping(settings.iterations, tolerance if last else max(tolerance, 0.02))
             solution = self.solve(problem, pose, stopping, f"{name}, filter {width:g}")
             pose = solution.state

@@ -116,4 +116,4 @@ def _still_moving(problem: StateProblem, solution: Solution[Pose]) -> NDArray[np
     if solution.settled:
         return np.zeros(len(each), dtype=bool)
     moved = np.linalg.norm(each[:, :3], axis=1) + np.linalg.norm(each[:, 3:], axis=1) * problem.grains.radii
-    return moved > 0.1 * problem.grains.voxel_size
+    return moved > 0.1 * problem.grains.unit

@@ -242,7 +242,7 @@ class StateProblem:
         """Largest displacement of any grain's surface, in voxels."""
         each, _ = self._each(state, step)
         moved = np.linalg.norm(each[:, :3], axis=1) + np.linalg.norm(each[:, 3:], axis=1) * self.grains.radii
-        return float(moved.max()) / self.grains.voxel_size
+        return float(moved.max()) / self.grains.unit
 
     def _each(self, state: Pose, step: Float) -> tuple[Float, Float]:
         """Increments of the grains ``(n, 6)`` and of the surroundings."""

@@ -135,7 +135,7 @@ class _End:
             turns = motion.log(other.pose.matrices @ np.swapaxes(self.pose.matrices, 1, 2))
             apart = np.linalg.norm(other.pose.translations - self.pose.translations, axis=1)
             apart += np.linalg.norm(turns, axis=1) * grains.radii
-            same |= apart < SAME * grains.voxel_size
+            same |= apart < SAME * grains.unit
         return same
 
 

@@ -36,7 +36,7 @@ ANY_TURN = np.pi**2 / 3  # variance of an angle of which nothing is known
 def unconfirmed(problem: StateProblem, pose: Pose, seen: Seen) -> Float:
     """Covariance ``(n, 3, 3)``, rad², of the turns that the radiographs do not confirm; zero where they do."""
     target, grains = problem.target, problem.grains
-    angles = np.minimum(RIM * grains.voxel_size / grains.radii, LARGEST)
+    angles = np.minimum(RIM * grains.unit / grains.radii, LARGEST)
     patches = shadows(_swollen(grains, angles), pose, target.scan.geometry, margin=len(target.kernel) - 1)
     factor = target.roots * seen.response.slope(seen.path)
     values, slopes = differentiate_patches(grains, pose, target.scan.geometry, patches, target.projector)
@@ -68,7 +68,7 @@ def _swollen(grains: PackedGrains, angles: Float) -> PackedGrains:
     """The same grains with hulls that hold all their turned ones."""
     reach = np.linalg.norm(grains.hulls, axis=2, keepdims=True)
     out = angles[:, None, None] * reach.max(axis=1, keepdims=True)
-    return replace(grains, hulls=grains.hulls * (1 + out / np.maximum(reach, grains.voxel_size)))
+    return replace(grains, hulls=grains.hulls * (1 + out / np.maximum(reach, grains.unit)))
 
 
 def _products(left: Image, right: Image, patches: Patches, n: int) -> Float:
