@@ -6,7 +6,7 @@ STAMP  := $(VENV)/.installed
 SPAM   := .venv-spam
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-browser test-spam test-all check format bench paper clean
+.PHONY: help install demo test test-browser test-spam test-all check format bench paper accuracy clean
 
 help:            ## list the targets
 	@grep -hE '^[a-z-]+: .*##|^[a-z-]+:  *##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -56,5 +56,8 @@ bench: $(STAMP)  ## run the benchmarks against their peers
 paper: $(STAMP)  ## rerun every result of the paper and write docs/paper.md (long)
 	$(BIN)/python -m paper
 
+accuracy: $(STAMP) ## measure errors, bounds, uncertainties and hard cases and write docs/accuracy.md (long)
+	$(BIN)/python -m accuracy
+
 clean:           ## remove the environments and caches
-	rm -rf $(VENV) $(SPAM) .venv-bench .paper .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) $(SPAM) .venv-bench .paper .accuracy .pytest_cache .mypy_cache .ruff_cache

@@ -22,7 +22,7 @@ from paper.page import table
 
 STATE, VIEWS = "random", 4
 NEAR, NEAR_SEED = (1.0, 6.0), 57  # voxels and degrees from the truth, at most
-ALONE = TrackSettings(fields=False, search=False, gain=False, filters=(0.7,))
+ALONE = TrackSettings(fields=False, search=False, gain=False, trend="none", filters=(0.7,))
 SPATIAL_CAP = 100  # evaluations: 4 to 6 minutes with a dense Jacobian
 SAME = (0.01, 0.1)  # voxels and degrees, root mean square a component, within which two answers are one
 GOAL = 50.0  # times less CPU

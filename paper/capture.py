@@ -9,6 +9,7 @@ from functools import cache
 
 import numpy as np
 from matplotlib.figure import Figure
+from studies.trials import each
 
 from grainmotion.compare import compare
 from grainmotion.geometry import Geometry
@@ -30,7 +31,6 @@ from grainmotion.track import track
 from grainmotion.volume import Volume
 from paper import page
 from paper.page import Section, figure, table
-from paper.trials import each
 
 STONES = 95
 DIAMETER = {15: 20.0, 200: 14.0}  # voxels, by number of grains; a voxel is 1 mm

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from studies.trials import each
 
 from grainmotion import motion
 from grainmotion.grains import GrainSet
@@ -18,14 +19,13 @@ from grainmotion.tracking.residual import StateProblem, Target
 from paper import images
 from paper.page import Section, figure, table
 from paper.table1 import EXACT, PLAIN
-from paper.trials import each
 
 Float = NDArray[np.float64]
 GRAINS = 20
 TURNS_DEG = np.arange(-90.0, 91.0, 5.0)
 SHIFTS = np.array([0.25, 0.5, 0.75, 1.0])  # diameters
 DIRECTIONS_DEG = np.arange(0.0, 360.0, 45.0)
-FULL = TrackSettings(gain=False, tolerance=1e-10)
+FULL = TrackSettings(gain=False, trend="none", tolerance=1e-10)
 SOLVERS = {"plain": PLAIN, "with search": FULL}
 SYMMETRIC = 0.1  # of the highest cost: a second valley this deep makes a grain nearly symmetric
 

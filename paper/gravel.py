@@ -6,7 +6,6 @@ it, so that studies share it.  Every noise has a number of its own, so that ever
 
 from __future__ import annotations
 
-import hashlib
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -15,6 +14,10 @@ from importlib.metadata import version
 
 import numpy as np
 from numpy.typing import NDArray
+from studies.cache import Arrays, digest
+from studies.cache import kept as kept_file
+from studies.page import number
+from studies.warm import compile_kernels
 
 from grainmotion.compare import Comparison, compare
 from grainmotion.geometry import Geometry
@@ -23,7 +26,7 @@ from grainmotion.motions import Motions
 from grainmotion.reconstruct import ReconstructSettings, reconstruct
 from grainmotion.scan import Scan
 from grainmotion.segment import segment
-from grainmotion.simulate import LATER_ANGLES_DEG, Case, paper_scale, small
+from grainmotion.simulate import LATER_ANGLES_DEG, Case, paper_scale
 from grainmotion.track import TrackSettings, track
 from grainmotion.volume import Volume
 from paper import page
@@ -85,7 +88,7 @@ def angles_deg() -> tuple[float, ...]:
 def full_scan(noise: int = 0) -> Scan:
     """The full scan of the reference state; each ``noise`` is a scan of its own."""
 
-    def make() -> dict[str, NDArray[np.generic]]:
+    def make() -> Arrays:
         twin = case()
         scan = twin.reference() if noise == 0 else twin.state(twin.motions["unmoved"], angles_deg(), 1000 + noise)
         return {"images": scan.line_integrals, "vectors": scan.geometry.vectors}
@@ -116,7 +119,7 @@ def sweep(count: int, settings: ReconstructSettings = SMOOTH, noise: int = 0) ->
         return Reference(case().scanner.grid, (), 0.0)
     one = replace(settings, sweeps=1, relaxation=settings.relaxation * settings.decay ** (count - 1))
 
-    def make() -> dict[str, NDArray[np.generic]]:
+    def make() -> Arrays:
         before, scan = sweep(count - 1, settings, noise), full_scan(noise)
         start = time.process_time()
         found = reconstruct(scan, before.volume, one)
@@ -125,7 +128,7 @@ def sweep(count: int, settings: ReconstructSettings = SMOOTH, noise: int = 0) ->
         return {"array": found.volume.array, "residuals": np.array(residuals), "cpu": np.array(cpu)}
 
     whole = repr(replace(settings, sweeps=1, tolerance=0.0, noise=None))
-    name = f"gravel{SEED}-scan{noise}-{settings.projector}-{_digest(whole)}-sweep{count}"
+    name = f"gravel{SEED}-scan{noise}-{settings.projector}-{digest(whole)}-sweep{count}"
     found = kept(name, make)
     volume = Volume(found["array"], case().scanner.voxel_size)
     return Reference(volume, tuple(found["residuals"].tolist()), float(found["cpu"]))
@@ -146,7 +149,7 @@ def reference(settings: ReconstructSettings = SMOOTH, noise: int = 0) -> Referen
 def labels(settings: ReconstructSettings = SMOOTH) -> NDArray[np.integer]:
     """Which grain each voxel of a reference belongs to, by default segmentation."""
     return kept(
-        f"gravel{SEED}-{settings.projector}-{_digest(repr(settings))}-labels",
+        f"gravel{SEED}-{settings.projector}-{digest(repr(settings))}-labels",
         lambda: {"labels": segment(reference(settings).volume).labels},
     )["labels"]
 
@@ -192,35 +195,7 @@ def near_truth(sample: GrainSet, name: str, voxels: float, degrees: float, seed:
     )
 
 
-@cache
-def compile_kernels() -> None:
-    """Track a tiny case once by each projector, so that no CPU time holds compilation."""
-    tiny = small(n_grains=3)
-    scan = tiny.reference().select(slice(None, None, 6))
-    volume = reconstruct(scan, tiny.scanner.grid, ReconstructSettings(sweeps=1)).volume
-    sample = grains_from_labels(volume, segment(volume).labels)
-    later = tiny.state(tiny.motions["unmoved"], LATER_ANGLES_DEG[2])
-    track(sample, later)
-    track(sample, later, settings=TrackSettings(projector="exact"))
-
-
 # ---------------------------------------------------------------------- small things
-def kept(name: str, make: Callable[[], dict[str, NDArray[np.generic]]]) -> dict[str, NDArray[np.generic]]:
-    """Arrays from the cache, made and put there if they are not in it."""
-    path = page.CACHE / f"{version('grainmotion')}-{name}.npz"
-    if not path.exists():
-        page.CACHE.mkdir(exist_ok=True)
-        part = path.with_suffix(".part.npz")
-        np.savez(part, **make())
-        part.replace(path)  # so that a run cut short leaves no half file
-    with np.load(path) as file:
-        return dict(file)
-
-
-def number(value: float, digits: int) -> str:
-    """A number for a table; – for none."""
-    return f"{value:.{digits}f}" if np.isfinite(value) else "–"
-
-
-def _digest(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()[:8]
+def kept(name: str, make: Callable[[], Arrays]) -> Arrays:
+    """Arrays from the paper's cache, made and put there if they are not in it."""
+    return kept_file(page.CACHE / f"{version('grainmotion')}-{name}.npz", make)

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from studies.trials import each
+
 from grainmotion.track import TrackSettings, track
 from paper import images
 from paper.page import Section, table
-from paper.trials import each
 
 SEEDS = 100
 EXACT = 1e-9  # of a pixel and of a radian
-PLAIN = TrackSettings(fields=False, search=False, gain=False, filters=(0.7,), tolerance=1e-10, iterations=40)
+PLAIN = TrackSettings(fields=False, search=False, gain=False, trend="none", filters=(0.7,), tolerance=1e-10, iterations=40)
 """All grains free at once, from zero, under one narrow filter; exact derivatives."""
 
 

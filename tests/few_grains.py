@@ -26,7 +26,7 @@ def geometry(angles_deg=ANGLES, shape=PANEL) -> Geometry:
     return Geometry.cone(angles_deg, shape, 4 * VOXEL, source_to_axis=40, source_to_detector=160)
 
 
-def grain_set(count: int = 5, sphere: int | None = None, seed: int = 0) -> GrainSet:
+def grain_set(count: int = 5, sphere: int | None = None, seed: int = 0, finer: int = 2) -> GrainSet:
     """Convex polyhedra with soft faces and a dense corner, labels 1 … count; grain ``sphere`` is an even ball."""
     rng = np.random.default_rng(seed)
     z, y, x = np.meshgrid(*((np.arange(n) - (n - 1) / 2) * VOXEL for n in (46, 44, 52)), indexing="ij")
@@ -45,7 +45,22 @@ def grain_set(count: int = 5, sphere: int | None = None, seed: int = 0) -> Grain
         mine = texture * np.clip(0.5 - outside / VOXEL, 0, 1)
         labels[mine > volume] = label
         volume = np.maximum(volume, mine)
-    return grains_from_labels(Volume(volume, VOXEL), labels, reach=0)
+    return grains_from_labels(Volume(volume, VOXEL), labels, reach=0, finer=finer)
+
+
+def blob(x0, y0, z0, a, b, c) -> np.ndarray:
+    """A smooth body, aslant, on a grid of its own: differences of its radiographs are slopes."""
+    z, y, x = np.mgrid[:46, :44, :52].astype(float)
+    across = y - y0 - 0.3 * (x - x0)
+    array = np.exp(-(((x - x0) / a) ** 2 + (across / b) ** 2 + ((z - z0) / c) ** 2) / 2)
+    return np.where(array > 1e-4, array, 0)
+
+
+def smooth_grains() -> GrainSet:
+    """Two lumps, one behind the other in some views."""
+    both = [blob(16, 20, 20, 3.5, 3, 3.5), blob(33, 24, 25, 3, 3.5, 3)]
+    labels = np.where(both[0] > both[1], 1, np.where(both[1] > 0, 2, 0))
+    return grains_from_labels(Volume(both[0] + both[1], VOXEL), labels, reach=0, finer=1)
 
 
 def motions(grains: GrainSet, translations=0.0, rotations_deg=0.0) -> Motions:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from grainmotion.errors import InputError
 from grainmotion.grains import PADDING, Grain, GrainSet, grains_from_labels
@@ -157,3 +158,32 @@ class TestRefused:
         volume, labels = two_blocks
         with pytest.raises(InputError, match=rf"labels: they run from .*{odd}.*from 1 on"):
             grains_from_labels(volume, np.where(labels == 7, odd, labels).astype(np.int64))
+
+
+class TestBackground:
+    @pytest.fixture
+    def tubed(self, two_blocks):
+        """The two blocks, and a wall further away than they reach."""
+        volume, labels = two_blocks
+        array = np.pad(volume.array, ((0, 0), (0, 0), (0, 8)))
+        array[:, :, 26] = 0.4
+        return Volume(array, VOXEL, volume.center), np.pad(labels, ((0, 0), (0, 0), (0, 8)))
+
+    @pytest.mark.parametrize(("background", "moves"), [("ignore", False), ("fixed", False), ("moving", True)])
+    def test_what_becomes_of_it(self, tubed, background, moves):
+        volume, labels = tubed
+        grains = grains_from_labels(volume, labels, background=background)
+        assert grains.background_moves is moves
+        if background == "ignore":
+            assert grains.background is None
+            return
+        assert grains.background.center == volume.center
+        np.testing.assert_allclose(put_back(grains, volume) + grains.background.array, volume.array, atol=1e-6)
+        np.testing.assert_allclose(grains.background.array[:, :, 26], 0.4)
+        near = ndimage.distance_transform_edt(labels == 0) <= 1  # a grain's rim is never the wall's
+        assert not grains.background.array[near].any()
+
+    def test_without_some_grains_it_stays_what_it_is(self, tubed):
+        fewer = grains_from_labels(*tubed, background="moving").without([0])
+        assert fewer.background_moves
+        assert fewer.background is not None

@@ -28,7 +28,7 @@ def stage(angles=(0.0, 60.0), shape=PANEL):
     return Geometry.cone(angles, shape, 4 * VOXEL, source_to_axis=30, source_to_detector=120)
 
 
-def three_grains():
+def three_grains(finer=1, reach=0):
     """Labels 5, 2 and 9 in this volume: three lumps side by side along x."""
     rng = np.random.default_rng(0)
     array = np.zeros((12, 12, 32), np.float32)
@@ -36,7 +36,7 @@ def three_grains():
     for label, x in ((5, 2), (2, 12), (9, 22)):
         array[2:10, 2:10, x : x + 8] = rng.uniform(0.5, 1, (8, 8, 8))
         labels[2:10, 2:10, x : x + 8] = label
-    return grains_from_labels(Volume(array, VOXEL, (0.1, 0.0, 0.05)), labels, reach=0)
+    return grains_from_labels(Volume(array, VOXEL, (0.1, 0.0, 0.05)), labels, reach=reach, finer=finer)
 
 
 def still(grains):
@@ -141,7 +141,7 @@ class TestShadows:
         array = np.zeros((9, 9, 15), np.float32)
         array[3:6, 3:6, 1:5], array[3:6, 3:6, 5:14] = 1, -0.1
         volume = Volume(array, VOXEL)
-        grains = grains_from_labels(volume, (array != 0).astype(np.int8), reach=0)
+        grains = grains_from_labels(volume, (array != 0).astype(np.int8), reach=0, finer=1)
         found = simulate_radiographs(grains, Motions.identity(grains.labels, grains.centers), stage())
         np.testing.assert_allclose(found, project(volume, stage()), atol=2e-6)
 
@@ -176,6 +176,15 @@ class TestSimulatedRadiographs:
         )
         one, other = (simulate_radiographs(grains, m, stage()) for m in (motions, elsewhere))
         np.testing.assert_allclose(one, other, atol=2e-6)
+
+    def test_finer_voxels_hold_the_same_grains(self):
+        """Grains have them unless told otherwise; their radiographs cast as much shadow, and are used."""
+        still = Motions.identity(three_grains().labels, three_grains().centers)
+        coarse, fine = (simulate_radiographs(three_grains(finer, 3), still, stage()) for finer in (1, 2))
+        assert np.abs(fine - coarse).max() > 1e-3
+        np.testing.assert_allclose(fine.sum(axis=(1, 2)), coarse.sum(axis=(1, 2)), rtol=2e-3)
+        exact = [simulate_radiographs(three_grains(finer), still, stage(), "exact") for finer in (1, 2)]
+        np.testing.assert_array_equal(*exact)
 
     def test_single_precision_stacks_of_views(self):
         grains = three_grains()

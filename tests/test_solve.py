@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy import sparse
 from scipy.linalg import LinAlgError
+from scipy.optimize import least_squares
 
 from grainmotion import solve
 from grainmotion.solve import Linearization, Stopping, damped_step, gauss_newton
@@ -293,3 +294,85 @@ def test_an_unknown_that_is_all_but_unseen_stays():
     b = a[:, [0, 2]] @ [2.0, -1.0]
     solution = gauss_newton(LeastSquares(lambda x: a @ x - b, lambda x: a), np.zeros(3), Stopping(step=1e-12))
     np.testing.assert_allclose(solution.state, [2.0, 0.0, -1.0], atol=1e-9)
+
+
+class TestSteppingBorder:
+    """A border whose last unknowns are not eliminated but step with the others."""
+
+    def problem(self, stepping=2, eliminated=1, seed=0):
+        """r(x, y, z) = f(x, y) + C z, with x of the matrix, y stepping in the border and z eliminated."""
+        rng = np.random.default_rng(seed)
+        A, B, C = rng.normal(size=(40, 6)), rng.normal(size=(40, stepping)), rng.normal(size=(40, eliminated))
+        truth = rng.normal(size=6 + stepping)
+        b = rng.normal(size=40)
+
+        def residual(state):
+            x, y = state[:6], state[6:]
+            return A @ np.sin(x) + B @ np.tanh(y) - b - 0.1 * (A @ x) * (B @ y)
+
+        def jacobian(state):
+            x, y = state[:6], state[6:]
+            own = A * np.cos(x) - 0.1 * A * (B @ y)[:, None]
+            few = B / np.cosh(y) ** 2 - 0.1 * B * (A @ x)[:, None]
+            return np.hstack([own, few])
+
+        class Bordered:
+            def linearize(self, state):
+                J, r = jacobian(state), residual(state)
+                r = r - C @ np.linalg.lstsq(C, r, rcond=None)[0]
+                own, both = J[:, :6], np.hstack([C, J[:, 6:]])
+                return Linearization(
+                    0.5 * float(r @ r), own.T @ r, own.T @ own, own.T @ both, both.T @ both, J[:, 6:].T @ r
+                )
+
+            def retract(self, state, step):
+                return state + step
+
+            def size(self, state, step):
+                return float(np.linalg.norm(step))
+
+        def reduced(state):
+            r = residual(state)
+            return r - C @ np.linalg.lstsq(C, r, rcond=None)[0]
+
+        return Bordered(), reduced, 0.1 * truth
+
+    @pytest.mark.parametrize("eliminated", [0, 1, 3])
+    @pytest.mark.parametrize("stepping", [1, 2, 4])
+    def test_the_optimum_is_scipys(self, stepping, eliminated):
+        problem, reduced, start = self.problem(stepping, eliminated)
+        expected = least_squares(reduced, start, xtol=1e-12, ftol=1e-12, gtol=1e-12)
+        found = gauss_newton(problem, start, Stopping(iterations=300, step=1e-10, decrease=1e-15))
+        assert found.settled
+        assert found.costs[-1] == pytest.approx(expected.cost, rel=1e-9)
+        np.testing.assert_allclose(found.state, expected.x, atol=1e-5)
+        assert len(found.last_step) == 6 + stepping
+        assert (np.diff(found.costs) < 0).all()
+
+    @pytest.mark.parametrize("damping", [0.0, 0.1])
+    def test_one_step_is_that_of_the_joint_equations(self, damping):
+        """Damped in x alone; eliminated unknowns have no slope, stepping ones have."""
+        at, J, r, C = blocks(5, border=3)
+        first = C[:, :1]
+        r = r - first @ np.linalg.lstsq(first, r, rcond=None)[0]
+        damped = J.T @ J + damping * np.diag(np.diagonal(J.T @ J))
+        joint = np.block([[damped, J.T @ C], [C.T @ J, C.T @ C]])
+        expected = np.linalg.solve(joint, -np.concatenate([J.T @ r, C.T @ r]))
+        step = damped_step(Linearization(1.0, J.T @ r, at.hessian, at.border, at.corner, C[:, 1:].T @ r), damping)
+        np.testing.assert_allclose(step, np.delete(expected, 30), atol=1e-9)
+
+    def test_a_linear_problem_goes_as_far_as_promised(self):
+        """The decrease that the model promises is the one that comes, damped or not."""
+        at, J, r, C = blocks(4, 6, 2)
+        whole = Linearization(0.5 * float(r @ r), J.T @ r, at.hessian, at.border, at.corner, C.T @ r)
+        for damping in (0.0, 0.3):
+            step = damped_step(whole, damping)
+            left = r + J @ step[:24] + C @ step[24:]
+            assert solve._predicted(whole, step, damping) == pytest.approx(0.5 * float(r @ r - left @ left), rel=1e-9)
+
+    def test_conjugate_gradients_give_the_same(self, monkeypatch):
+        at, J, r, C = blocks(20, 7, 3)
+        whole = Linearization(1.0, J.T @ r, at.hessian, at.border, at.corner, C[:, 1:].T @ r)
+        dense = damped_step(whole, 1e-3)
+        monkeypatch.setattr(solve, "DENSE_UP_TO", 0)
+        np.testing.assert_allclose(damped_step(whole, 1e-3), dense, atol=1e-6 * np.abs(dense).max())

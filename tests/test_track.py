@@ -82,11 +82,13 @@ class TestOrdinary:
     def test_a_sample_off_the_axis(self):
         """A volume whose centre is far from the axis, in a panel shifted after it."""
         away = np.array([3.0, -2.0, 1.5])
+
+        def carried(volume):
+            return replace(volume, center=tuple(np.add(volume.center, away)))
+
         grains = GrainSet(
             tuple(
-                replace(
-                    g, volume=replace(g.volume, center=tuple(np.add(g.volume.center, away))), center=g.center + away
-                )
+                replace(g, volume=carried(g.volume), fine=carried(g.fine), center=g.center + away)
                 for g in GRAINS.grains
             )
         )
@@ -125,7 +127,7 @@ class TestOrdinary:
         for g in GRAINS.grains:
             noise = np.zeros(g.volume.shape, np.float32)
             noise[2:-2, 2:-2, 2:-2] = 0.03 * rng.standard_normal([n - 4 for n in g.volume.shape])
-            rough.append(replace(g, volume=replace(g.volume, array=g.volume.array + noise)))
+            rough.append(replace(g, volume=replace(g.volume, array=g.volume.array + noise), fine=None))
         grains = GrainSet(tuple(rough))
         assert min(g.volume.array.min() for g in rough) < 0
         assert_found(track(grains, radiographs(grains, TRUTH)), TRUTH)
@@ -139,7 +141,7 @@ class TestGain:
         assert measured.fit.offset == pytest.approx(0.02, abs=2e-3)
 
     def test_off(self):
-        measured = track(GRAINS, radiographs(GRAINS, TRUTH), settings=TrackSettings(gain=False))
+        measured = track(GRAINS, radiographs(GRAINS, TRUTH), settings=TrackSettings(gain=False, trend="none"))
         assert_found(measured, TRUTH)
         assert (measured.fit.gain, measured.fit.offset) == (1.0, 0.0)
 
@@ -325,7 +327,8 @@ class TestAbsurd:
 
     def test_a_grain_without_attenuation(self):
         first = GRAINS.grains[0]
-        empty = replace(first, volume=replace(first.volume, array=0 * first.volume.array))
+        nothing = [replace(v, array=0 * v.array) for v in (first.volume, first.fine)]
+        empty = replace(first, volume=nothing[0], fine=nothing[1])
         grains = GrainSet((empty, *GRAINS.grains[1:]))
         measured = track(grains, radiographs(grains, TRUTH))
         assert measured.statuses[0] == Status.NOT_FITTED.value
@@ -334,7 +337,11 @@ class TestAbsurd:
 
     def test_grains_of_negative_attenuation(self):
         """Bubbles in a dense fluid, of which the fluid is taken off."""
-        grains = GrainSet(tuple(replace(g, volume=replace(g.volume, array=-g.volume.array)) for g in GRAINS.grains))
+
+        def negative(volume):
+            return replace(volume, array=-volume.array)
+
+        grains = GrainSet(tuple(replace(g, volume=negative(g.volume), fine=negative(g.fine)) for g in GRAINS.grains))
         assert_found(track(grains, radiographs(grains, TRUTH)), TRUTH)
 
     def test_no_noise_at_all(self):

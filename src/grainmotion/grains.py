@@ -15,7 +15,9 @@ from grainmotion.errors import InputError
 from grainmotion.partition import fine_grain
 from grainmotion.volume import Volume
 
-Background = Literal["ignore", "fixed", "moving"]
+Background = Literal["auto", "ignore", "fixed", "moving"]
+MUCH, BESIDE = 0.02, 1.5  # share of all attenuation; voxels
+SMOOTHED, FAINT = 2.0, 0.02  # voxels; share of the grains' attenuation that tells a wall from noise
 PADDING = 2  # empty voxels kept around each grain, so that interpolation never leaves its crop
 
 
@@ -111,7 +113,7 @@ def grains_from_labels(
     *,
     reach: float = 3.0,
     border: Collection[int] = (),
-    background: Background = "ignore",
+    background: Background = "auto",
     finer: int = 2,
 ) -> GrainSet:
     """Cut a labelled volume into grains.
@@ -129,8 +131,10 @@ def grains_from_labels(
         How far attenuation without a label is handed to the nearest grain, in voxels.
     border : collection of int
         Labels of grains that touch the border of the field of view.
-    background : {"ignore", "fixed", "moving"}
-        What becomes of attenuation further away: dropped, kept where it is in all states, or moved as one body.
+    background : {"auto", "ignore", "fixed", "moving"}
+        What becomes of attenuation further away (container, pistons, fines): dropped, kept where it is in all
+        states, or moved as one body; "auto" moves it if it holds more than `MUCH` of all attenuation, and drops it
+        if not.  What is kept takes all from `BESIDE` voxels on, so that no grain carries a piece of wall.
     finer : int
         Each grain is resampled, too, on voxels this many times finer, and parted from its neighbours there (see
         `partition`); 1 is none.  A slice one voxel thick is not.
@@ -147,6 +151,11 @@ def grains_from_labels(
     if labels.min() < 0 or labels.max() > labels.size:
         raise InputError("labels", f"they run from {labels.min()} to {labels.max()}", "number the grains from 1 on")
     grown = expand_labels(labels, distance=reach) if reach > 0 else labels
+    if background == "auto":
+        background = "moving" if min(volume.shape) > 1 and _rest(volume, labels, grown) > MUCH else "ignore"
+    if background != "ignore" and reach > BESIDE:
+        reach = BESIDE
+        grown = expand_labels(labels, distance=reach)
     grains = []
     for index, box in enumerate(ndimage.find_objects(grown), start=1):
         if box is None:
@@ -164,6 +173,14 @@ def grains_from_labels(
     if background != "ignore":
         rest = Volume(np.where(grown > 0, 0, volume.array), volume.voxel_size, volume.center)
     return GrainSet(tuple(grains), rest, background == "moving")
+
+
+def _rest(volume: Volume, labels: NDArray[np.integer], grown: NDArray[np.integer]) -> float:
+    """Share of all attenuation that is no grain's, and no noise: it stands out of what is smoothed."""
+    whole = float(volume.array.sum(dtype=float))
+    grain = float(volume.array[labels > 0].mean()) if labels.any() else 0.0
+    rest = ndimage.gaussian_filter(np.where(grown == 0, volume.array, 0), SMOOTHED)
+    return float(rest[rest > FAINT * grain].sum(dtype=float)) / whole if whole > 0 else 0.0
 
 
 def padded(volume: Volume) -> Volume:

@@ -112,7 +112,7 @@ def _contested(grown: NDArray[np.integer], reach: int) -> NDArray[np.bool_]:
     return (bottom < top) & (grown > 0)
 
 
-def _cubic(x: NDArray[np.float64]) -> NDArray[np.float64]:
+def _cubic(x: NDArray[np.floating]) -> NDArray[np.float64]:
     """The cubic B-spline."""
     a = np.abs(x)
     near, far = 2 / 3 - a**2 + a**3 / 2, np.maximum(2 - a, 0) ** 3 / 6

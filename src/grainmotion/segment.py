@@ -73,8 +73,11 @@ class SegmentSettings:
     ] = 3.0
     background: Annotated[
         Background,
-        Field(description='what is further away: "ignore" it, keep it "fixed" in all states, or "moving" as one body'),
-    ] = "ignore"
+        Field(
+            description='what is further away: "ignore" it, keep it "fixed" in all states, or "moving" as one body; '
+            '"auto" is moving if it holds more than 2 % of all attenuation, else ignored'
+        ),
+    ] = "auto"
     finer: Annotated[
         int, Field(ge=1, le=4, description="voxels of the last stages of tracking: this many times finer, by splines")
     ] = 2

@@ -8,6 +8,8 @@ free again; (5) grains whose shadow is not there are left out.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
@@ -17,7 +19,7 @@ from grainmotion.motions import Motions
 from grainmotion.packed import PackedGrains, packed_body
 from grainmotion.project import project
 from grainmotion.scan import Scan
-from grainmotion.tracking.absent import complete, improves, merit, shadows_held, suspects
+from grainmotion.tracking.absent import FEW, complete, improves, merit, shadows_held, suspects
 from grainmotion.tracking.approach import approach
 from grainmotion.tracking.course import Course, Progress
 from grainmotion.tracking.judge import judge
@@ -77,7 +79,8 @@ def _track(
     best, present = whole, grains
     while settings.search and (absent := suspects(best, supports)):
         trials = [present.without(rows) for rows in absent]
-        ends = [_all_together(t, scan, start, settings, progress) for t in trials]
+        how = settings if len(trials) <= FEW else replace(settings, search=False)  # the right one needs no search
+        ends = [_all_together(t, scan, start, how, progress) for t in trials]
         k = max(range(len(ends)), key=lambda k: merit(ends[k][0]))
         if not improves(ends[k][0], best):
             break

@@ -1,5 +1,7 @@
 """Geometry and motions as CSV: every digit comes back; errors name the file and the row."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -16,6 +18,7 @@ from grainmotion.io.results import (
     write_reference,
 )
 from grainmotion.motions import COLUMNS, Motions, StateFit, Status
+from grainmotion.response import Response
 from grainmotion.volume import Volume
 
 
@@ -89,6 +92,23 @@ def motions():
     )
 
 
+def assert_same_fit(one, other):
+    for name in ("gain", "offset", "costs", "downweighted", "notes"):
+        assert getattr(one, name) == getattr(other, name)
+    for name in ("corrections", "corrections_sd", "background"):
+        assert_same_array(getattr(one, name), getattr(other, name))
+    assert (one.response is None) == (other.response is None)
+    if one.response is not None:
+        assert_same_array(one.response.polynomial, other.response.polynomial)
+        assert_same_array(one.response.background, other.response.background)
+
+
+def assert_same_array(one, other):
+    assert (one is None) == (other is None)
+    if one is not None:
+        np.testing.assert_array_equal(one, other)
+
+
 class TestMotionsFiles:
     def test_csv_has_just_the_columns_of_the_contract(self, tmp_path, motions):
         write_motions(tmp_path / "m.csv", motions)
@@ -125,7 +145,16 @@ class TestMotionsFiles:
             np.testing.assert_array_equal(getattr(back, name), getattr(motions, name))
         assert back.statuses.tolist() == motions.statuses.tolist()
         assert back.reasons == motions.reasons
-        assert back.fit == motions.fit
+        assert_same_fit(back.fit, motions.fit)
+
+    def test_h5_round_trip_of_all_that_was_found_of_a_state(self, tmp_path, motions):
+        rng = np.random.default_rng(4)
+        fit = StateFit(
+            1.02, 0.01, (("free", 0.1),), Response(rng.normal(size=(3, 2)), rng.normal(size=(3, 6))),
+            rng.normal(size=(3, 3)), rng.uniform(size=(3, 3)), rng.normal(size=6), 0.03, ("one; two", "µ"),
+        )  # fmt: skip
+        write_motions_h5(tmp_path / "m.h5", replace(motions, fit=fit))
+        assert_same_fit(read_motions_h5(tmp_path / "m.h5").fit, fit)
 
     @pytest.mark.parametrize(
         ("change", "fact"),

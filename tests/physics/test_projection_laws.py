@@ -253,7 +253,7 @@ def two_grains(seed=10):
     labels[1:8, 1:9, 1:8], labels[2:9, 2:9, 8:15] = 1, 2
     labels[3:5, 4:6, 8] = 1
     volume = Volume(np.where(labels > 0, array, 0), 0.1, (0.05, 0.1, -0.08))
-    return grains_from_labels(volume, labels, reach=0), volume
+    return grains_from_labels(volume, labels, reach=0, finer=1), volume
 
 
 def double_project(packed, pose, geometry, patches, projector, derivatives=False):
@@ -380,7 +380,7 @@ class TestPatches:
         z, y, x = np.meshgrid(*[np.arange(n) - (n - 1) / 2] * 3, indexing="ij")
         square = (x + y) ** 2 / 2 + (x - y) ** 2 / 2 * (36 if elongated else 1) + z**2
         volume = Volume((square < 60**2).astype(np.float32), 0.1)
-        grains = grains_from_labels(volume, (volume.array > 0).astype(np.int8), reach=0)
+        grains = grains_from_labels(volume, (volume.array > 0).astype(np.int8), reach=0, finer=1)
         geometry = Geometry.cone([11.0, 52.0], (150, 150), 0.2, source_to_axis=60, source_to_detector=120)
         still = Motions.identity(grains.labels, grains.centers)
         whole = project(volume, geometry, projector)
@@ -425,7 +425,7 @@ class TestPatches:
         array = random_volume(12, (5, 5, 5)).array
         first, second = [(1, 2), (2, 0), (0, 1)][axis]  # the turn carries the first to the second axis, x y z
         turned = np.rot90(array, axes=(2 - first, 2 - second))
-        grains = grains_from_labels(Volume(array, 0.1, (0.1, 0.2, 0.3)), np.ones((5, 5, 5), np.int8), reach=0)
+        grains = grains_from_labels(Volume(array, 0.1, (0.1, 0.2, 0.3)), np.ones((5, 5, 5), np.int8), reach=0, finer=1)
         motions = Motions.identity(grains.labels, np.array([[0.1, 0.2, 0.3]]))  # not the centre of mass
         motions.rotations[0, axis] = np.pi / 2
         geometry = GEOMETRIES["cone, tilted"]

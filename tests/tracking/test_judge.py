@@ -34,7 +34,7 @@ def problem_of(scan, grains=GRAINS, sigma=0.7, gain=True):
     target = Target(
         scan, np.zeros(scan.line_integrals.shape, np.float32), "trilinear", sigma, DRIFT if gain else Freedom()
     )
-    return StateProblem(PackedGrains.of(grains), target)
+    return StateProblem(PackedGrains.of(grains, fine=True), target)
 
 
 def judged(scan, pose, grains=GRAINS, limits=LIMITS, settled=True, last_step=None, doubtful=None, **target):

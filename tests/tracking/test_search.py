@@ -9,7 +9,7 @@ from grainmotion.track import TrackSettings, track
 from paper import images
 
 GRAINS = grain_set()
-EXACTLY = TrackSettings(gain=False, tolerance=1e-10, iterations=60)
+EXACTLY = TrackSettings(gain=False, trend="none", tolerance=1e-10, iterations=60)
 
 
 def attempts(measured):

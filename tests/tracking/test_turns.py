@@ -8,28 +8,30 @@ import pytest
 from few_grains import VOXEL, geometry, grain_set, motions, radiographs, small_motions
 from grainmotion import motion
 from grainmotion.grains import GrainSet
-from grainmotion.packed import PackedGrains, Pose
+from grainmotion.packed import PackedGrains, Pose, Surroundings
 from grainmotion.project import shadows
 from grainmotion.tracking.freedom import DRIFT
 from grainmotion.tracking.residual import StateProblem, Target
+from grainmotion.tracking.surroundings import corrected
 from grainmotion.tracking.turns import ANY_TURN, _swollen, unconfirmed
 
 
 def loose(grains, truth, scan, valid=None):
     """Covariances of unconfirmed turns at the truth."""
     target = Target(scan, np.zeros(scan.line_integrals.shape, np.float32), "trilinear", 0.7, DRIFT)
-    problem = StateProblem(PackedGrains.of(grains), target)
+    problem = StateProblem(PackedGrains.of(grains, fine=True), target)
     pose = Pose(truth.translations, truth.matrices)
     return unconfirmed(problem, pose, problem.look(pose))
 
 
 def with_pattern(grains, share, seed=0):
-    """The grains with white noise in their voxels."""
+    """The grains with white noise in their voxels, which have no finer ones."""
     rng = np.random.default_rng(seed)
     rough = []
     for g in grains.grains:
         pattern = share * rng.standard_normal(g.volume.shape) * (g.volume.array > 0)
-        rough.append(replace(g, volume=replace(g.volume, array=(g.volume.array + pattern).astype(np.float32))))
+        array = (g.volume.array + pattern).astype(np.float32)
+        rough.append(replace(g, volume=replace(g.volume, array=array), fine=None))
     return GrainSet(tuple(rough))
 
 
@@ -69,6 +71,18 @@ class TestUnconfirmed:
         gone.translations[0] = 0, 0, 50
         found = loose(GRAINS, gone, radiographs(GRAINS, gone))
         assert np.isfinite(found).all()
+
+    def test_nor_do_views_that_stand_elsewhere(self):
+        """Where a pose says so, grains are turned on the views as they are: a ball's turns are free there too."""
+        rough = with_pattern(GRAINS, 0.3)
+        at = Surroundings(np.tile([5.0, -4.0, 0.05], (4, 1)), np.zeros(3), np.eye(3))
+        scan = replace(radiographs(GRAINS, TRUTH, views=corrected(geometry(), at)), geometry=geometry())
+        target = Target(scan, np.zeros(scan.line_integrals.shape, np.float32), "trilinear", 0.7, DRIFT)
+        problem = StateProblem(PackedGrains.of(rough, fine=True), target)
+        pose = Pose(TRUTH.translations, TRUTH.matrices, at)
+        found = unconfirmed(problem, pose, problem.look(pose))
+        np.testing.assert_allclose(found[1], ANY_TURN * np.eye(3), atol=1e-6)
+        assert not found[[0, 2, 3, 4]].any()
 
 
 class TestSwollen:

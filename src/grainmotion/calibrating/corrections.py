@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -19,6 +20,8 @@ Parameter = Literal["shift_u", "shift_v", "turn", "pitch", "yaw", "axis_offset",
 PARAMETERS: tuple[Parameter, ...] = get_args(Parameter)
 DEFAULT: tuple[Parameter, ...] = ("shift_u", "turn", "axis_tilt")
 LENGTHS = ("shift_u", "shift_v", "axis_offset")
+CLEAR, CLEARLY_BETTER = 3.0, 0.97
+"""Standard deviations from which a correction is beyond doubt; share of the residual that must not be left then."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +79,15 @@ class Calibration:
     def values(self) -> dict[str, float]:
         """The corrections, mm and degrees, by name."""
         return {c.name: c.value for c in self.corrections}
+
+    def clear(self, told: Geometry) -> Calibration:
+        """Only those corrections of the told geometry that are beyond doubt, the others zero."""
+        before, after = self.residuals
+        better = after < CLEARLY_BETTER * before
+        kept = [better and abs(c.value) > CLEAR * c.sd for c in self.corrections]
+        found = tuple(replace(c, value=c.value if k else 0.0) for c, k in zip(self.corrections, kept, strict=True))
+        values: dict[str, float] = {c.name: c.value for c in found}
+        return Calibration(corrected(told, values), found, (before, after if any(kept) else before))
 
     def apply(self, geometry: Geometry) -> Geometry:
         """Correct the geometry of another scan of the same machine."""

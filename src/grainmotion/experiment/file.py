@@ -113,12 +113,13 @@ class VolumeTable(_Table):
 
 
 class CalibrateTable(_Table):
-    """What the reference scan is asked about the machine, for the reference and all states; nothing unless asked."""
+    """What the reference scan is asked about the machine, for the reference and all states."""
 
-    geometry: bool | list[Parameter] = Field(
-        default=False,
-        description='true, or a list of corrections to find: "shift_u", "turn", "axis_tilt" (these are found if true), '
-        '"axis_offset", "yaw", "pitch", "shift_v"',
+    geometry: bool | Literal["auto"] | list[Parameter] = Field(
+        default="auto",
+        description='"auto": find "shift_u", "turn" and "axis_tilt" and correct what is clearly off (a full scan of '
+        "few views is left alone); true: correct them whatever they are; a list: find these, out of those and "
+        '"axis_offset", "yaw", "pitch", "shift_v"; false: take the geometry as told',
     )
     hardening: Literal[0, 2, 3, 4] = Field(
         default=0, description="degree of the curve that undoes beam hardening; 0 to leave it"

@@ -61,7 +61,7 @@ def find_inputs(experiment: Experiment) -> Inputs:
     tables, folder = experiment.tables, experiment.folder
     volume = named_stack("reference.volume", tables.reference.volume, folder)
     labels = named_stack("reference.labels", tables.reference.labels, folder)
-    asked = tables.calibrate.geometry or tables.calibrate.hardening
+    asked = tables.calibrate.geometry not in (False, "auto") or tables.calibrate.hardening
     if volume is not None and asked:
         fact = "the reference is a volume, and calibration needs its full scan"
         raise InputError("calibrate", fact, "leave [calibrate] out, or reference.volume")

@@ -30,6 +30,7 @@ Progress = Callable[[str, int, int], None]
 CHECKPOINT = "reconstruction.h5"  # the volume until its grains are found; then both are in REFERENCE
 REFERENCE = "reference.h5"
 CALIBRATION = "calibration.json"
+ENOUGH_VIEWS = 60  # of a full scan: half of fewer contradicts the other half on any machine
 T = TypeVar("T")
 
 
@@ -58,7 +59,11 @@ class Job:
     @property
     def calibrates(self) -> bool:
         """Whether the reference scan is asked about the machine."""
-        return bool(self.tables.calibrate.geometry or self.tables.calibrate.hardening)
+        wanted, reference = self.tables.calibrate, self.inputs.reference
+        if self.inputs.volume is not None or reference is None:
+            return False
+        enough = wanted.geometry != "auto" or len(reference.geometry) >= ENOUGH_VIEWS
+        return bool((wanted.geometry and enough) or wanted.hardening)
 
     @cached_property
     def calibrate_print(self) -> str:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from grainmotion.calibrate import CalibrateSettings, calibrate
+from grainmotion.calibrate import FEWEST_VIEWS, CalibrateSettings, calibrate
 from grainmotion.calibrating.corrections import DEFAULT, Calibration
 from grainmotion.errors import InputError
 from grainmotion.experiment.file import ExperimentFile
@@ -69,9 +69,11 @@ def calibrate_machine(
     """Find what ``[calibrate]`` asks for; ``labels`` are the grains if they were given."""
     wanted = tables.calibrate
     calibration = hardening = None
-    if wanted.geometry:
-        names = DEFAULT if wanted.geometry is True else tuple(wanted.geometry)
+    auto = wanted.geometry == "auto"
+    if wanted.geometry and not (auto and len(scan) < FEWEST_VIEWS):
+        names = tuple(wanted.geometry) if isinstance(wanted.geometry, list) else DEFAULT
         calibration = calibrate(scan, grid, CalibrateSettings(parameters=names), listener("calibrate"))
+        calibration = calibration.clear(scan.geometry) if auto else calibration
         scan = dataclasses.replace(scan, geometry=calibration.geometry)
     if wanted.hardening:
         hardening = _hardening(scan, grid, tables, labels, listener)

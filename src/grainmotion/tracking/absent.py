@@ -25,6 +25,8 @@ from grainmotion.tracking.residual import StateProblem
 Float = NDArray[np.float64]
 ENOUGH = 0.6
 FEW = 4
+ALL_TRIED = 16
+"""Grains up to which each is left out in turn when most are in doubt."""
 ABSENT, BROKEN, INTACT = 0.4, 0.4, (0.7, 1.3)
 """Mass below which a grain is missing; support and mass of one whose matter is there in another shape."""
 REASON = "its shadow is not on the radiographs: the others fit better without it; check whether it is still there"
@@ -75,12 +77,14 @@ def suspects(measured: Motions, supports: Float) -> list[NDArray[np.int64]]:
     """Sets of rows to leave out in turn: grains that did not converge and have too little support.
 
     A few are left out one at a time, because one absent grain can shake its neighbours; many are left out
-    at once; none if most of the sample is in doubt, because then it is the radiographs that are wrong.
+    at once.  If most of a sample is in doubt, one absent grain may have shaken all: in a small one each is tried;
+    in a large one none, because then it is the radiographs that are wrong.
     """
     doubtful = np.nonzero((measured.statuses == Status.NOT_CONVERGED.value) & (supports < ENOUGH))[0]
     doubtful = doubtful[np.argsort(supports[doubtful])]
-    if len(doubtful) > 0.5 * len(measured):
-        return []
+    unsettled = measured.statuses == Status.NOT_CONVERGED.value
+    if unsettled.mean() > 0.5:
+        return [np.array([k]) for k in range(len(measured))] if 1 < len(measured) <= ALL_TRIED else []
     if len(doubtful) > FEW:
         return [doubtful]
     return [doubtful[k : k + 1] for k in range(min(3, len(doubtful)))]

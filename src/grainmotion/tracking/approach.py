@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from grainmotion.packed import Pose
 from grainmotion.solve import Solution, Stopping
 from grainmotion.tracking import stages
@@ -25,9 +23,7 @@ def approach(course: Course, pose: Pose) -> tuple[Pose, Pose]:
         return pose, pose
     width = course.settings.filters[0]
     problem = StateProblem(course.grains, course.filter(width))
-    judged = StateProblem(
-        course.grains, course.filter(width, replace(course.settings.freedom, degree=1))
-    )  # a drift is no misfit
+    judged = StateProblem(course.grains, course.filter(width, course.settings.freedom.midway))  # a drift is no misfit
     stopping = Stopping(course.settings.iterations, max(course.settings.tolerance, 0.02))
     best: Solution[Pose] | None = None
     fields = smooth_fields(course, pose)

@@ -49,10 +49,10 @@ class Course:
     def filter(self, width: float, freedom: Freedom | None = None) -> Target:
         """The radiographs under a filter of ``width``, scaled to the grains but for widths below 1 pixel.
 
-        ``freedom`` is what of the response is unknown; None is nothing.
+        ``freedom`` is what of the response is unknown; by default what is so while grains are far.
         """
         sigma = max(width * self.scale, 0.7) if width >= 1 else width
-        return replace(self.target, sigma=sigma, freedom=freedom or Freedom())
+        return replace(self.target, sigma=sigma, freedom=freedom or self.settings.freedom.at_first)
 
     def tell(self, message: str, done: int) -> None:
         """Report progress, if anybody listens."""
@@ -84,8 +84,9 @@ class Course:
         tolerance = settings.tolerance if tolerance is None else tolerance
         for k, width in enumerate(filters):
             last = k == len(filters) - 1
-            known = Freedom() if k == 0 and not last else replace(settings.freedom, degree=1)
-            freedom = settings.freedom if last else known
+            freedom = settings.freedom
+            if not last:
+                freedom = freedom.at_first if k == 0 else freedom.midway
             problem = StateProblem(self.fine if last else self.grains, self.filter(width, freedom))
             stopping = Stopping(settings.iterations, tolerance if last else max(tolerance, 0.02))
             solution = self.solve(problem, pose, stopping, f"{name}, filter {width:g}")

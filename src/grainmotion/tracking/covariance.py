@@ -4,7 +4,7 @@ The estimate solves the normal equations A x = (F w J)ᵀ F w r, with all else t
 A, so its covariance is A⁻¹ M A⁻¹ with M that of the right-hand side: the variances of the pixels, carried
 through weights w and filter F.  They are those of `weighting.NoiseModel`: photons, an even model error and one of
 edges, all estimated from the residuals.  A grain whose own residuals exceed these variances has its covariance
-raised by as much.
+raised (`excess`).
 """
 
 from __future__ import annotations
@@ -18,12 +18,16 @@ from grainmotion.packed import Pose
 from grainmotion.solve import DENSE_UP_TO, inverse
 from grainmotion.tracking.columns import Columns
 from grainmotion.tracking.coupling import normal_matrix
-from grainmotion.tracking.residual import Seen, StateProblem, Target
+from grainmotion.tracking.residual import Seen, StateProblem, Target, gaussian
 from grainmotion.tracking.weighting import noise_model, open_beam
 
 Float = NDArray[np.float64]
 LEAST_SHARE = 2e-3
 """Of the radiographs' rms: no residual is trusted to be smaller; no radiograph and no voxel image is better."""
+OUTLYING = 4.0
+"""Standard deviations to which residuals are cut when the model error is estimated."""
+STRUCTURE = 2.0
+"""Pixels: width of the filter that tells structure from noise in what is left unexplained."""
 ROUNDING = 1e-6
 """Of the normal matrices, which are summed from single precision."""
 
@@ -60,7 +64,7 @@ def covariances(problem: StateProblem, pose: Pose, seen: Seen, hessian: sparse.b
 
 def pixel_variances(target: Target, seen: Seen) -> Float:
     """Variance of every pixel of the radiographs, line integrals squared."""
-    noise = noise_model(target, seen)
+    noise = noise_model(target, seen, OUTLYING)  # a grain that does not fit says nothing of the others
     least = LEAST_SHARE**2 * float(np.mean(target.scan.line_integrals.astype(float) ** 2))
     return noise.variance(seen.response.apply(seen.path), open_beam(target)) + least
 
@@ -83,14 +87,26 @@ def carried(target: Target, seen: Seen, columns: Columns, variances: Float) -> t
 
 
 def excess(problem: StateProblem, seen: Seen, variances: Float) -> Float:
-    """By how much each grain's squared residuals exceed the variances of its pixels, at least 1, ``(n,)``."""
-    sums = np.zeros((len(problem.grains), 2))
+    """Factor on each grain's covariance for residuals beyond the variances of its pixels, at least 1, ``(n,)``.
+
+    What is beyond them is no noise but a broken neighbour, hardening, or the like, and correlated over as many
+    pixels as a Gaussian filter leaves it standing, against what it leaves of noise.
+    """
+    valid = problem.target.valid
+    smooth = seen.raw.copy()
+    kernel = gaussian(STRUCTURE).astype(smooth.dtype)
+    normal.filter_images(smooth, kernel)
+    left_of_noise = float((np.concatenate([kernel[:0:-1], kernel]).astype(float) ** 2).sum()) ** 2
+    sums = np.zeros((len(problem.grains), 3))
     for p, (grain, view, r0, r1, c0, c1) in enumerate(seen.patches.boxes):
         own = seen.values[seen.patches.offsets[p] : seen.patches.offsets[p + 1]].astype(float)
-        weight = np.abs(own) * problem.target.valid[view, r0:r1, c0:c1].ravel()
-        left = seen.raw[view, r0:r1, c0:c1].ravel().astype(float)
-        sums[grain] += weight @ left**2, weight @ variances[view, r0:r1, c0:c1].ravel()
-    return np.maximum(1.0, np.divide(sums[:, 0], sums[:, 1], out=np.ones(len(sums)), where=sums[:, 1] > 0))
+        weight = np.abs(own) * valid[view, r0:r1, c0:c1].ravel()
+        for k, image in enumerate((seen.raw, smooth)):
+            sums[grain, k] += weight @ image[view, r0:r1, c0:c1].ravel().astype(float) ** 2
+        sums[grain, 2] += weight @ variances[view, r0:r1, c0:c1].ravel()
+    squares, smoothed, expected = np.maximum(sums.T, 1e-300)
+    correlated = np.maximum(1.0, smoothed / (left_of_noise * squares))
+    return 1.0 + np.maximum(0.0, squares / expected - 1.0) * correlated
 
 
 def neighbourhoods(hessian: sparse.bsr_array) -> list[tuple[NDArray[np.int64], NDArray[np.int64]]]:

@@ -5,7 +5,7 @@ They enter linearly, so at every pose they are minimised over exactly (variable 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -41,9 +41,14 @@ class Freedom:
         return max(TREND_TERMS[self.trend], int(self.gain != "none"))
 
     @property
-    def any(self) -> bool:
-        """Whether anything is unknown."""
-        return self.terms > 0 or self.degree > 1
+    def at_first(self) -> Freedom:
+        """What is unknown while grains are far from their places: a misplaced shadow could pass for a gain."""
+        return Freedom(trend="none" if self.trend == "none" else "constant")
+
+    @property
+    def midway(self) -> Freedom:
+        """What is unknown once they are near: all but beam hardening."""
+        return replace(self, degree=1)
 
 
 KNOWN = Freedom()
@@ -77,7 +82,7 @@ def eliminated(freedom: Freedom, columns: Columns, gap: Image, views: int) -> tu
     """
     polynomial, background = np.zeros((views, freedom.degree)), np.zeros((views, freedom.terms))
     polynomial[:, 0] = 1.0
-    if not columns.stacks or not columns.stacks[0].any():  # nothing is simulated: nothing is known
+    if not columns.stacks or (freedom.gain != "none" and not columns.stacks[0].any()):  # nothing is simulated
         return Response(polynomial, background), 0.0
     found = minimum_norm(columns.gram(), columns.dot(gap))
     owners = columns.owners

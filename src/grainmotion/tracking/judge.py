@@ -14,13 +14,14 @@ from grainmotion.packed import OUT_OF_PLANE, Pose, planar
 from grainmotion.response import Response
 from grainmotion.solve import Solution
 from grainmotion.tracking.absent import Shadow, shadows_held
-from grainmotion.tracking.misfit import grain_residuals, misfits, noise_level
+from grainmotion.tracking.misfit import grain_residuals, misfits, noise_level, shares
 from grainmotion.tracking.polish import Polished
 from grainmotion.tracking.residual import StateProblem
 from grainmotion.tracking.weak import poorly
 
 Float = NDArray[np.float64]
 AMBIGUOUS = "another search put it elsewhere, and neither fit is perfect; take more views, or give a nearer start"
+SHAKEN = 0.05  # residual beyond the noise over line integrals, above which a lost neighbour may have shifted a grain
 SEEN_ENOUGH = 0.6  # share of a grain's shadows on the panel below which it has left the field
 
 
@@ -39,12 +40,14 @@ def judge(
     if planar(problem.grains, problem.target.scan.geometry):
         for each in (covariances, known):
             each[:, OUT_OF_PLANE, :] = each[:, :, OUT_OF_PLANE] = 0
-    lost = misfits(residuals, paths, noise_level(problem.target.scan))
+    noise = noise_level(problem.target.scan)
+    lost = misfits(residuals, paths, noise)
+    shaken = lost.any() & ~lost & (shares(residuals, paths, noise) > SHAKEN)
     coverage, moving = seen.patches.seen.mean(axis=1), _still_moving(problem, solution)
     held = shadows_held(problem, solution.state) if lost.any() else [Shadow()] * n
     statuses, reasons = np.full(n, Status.CONVERGED.value, dtype="<U20"), [""] * n
     for k in range(n):
-        fit = _Fit(residuals[k], paths[k], coverage[k], bool(lost[k]), bool(moving[k]), held[k])
+        fit = _Fit(residuals[k], paths[k], coverage[k], bool(lost[k]), bool(shaken[k]), bool(moving[k]), held[k])
         verdict = _verdict(fit, known[k], limits)
         if verdict is None and doubtful[k]:
             verdict = Status.NOT_CONVERGED, AMBIGUOUS
@@ -82,6 +85,7 @@ class _Fit:
     path: float
     coverage: float
     lost: bool
+    shaken: bool
     moving: bool
     shadow: Shadow
 
@@ -97,6 +101,11 @@ def _verdict(fit: _Fit, covariance: Float, limits: tuple[float, float]) -> tuple
         return Status.NOT_CONVERGED, (
             f"its residual {fit.residual:.3g} is too large for its line integrals of {fit.path:.3g}: "
             f"{fit.shadow.sentence}; give a nearer start, more views, or check its label"
+        )
+    if fit.shaken:
+        return Status.NOT_CONVERGED, (
+            f"a neighbour fits badly, and its own residual {fit.residual:.3g} is large enough for that to have shifted "
+            "it; mend the neighbour first: its label, a nearer start, more views"
         )
     names = poorly(covariance, limits)
     if names:

@@ -41,11 +41,17 @@ def misfits(residuals: Float, paths: Float, noise: float) -> NDArray[np.bool_]:
     Grains in their places leave 0.01 to 0.05 (voxels against sharp surfaces, 45 to 20 voxels across), grains in
     wrong ones 0.15 to 0.4.  ``residuals`` and ``paths`` are those of `grain_residuals`, ``noise`` of `noise_level`.
     """
-    with np.errstate(invalid="ignore", divide="ignore"):
-        share = np.sqrt(np.maximum(residuals**2 - noise**2, 0)) / paths
+    share = shares(residuals, paths, noise)
     known = np.isfinite(share)
     usual = float(np.median(share[known])) if known.any() else 0.0
     return ~known | (share > max(LEAST, 2.5 * min(usual, USUAL)))
+
+
+def shares(residuals: Float, paths: Float, noise: float) -> Float:
+    """Each grain's residual beyond the noise, as a share of its line integrals, ``(n,)``."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        found: Float = np.sqrt(np.maximum(residuals**2 - noise**2, 0)) / paths
+    return found
 
 
 def noise_level(scan: Scan) -> float:

@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from grainmotion.packed import Pose
-from grainmotion.solve import Solution, Stopping, inverse
+from grainmotion.packed import Pose, planar
+from grainmotion.solve import Solution, Stopping
 from grainmotion.tracking.coupling import normal_matrix
 from grainmotion.tracking.course import Course
 from grainmotion.tracking.covariance import covariances
 from grainmotion.tracking.residual import StateProblem
-from grainmotion.tracking.stages import rigid
 from grainmotion.tracking.turns import unconfirmed
+from grainmotion.tracking.viewposes import Misplaced, common_motion, misplaced_views, refused, with_poses
 from grainmotion.tracking.weak import weak_directions
 from grainmotion.tracking.weighting import reweighted
 
@@ -27,11 +27,6 @@ Float = NDArray[np.float64]
 
 ROUNDS = 3
 """Solutions with new weights: Huber's and the likelihood's change in the fourth digit after these."""
-FEWEST_VIEWS = 3
-IMITATED = (0, 1, 2, 5)
-"""Motions of the whole sample that corrections of all views imitate: its translations, and its turn about z."""
-KNOWN = 4.0
-"""A combination of corrections is told if the views know it this many times better, in variance, than the prior."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,13 +51,15 @@ def polish(course: Course, base: Pose, problem: StateProblem, solution: Solution
     """Refine a solution in which all grains are near; ``base`` is where the smooth field put them."""
     settings, notes, share = course.settings, list[str](), 0.0
     stopping = Stopping(settings.iterations, settings.tolerance)
-    if settings.view_corrections:
-        refusal = refused(problem, solution.state)
-        if refusal:
-            notes.append(refusal)
-        else:
-            problem = with_poses(problem, solution.state)
-            solution = course.solve(problem, solution.state, stopping, "poses of views")
+    misplaced = Misplaced()
+    if settings.view_corrections != "never" and not planar(problem.grains, problem.target.scan.geometry):
+        misplaced = misplaced_views(problem, solution.state)
+        if settings.view_corrections == "always" or misplaced.clearly:
+            refusal = refused(problem, solution.state)
+            notes += [misplaced.note] * misplaced.clearly + [refusal] * bool(refusal)
+            if not refusal:
+                problem = with_poses(problem, solution.state)
+                solution = course.solve(problem, solution.state, stopping, "poses of views")
     if settings.weights != "uniform" or settings.loss != "squares":
         plain = problem.target
         for k in range(ROUNDS):
@@ -74,6 +71,8 @@ def polish(course: Course, base: Pose, problem: StateProblem, solution: Solution
         if settings.loss == "poisson":  # the working response is no radiograph: what follows compares with these
             problem = replace(problem, target=replace(plain, weights=problem.target.weights, sigma=0.0))
     known, few, formal = _covariances(problem, solution.state)
+    if misplaced.clearly:
+        known += common_motion(problem, solution.state, misplaced)
     weak = weak_directions(known, problem.grains)
     if weak.flags.any():
         held = weak.prior(formal, base)
@@ -93,56 +92,3 @@ def _covariances(problem: StateProblem, pose: Pose) -> tuple[Float, Float, spars
     grains, few = covariances(problem, pose, seen, formal)
     grains[:, 3:, 3:] += unconfirmed(problem, pose, seen)
     return grains, few, formal
-
-
-def refused(problem: StateProblem, pose: Pose) -> str:
-    """Why poses of views cannot be told from the sample's motion; empty if they can."""
-    views = len(problem.target.scan)
-    if views < FEWEST_VIEWS:
-        return (
-            f"view corrections refused: {views} views cannot tell them from the sample's own motion; "
-            f"take {FEWEST_VIEWS} or more"
-        )
-    told, count = told_apart(problem, pose)
-    if told < count:
-        return (
-            f"view corrections refused: of {count} combinations that no motion of the sample imitates only {told} "
-            "can be told; take more views, or views with more grains on them"
-        )
-    return ""
-
-
-def with_poses(problem: StateProblem, pose: Pose) -> StateProblem:
-    """The same problem with poses of views unknown, but for what a motion of the whole sample does as well."""
-    loose, views = replace(problem.target.loose, views=True), len(problem.target.scan)
-    trial = replace(problem, target=replace(problem.target, loose=replace(loose, body=False)))
-    seen = trial.look(pose)
-    deviations = trial.target.loose.deviations(views)
-    alike = seen.loose.border(seen.derivatives, seen.patches, len(problem.grains)) * deviations
-    gram = seen.loose.gram() * np.outer(deviations, deviations)
-    tie = rigid(problem.grains, pose)[:, list(IMITATED)]
-    combinations = np.linalg.pinv(gram, hermitian=True) @ alike.T @ tie
-    gauge = np.linalg.qr(combinations / np.linalg.norm(combinations, axis=0))[0]
-    if loose.body:
-        gauge = np.vstack([gauge, np.zeros((6, gauge.shape[1]))])
-    return replace(problem, target=replace(problem.target, loose=replace(loose, gauge=gauge)))
-
-
-def told_apart(problem: StateProblem, pose: Pose) -> tuple[int, int]:
-    """How many combinations of corrections the views know well enough, and how many there are beside the gauge."""
-    trial = with_poses(problem, pose)
-    views, seen, at = len(problem.target.scan), trial.look(pose), trial.linearize(pose)
-    deviations = trial.target.loose.deviations(views)
-    prior, _ = trial.surrounding_prior(pose)
-    corner = at.corner.copy()
-    corner[-len(prior) :, -len(prior) :] -= prior
-    left = corner - at.border.T @ inverse(at.hessian, 0.0)(at.border)
-    few = len(left) - len(prior)
-    own = left[few:, few:] - left[few:, :few] @ np.linalg.pinv(left[:few, :few], hermitian=True) @ left[:few, few:]
-    own = (own * np.outer(deviations, deviations))[: 3 * views, : 3 * views]
-    gauge = trial.target.loose.gauge
-    assert gauge is not None
-    open_ones = np.linalg.svd(gauge[: 3 * views])[0][:, gauge.shape[1] :]
-    values = np.linalg.eigvalsh(open_ones.T @ own @ open_ones)
-    variance = float(np.vdot(seen.raw, seen.raw)) / max(int((trial.target.valid > 0).sum()), 1)
-    return int((values > KNOWN * max(variance, 1e-30)).sum()), len(values)

@@ -150,18 +150,21 @@ class StateProblem:
         geometry = surroundings.corrected(target.scan.geometry, pose.surroundings)
         patches, values, derivatives = self.simulate(pose, geometry)
         path, stacks = target.fixed, list[Image]()
-        if target.body is not None and (loose.body or pose.surroundings is not None):
+        if target.body is not None and (loose.body or loose.views or pose.surroundings is not None):
             path, stacks = surroundings.background_images(
-                target.body, pose.surroundings, geometry, target.projector, loose.body
+                target.body, pose.surroundings, geometry, target.projector, loose.body or loose.views
             )
         path = assemble(values, patches, geometry) + path
         response, simulated, linear = self._respond(path)
         slope = response.slope(path)
         moving = Columns()
         if loose.views:
-            for stack in surroundings.view_images(path, derivatives, self.grains, pose, patches, geometry):
-                moving.add(target.filtered(slope * stack), shared=False)
-        for stack in stacks:
+            images = surroundings.view_images(path, derivatives, self.grains, pose, patches, geometry)
+            if target.body is not None:
+                images[2] = images[2] + surroundings.turned_background(target.body, pose.surroundings, stacks)
+            for image in images:
+                moving.add(target.filtered(slope * image), shared=False)
+        for stack in stacks if loose.body else []:
             moving.add(target.filtered(slope * stack), shared=True)
         factor = target.roots * slope
         normal.filter_patches(derivatives, patches.boxes, patches.offsets, factor, target.kernel)

@@ -21,6 +21,7 @@ from grainmotion.tracking.anneal import Ranges, anneal
 from grainmotion.tracking.course import Course
 from grainmotion.tracking.misfit import evened, lost_grains
 from grainmotion.tracking.residual import StateProblem
+from grainmotion.tracking.surroundings import background_images
 
 MANY = 0.3  # share of badly fitting grains from which all are annealed, and the fitted gain is not trusted
 THIN = 20.0  # pixels an unknown below which a good fit alone is no proof
@@ -146,7 +147,11 @@ def _annealed(course: Course, base: Pose, best: _End, rows: NDArray[np.bool_], r
         np.where(rows[:, None], base.translations, best.pose.translations),
         np.where(rows[:, None, None], base.matrices, best.pose.matrices),
     )
-    return anneal(course.grains, replace(course.target, scan=scan), start, np.nonzero(rows)[0], ranges, seed)
+    target = replace(course.target, scan=scan)
+    if target.body is not None and start.surroundings is not None:  # where the background moved to
+        images, _ = background_images(target.body, start.surroundings, scan.geometry, target.projector, False)
+        target = replace(target, fixed=images)
+    return anneal(course.grains, target, start, np.nonzero(rows)[0], ranges, seed)
 
 
 def _pixels_an_unknown(course: Course) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field
 from pydantic.dataclasses import dataclass
@@ -17,6 +17,13 @@ from grainmotion.tracking.weighting import Loss, Weights
 def _named(gain: object) -> object:
     """Yes and no, as the names of what they mean."""
     return {True: "global", False: "none"}[gain] if isinstance(gain, bool) else gain
+
+
+Corrections = Literal["never", "auto", "always"]
+
+
+def _whether(corrections: object) -> object:
+    return {True: "always", False: "never"}[corrections] if isinstance(corrections, bool) else corrections
 
 
 @dataclass(frozen=True)
@@ -50,7 +57,9 @@ class TrackSettings:
         BeforeValidator(_named),
         Field(description="gain and offset (a, b of Eq. 22) to eliminate: none, one for all views, one a view"),
     ] = "global"
-    trend: Annotated[Trend, Field(description="polynomial background to eliminate in each view")] = "none"
+    trend: Annotated[
+        Trend, Field(description='polynomial background to eliminate in each view; "constant" is a beam that drifts')
+    ] = "constant"
     hardening: Annotated[
         int, Field(ge=1, le=4, description="degree of a polynomial of the line integral fitted for beam hardening")
     ] = 1
@@ -62,8 +71,13 @@ class TrackSettings:
         Field(description="least squares, Huber's loss against outliers, or the likelihood of Poisson counts"),
     ] = "squares"
     view_corrections: Annotated[
-        bool, Field(description="estimate each view's own panel shift and stage angle, where the views can tell")
-    ] = False
+        Corrections,
+        BeforeValidator(_whether),
+        Field(
+            description="estimate each view's own panel shift and stage angle: always, never, or once the views "
+            "contradict each other; refused with a sentence where the views cannot tell"
+        ),
+    ] = "auto"
     iterations: Annotated[int, Field(ge=1, description="most iterations a stage")] = 30
     tolerance: Annotated[
         float, Field(gt=0, description="a stage ends once no grain's surface moves further, voxels")
@@ -88,6 +102,8 @@ PAPER = TrackSettings(
     fields=False,
     search=False,
     gain="none",
+    trend="none",
+    view_corrections="never",
     iterations=200,
 )
 """The variant of Khalili et al. (2017): Siddon's path, finite differences, no filter, no stages."""

@@ -39,16 +39,15 @@ def starting_pose(grains: GrainSet, start: Motions | None) -> Pose:
 def centroid_shift(problem: StateProblem, pose: Pose) -> Pose:
     """All grains shifted as the centroids of measured and simulated radiographs tell, least squares over views."""
     target, geometry = problem.target, problem.target.scan.geometry
-    simulated = problem.look(pose).simulated
+    seen = problem.look(pose)
     middle = (problem.grains.centers + pose.translations).mean(axis=0)
     step = problem.grains.voxel_size
     spots = geometry.project_points(np.vstack([middle, middle + step * np.eye(3)]))
     if not np.isfinite(spots).all():  # the start lies behind a source
         return pose
     slopes = (spots[:, 1:] - spots[:, :1]).transpose(0, 2, 1).reshape(-1, 3) / step
-    gaps = _centroids(target.measured - target.filtered(target.fixed)) - _centroids(
-        simulated - target.filtered(target.fixed)
-    )
+    simulated = seen.path - target.fixed
+    gaps = _centroids(target.filtered(simulated + seen.raw)) - _centroids(target.filtered(simulated))
     shift = np.linalg.lstsq(slopes, gaps.ravel(), rcond=1e-3)[0]
     return pose.moved(pose.translations + shift, pose.matrices)
 

@@ -116,15 +116,27 @@ def view_images(
     """Derivatives of the line integrals ``(views, rows, columns)`` by each view's own shift u, v and angle.
 
     Shifts by central differences of the simulated radiograph; the angle, which turns the sample by as much the
-    other way, from the grains' own derivatives (``slopes``, not yet filtered).
+    other way, from the grains' own derivatives (``slopes``, not yet filtered); a background's share is not in it
+    (see `turned_background`).
     """
     along = np.gradient(path, axis=2) if path.shape[2] > 1 else np.zeros_like(path)
     up = np.gradient(path, axis=1) if path.shape[1] > 1 else np.zeros_like(path)
     places = (grains.centers + pose.translations)[patches.boxes[:, 0]]
     sizes = np.diff(patches.offsets)
     x, y = (np.repeat(places[:, k], sizes).astype(slopes.dtype) for k in (0, 1))
-    turned = y * slopes[0] - x * slopes[1] - slopes[5]
+    turned = by_angle(x, y, slopes)
     return [along.astype(path.dtype), up.astype(path.dtype), assemble(turned, patches, geometry)]
+
+
+def turned_background(body: PackedGrains, at: Surroundings | None, slopes: list[Image]) -> Image:
+    """The background's share of the derivatives by the stage's angle, from its own by (u, δ)."""
+    x, y, _ = body.centers[0] + (0 if at is None else at.translation)
+    return by_angle(float(x), float(y), slopes)
+
+
+def by_angle(x: Image | float, y: Image | float, slopes: Image | list[Image]) -> Image:
+    """Derivative by the stage's angle of what lies at x, y: the sample turns by as much the other way."""
+    return y * slopes[0] - x * slopes[1] - slopes[5]
 
 
 def background_images(

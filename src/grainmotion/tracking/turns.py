@@ -26,6 +26,7 @@ from grainmotion.kernels import normal
 from grainmotion.packed import Image, PackedGrains, Pose
 from grainmotion.project import Patches, differentiate_patches, project_patches, shadows
 from grainmotion.tracking.residual import Seen, StateProblem
+from grainmotion.tracking.surroundings import corrected
 
 Float = NDArray[np.float64]
 RIM = 4.0  # voxels that the rim of a grain is carried
@@ -36,10 +37,11 @@ ANY_TURN = np.pi**2 / 3  # variance of an angle of which nothing is known
 def unconfirmed(problem: StateProblem, pose: Pose, seen: Seen) -> Float:
     """Covariance ``(n, 3, 3)``, rad², of the turns that the radiographs do not confirm; zero where they do."""
     target, grains = problem.target, problem.grains
+    geometry = corrected(target.scan.geometry, pose.surroundings)
     angles = np.minimum(RIM * grains.unit / grains.radii, LARGEST)
-    patches = shadows(_swollen(grains, angles), pose, target.scan.geometry, margin=len(target.kernel) - 1)
+    patches = shadows(_swollen(grains, angles), pose, geometry, margin=len(target.kernel) - 1)
     factor = target.roots * seen.response.slope(seen.path)
-    values, slopes = differentiate_patches(grains, pose, target.scan.geometry, patches, target.projector)
+    values, slopes = differentiate_patches(grains, pose, geometry, patches, target.projector)
     normal.filter_patches(slopes, patches.boxes, patches.offsets, factor, target.kernel)
     information, axes = np.linalg.eigh(_rotations(_products(slopes, slopes, patches, len(grains))))
     changes = np.empty_like(slopes)
@@ -47,7 +49,7 @@ def unconfirmed(problem: StateProblem, pose: Pose, seen: Seen) -> Float:
         for sign in (0, 1):
             turns = motion.exp((1 - 2 * sign) * angles[:, None] * axes[:, :, axis])
             turned = Pose(pose.translations, turns @ pose.matrices)
-            moved = project_patches(grains, turned, target.scan.geometry, patches, target.projector)
+            moved = project_patches(grains, turned, geometry, patches, target.projector)
             changes[2 * axis + sign] = moved - values
     normal.filter_patches(changes, patches.boxes, patches.offsets, factor, target.kernel)
     _fit_out(changes, slopes, patches, len(grains))

@@ -24,7 +24,8 @@ Loss = Literal["squares", "huber", "poisson"]
 
 HUBER = 3.0
 """Standard deviations beyond which a residual counts linearly: rare ones of noise and voxels stay below."""
-CLASSES = 8
+CLASSES, REFITS = 8, 4
+"""Classes of pixels by their photon noise; fits of two variances to what is seen in these."""
 MEDIAN_OF_SQUARES = 0.4549
 """Median of the squares of numbers that are normal with variance 1."""
 SHADED = 0.02
@@ -58,8 +59,8 @@ class NoiseModel:
         return np.exp(np.clip(modelled, -LARGEST, LARGEST).astype(float)) / (self.photons * np.asarray(beam, float))
 
 
-def noise_model(target: Target, seen: Seen) -> NoiseModel:
-    """Estimate the noise of a state from its residuals."""
+def noise_model(target: Target, seen: Seen, clip: float = np.inf) -> NoiseModel:
+    """Estimate the noise of a state from its residuals, those beyond ``clip`` standard deviations cut to these."""
     modelled = seen.response.apply(seen.path)
     unit = NoiseModel(1.0, 0.0, 0.0).photon_variance(modelled, open_beam(target))
     share, white = noise_shares(seen.raw, unit, target.valid > 0)
@@ -67,9 +68,12 @@ def noise_model(target: Target, seen: Seen) -> NoiseModel:
     photons = 1 / share if share > 0 else np.inf
     if not shaded.any():
         return NoiseModel(photons, float(np.sqrt(white)), 0.0)
-    rest = seen.raw[shaded].astype(float) ** 2 - share * unit[shaded] - white
-    columns = np.stack([np.ones(len(rest)), slope_squared(modelled)[shaded]], axis=1)
-    even, edge = nnls(columns.T @ columns, columns.T @ rest)[0]
+    squares, known = seen.raw[shaded].astype(float) ** 2, share * unit[shaded] + white
+    columns = np.stack([np.ones(len(squares)), slope_squared(modelled)[shaded]], axis=1)
+    even = edge = 0.0
+    for _ in range(REFITS if np.isfinite(clip) else 1):
+        most = clip**2 * np.maximum(known + columns @ [even, edge], 1e-12)
+        even, edge = nnls(columns.T @ columns, columns.T @ (np.minimum(squares, most) - known))[0]
     return NoiseModel(photons, float(np.sqrt(even + white)), float(np.sqrt(edge)))
 
 
@@ -85,16 +89,18 @@ def noise_shares(raw: Image, unit: Float, good: NDArray[np.bool_]) -> tuple[floa
     squares, units = second[whole] ** 2 / 6, unit[:, :, 1:-1][whole]
     if len(squares) < CLASSES:
         return 0.0, 0.0
-    edges = np.linspace(units.min(), units.max() * (1 + 1e-9), CLASSES + 1)
+    edges = np.geomspace(units.min(), units.max() * (1 + 1e-9), CLASSES + 1)
     place = np.clip(np.searchsorted(edges, units, side="right") - 1, 0, CLASSES - 1)
-    rows, sizes, values = [], [], []
-    for k in np.unique(place):
-        mine = place == k
-        rows.append([float(units[mine].mean()), 1.0])
-        values.append(float(np.median(squares[mine])) / MEDIAN_OF_SQUARES)
-        sizes.append(np.sqrt(mine.sum()) / max(values[-1], 1e-30))  # a variance is known to its share
-    scale = np.array(sizes)[:, None]
-    share, white = nnls(np.array(rows) * scale, np.array(values) * scale[:, 0])[0]
+    classes = [place == k for k in np.unique(place)]
+    rows = np.array([[units[mine].mean(), 1.0] for mine in classes])
+    values = np.array([np.median(squares[mine]) / MEDIAN_OF_SQUARES for mine in classes])
+    roots = np.sqrt([mine.sum() for mine in classes])
+    share = white = 0.0
+    fitted = rows[:, 0]
+    for _ in range(REFITS):  # a variance is known to its share, by the fit's own: by chance a small class is still
+        scale = roots / np.maximum(fitted, 1e-30)
+        share, white = nnls(rows * scale[:, None], values * scale)[0]
+        fitted = rows @ [share, white]
     return float(share), float(white)
 
 
@@ -132,7 +138,7 @@ def reweighted(target: Target, seen: Seen, weights: Weights, loss: Loss) -> tupl
         scan = replace(target.scan, line_integrals=(modelled + gap).astype(target.precision))
         counts = 1 / NoiseModel(1.0, 0.0, 0.0).photon_variance(modelled, beam)
         return replace(target, scan=scan, sigma=0.0, weights=_normal(counts, target)), 0.0
-    noise = noise_model(target, seen)
+    noise = noise_model(target, seen, HUBER if loss == "huber" else np.inf)
     variance = noise.variance(modelled, beam)
     found = _normal(1 / np.maximum(variance, 1e-12), target) if weights == "photons" else np.ones_like(variance)
     if loss == "squares":

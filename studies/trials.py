@@ -14,12 +14,18 @@ Arguments, Outcome = TypeVar("Arguments"), TypeVar("Outcome")
 THREADS = ("NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
 
 
-def each(trial: Callable[[Arguments], Outcome], arguments: Sequence[Arguments]) -> list[Outcome]:
-    """``trial(argument)`` of each argument, in order; planar samples are too small to share among threads."""
+def each(
+    trial: Callable[[Arguments], Outcome], arguments: Sequence[Arguments], processes: int | None = None
+) -> list[Outcome]:
+    """``trial(argument)`` of each argument, in order, in as many processes as there are cores, at most ``processes``.
+
+    Samples are too small to share among threads.
+    """
+    cores = len(os.sched_getaffinity(0))
     kept = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, "1"))
     try:
-        with ProcessPoolExecutor(len(os.sched_getaffinity(0)), get_context("spawn")) as pool:
+        with ProcessPoolExecutor(min(cores, processes or cores), get_context("spawn")) as pool:
             return list(track(pool.map(trial, arguments), trial.__module__, total=len(arguments)))
     finally:
         for name, value in kept.items():

@@ -1,0 +1,100 @@
+"""A container that moved as one body: found with the grains, where it is known that it may move."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from few_grains import VOXEL, errors, geometry, grain_set, motions, small_motions
+from grainmotion import motion
+from grainmotion.grains import GrainSet
+from grainmotion.packed import Surroundings, packed_body
+from grainmotion.project import simulate_radiographs
+from grainmotion.scan import Scan
+from grainmotion.track import TrackSettings, track
+from grainmotion.tracking import search
+from grainmotion.tracking.anneal import anneal
+from grainmotion.tracking.surroundings import background_images
+from grainmotion.volume import Volume
+
+GRAINS = grain_set()
+TRUTH = small_motions(GRAINS)
+WIDE = geometry(shape=(64, 88))
+SHIFT, TURN = np.array([3.0, -1.0, 0.5]) * VOXEL, np.deg2rad([0.5, -0.4, 1.5])
+
+
+@cache
+def wall():
+    """A tube that is neither quite round nor even, so that it shows how it turns."""
+    y, x = (np.mgrid[:72, :72] - 35.5) * VOXEL
+    ring = np.clip(0.5 - (np.abs(np.hypot(x, 1.06 * y) - 3.1) - 0.12) / VOXEL, 0, 1)
+    array = np.tile(0.5 * ring * (1 + 0.4 * (x > 1.0)), (46, 1, 1))
+    array[20:26] *= 1.5
+    return Volume(array.astype(np.float32), VOXEL)
+
+
+def walls_shadow(at=None):
+    return background_images(packed_body(wall()), at, WIDE, "trilinear", False)[0]
+
+
+def seen(truth):
+    """Radiographs of the moved grains and the moved wall."""
+    images = simulate_radiographs(GRAINS, truth, WIDE)
+    images += walls_shadow(Surroundings(np.zeros((4, 3)), SHIFT, motion.exp(TURN)))
+    return Scan(images + 0.01 * np.random.default_rng(2).standard_normal(images.shape), WIDE)
+
+
+def tracked(moves, settings=None):
+    return track(GrainSet(GRAINS.grains, wall(), moves), seen(TRUTH), settings=settings)
+
+
+@pytest.fixture(scope="module")
+def moving():
+    return tracked(True)
+
+
+class TestMovingBackground:
+    def test_its_motion_is_found(self, moving):
+        np.testing.assert_allclose(moving.fit.background[:3], SHIFT, atol=0.03 * VOXEL)
+        np.testing.assert_allclose(np.rad2deg(moving.fit.background[3:]), np.rad2deg(TURN), atol=0.1)
+
+    def test_the_grains_are_right(self, moving):
+        assert moving.ok.all(), moving.reasons
+        u, w = errors(moving, TRUTH)
+        assert np.abs(u).max() < 0.06
+        assert np.abs(w).max() < 1.0
+
+    def test_a_fixed_one_would_spoil_them(self, moving):
+        fixed = tracked(False, TrackSettings(search=False))
+        assert fixed.fit.background is None
+        sizes = [np.sqrt((errors(m, TRUTH)[0] ** 2).mean()) for m in (fixed, moving)]
+        assert sizes[0] > 5 * sizes[1]
+
+    def test_one_that_did_not_move_stays(self):
+        still = motions(GRAINS)
+        images = simulate_radiographs(GrainSet(GRAINS.grains, wall()), still, WIDE)
+        noisy = Scan(images + 0.01 * np.random.default_rng(3).standard_normal(images.shape), WIDE)
+        measured = track(GrainSet(GRAINS.grains, wall(), True), noisy, settings=TrackSettings(search=False))
+        assert np.abs(measured.fit.background[:3]).max() < 0.03 * VOXEL
+        assert np.abs(np.rad2deg(measured.fit.background[3:])).max() < 0.1
+        assert np.abs(errors(measured, still)[0]).max() < 0.06
+
+    def test_the_search_knows_where_it_went(self, monkeypatch):
+        """Grains are sought on radiographs less the wall where it is now, not where it was."""
+        rng = np.random.default_rng(4)
+        ways = rng.normal(size=(2, 5, 3))
+        ways /= np.linalg.norm(ways, axis=2, keepdims=True)
+        truth = motions(GRAINS, 0.6 * ways[0], 70.0 * ways[1])
+        taken = []
+
+        def watched(grains, target, *rest):
+            taken.append(target.fixed)
+            return anneal(grains, target, *rest)
+
+        monkeypatch.setattr(search, "anneal", watched)
+        measured = track(GrainSet(GRAINS.grains, wall(), True), seen(truth))
+        assert taken
+        there = walls_shadow(Surroundings(np.zeros((4, 3)), SHIFT, motion.exp(TURN)))
+        assert np.abs(taken[-1] - there).mean() < 0.2 * np.abs(walls_shadow() - there).mean()
+        assert measured.ok.all(), measured.reasons
+        assert np.abs(errors(measured, truth)[0]).max() < 0.06
