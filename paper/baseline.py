@@ -20,7 +20,9 @@ from paper.page import Section, table
 
 SEEDS = 5
 EXACT = 1e-9  # of a pixel and of a radian
-TABLE1 = TrackSettings(fields=False, search=False, gain=False, trend="none", filters=(0.7,), tolerance=1e-11, iterations=40)
+TABLE1 = TrackSettings(
+    fields=False, search=False, gain=False, trend="none", filters=(0.7,), tolerance=1e-11, iterations=40
+)
 TABLE2 = TrackSettings(gain=False, trend="none", tolerance=1e-11, iterations=60)
 FINE = 1e-12  # the baseline's tolerance without noise
 PLANAR_CAP = 1000  # evaluations of the baseline: 10 to 25 s, and more than the paper's 935 iterations

@@ -12,7 +12,9 @@ from paper.page import Section, table
 
 SEEDS = 100
 EXACT = 1e-9  # of a pixel and of a radian
-PLAIN = TrackSettings(fields=False, search=False, gain=False, trend="none", filters=(0.7,), tolerance=1e-10, iterations=40)
+PLAIN = TrackSettings(
+    fields=False, search=False, gain=False, trend="none", filters=(0.7,), tolerance=1e-10, iterations=40
+)
 """All grains free at once, from zero, under one narrow filter; exact derivatives."""
 
 

@@ -17,6 +17,7 @@ from grainmotion.tracking.absent import Shadow, shadows_held
 from grainmotion.tracking.misfit import grain_residuals, misfits, noise_level, shares
 from grainmotion.tracking.polish import Polished
 from grainmotion.tracking.residual import StateProblem
+from grainmotion.tracking.strangers import strangers
 from grainmotion.tracking.weak import poorly
 
 Float = NDArray[np.float64]
@@ -59,11 +60,13 @@ def judge(
     covariances[unknown] = np.nan
     return Motions(
         grains.labels, grains.centers, translations, rotations, covariances, statuses, residuals,
-        np.full(n, len(costs), dtype=np.int64), tuple(reasons), state_fit(polished, seen.response, costs),
+        np.full(n, len(costs), dtype=np.int64), tuple(reasons), state_fit(polished, seen.response, costs, strangers(problem, solution.state, seen)),
     )  # fmt: skip
 
 
-def state_fit(polished: Polished, response: Response, costs: tuple[tuple[str, float], ...]) -> StateFit:
+def state_fit(
+    polished: Polished, response: Response, costs: tuple[tuple[str, float], ...], found: tuple[str, ...]
+) -> StateFit:
     """What was found of the state as a whole."""
     loose, around = polished.problem.target.loose, polished.solution.state.surroundings
     corrections = background = None
@@ -73,7 +76,7 @@ def state_fit(polished: Polished, response: Response, costs: tuple[tuple[str, fl
         background = np.concatenate([around.translation, motion.log(around.matrix)])
     return StateFit(
         response.gain, response.offset, costs, response, corrections, polished.corrections_sd, background,
-        polished.downweighted, polished.notes,
+        polished.downweighted, (*polished.notes, *found),
     )  # fmt: skip
 
 
