@@ -27,6 +27,8 @@ ENOUGH = 0.6
 FEW = 4
 ALL_TRIED = 16
 """Grains up to which each is left out in turn when most are in doubt."""
+LEAST_GAIN, LACKING = 0.4, 0.3
+"""The fitted gain then lacks the share of one grain (a third of it at least, by what the others cover of it)."""
 ABSENT, BROKEN, INTACT = 0.4, 0.4, (0.7, 1.3)
 """Mass below which a grain is missing; support and mass of one whose matter is there in another shape."""
 REASON = "its shadow is not on the radiographs: the others fit better without it; check whether it is still there"
@@ -78,13 +80,15 @@ def suspects(measured: Motions, supports: Float) -> list[NDArray[np.int64]]:
 
     A few are left out one at a time, because one absent grain can shake its neighbours; many are left out
     at once.  If most of a sample is in doubt, one absent grain may have shaken all: in a small one each is tried;
-    in a large one none, because then it is the radiographs that are wrong.
+    in a large one, or if no attenuation is lacking, none, because then it is the radiographs that are wrong.
     """
     doubtful = np.nonzero((measured.statuses == Status.NOT_CONVERGED.value) & (supports < ENOUGH))[0]
     doubtful = doubtful[np.argsort(supports[doubtful])]
     unsettled = measured.statuses == Status.NOT_CONVERGED.value
     if unsettled.mean() > 0.5:
-        return [np.array([k]) for k in range(len(measured))] if 1 < len(measured) <= ALL_TRIED else []
+        small = 1 < len(measured) <= ALL_TRIED
+        lacking = LEAST_GAIN < measured.fit.gain < 1 - LACKING / len(measured)
+        return [np.array([k]) for k in range(len(measured))] if small and lacking else []
     if len(doubtful) > FEW:
         return [doubtful]
     return [doubtful[k : k + 1] for k in range(min(3, len(doubtful)))]

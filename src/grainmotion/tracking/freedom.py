@@ -46,6 +46,11 @@ class Freedom:
         return Freedom(trend="none" if self.trend == "none" else "constant")
 
     @property
+    def without_gain(self) -> Freedom:
+        """The same but for the gain, which is 1."""
+        return Freedom(trend="constant" if self.trend == "none" else self.trend)
+
+    @property
     def midway(self) -> Freedom:
         """What is unknown once they are near: all but beam hardening."""
         return replace(self, degree=1)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from grainmotion import motion
 from grainmotion.grains import GrainSet
 from grainmotion.motions import Motions, StateFit, Status
-from grainmotion.packed import OUT_OF_PLANE, Pose, planar
+from grainmotion.packed import Pose
 from grainmotion.response import Response
 from grainmotion.solve import Solution
 from grainmotion.tracking.absent import Shadow, shadows_held
@@ -38,9 +38,6 @@ def judge(
     seen = problem.look(solution.state)
     residuals, paths = grain_residuals(problem, seen)
     covariances, known = polished.posterior.copy(), polished.covariances.copy()
-    if planar(problem.grains, problem.target.scan.geometry):
-        for each in (covariances, known):
-            each[:, OUT_OF_PLANE, :] = each[:, :, OUT_OF_PLANE] = 0
     noise = noise_level(problem.target.scan)
     lost = misfits(residuals, paths, noise)
     shaken = lost.any() & ~lost & (shares(residuals, paths, noise) > SHAKEN)
@@ -54,13 +51,14 @@ def judge(
             verdict = Status.NOT_CONVERGED, AMBIGUOUS
         if verdict is not None:
             statuses[k], reasons[k] = verdict[0].value, verdict[1]
+    notes = strangers(problem, solution.state, seen)
     unknown = np.isin(statuses, [Status.LEFT_FIELD.value, Status.NOT_FITTED.value])
     translations, rotations = solution.state.translations.copy(), motion.log(solution.state.matrices)
     translations[unknown] = rotations[unknown] = np.nan
     covariances[unknown] = np.nan
     return Motions(
         grains.labels, grains.centers, translations, rotations, covariances, statuses, residuals,
-        np.full(n, len(costs), dtype=np.int64), tuple(reasons), state_fit(polished, seen.response, costs, strangers(problem, solution.state, seen)),
+        np.full(n, len(costs), dtype=np.int64), tuple(reasons), state_fit(polished, seen.response, costs, notes),
     )  # fmt: skip
 
 

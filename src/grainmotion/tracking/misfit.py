@@ -32,7 +32,8 @@ def grain_residuals(problem: StateProblem, seen: Seen) -> tuple[Float, Float]:
     mass = np.maximum(sums[:, :1], 1e-30)
     both = np.sqrt(sums[:, 1:] / mass)
     both[sums[:, 0] <= 0] = np.nan
-    return both[:, 0], both[:, 1]
+    # a small gain would make any misfit small beside line integrals that nobody measured
+    return both[:, 0], both[:, 1] * float(np.clip(seen.response.gain, 0.0, 1.0))
 
 
 def misfits(residuals: Float, paths: Float, noise: float) -> NDArray[np.bool_]:

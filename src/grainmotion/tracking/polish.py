@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from grainmotion.packed import Pose, planar
+from grainmotion.packed import OUT_OF_PLANE, Pose, planar
 from grainmotion.solve import Solution, Stopping
 from grainmotion.tracking.coupling import normal_matrix
 from grainmotion.tracking.course import Course
@@ -91,4 +91,6 @@ def _covariances(problem: StateProblem, pose: Pose) -> tuple[Float, Float, spars
     formal = normal_matrix(seen.derivatives, seen.patches, len(problem.grains))
     grains, few = covariances(problem, pose, seen, formal)
     grains[:, 3:, 3:] += unconfirmed(problem, pose, seen)
+    if planar(problem.grains, problem.target.scan.geometry):
+        grains[:, OUT_OF_PLANE, :] = grains[:, :, OUT_OF_PLANE] = 0
     return grains, few, formal

@@ -181,7 +181,7 @@ class StateProblem:
     def _respond(self, path: Image) -> tuple[Response, Image, Columns]:
         """The best response to the line integrals of the model, what it gives, and the columns eliminated.
 
-        A polynomial that is not monotone is no response: its degree is lowered until it is.
+        A polynomial that is not monotone is no response: its degree is lowered until it is, the gain fixed last.
         """
         target = self.target
         plain = target.filtered(path)
@@ -193,9 +193,10 @@ class StateProblem:
                 linear.add(plain if first else target.filtered(power), shared)
             linear = linear + target.trends
             response, more = eliminated(freedom, linear, target.measured - plain, views)
-            if freedom.degree == 1 or response.is_monotone(float(path.max(initial=0.0))):
+            if response.is_monotone(float(path.max(initial=0.0))) or (freedom.gain == "none" and freedom.degree == 1):
                 return response, plain + more, linear
-            freedom = replace(freedom, degree=freedom.degree - 1)
+            lower = replace(freedom, degree=freedom.degree - 1)
+            freedom = lower if freedom.degree > 1 else freedom.without_gain
 
     def linearize(self, state: Pose) -> Linearization:
         """Cost ½‖r‖², gradient and block-sparse normal matrix at a pose, with the priors' share."""
