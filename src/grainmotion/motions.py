@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -146,6 +147,12 @@ class Motions:
     def ok(self) -> NDArray[np.bool_]:
         """Grains that converged, ``(n,)``."""
         return self.statuses == Status.CONVERGED.value
+
+    def first(self, count: int, note: str) -> Motions:
+        """The first ``count`` grains, with another note on the state."""
+        names = ("labels", "centers", "translations", "rotations", "covariances", "statuses", "residuals", "iterations")
+        rows: dict[str, Any] = {name: getattr(self, name)[:count] for name in names}
+        return replace(self, **rows, reasons=self.reasons[:count], fit=replace(self.fit, notes=(*self.fit.notes, note)))
 
     def to_table(self) -> pd.DataFrame:
         """The table of ``motions.csv``: mm and degrees, one row a grain."""

@@ -3,7 +3,8 @@
 From the given start: (1) all grains as one body, from the start and from the shift that the
 radiographs' centroids tell; (2) a smooth displacement field; (3) all grains free, under Gaussian
 filters of falling width; (4) grains that still fit badly are searched for by annealing, then all are
-free again; (5) grains whose shadow is not there are left out.
+free again; (5) grains whose shadow is not there are left out,
+and a ball stands in for one that appeared.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from grainmotion.packed import PackedGrains, packed_body
 from grainmotion.project import project
 from grainmotion.scan import Scan
 from grainmotion.tracking.absent import FEW, complete, improves, merit, shadows_held, suspects
+from grainmotion.tracking.appeared import may_have_appeared, place_of_surplus, started, with_stand_in, without_last
 from grainmotion.tracking.approach import approach
 from grainmotion.tracking.course import Course, Progress
 from grainmotion.tracking.judge import judge
@@ -85,18 +87,33 @@ def _track(
         if not improves(ends[k][0], best):
             break
         present, (best, supports) = trials[k], ends[k]
-    return complete(best, grains) if best.ok.sum() > whole.ok.sum() else whole
+    found = complete(best, grains) if best.ok.sum() > whole.ok.sum() else whole
+    if settings.search and may_have_appeared(found):
+        more = _with_another(grains, scan, start, settings, progress)
+        found = more if more is not None and more.ok.sum() > found.ok.sum() else found
+    return found
+
+
+def _with_another(
+    grains: GrainSet, scan: Scan, start: Motions | None, settings: TrackSettings, progress: Progress | None
+) -> Motions | None:
+    """The grains beside one that stands in for another that appeared; None if there is no place for one."""
+    place = place_of_surplus(_course(grains, scan, settings, progress), starting_pose(grains, start))
+    if place is None:
+        return None
+    whole = with_stand_in(grains, place)
+    quick = replace(settings, search=False)
+    return without_last(_all_together(whole, scan, started(start, whole), quick, progress)[0])
 
 
 def _all_together(
     grains: GrainSet, scan: Scan, start: Motions | None, settings: TrackSettings, progress: Progress | None
 ) -> tuple[Motions, Float]:
     """All stages for some grains, and how much of each grain's shadow the radiographs hold."""
-    packed, fine = (PackedGrains.of(grains, fine=f and settings.projector == "trilinear") for f in (False, True))
-    course = Course(settings, packed, fine, _target(grains, scan, settings), progress)
+    course = _course(grains, scan, settings, progress)
     base, pose = approach(course, starting_pose(grains, start))
     problem, solution = course.free(pose, "free")
-    found = Found(problem, solution, np.zeros(len(packed), dtype=bool))
+    found = Found(problem, solution, np.zeros(len(grains), dtype=bool))
     if settings.search:
         found = search(course, base, problem, solution)
     course.tell("judging the grains", course.stages)
@@ -105,6 +122,11 @@ def _all_together(
     motions = judge(grains, polished, found.doubtful, limits, tuple(course.costs))
     held = shadows_held(polished.problem, polished.solution.state)
     return motions, np.array([shadow.support for shadow in held])
+
+
+def _course(grains: GrainSet, scan: Scan, settings: TrackSettings, progress: Progress | None) -> Course:
+    packed, fine = (PackedGrains.of(grains, fine=f and settings.projector == "trilinear") for f in (False, True))
+    return Course(settings, packed, fine, _target(grains, scan, settings), progress)
 
 
 def _target(grains: GrainSet, scan: Scan, settings: TrackSettings) -> Target:

@@ -28,8 +28,8 @@ class PlanSettings:
         Field(
             ge=0, le=1, description="no two views of a set nearer, as lines, than this share of the even step, 180°/k"
         ),
-    ] = 0.4
+    ] = 0.6
     gain: Annotated[bool, Field(description="a global gain and offset are unknown, as in tracking")] = True
     model_error: Annotated[
         float, Field(ge=0, le=10, description="sd of a simulated pixel by the voxels' blur, in voxels of grain crossed")
-    ] = 0.6
+    ] = 0.4

@@ -28,28 +28,34 @@ MOST = 5
 
 def strangers(problem: StateProblem, pose: Pose, seen: Seen) -> tuple[str, ...]:
     """A sentence for each place where all views hold something that no grain explains."""
+    return tuple(
+        f"something that is no grain attenuates near x = {x:.3g}, y = {y:.3g}, z = {z:.3g}, "
+        f"{share:.0%} of a grain's line integrals: one that appeared, or a piece of one"
+        for x, y, z, share in stranger_places(problem, pose, seen)
+    )
+
+
+def stranger_places(problem: StateProblem, pose: Pose, seen: Seen) -> list[tuple[float, float, float, float]]:
+    """Those places, mm, x y z, and the share of a grain's line integrals that is unexplained there."""
     grains, geometry = problem.grains, problem.target.scan.geometry
     radius = float(np.median(grains.radii))
     _, paths = grain_residuals(problem, seen)
     usual = float(np.nanmedian(paths)) if np.isfinite(paths).any() else 0.0
     if usual <= 0 or len(problem.target.scan) < 2:
-        return ()
+        return []
     places = _places(grains.centers + pose.translations, radius)
     sigma = WIDTH * radius / geometry.pixel_at((grains.centers + pose.translations).mean(axis=0))
     smooth = np.stack([ndimage.gaussian_filter(image.astype(float), sigma) for image in seen.raw])
     least = np.full(len(places), np.inf)
     for image, spots in zip(smooth, geometry.project_points(places), strict=True):
         least = np.minimum(least, ndimage.map_coordinates(image, np.nan_to_num(spots, nan=-1e9).T, order=1, cval=0.0))
-    found: list[str] = []
+    found: list[tuple[float, float, float, float]] = []
     while len(found) < MOST and least.size and least.max() > MUCH * usual:
         best = int(np.argmax(least))
-        x, y, z = places[best]
-        found.append(
-            f"something that is no grain attenuates near x = {x:.3g}, y = {y:.3g}, z = {z:.3g}, "
-            f"{least[best] / usual:.0%} of a grain's line integrals: one that appeared, or a piece of one"
-        )
+        x, y, z = (float(v) for v in places[best])
+        found.append((x, y, z, float(least[best] / usual)))
         least[np.linalg.norm(places - places[best], axis=1) < 3 * radius] = -np.inf
-    return tuple(found)
+    return found
 
 
 def _places(centers: Float, radius: float) -> Float:
