@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from grainmotion.packed import OUT_OF_PLANE, Pose, planar
+from grainmotion.packed import OUT_OF_PLANE, PackedGrains, Pose, planar
 from grainmotion.solve import Solution, Stopping
 from grainmotion.tracking.coupling import normal_matrix
 from grainmotion.tracking.course import Course
@@ -25,6 +25,8 @@ from grainmotion.tracking.weighting import reweighted
 
 Float = NDArray[np.float64]
 
+DEARER = 1.02
+"""Times the cost, up to which holding weak directions may leave a fit worse."""
 ROUNDS = 3
 """Solutions with new weights: Huber's and the likelihood's change in the fourth digit after these."""
 
@@ -70,27 +72,28 @@ def polish(course: Course, base: Pose, problem: StateProblem, solution: Solution
             solution = course.solve(problem, solution.state, stopping, f"weights {k + 1}")
         if settings.loss == "poisson":  # the working response is no radiograph: what follows compares with these
             problem = replace(problem, target=replace(plain, weights=problem.target.weights, sigma=0.0))
-    known, few, formal = _covariances(problem, solution.state)
+    known, few, formal = _covariances(problem, course.grains, solution.state)
     if misplaced.clearly:
         known += common_motion(problem, solution.state, misplaced)
-    weak = weak_directions(known, problem.grains)
+    weak, posterior = weak_directions(known, problem.grains), known
     if weak.flags.any():
-        held = weak.prior(formal, base)
-        problem = replace(problem, prior=held)
-        solution = course.solve(problem, solution.state, stopping, "weak directions held")
+        held = replace(problem, prior=weak.prior(formal, base))
+        end = course.solve(held, solution.state, stopping, "weak directions held")
+        if problem.linearize(end.state).cost < DEARER * problem.linearize(solution.state).cost:
+            solution, posterior = end, weak.posterior()  # else the radiographs know better than they let on
     corrections_sd = None
     if problem.target.loose.views:
         views = len(problem.target.scan)
         corrections_sd = np.sqrt(np.diagonal(few))[: 3 * views].reshape(3, views).T
-    return Polished(problem, solution, known, weak.posterior(), corrections_sd, share, tuple(notes))
+    return Polished(problem, solution, known, posterior, corrections_sd, share, tuple(notes))
 
 
-def _covariances(problem: StateProblem, pose: Pose) -> tuple[Float, Float, sparse.bsr_array]:
+def _covariances(problem: StateProblem, coarse: PackedGrains, pose: Pose) -> tuple[Float, Float, sparse.bsr_array]:
     """What the radiographs tell of the grains ``(n, 6, 6)`` and of the surroundings ``(k, k)``; JᵀJ."""
     seen = problem.look(pose)
     formal = normal_matrix(seen.derivatives, seen.patches, len(problem.grains))
     grains, few = covariances(problem, pose, seen, formal)
-    grains[:, 3:, 3:] += unconfirmed(problem, pose, seen)
+    grains[:, 3:, 3:] += unconfirmed(replace(problem, grains=coarse), pose, seen)
     if planar(problem.grains, problem.target.scan.geometry):
         grains[:, OUT_OF_PLANE, :] = grains[:, :, OUT_OF_PLANE] = 0
     return grains, few, formal
