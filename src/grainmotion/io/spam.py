@@ -11,6 +11,10 @@ with h the voxel size and o the position of voxel [0, 0, 0] in the sample frame,
 
     pos = (c − o)/h,    disp = u/h,    F = Ω,    each with its x y z components written in z y x order.
 
+spam 0.9.1 writes the labels' centres of mass, but its Φ is about the middle of each label's bounding box: for
+grains that turn, displacements that it measured are off by (Ω − 1) times what lies between the two
+(`benchmarks/full_scan.py`).
+
 Reversing the order of the axes mirrors the frame, so the rotation vector that spam derives from F,
 in z y x order, is **minus** the reversed rotation vector of grainmotion; F itself needs no sign.
 """
