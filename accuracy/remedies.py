@@ -20,7 +20,7 @@ class Remedy:
     name : str
         As the settings are called.
     settings : TrackSettings
-    background : {"ignore", "fixed", "moving"}
+    background : {"auto", "ignore", "fixed", "moving"}
         Of `grains_from_labels`.
     calibrated : {"", "geometry", "hardening"}
         What the reference scan is asked about the machine before anything else.
@@ -28,7 +28,7 @@ class Remedy:
 
     name: str
     settings: TrackSettings = field(default_factory=TrackSettings)
-    background: Background = "ignore"
+    background: Background = "auto"
     calibrated: Literal["", "geometry", "hardening"] = ""
 
 
@@ -50,7 +50,7 @@ REMEDIES: Mapping[str, tuple[Remedy, ...]] = MappingProxyType(
         "gain-drift-views": (Remedy('gain = "view"', TrackSettings(gain="view")),),
         "container": (
             Remedy('background = "fixed"', background="fixed"),
-            Remedy('background = "moving"', background="moving"),
+            Remedy('background = "ignore"', background="ignore"),
         ),
         "missing": (HUBER,),
         "broken": (HUBER,),

@@ -93,7 +93,10 @@ def _covariances(problem: StateProblem, coarse: PackedGrains, pose: Pose) -> tup
     seen = problem.look(pose)
     formal = normal_matrix(seen.derivatives, seen.patches, len(problem.grains))
     grains, few = covariances(problem, pose, seen, formal)
-    grains[:, 3:, 3:] += unconfirmed(replace(problem, grains=coarse), pose, seen)
+    # a turn that either set of voxels leaves unconfirmed is: finer ones follow their own pattern more closely
+    grains[:, 3:, 3:] += unconfirmed(problem, pose, seen)
+    if coarse.voxel_size > problem.grains.voxel_size:
+        grains[:, 3:, 3:] += unconfirmed(replace(problem, grains=coarse), pose, seen)
     if planar(problem.grains, problem.target.scan.geometry):
         grains[:, OUT_OF_PLANE, :] = grains[:, :, OUT_OF_PLANE] = 0
     return grains, few, formal
