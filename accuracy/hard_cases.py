@@ -120,7 +120,7 @@ def section(results: Results) -> page.Section:
     where = ", ".join(f"{n} in {' / '.join(map(str, key))}" for key, n in wrong.items() if n)
     cases = "\n".join(f"- *{name}*: {HARD_CASES[name].summary}" for name in results)
     text = f"""Each case of `simulate.HARD_CASES` at its small scale (stones about 20 voxels across, random motions of
-up to 5 voxels and 10° unless the case has its own; SNR 50 unless it says so), {len(SEEDS)} seeds, reconstructed,
+up to 5 voxels and 10° unless the case has its own; SNR 50 unless it says so), {len(SEEDS)} packing each, reconstructed,
 segmented and tracked from a zero start by default settings; and, where the case calls for it, with the setting that a
 user would choose.  *calibrated* is `calibrate` or `calibrate_hardening` on the reference scan.
 
