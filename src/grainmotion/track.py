@@ -3,8 +3,8 @@
 From the given start: (1) all grains as one body, from the start and from the shift that the
 radiographs' centroids tell; (2) a smooth displacement field; (3) all grains free, under Gaussian
 filters of falling width; (4) grains that still fit badly are searched for by annealing, then all are
-free again; (5) grains whose shadow is not there are left out,
-and a ball stands in for one that appeared.
+free again; (5) the last solutions: poses of views, weights, covariances; (6) grains whose shadow is not
+there are left out, and a ball stands in for one that appeared.
 """
 
 from __future__ import annotations

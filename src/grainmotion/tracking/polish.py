@@ -28,7 +28,7 @@ Float = NDArray[np.float64]
 DEARER = 1.02
 """Times the cost, up to which holding weak directions may leave a fit worse."""
 ROUNDS = 3
-"""Solutions with new weights: Huber's and the likelihood's change in the fourth digit after these."""
+"""Solutions with new weights; the likelihood of some 20 counts a pixel or fewer would want more."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,8 +18,6 @@ from grainmotion.project import Patches, Projector, assemble, differentiate_patc
 
 Float = NDArray[np.float64]
 
-BODY = 6
-"""Unknowns of a moving background: u (mm), δ (rad) about its centre of mass."""
 VIEW = 3
 """Unknowns of a view's pose: shift of the panel along u and along v (pixels), angle of the stage (rad)."""
 

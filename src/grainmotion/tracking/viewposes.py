@@ -82,12 +82,12 @@ def misplaced_views(problem: StateProblem, pose: Pose) -> Misplaced:
     variance = float((seen.residual[shaded].astype(float) ** 2).mean()) if shaded.any() else np.inf
     told = 3 * views - len(IMITATED)
     each = step[: 3 * views].reshape(3, views)
-    size = 2 * float(np.abs(trial.grains.centers + pose.translations).max())
+    places = trial.grains.centers + pose.translations
     return Misplaced(
         float(step @ information @ step) / max(variance * told, 1e-30),
         _spread(each[:2], 2 * views - 3),
         _spread(each[2], views - 1),
-        size / 2 / trial.target.scan.geometry.pixel_at((trial.grains.centers + pose.translations).mean(axis=0)),
+        float(np.abs(places).max()) / trial.target.scan.geometry.pixel_at(places.mean(axis=0)),
     )
 
 
