@@ -34,7 +34,7 @@ from grainmotion.volume import Volume
 from paper import gravel
 
 SIMULATED = ("simulate", "motion", "geometry", "volume")
-RECONSTRUCTED = (*SIMULATED, "kernels", "scan", "project", "reconstruct")
+RECONSTRUCTED = (*SIMULATED, "kernels", "scan", "operators", "reconstruct", "reconstructing")
 STATES = gravel.STATES
 SNR = 50.0
 

@@ -16,7 +16,6 @@ from grainmotion.compare import compare
 from grainmotion.grains import GrainSet, grains_from_labels
 from grainmotion.motions import Motions
 from grainmotion.project import Projector, project
-from grainmotion.reconstruct import ReconstructSettings
 from grainmotion.scan import Scan, normalize_air
 from grainmotion.simulate import LATER_ANGLES_DEG
 from grainmotion.track import TrackSettings
@@ -198,7 +197,7 @@ def operators() -> str:
     names: dict[Projector, str] = {"trilinear": "smooth", "exact": "Siddon"}
     rows, runs = [], {}
     for made in names:
-        volume = gravel.reference(ReconstructSettings(projector=made)).volume
+        volume = gravel.reference(replace(gravel.SMOOTH, projector=made)).volume
         sample = grains_from_labels(volume, gravel.labels())
         for tracked in names:
             for state in STATES:

@@ -33,9 +33,9 @@ from paper import page
 
 SEED = 0
 STATES = ("unmoved", "shift", "random")
-SMOOTH = ReconstructSettings()
-"""The package's default: SART with the trilinear projector."""
-SIDDON = ReconstructSettings(projector="exact")
+SMOOTH = ReconstructSettings(method="sart", sweeps=6, relaxation=1.0, decay=0.5, tolerance=0.02)
+"""Plain SART, as in the paper, with the trilinear projector."""
+SIDDON = replace(SMOOTH, projector="exact")
 """The paper's operator: the exact radiological path."""
 
 

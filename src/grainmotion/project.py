@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,32 +16,17 @@ from numpy.typing import NDArray
 from grainmotion import motion
 from grainmotion.errors import InputError
 from grainmotion.geometry import Geometry
-from grainmotion.grains import PADDING, GrainSet
+from grainmotion.grains import GrainSet
 from grainmotion.kernels import grains as kernel
-from grainmotion.kernels import voxels
 from grainmotion.motions import Motions
+from grainmotion.operators import Projector, VolumeOperator
 from grainmotion.packed import OUT_OF_PLANE, Image, PackedGrains, Pose, planar
 from grainmotion.volume import Volume
-
-Projector = Literal["trilinear", "exact"]
-"""``"trilinear"``: the smooth image, sampled once a voxel; ``"exact"``: the exact radiological path of boxes."""
 
 Float = NDArray[np.float64]
 
 
 # ---------------------------------------------------------------------- whole volumes
-def pad(array: Image) -> Image:
-    """The array with the empty layers that the kernels ask for."""
-    if np.prod([n + 2 * PADDING for n in array.shape], dtype=float) >= 2**32:
-        raise InputError("volume", f"{array.shape} voxels are more than 2^32", "reconstruct in parts or coarser")
-    return np.pad(array, PADDING)
-
-
-def padded_origin(volume: Volume) -> Float:
-    """Position of voxel [0, 0, 0] of the padded array, mm, x y z."""
-    return volume.origin - PADDING * volume.voxel_size
-
-
 def project(volume: Volume, geometry: Geometry, projector: Projector = "trilinear") -> Image:
     """Line integrals of a volume.
 
@@ -60,24 +44,16 @@ def project(volume: Volume, geometry: Geometry, projector: Projector = "trilinea
     (views, rows, columns) array
         Line integrals, dimensionless, in the precision of the volume.
     """
-    out = np.empty((len(geometry), *geometry.shape), volume.array.dtype)
-    voxels.forward(
-        pad(volume.array), padded_origin(volume), volume.voxel_size, geometry.vectors, geometry.beam == "cone",
-        projector == "exact", out,
-    )  # fmt: skip
-    return out
+    operator = VolumeOperator(geometry, volume, projector)
+    return operator.forward(operator.laid(volume.array))
 
 
 def back_project(images: Image, geometry: Geometry, grid: Volume, projector: Projector = "trilinear") -> Volume:
     """The exact adjoint of `project`: ⟨A x, y⟩ = ⟨x, Aᵀ y⟩; place and precision are those of ``grid``."""
-    precision = grid.array.dtype
-    out = np.zeros([n + 2 * PADDING for n in grid.shape], precision)
-    voxels.adjoint(
-        np.ascontiguousarray(images, precision), padded_origin(grid), grid.voxel_size, geometry.vectors,
-        geometry.beam == "cone", projector == "exact", out,
-    )  # fmt: skip
-    inner = slice(PADDING, -PADDING)
-    return Volume(out[inner, inner, inner], grid.voxel_size, grid.center)
+    operator = VolumeOperator(geometry, grid, projector)
+    image = operator.empty()
+    operator.add_adjoint(images, image)
+    return Volume(operator.unlaid(image), grid.voxel_size, grid.center)
 
 
 # ---------------------------------------------------------------------- moving grains

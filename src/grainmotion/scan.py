@@ -68,6 +68,24 @@ class Scan:
         return f"<Scan of {len(self)} {self.geometry.beam}-beam radiographs, {self.geometry.shape}>"
 
 
+def binned(scan: Scan, factor: int) -> Scan:
+    """Radiographs of larger pixels, and no more views than these need; masked pixels do not count."""
+    old = scan.geometry.shape
+    rows, columns = (n // factor for n in old)
+    r0, c0 = ((n - m * factor) // 2 for n, m in zip(old, (rows, columns), strict=True))
+    views = np.arange(0, len(scan), max(1, round(len(scan) / (2 * columns))))
+    cut = (views[:, None, None], np.arange(r0, r0 + rows * factor)[:, None], np.arange(c0, c0 + columns * factor))
+    blocks = (len(views), rows, factor, columns, factor)
+    geometry = scan.geometry[views].window((r0, c0), (rows * factor, columns * factor)).binned(factor)
+    images = scan.line_integrals[cut].reshape(blocks)
+    if scan.valid is None:
+        return Scan(images.mean(axis=(2, 4)), geometry)
+    good = scan.valid[cut].reshape(blocks)
+    number = good.sum(axis=(2, 4))
+    mean = np.where(good, images, 0).sum(axis=(2, 4)) / np.maximum(number, 1)
+    return Scan(mean, geometry, number > 0)
+
+
 def air_levels(
     scan: Scan, *, margin: int | None = None, region: tuple[int, int, int, int] | None = None
 ) -> NDArray[np.float64]:

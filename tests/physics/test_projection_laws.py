@@ -10,13 +10,12 @@ from grainmotion.grains import GrainSet, grains_from_labels
 from grainmotion.kernels import grains as kernel
 from grainmotion.kernels import voxels
 from grainmotion.motions import Motions
+from grainmotion.operators import pad, padded_origin
 from grainmotion.packed import PackedGrains, Pose
 from grainmotion.project import (
     back_project,
     difference_patches,
     differentiate_patches,
-    pad,
-    padded_origin,
     project,
     shadows,
     simulate_radiographs,

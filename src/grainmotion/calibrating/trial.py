@@ -9,7 +9,7 @@ from grainmotion.calibrating.corrections import Array, Parameter, corrected, uni
 from grainmotion.geometry import Geometry
 from grainmotion.project import project
 from grainmotion.reconstruct import ReconstructSettings, reconstruct
-from grainmotion.scan import Scan
+from grainmotion.scan import Scan, binned
 from grainmotion.volume import Volume
 
 STEP = 0.5  # of a parameter's unit: half the span of a central difference
@@ -43,7 +43,7 @@ class Trial:
     def residual(self, values: Array) -> Array:
         """r(γ), flat, view after view."""
         geometry, images, valid = self.correct(self.scan.geometry, values), self.scan.line_integrals, self.scan.valid
-        settings = ReconstructSettings(sweeps=self.sweeps, tolerance=0)
+        settings = ReconstructSettings(method="sart", sweeps=self.sweeps, tolerance=0)
         out = np.zeros(images.shape)
         for half in (0, 1):
             inside, outside = slice(half, None, 2), slice(1 - half, None, 2)
@@ -65,21 +65,3 @@ class Trial:
 def bin_factor(geometry: Geometry, columns: int) -> int:
     """By how much to bin; a panel of few rows is not binned away."""
     return max(1, min(-(-geometry.shape[1] // columns), geometry.shape[0] // 2))
-
-
-def binned(scan: Scan, factor: int) -> Scan:
-    """Radiographs of larger pixels, and no more views than these need; masked pixels do not count."""
-    old = scan.geometry.shape
-    rows, columns = (n // factor for n in old)
-    r0, c0 = ((n - m * factor) // 2 for n, m in zip(old, (rows, columns), strict=True))
-    views = np.arange(0, len(scan), max(1, round(len(scan) / (2 * columns))))
-    cut = (views[:, None, None], np.arange(r0, r0 + rows * factor)[:, None], np.arange(c0, c0 + columns * factor))
-    blocks = (len(views), rows, factor, columns, factor)
-    geometry = scan.geometry[views].window((r0, c0), (rows * factor, columns * factor)).binned(factor)
-    images = scan.line_integrals[cut].reshape(blocks)
-    if scan.valid is None:
-        return Scan(images.mean(axis=(2, 4)), geometry)
-    good = scan.valid[cut].reshape(blocks)
-    number = good.sum(axis=(2, 4))
-    mean = np.where(good, images, 0).sum(axis=(2, 4)) / np.maximum(number, 1)
-    return Scan(mean, geometry, number > 0)

@@ -1,11 +1,11 @@
-"""One view of SART: the normalised residual of every ray."""
+"""What SART does beside projecting: the normalised residual of every ray, and what holds of every voxel."""
 
 from __future__ import annotations
 
 import numba as nb
 import numpy as np
 
-from grainmotion.kernels.rays import clip_range, enter, exact_value, pixel_ray, smooth_value
+from grainmotion.kernels.rays import clip_range, pixel_ray
 
 
 @nb.njit(cache=True, error_model="numpy")
@@ -26,55 +26,72 @@ def chord(ox, oy, oz, dx, dy, dz, nx, ny, nz, radius):
 
 
 @nb.njit(parallel=True, cache=True, error_model="numpy")
-def residual(image, origin, voxel, view, cone, exact, radius, measured, valid, out, squares):
-    """(b − A x)/A1 of one view in ``out (rows, columns)``; ``squares (rows, 2)`` get Σ(b − Ax)² and Σb² a row.
+def compare(images, measured, valid, origin, voxel, size, radius, views, cone, squares):
+    """(b − A x)/(A 1) in place of A x in ``images (views, rows, columns)``.
 
-    A1, the row sums, are the rays' lengths inside the field of view, at least 4 voxels so that rays
+    ``size`` is the image's (nz, ny, nx), ``squares (views · rows, 2)`` get Σ(b − A x)² and Σb² of each row.
+    A 1, the row sums, are the rays' lengths inside the field of view, at least 4 voxels so that rays
     that graze it do not shout.
     """
-    nz, ny, nx = image.shape
-    flat = image.ravel()
-    rows, columns = measured.shape
+    nz, ny, nx = size
+    n, rows, columns = images.shape
     h = 1.0 / voxel
-    for r in nb.prange(rows):
+    for job in nb.prange(n * rows):
+        i, r = job // rows, job % rows
         misfit, norm = 0.0, 0.0
         for c in range(columns):
-            px, py, pz, dx, dy, dz = pixel_ray(view, cone, r - (rows - 1) / 2, c - (columns - 1) / 2)
+            px, py, pz, dx, dy, dz = pixel_ray(views[i], cone, r - (rows - 1) / 2, c - (columns - 1) / 2)
             ox, oy, oz = (px - origin[0]) * h, (py - origin[1]) * h, (pz - origin[2]) * h
             length = chord(ox, oy, oz, dx * h, dy * h, dz * h, nx, ny, nz, radius)
-            if length == 0.0 or not valid[r, c]:
-                out[r, c] = 0
+            if length == 0.0 or not valid[i, r, c]:
+                images[i, r, c] = 0
                 continue
-            _, first, count, oa, ob, oc, da, db, dc, sa, sb, sc = enter(
-                ox, oy, oz, dx * h, dy * h, dz * h, nx, ny, nz, exact
-            )
-            value = nb.float64(0)
-            if count > 0:
-                if exact:
-                    value = exact_value(flat, first, count, oa, ob, oc, da, db, dc, sa, sb, sc)
-                else:
-                    value = smooth_value(flat, first, count, oa, ob, oc, da, db, dc, sa, sb, sc)
-            difference = measured[r, c] - value
+            difference = measured[i, r, c] - images[i, r, c]
             misfit += difference * difference
-            norm += measured[r, c] * measured[r, c]
-            out[r, c] = difference / max(length, 4 * voxel)
-        squares[r, 0] = misfit
-        squares[r, 1] = norm
+            norm += measured[i, r, c] * measured[i, r, c]
+            images[i, r, c] = difference / max(length, 4 * voxel)
+        squares[job, 0] = misfit
+        squares[job, 1] = norm
+
+
+@nb.njit(cache=True, error_model="numpy")
+def _inside(x, y, nx, ny, padding, radius):
+    """Whether a line of voxels along z lies within the padding and the upright cylinder (if ``radius`` > 0)."""
+    if min(x, y) < padding or max(x - nx, y - ny) >= -padding:
+        return False
+    dx, dy = x - (nx - 1) / 2, y - (ny - 1) / 2
+    return radius == 0 or dx * dx + dy * dy <= radius * radius
 
 
 @nb.njit(parallel=True, cache=True, error_model="numpy")
-def constrain(image, padding, radius, non_negative):
-    """Zero the padding and what lies outside the upright cylinder (``radius`` in voxels, if > 0); clip at zero."""
-    nz, ny, nx = image.shape
-    for z in nb.prange(nz):
-        for y in range(ny):
-            dy = y - (ny - 1) / 2
-            for x in range(nx):
-                dx = x - (nx - 1) / 2
-                if (
-                    min(x, y, z) < padding
-                    or max(x - nx, y - ny, z - nz) >= -padding
-                    or (radius > 0 and dx * dx + dy * dy > radius * radius)
-                    or (non_negative and image[z, y, x] < 0)
-                ):
-                    image[z, y, x] = 0
+def constrain(image, padding, radius, lowest):
+    """Zero the padding and what lies beyond the cylinder of ``image [y, x, z]``; raise the rest to ``lowest``."""
+    ny, nx, nz = image.shape
+    for y in nb.prange(ny):
+        for x in range(nx):
+            line = image[y, x]
+            if not _inside(x, y, nx, ny, padding, radius):
+                line[:] = 0
+                continue
+            line[:padding] = 0
+            line[nz - padding :] = 0
+            for z in range(padding, nz - padding):
+                line[z] = max(line[z], lowest)
+
+
+@nb.njit(parallel=True, cache=True, error_model="numpy")
+def constrain_and_extrapolate(image, before, padding, radius, lowest, momentum):
+    """`constrain` an image x, then go on: x + momentum · (x − before), with x left in ``before``."""
+    ny, nx, nz = image.shape
+    for y in nb.prange(ny):
+        for x in range(nx):
+            line, old = image[y, x], before[y, x]
+            if not _inside(x, y, nx, ny, padding, radius):
+                line[:] = 0
+                continue
+            line[:padding] = 0
+            line[nz - padding :] = 0
+            for z in range(padding, nz - padding):
+                value = max(line[z], lowest)
+                line[z] = value + momentum * (value - old[z])
+                old[z] = value
