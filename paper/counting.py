@@ -33,7 +33,7 @@ def counted() -> Iterator[Count]:
             begin = time.process_time()
             inner(*arguments)
             count.cpu += time.process_time() - begin
-            count.walks += len(arguments[10])  # ``boxes``, one a grain and view
+            count.walks += len(arguments[11])  # ``boxes``, one a grain and view
 
         return walk
 

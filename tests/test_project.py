@@ -1,12 +1,15 @@
 """Radiographs of volumes and moving grains: which pixels are walked, and what is left out."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from grainmotion import motion
 from grainmotion.errors import InputError
 from grainmotion.geometry import Geometry
-from grainmotion.grains import GrainSet, grains_from_labels
+from grainmotion.grains import Grain, GrainSet, grains_from_labels
+from grainmotion.kernels import walks
 from grainmotion.motions import Motions
 from grainmotion.packed import PackedGrains, Pose
 from grainmotion.project import (
@@ -144,6 +147,76 @@ class TestShadows:
         grains = grains_from_labels(volume, (array != 0).astype(np.int8), reach=0, finer=1)
         found = simulate_radiographs(grains, Motions.identity(grains.labels, grains.centers), stage())
         np.testing.assert_allclose(found, project(volume, stage()), atol=2e-6)
+
+
+def whole_box(packed):
+    """The same grains as if every voxel of their crops counted."""
+    faces = np.array([[np.zeros(3), shape[::-1] - 1] for shape in packed.shapes])
+    corners = np.stack(np.meshgrid(*[(0, 1)] * 3), -1).reshape(-1, 3)
+    spots = np.array([np.where(corners, high, low) for low, high in faces]) @ walks.DIRECTIONS.T.astype(float)
+    return replace(packed, extents=np.stack([spots.min(axis=1), spots.max(axis=1)], axis=1).astype(np.float32))
+
+
+class TestExtents:
+    """Planes that no ray needs to cross are skipped; what is skipped is empty."""
+
+    @staticmethod
+    def grain(kind, rng):
+        array = np.zeros((9, 12, 10))
+        inner = array[2:-2, 2:-2, 2:-2]
+        if kind == "full":
+            inner[:] = rng.uniform(-1, 1, inner.shape)
+        elif kind == "few voxels":
+            inner[tuple(rng.integers(0, n, 6) for n in inner.shape)] = 1
+        elif kind == "one voxel":
+            inner[2, 5, 1] = 1
+        elif kind == "plate":
+            inner[2] = rng.uniform(size=inner.shape[1:])
+        elif kind == "rod, aslant":
+            for k in range(5):
+                inner[k, k + 1, k] = inner[k, k, k] = 1
+        return array
+
+    @pytest.mark.parametrize("projector", ["trilinear", "exact"])
+    @pytest.mark.parametrize("beam", ["cone", "parallel"])
+    @pytest.mark.parametrize("kind", ["full", "few voxels", "one voxel", "plate", "rod, aslant", "empty"])
+    def test_what_is_skipped_is_empty(self, kind, beam, projector):
+        rng = np.random.default_rng(3)
+        angles = (0.0, 45.0, 90.0, 200.0)
+        geometry = (
+            Geometry.cone(angles, (34, 34), 4 * 0.6 * VOXEL, source_to_axis=30, source_to_detector=120)
+            if beam == "cone"
+            else Geometry.parallel(angles, (34, 34), 0.6 * VOXEL)
+        )
+        grain = Grain(1, Volume(self.grain(kind, rng), VOXEL), np.array([0.03, 0.0, -0.05]))
+        packed = PackedGrains.of(GrainSet((grain,)))
+        for turn in ([0, 0, 0], [0, 0, np.pi / 4], *rng.uniform(-3, 3, (6, 3))):
+            pose = Pose(rng.uniform(-1, 1, (1, 3)) * VOXEL, motion.exp([turn]))
+            patches = shadows(packed, pose, geometry)
+            found = differentiate_patches(packed, pose, geometry, patches, projector)
+            wanted = differentiate_patches(whole_box(packed), pose, geometry, patches, projector)
+            for one, other in zip(found, wanted, strict=True):
+                np.testing.assert_allclose(one, other, rtol=0, atol=1e-12 * max(1.0, np.abs(other).max()))
+            np.testing.assert_allclose(
+                project_patches(packed, pose, geometry, patches, projector), found[0], rtol=0, atol=1e-12
+            )
+            assert found[0].any() == (kind != "empty")
+
+    def test_they_follow_the_grain_through_coarser_voxels_and_selection(self):
+        packed = PackedGrains.of(three_grains())
+        some = packed.select([2, 0, 2])
+        np.testing.assert_array_equal(some.extents, packed.extents[[2, 0, 2]])
+        axes = packed.extents[:, :, :3]
+        np.testing.assert_allclose(axes[:, 1] - axes[:, 0], 7 + 2 * 1.02, rtol=1e-6)
+        assert (packed.coarsened(2).extents[:, 1, :3] < packed.coarsened(2).shapes[:, ::-1] - 1).all()
+
+    def test_a_grain_of_too_many_voxels_is_refused(self, monkeypatch):
+        size = int(PackedGrains.of(three_grains()).shapes[0].prod())
+        monkeypatch.setattr("grainmotion.packed.MOST_VOXELS", size)
+        PackedGrains.of(three_grains())
+        monkeypatch.setattr("grainmotion.packed.MOST_VOXELS", size - 1)
+        with pytest.raises(InputError, match="coarser"):
+            PackedGrains.of(three_grains())
 
 
 class TestSimulatedRadiographs:

@@ -1,4 +1,4 @@
-"""The peers' environment ``.venv-bench``, and the machine on which a table was made."""
+"""The peers' environments, and the machine on which a table was made."""
 
 from __future__ import annotations
 
@@ -7,32 +7,45 @@ import os
 import platform
 import subprocess
 import sys
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).parents[2]
-PEERS = ("itk-rtk>=2.7,<3",)
 
 
-def peers_python() -> Path:
-    """Python of ``.venv-bench``, which is made and filled if it is not there."""
-    folder = ROOT / ".venv-bench"
-    python, stamp = folder / "bin" / "python", folder / ".peers"
-    wanted = "\n".join(PEERS)
-    if not stamp.exists() or stamp.read_text() != wanted:
-        print(f"installing {wanted} into .venv-bench ...", flush=True)
-        subprocess.run([sys.executable, "-m", "venv", folder], check=True)
-        subprocess.run([python, "-m", "pip", "install", "--quiet", *PEERS], check=True)
-        stamp.write_text(wanted)
-    return python
+@dataclass(frozen=True)
+class Environment:
+    """A folder beside the repository's files, and what `pip install` is given in it, call by call."""
+
+    folder: str
+    installs: tuple[tuple[str, ...], ...]
+
+    def python(self) -> Path:
+        """Its Python; the environment is made and filled if it is not there or holds something else."""
+        folder = ROOT / self.folder
+        python, stamp = folder / "bin" / "python", folder / ".peers"
+        wanted = "\n".join(" ".join(arguments) for arguments in self.installs)
+        if not stamp.exists() or stamp.read_text() != wanted:
+            print(f"installing {wanted} into {self.folder} ...".replace("\n", ", "), flush=True)
+            subprocess.run([sys.executable, "-m", "venv", folder], check=True)
+            for arguments in self.installs:
+                subprocess.run([python, "-m", "pip", "install", "--quiet", *arguments], check=True)
+            stamp.write_text(wanted)
+        return python
 
 
-def run_peer(script: str, job: dict[str, Any], folder: Path) -> dict[str, Any]:
+RTK = Environment(".venv-bench", (("itk-rtk>=2.7,<3",),))
+# DiffDRR's renderer needs torch alone; what else it declares (viewers, readers, a registration) is not used.
+DIFFDRR = Environment(".venv-diffdrr", (("torch==2.13.0",), ("numpy",), ("--no-deps", "diffdrr>=0.6,<0.7")))
+
+
+def run_peer(script: str, job: dict[str, Any], folder: Path, environment: Environment = RTK) -> dict[str, Any]:
     """What ``benchmarks/peers/SCRIPT`` prints about a job, as JSON on its last line."""
     path = folder / "job.json"
     path.write_text(json.dumps(job))
-    command = [peers_python(), ROOT / "benchmarks" / "peers" / script, path]
+    command = [environment.python(), ROOT / "benchmarks" / "peers" / script, path]
     done = subprocess.run(command, check=True, capture_output=True, text=True)
     return json.loads(done.stdout.strip().splitlines()[-1])
 

@@ -8,8 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from grainmotion.errors import InputError
 from grainmotion.geometry import Geometry
 from grainmotion.grains import PADDING, Grain, GrainSet, grains_from_labels
+from grainmotion.kernels import walks
 from grainmotion.volume import Volume
 
 Float = NDArray[np.float64]
@@ -17,6 +19,8 @@ Image = NDArray[np.floating]
 """Line integrals and their derivatives, in the precision of the volume."""
 OUT_OF_PLANE = (2, 3, 4)
 """Of (u, δ), what a planar sample cannot do: u_z, δ_x, δ_y."""
+MOST_VOXELS = 2**31 - 1
+"""Of one grain or background, with the empty ones around: what the walks' indices reach."""
 _DIRECTIONS = 128
 
 
@@ -58,8 +62,9 @@ class Pose:
 class PackedGrains:
     """A `GrainSet` as the flat arrays that kernels walk (see `kernels.grains`).
 
-    ``hulls (n, k, 3)`` are outermost points of each grain seen from its centre, ``radii (n,)`` the radii
-    of balls with the grains' own moments of inertia, both in mm.  ``voxel_size`` is that of these images and
+    ``extents (n, 2, directions)`` are the pairs of planes between which each grain's voxels count (voxels, see
+    `kernels.walks`).  ``hulls (n, k, 3)`` are outermost points of each grain seen from its centre, ``radii (n,)`` the
+    radii of balls with the grains' own moments of inertia, both in mm.  ``voxel_size`` is that of these images and
     ``unit`` that of the reference, in which tolerances are given.
     """
 
@@ -67,6 +72,7 @@ class PackedGrains:
     starts: NDArray[np.int64]
     shapes: NDArray[np.int64]
     corners: Float
+    extents: Image
     centers: Float
     hulls: Float
     radii: Float
@@ -88,6 +94,10 @@ class PackedGrains:
         volumes = [g.fine if fine and g.fine is not None else g.volume for g in grains.grains]
         arrays = [v.array for v in volumes]
         sizes = np.array([a.size for a in arrays], dtype=np.int64)
+        if sizes.max() > MOST_VOXELS:
+            raise InputError(
+                "grains", f"one spans {sizes.max()} voxels, more than {MOST_VOXELS}", "reconstruct coarser"
+            )
         corners = np.array([v.origin - g.center for v, g in zip(volumes, grains.grains, strict=True)]).reshape(-1, 3)
         h = volumes[0].voxel_size
         hulls = np.array([_extreme_points(a) * h + corner for a, corner in zip(arrays, corners, strict=True)])
@@ -96,6 +106,7 @@ class PackedGrains:
             starts=np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64),
             shapes=np.array([a.shape for a in arrays], dtype=np.int64),
             corners=corners,
+            extents=np.array([_extents(a) for a in arrays]),
             centers=grains.centers,
             hulls=hulls,
             radii=np.array([_radius(g) for g in grains.grains]),
@@ -107,8 +118,8 @@ class PackedGrains:
         """Some of the grains; a row may come more than once, and shares its voxels."""
         index = np.asarray(rows, dtype=np.int64)
         return PackedGrains(
-            self.images, self.starts[index], self.shapes[index], self.corners[index], self.centers[index],
-            self.hulls[index], self.radii[index], self.voxel_size, self.unit,
+            self.images, self.starts[index], self.shapes[index], self.corners[index], self.extents[index],
+            self.centers[index], self.hulls[index], self.radii[index], self.voxel_size, self.unit,
         )  # fmt: skip
 
     def coarsened(self, factor: int) -> PackedGrains:
@@ -128,8 +139,8 @@ class PackedGrains:
         shift = self.voxel_size * ((factor - 1) / 2 - PADDING * factor)
         return PackedGrains(
             np.concatenate([i.ravel() for i in images]), np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64),
-            np.array(shapes, dtype=np.int64), self.corners + shift, self.centers, self.hulls, self.radii,
-            self.voxel_size * factor, self.unit,
+            np.array(shapes, dtype=np.int64), self.corners + shift, np.array([_extents(i) for i in images]),
+            self.centers, self.hulls, self.radii, self.voxel_size * factor, self.unit,
         )  # fmt: skip
 
 
@@ -161,15 +172,29 @@ def _radius(grain: Grain) -> float:
     return float(np.sqrt(5 / 3 * sum((m @ a**2) / m.sum() for m, a in zip(marginals, axes, strict=True))))
 
 
-def _extreme_points(array: Image) -> Float:
-    """Voxels (x y z indices) of the grain that reach furthest in many directions: its convex hull, nearly."""
+def _line_ends(array: Image) -> Float:
+    """Voxels (x y z indices) at either end of each line of voxels along x that holds some of the grain, ``(k, 3)``."""
     filled = array != 0
     z, y = np.nonzero(filled.any(axis=2))
-    if len(z) == 0:
-        return np.full((_DIRECTIONS, 3), (np.array(array.shape[::-1]) - 1) / 2)
-    lines = filled[z, y]  # the ends of each line of voxels along x are enough
+    lines = filled[z, y]
     ends = np.concatenate([lines.argmax(axis=1), lines.shape[1] - 1 - lines[:, ::-1].argmax(axis=1)])
-    points = np.column_stack([ends, np.tile(y, 2), np.tile(z, 2)]).astype(float)
+    return np.column_stack([ends, np.tile(y, 2), np.tile(z, 2)]).astype(float)
+
+
+def _extents(array: Image) -> Image:
+    """The planes along `walks.DIRECTIONS` between which the grain's voxels count, ``(2, directions)``."""
+    points = _line_ends(array)
+    if len(points) == 0:
+        return np.zeros((2, len(walks.DIRECTIONS)), np.float32)
+    places = points @ walks.DIRECTIONS.T.astype(float)
+    return np.array([places.min(axis=0) - walks.REACH, places.max(axis=0) + walks.REACH], np.float32)
+
+
+def _extreme_points(array: Image) -> Float:
+    """Voxels (x y z indices) of the grain that reach furthest in many directions: its convex hull, nearly."""
+    points = _line_ends(array)
+    if len(points) == 0:
+        return np.full((_DIRECTIONS, 3), (np.array(array.shape[::-1]) - 1) / 2)
     k = np.arange(_DIRECTIONS) + 0.5
     height, angle = 1 - 2 * k / _DIRECTIONS, np.pi * (1 + 5**0.5) * k
     ring = np.sqrt(1 - height**2)

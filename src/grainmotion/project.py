@@ -204,7 +204,7 @@ def _walk(
 ) -> None:
     """Call a kernel of `kernels.grains` on nouns."""
     function(
-        grains.images, grains.starts, grains.shapes, grains.corners, grains.voxel_size,
+        grains.images, grains.starts, grains.shapes, grains.corners, grains.extents, grains.voxel_size,
         grains.centers + pose.translations, np.ascontiguousarray(pose.matrices), geometry.vectors,
         geometry.beam == "cone", np.array(geometry.shape), patches.boxes, patches.offsets, patches.jobs,
         projector == "exact", *out,

@@ -260,7 +260,7 @@ def double_project(packed, pose, geometry, patches, projector, derivatives=False
     n = int(patches.offsets[-1])
     values, slopes = np.zeros(n), np.zeros((6, n))
     arguments = (
-        packed.images.astype(float), packed.starts, packed.shapes, packed.corners, packed.voxel_size,
+        packed.images.astype(float), packed.starts, packed.shapes, packed.corners, packed.extents, packed.voxel_size,
         packed.centers + pose.translations, np.ascontiguousarray(pose.matrices), geometry.vectors,
         geometry.beam == "cone", np.array(geometry.shape), patches.boxes, patches.offsets, patches.jobs,
         projector == "exact",

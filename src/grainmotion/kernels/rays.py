@@ -1,17 +1,12 @@
-"""The line integral of a voxel image along one ray, with its derivatives.
+"""The line integral of a voxel image along one ray.
 
 A ray is o + s d, with o and d in voxels (voxel centres at integers, x y z) and s in mm, so that
 ``|d|`` = 1/voxel size.  The image is flat, C order, and **zero on its two outermost layers**; strides are
 counted in voxels.  Both walks step along the ray's dominant axis a (the largest ``|d|``), one voxel
-at a time, with b and c the two other axes, and return
+at a time, with b and c the two other axes; those with derivatives are in `kernels.walks`.
 
-    I, G_b, G_c, H_b, H_c    with  G = ∂I/∂o  and  H = ∂I/∂d.
-
-The dominant components follow from the invariances of a line integral, I(o + t d, d) = I and
-I(o, λ d) = I/λ:   G·d = 0,   H·d = −I.
-
-`smooth_path` samples the trilinear image on the planes of voxel centres, where trilinear is bilinear
-(trapezoidal rule, one sample a voxel along a: Joseph 1982).  `exact_path` is the exact radiological
+`smooth_value` samples the trilinear image on the planes of voxel centres, where trilinear is bilinear
+(trapezoidal rule, one sample a voxel along a: Joseph 1982).  `exact_value` is the exact radiological
 path of the piecewise-constant image (Siddon 1985, Jacobs 1998) by slabs: a slab holds at most three
 voxels of a ray (entry, middle, exit), so with t the fractions of the slab at which the planes of b
 and c are crossed (1 if they are not), its mean is  μ_exit + g_b t_b + g_c t_c.
@@ -21,9 +16,6 @@ from __future__ import annotations
 
 import numba as nb
 import numpy as np
-
-SMOOTH = 0
-EXACT = 1
 
 _jit = nb.njit(fastmath=True, inline="never", cache=True, error_model="numpy")
 
@@ -108,38 +100,6 @@ def smooth_value(image, first, count, oa, ob, oc, da, db, dc, sa, sb, sc):
 
 
 @_jit
-def smooth_path(image, first, count, oa, ob, oc, da, db, dc, sa, sb, sc):
-    """I, G_b, G_c, H_b, H_c by bilinear samples on planes first … first + count − 1."""
-    f = image.dtype.type
-    kb, kc = db / da, dc / da
-    pb0, pc0 = f(ob + (first - oa) * kb), f(oc + (first - oa) * kc)
-    kb, kc = f(kb), f(kc)
-    s0, ds = f((first - oa) / da), f(1.0 / da)
-    sa, sb, sc = np.uint32(sa), np.uint32(sb), np.uint32(sc)
-    start = np.uint32(first) * sa
-    total, gb, gc, hb, hc = f(0), f(0), f(0), f(0), f(0)
-    for k in range(np.uint32(count)):
-        pb, pc = pb0 + f(k) * kb, pc0 + f(k) * kc
-        ib, ic = np.uint32(np.int32(pb)), np.uint32(np.int32(pc))
-        wb, wc = pb - f(np.int32(ib)), pc - f(np.int32(ic))
-        base = start + np.uint32(k) * sa + ib * sb + ic * sc
-        v00, v10 = image[base], image[base + sb]
-        v01, v11 = image[base + sc], image[base + sb + sc]
-        slope0, slope1 = v10 - v00, v11 - v01
-        near, far = v00 + wb * slope0, v01 + wb * slope1
-        across = far - near
-        along = slope0 + wc * (slope1 - slope0)
-        s = s0 + f(k) * ds
-        total += near + wc * across
-        gb += along
-        gc += across
-        hb += s * along
-        hc += s * across
-    scale = 1.0 / abs(da)
-    return total * scale, gb * scale, gc * scale, hb * scale, hc * scale
-
-
-@_jit
 def exact_value(image, first, count, oa, ob, oc, da, db, dc, sa, sb, sc):
     """I over the slabs first … first + count − 1; slab k spans k − ½ … k + ½ of the dominant axis."""
     f = image.dtype.type
@@ -166,41 +126,3 @@ def exact_value(image, first, count, oa, ob, oc, da, db, dc, sa, sb, sc):
         e1, e2 = entry - middle, middle - leave
         total += leave + e1 * min(tb, tc) + e2 * max(tb, tc)
     return total / abs(da)
-
-
-@_jit
-def exact_path(image, first, count, oa, ob, oc, da, db, dc, sa, sb, sc):
-    """I, G_b, G_c, H_b, H_c of the exact radiological path; the derivatives are sums of jumps over crossings."""
-    f = image.dtype.type
-    kb, kc = db / da, dc / da
-    pb0, pc0 = f(ob + 0.5 + (first - 0.5 - oa) * kb), f(oc + 0.5 + (first - 0.5 - oa) * kc)
-    kb, kc = f(kb), f(kc)
-    rb = f(1) / kb if kb != 0 else f(0)
-    rc = f(1) / kc if kc != 0 else f(0)
-    # Entering planes in the direction of growing k; s grows with k only if da > 0.
-    s0, ds = f((first - 0.5 - oa) / da), f(1.0 / da)
-    sa, sb, sc = np.uint32(sa), np.uint32(sb), np.uint32(sc)
-    start = np.uint32(first) * sa
-    total, gb, gc, hb, hc = f(0), f(0), f(0), f(0), f(0)
-    for k in range(np.uint32(count)):
-        pb, pc = pb0 + f(k) * kb, pc0 + f(k) * kc
-        eb, ec = np.int32(pb), np.int32(pc)
-        xb, xc = np.int32(pb + kb), np.int32(pc + kc)
-        tb = (f(max(eb, xb)) - pb) * rb if xb != eb else f(1)
-        tc = (f(max(ec, xc)) - pc) * rc if xc != ec else f(1)
-        b_first = tb < tc
-        mb, mc = (xb, ec) if b_first else (eb, xc)
-        base = start + np.uint32(k) * sa
-        entry = image[base + np.uint32(eb) * sb + np.uint32(ec) * sc]
-        middle = image[base + np.uint32(mb) * sb + np.uint32(mc) * sc]
-        leave = image[base + np.uint32(xb) * sb + np.uint32(xc) * sc]
-        e1, e2 = entry - middle, middle - leave
-        jb, jc = (e1, e2) if b_first else (e2, e1)
-        total += leave + jb * tb + jc * tc
-        gb += jb
-        gc += jc
-        hb += jb * (s0 + (f(k) + tb) * ds)
-        hc += jc * (s0 + (f(k) + tc) * ds)
-    # I = Σ (μ_before − μ_after) s: a shift of o_b by 1 moves its crossings by −1/d_b.
-    scale = 1.0 / abs(da)
-    return total * scale, -gb * rb * scale, -gc * rc * scale, -hb * rb * scale, -hc * rc * scale
