@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from grainmotion.device import CPU, Device
 from grainmotion.errors import InputError
 from grainmotion.geometry import Geometry
 from grainmotion.grains import PADDING, Grain, GrainSet, grains_from_labels
@@ -65,7 +67,8 @@ class PackedGrains:
     ``extents (n, 2, directions)`` are the pairs of planes between which each grain's voxels count (voxels, see
     `kernels.walks`).  ``hulls (n, k, 3)`` are outermost points of each grain seen from its centre, ``radii (n,)`` the
     radii of balls with the grains' own moments of inertia, both in mm.  ``voxel_size`` is that of these images and
-    ``unit`` that of the reference, in which tolerances are given.
+    ``unit`` that of the reference, in which tolerances are given.  ``held`` are the images where a device walks them,
+    if that is not the processor.
     """
 
     images: Image
@@ -78,6 +81,7 @@ class PackedGrains:
     radii: Float
     voxel_size: float
     unit: float
+    held: Any = None
 
     def __len__(self) -> int:
         return len(self.starts)
@@ -86,6 +90,15 @@ class PackedGrains:
     def precision(self) -> np.dtype[np.floating]:
         """The precision in which the grains are projected: that of their voxels."""
         return self.images.dtype
+
+    @property
+    def walked(self) -> Any:
+        """The images where they are walked."""
+        return self.images if self.held is None else self.held
+
+    def on(self, device: Device) -> PackedGrains:
+        """The same grains where a device walks them."""
+        return replace(self, held=None if device == CPU else device.hold(self.images))
 
     @classmethod
     def of(cls, grains: GrainSet, fine: bool = False) -> PackedGrains:
@@ -119,7 +132,7 @@ class PackedGrains:
         index = np.asarray(rows, dtype=np.int64)
         return PackedGrains(
             self.images, self.starts[index], self.shapes[index], self.corners[index], self.extents[index],
-            self.centers[index], self.hulls[index], self.radii[index], self.voxel_size, self.unit,
+            self.centers[index], self.hulls[index], self.radii[index], self.voxel_size, self.unit, self.held,
         )  # fmt: skip
 
     def coarsened(self, factor: int) -> PackedGrains:

@@ -6,18 +6,18 @@ and integrated there; voxels are never rotated or resampled.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion import motion
+from grainmotion.device import place, zeros_beside
 from grainmotion.errors import InputError
 from grainmotion.geometry import Geometry
 from grainmotion.grains import GrainSet
-from grainmotion.kernels import grains as kernel
 from grainmotion.motions import Motions
 from grainmotion.operators import Projector, VolumeOperator
 from grainmotion.packed import OUT_OF_PLANE, Image, PackedGrains, Pose, planar
@@ -111,8 +111,15 @@ def project_patches(
     grains: PackedGrains, pose: Pose, geometry: Geometry, patches: Patches, projector: Projector
 ) -> Image:
     """Line integrals of every patch, flat (see `Patches.offsets`)."""
-    values = np.zeros(int(patches.offsets[-1]), grains.precision)
-    _walk(kernel.project, grains, pose, geometry, patches, projector, values)
+    return np.asarray(project_in_place(grains, pose, geometry, patches, projector))
+
+
+def project_in_place(
+    grains: PackedGrains, pose: Pose, geometry: Geometry, patches: Patches, projector: Projector
+) -> Any:
+    """As `project_patches`, but the values stay on the card if the grains are there."""
+    values = zeros_beside(grains.walked, int(patches.offsets[-1]))
+    _walk("project", grains, pose, geometry, patches, projector, values)
     return values
 
 
@@ -121,12 +128,21 @@ def differentiate_patches(
 ) -> tuple[Image, Image]:
     """Line integrals of every patch, and their derivatives ``(6, pixels)`` by u (1/mm) and δ (1/rad).
 
-    Derivatives by what a planar sample cannot do are zero.
+    The derivatives are exact for the projector chosen; those by motions out of a planar sample's plane are zero.
     """
+    values, derivatives = differentiate_in_place(grains, pose, geometry, patches, projector)
+    return np.asarray(values), np.asarray(derivatives)
+
+
+def differentiate_in_place(
+    grains: PackedGrains, pose: Pose, geometry: Geometry, patches: Patches, projector: Projector
+) -> tuple[Any, Any]:
+    """As `differentiate_patches`, but both stay on the card if the grains are there."""
     total = int(patches.offsets[-1])
-    values, derivatives = np.zeros(total, grains.precision), np.zeros((6, total), grains.precision)
-    _walk(kernel.project_with_derivatives, grains, pose, geometry, patches, projector, values, derivatives)
+    values, derivatives = zeros_beside(grains.walked, total), zeros_beside(grains.walked, (6, total))
+    _walk("project_with_derivatives", grains, pose, geometry, patches, projector, values, derivatives)
     if planar(grains, geometry):
+        values, derivatives = np.asarray(values), np.asarray(derivatives)  # few pixels: the rest is the host's
         derivatives[list(OUT_OF_PLANE)] = 0
     return values, derivatives
 
@@ -152,10 +168,10 @@ def difference_patches(
     return values, derivatives
 
 
-def assemble(values: Image, patches: Patches, geometry: Geometry) -> Image:
+def assemble(values: Any, patches: Patches, geometry: Geometry) -> Image:
     """Radiographs ``(views, rows, columns)``: the sum of all patches."""
     out = np.zeros((len(geometry), *geometry.shape), values.dtype)
-    kernel.add_patches(values, patches.boxes, patches.offsets, out)
+    place(values).kernels("grains").add_patches(values, patches.boxes, patches.offsets, out)
     return out
 
 
@@ -194,17 +210,18 @@ def simulate_radiographs(
 
 
 def _walk(
-    function: Callable[..., None],
+    kernel: str,
     grains: PackedGrains,
     pose: Pose,
     geometry: Geometry,
     patches: Patches,
     projector: Projector,
-    *out: NDArray[np.floating],
+    *out: Any,
 ) -> None:
-    """Call a kernel of `kernels.grains` on nouns."""
-    function(
-        grains.images, grains.starts, grains.shapes, grains.corners, grains.extents, grains.voxel_size,
+    """Call a kernel of `kernels.grains`, or its counterpart on the card, on nouns."""
+    images = grains.walked
+    getattr(place(images).kernels("grains"), kernel)(
+        images, grains.starts, grains.shapes, grains.corners, grains.extents, grains.voxel_size,
         grains.centers + pose.translations, np.ascontiguousarray(pose.matrices), geometry.vectors,
         geometry.beam == "cone", np.array(geometry.shape), patches.boxes, patches.offsets, patches.jobs,
         projector == "exact", *out,

@@ -9,7 +9,9 @@ from collections.abc import Callable
 
 from pydantic.dataclasses import dataclass
 
+from grainmotion.device import chosen
 from grainmotion.reconstructing.accelerated import accelerated
+from grainmotion.reconstructing.card import CardEquations
 from grainmotion.reconstructing.equations import Equations
 from grainmotion.reconstructing.sart import plain_sart
 from grainmotion.reconstructing.settings import ReconstructSettings
@@ -62,6 +64,7 @@ def reconstruct(
         The volume on ``grid`` and ε after each sweep (plain SART) or phase (accelerated).
     """
     settings = settings or ReconstructSettings()
-    equations = Equations(scan, grid, settings)
+    on_card = chosen(settings.device).name == "cuda"
+    equations = CardEquations(scan, grid, settings) if on_card else Equations(scan, grid, settings)
     image, history = (plain_sart if settings.plain(len(scan)) else accelerated)(equations, progress)
     return Reconstruction(equations.volume(image), tuple(history))

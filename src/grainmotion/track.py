@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from grainmotion.device import chosen
 from grainmotion.grains import GrainSet
 from grainmotion.motions import Motions
 from grainmotion.packed import PackedGrains, packed_body
@@ -125,16 +126,20 @@ def _all_together(
 
 
 def _course(grains: GrainSet, scan: Scan, settings: TrackSettings, progress: Progress | None) -> Course:
-    packed, fine = (PackedGrains.of(grains, fine=f and settings.projector == "trilinear") for f in (False, True))
+    device, smooth = chosen(settings.device), settings.projector == "trilinear"
+    packed, fine = (PackedGrains.of(grains, fine=f and smooth).on(device) for f in (False, True))
     return Course(settings, packed, fine, _target(grains, scan, settings), progress)
 
 
 def _target(grains: GrainSet, scan: Scan, settings: TrackSettings) -> Target:
     """What is fitted, and the background that stays or moves."""
+    device = chosen(settings.device)
     fixed, body, loose = np.zeros(scan.line_integrals.shape, grains.precision), None, Loose()
     if grains.background is not None:
         fixed = project(grains.background, scan.geometry, settings.projector)
-        body = packed_body(grains.background)
+        body = packed_body(grains.background).on(device)
         h = grains.voxel_size
         loose = Loose(body=grains.background_moves, body_shift=BODY_SHIFT * h, body_turn=BODY_TURN)
-    return Target(scan, fixed, settings.projector, 0.0, derivatives=settings.derivatives, body=body, loose=loose)
+    return Target(
+        scan, fixed, settings.projector, 0.0, derivatives=settings.derivatives, body=body, loose=loose, device=device
+    )

@@ -244,4 +244,5 @@ def _given_labels(stack: Stack) -> NDArray[np.int32]:
 
 
 def _plain(settings: Any) -> dict[str, Any]:
-    return dataclasses.asdict(settings)
+    """Settings for a fingerprint, but for the device: any gives the same results to rounding."""
+    return {key: value for key, value in dataclasses.asdict(settings).items() if key != "device"}

@@ -10,10 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from grainmotion.packed import Image
+from grainmotion.reconstructing.card import CardEquations
 from grainmotion.reconstructing.equations import Equations, Views, golden_order, relative
 from grainmotion.reconstructing.sart import plain_sart
 from grainmotion.scan import binned
@@ -31,7 +33,7 @@ SMALLEST = 24
 """Voxels along the grid's shortest edge and pixels along the panel's, below which there is no coarse start."""
 
 
-def accelerated(equations: Equations, progress: Progress | None) -> tuple[Image, list[float]]:
+def accelerated(equations: Equations | CardEquations, progress: Progress | None) -> tuple[Any, list[float]]:
     """The image, laid, and ε of each phase, each subset just before its update."""
     image = _start(equations)
     before = image.copy()
@@ -39,9 +41,9 @@ def accelerated(equations: Equations, progress: Progress | None) -> tuple[Image,
     phases = subsets(len(equations.scan))
     total, done = sum(len(views) for phase in phases for views, _ in phase), 0
     for number, phase in enumerate(phases, start=1):
-        squares = np.zeros(2)
+        squares: Any = np.zeros(2)
         for views, relaxation in phase:
-            squares += equations.add_update(image, views, relaxation)
+            squares = squares + equations.add_update(image, views, relaxation)
             equations.constrain_and_extrapolate(image, before, MOMENTUM)
             done += len(views)
             if progress is not None:
@@ -61,7 +63,7 @@ def subsets(views: int) -> list[list[tuple[Views, float]]]:
     return phases
 
 
-def _start(equations: Equations) -> Image:
+def _start(equations: Equations | CardEquations) -> Any:
     """The grid's own values if it has any; else a sweep of plain SART on coarser voxels and pixels."""
     scan, grid = equations.scan, equations.grid
     if grid.array.any() or min(*grid.shape, *scan.geometry.shape) < SMALLEST:
@@ -69,7 +71,7 @@ def _start(equations: Equations) -> Image:
     shape = tuple(-(-n // COARSER) for n in grid.shape)
     coarse = Volume(np.zeros(shape, np.float32), grid.voxel_size * COARSER, grid.center)
     settings = replace(equations.settings, method="sart", sweeps=1)
-    rough = Equations(binned(scan, COARSER), coarse, settings)
+    rough = replace(equations, scan=binned(scan, COARSER), grid=coarse, settings=settings)
     image, _ = plain_sart(rough, None)
     finer = equations.operator.laid(_finer(rough.operator.unlaid(image), grid.shape))
     equations.constrain(finer)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
-from grainmotion.packed import Image
+from grainmotion.reconstructing.card import CardEquations
 from grainmotion.reconstructing.equations import Equations, golden_order, relative
 from grainmotion.reconstructing.settings import ReconstructSettings
 
@@ -16,7 +17,7 @@ SWEEPS, RELAXATION, DECAY, TOLERANCE = 6, 1.0, 0.5, 0.02
 """Unless the settings say otherwise."""
 
 
-def plain_sart(equations: Equations, progress: Progress | None) -> tuple[Image, list[float]]:
+def plain_sart(equations: Equations | CardEquations, progress: Progress | None) -> tuple[Any, list[float]]:
     """The image, laid, and ε of each sweep, each view just before its update."""
     settings = equations.settings
     sweeps = SWEEPS if settings.sweeps is None else settings.sweeps
@@ -25,9 +26,9 @@ def plain_sart(equations: Equations, progress: Progress | None) -> tuple[Image, 
     image, order = equations.start(), golden_order(len(equations.scan))
     history: list[float] = []
     for sweep in range(sweeps):
-        squares = np.zeros(2)
+        squares: Any = np.zeros(2)
         for done, view in enumerate(order, start=1):
-            squares += equations.add_update(image, np.array([view]), first * decay**sweep)
+            squares = squares + equations.add_update(image, np.array([view]), first * decay**sweep)
             equations.constrain(image)
             if progress is not None:
                 message = f"SART sweep {sweep + 1}/{sweeps}, ε = {relative(squares):.4f}"

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from grainmotion.kernels import normal
-from grainmotion.packed import Image
+from grainmotion.patchwork import blocks
 from grainmotion.project import Patches
 
 
-def normal_matrix(derivatives: Image, patches: Patches, n: int) -> sparse.bsr_array:
+def normal_matrix(derivatives: Any, patches: Patches, n: int) -> sparse.bsr_array:
     """JᵀJ ``(6n, 6n)`` of filtered patches: grains couple where their patches overlap in a view."""
     boxes = patches.boxes
     pairs = _overlaps(boxes)
@@ -23,7 +24,7 @@ def normal_matrix(derivatives: Image, patches: Patches, n: int) -> sparse.bsr_ar
     unique, first = np.unique(key[order], return_index=True)
     out = np.zeros((len(unique), 6, 6))
     bounds = np.append(first, len(order)).astype(np.int64)
-    normal.blocks(derivatives, boxes, patches.offsets, np.ascontiguousarray(pairs[order]), bounds, out)
+    blocks(derivatives, boxes, patches.offsets, np.ascontiguousarray(pairs[order]), bounds, out)
     i, j = unique // n, unique % n
     off = i != j
     rows, columns = np.concatenate([i, j[off]]), np.concatenate([j, i[off]])

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from grainmotion.kernels import normal
 from grainmotion.packed import Pose
+from grainmotion.patchwork import filter_images, filter_patches
 from grainmotion.solve import DENSE_UP_TO, inverse
 from grainmotion.tracking.columns import Columns
 from grainmotion.tracking.coupling import normal_matrix
@@ -74,12 +74,12 @@ def carried(target: Target, seen: Seen, columns: Columns, variances: Float) -> t
     factor = (target.roots * np.sqrt(variances)).astype(target.precision)
     again = seen.derivatives.copy()
     boxes, offsets = seen.patches.boxes, seen.patches.offsets
-    normal.filter_patches(again, boxes, offsets, np.ones_like(factor), target.kernel)
-    normal.filter_patches(again, boxes, offsets, factor, np.ones(1, target.precision))
+    filter_patches(again, boxes, offsets, np.ones_like(factor), target.kernel)
+    filter_patches(again, boxes, offsets, factor, np.ones(1, target.precision))
     stacks = Columns(shared=columns.shared)
     for stack in columns.stacks:
         twice = stack.copy()
-        normal.filter_images(twice, target.kernel)
+        filter_images(twice, target.kernel, target.device)
         stacks.stacks.append(factor * twice)
     n = int(boxes[:, 0].max(initial=-1)) + 1
     n = max(n, len(seen.patches.seen))
@@ -95,7 +95,7 @@ def excess(problem: StateProblem, seen: Seen, variances: Float) -> Float:
     valid = problem.target.valid
     smooth = seen.raw.copy()
     kernel = gaussian(STRUCTURE).astype(smooth.dtype)
-    normal.filter_images(smooth, kernel)
+    filter_images(smooth, kernel, problem.target.device)
     left_of_noise = float((np.concatenate([kernel[:0:-1], kernel]).astype(float) ** 2).sum()) ** 2
     sums = np.zeros((len(problem.grains), 3))
     for p, (grain, view, r0, r1, c0, c1) in enumerate(seen.patches.boxes):

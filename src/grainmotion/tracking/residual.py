@@ -10,17 +10,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
 from grainmotion import motion
+from grainmotion.device import CPU, Device
 from grainmotion.geometry import Geometry
-from grainmotion.kernels import normal
 from grainmotion.packed import Image, PackedGrains, Pose, Surroundings
-from grainmotion.project import Patches, Projector, assemble, difference_patches, differentiate_patches, shadows
+from grainmotion.patchwork import filter_images, filter_patches
+from grainmotion.project import Patches, Projector, assemble, difference_patches, differentiate_in_place, shadows
 from grainmotion.response import Response, trend_terms
 from grainmotion.scan import Scan
 from grainmotion.solve import Linearization
@@ -43,7 +44,7 @@ class Target:
     ``fixed`` is the background's line integrals where nothing moved, ``body`` the background itself if it can
     move; ``freedom`` says which numbers of the response are unknown, ``loose`` what of the surroundings is;
     ``derivatives`` says how those of P are taken; ``weights (views, rows, columns)`` count pixels (None: all
-    alike).
+    alike); ``device`` filters radiographs.
     """
 
     scan: Scan
@@ -55,6 +56,7 @@ class Target:
     weights: Image | None = None
     body: PackedGrains | None = None
     loose: Loose = STILL
+    device: Device = CPU
 
     @property
     def precision(self) -> np.dtype[np.floating]:
@@ -96,7 +98,7 @@ class Target:
         """Weight and filter a stack of radiographs."""
         out = images * self.roots
         if len(self.kernel) > 1:
-            normal.filter_images(out, self.kernel)
+            filter_images(out, self.kernel, self.device)
         return out
 
 
@@ -104,14 +106,15 @@ class Target:
 class Seen:
     """Everything that one evaluation at a pose yields.
 
-    ``values`` are each grain's own line integrals and ``derivatives`` those of m(P), weighted and filtered;
-    ``residual`` and ``simulated`` are weighted and filtered, ``path`` (P) and ``raw`` (b − m(P), 0 where a
-    pixel does not count) are not; ``linear`` are eliminated unknowns, ``loose`` those of the surroundings.
+    ``values`` are each grain's own line integrals and ``derivatives`` those of m(P), weighted and filtered; both
+    stay on the card if the grains are there, and are seen from the host all the same.  ``residual`` and
+    ``simulated`` are weighted and filtered, ``path`` (P) and ``raw`` (b − m(P), 0 where a pixel does not count) are
+    not; ``linear`` are eliminated unknowns, ``loose`` those of the surroundings.
     """
 
     patches: Patches
-    values: Image
-    derivatives: Image
+    values: Any
+    derivatives: Any
     residual: Image
     simulated: Image
     path: Image
@@ -167,15 +170,15 @@ class StateProblem:
         for stack in stacks if loose.body else []:
             moving.add(target.filtered(slope * stack), shared=True)
         factor = target.roots * slope
-        normal.filter_patches(derivatives, patches.boxes, patches.offsets, factor, target.kernel)
+        filter_patches(derivatives, patches.boxes, patches.offsets, factor, target.kernel)
         raw = (target.scan.line_integrals.astype(target.precision) - response.apply(path)) * target.valid
         residual = target.measured - simulated
         return Seen(patches, values, derivatives, residual, simulated, path, raw, response, linear, moving)
 
-    def simulate(self, pose: Pose, geometry: Geometry) -> tuple[Patches, Image, Image]:
+    def simulate(self, pose: Pose, geometry: Geometry) -> tuple[Patches, Any, Any]:
         """Patches with a margin for the filter, the grains' line integrals in them, and the derivatives of these."""
         patches = shadows(self.grains, pose, geometry, margin=len(self.target.kernel) - 1)
-        differentiate = differentiate_patches if self.target.derivatives == "analytic" else difference_patches
+        differentiate = differentiate_in_place if self.target.derivatives == "analytic" else difference_patches
         return patches, *differentiate(self.grains, pose, geometry, patches, self.target.projector)
 
     def _respond(self, path: Image) -> tuple[Response, Image, Columns]:
