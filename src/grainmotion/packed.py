@@ -170,8 +170,12 @@ def _extreme_points(array: Image) -> Float:
     lines = filled[z, y]  # the ends of each line of voxels along x are enough
     ends = np.concatenate([lines.argmax(axis=1), lines.shape[1] - 1 - lines[:, ::-1].argmax(axis=1)])
     points = np.column_stack([ends, np.tile(y, 2), np.tile(z, 2)]).astype(float)
+    return points[np.argmax(ball_directions() @ points.T, axis=1)]
+
+
+def ball_directions() -> Float:
+    """Unit vectors in all directions, ``(k, 3)``."""
     k = np.arange(_DIRECTIONS) + 0.5
     height, angle = 1 - 2 * k / _DIRECTIONS, np.pi * (1 + 5**0.5) * k
     ring = np.sqrt(1 - height**2)
-    directions = np.column_stack([ring * np.cos(angle), ring * np.sin(angle), height])
-    return points[np.argmax(points @ directions.T, axis=0)]
+    return np.column_stack([ring * np.cos(angle), ring * np.sin(angle), height])
