@@ -208,8 +208,12 @@ def _extreme_points(array: Image) -> Float:
     points = _line_ends(array)
     if len(points) == 0:
         return np.full((_DIRECTIONS, 3), (np.array(array.shape[::-1]) - 1) / 2)
+    return points[np.argmax(ball_directions() @ points.T, axis=1)]
+
+
+def ball_directions() -> Float:
+    """Unit vectors in all directions, ``(k, 3)``."""
     k = np.arange(_DIRECTIONS) + 0.5
     height, angle = 1 - 2 * k / _DIRECTIONS, np.pi * (1 + 5**0.5) * k
     ring = np.sqrt(1 - height**2)
-    directions = np.column_stack([ring * np.cos(angle), ring * np.sin(angle), height])
-    return points[np.argmax(points @ directions.T, axis=0)]
+    return np.column_stack([ring * np.cos(angle), ring * np.sin(angle), height])

@@ -18,12 +18,16 @@ from grainmotion.device import place, zeros_beside
 from grainmotion.errors import InputError
 from grainmotion.geometry import Geometry
 from grainmotion.grains import GrainSet
+from grainmotion.kernels import outlines
 from grainmotion.motions import Motions
 from grainmotion.operators import Projector, VolumeOperator
 from grainmotion.packed import OUT_OF_PLANE, Image, PackedGrains, Pose, planar
 from grainmotion.volume import Volume
 
 Float = NDArray[np.float64]
+
+RIM = 0.013
+"""Of a grain's reach: how far a rounded grain may reach beyond its hull's points."""
 
 
 # ---------------------------------------------------------------------- whole volumes
@@ -76,35 +80,52 @@ class Patches:
         sizes = (b[:, 3] - b[:, 2]) * (b[:, 5] - b[:, 4])
         return np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
 
+    @cached_property
+    def by_view(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Patches in the order of their views, and where each view's begin, with the end of the last."""
+        views = self.boxes[:, 1]
+        order = np.argsort(views, kind="stable")
+        return order, np.searchsorted(views[order], np.arange(self.seen.shape[1] + 1))
+
 
 def shadows(grains: PackedGrains, pose: Pose, geometry: Geometry, margin: int = 0) -> Patches:
     """Patches that the grains shade in each view, widened by ``margin`` pixels, cut at the panel's edges."""
-    rows, columns = geometry.shape
-    moved = np.einsum("nij,nkj->nki", pose.matrices, grains.hulls)
-    moved += (grains.centers + pose.translations)[:, None]
-    n, k = moved.shape[:2]
-    spots = geometry.project_points(moved.reshape(-1, 3)).reshape(len(geometry), n, k, 2)
-    # A voxel's image reaches up to √3 voxels beyond its centre; rounding to whole pixels gives the rest.
-    slack = int(np.ceil(0.4 + 1.5 * grains.voxel_size / geometry.pixel_at(grains.centers.mean(axis=0))))
-    with np.errstate(invalid="ignore"):
-        low = np.floor(np.nan_to_num(spots.min(axis=2), nan=-1e9)).astype(np.int64) - slack
-        high = np.ceil(np.nan_to_num(spots.max(axis=2), nan=-1e9)).astype(np.int64) + slack + 1
+    directions = outlines.DIRECTIONS
+    found = np.empty((len(grains), len(geometry), len(directions), 2))
+    inverses, origins = _frames(geometry)
+    outlines.extents(
+        grains.hulls, grains.centers + pose.translations, np.ascontiguousarray(pose.matrices), inverses, origins,
+        geometry.beam == "cone", np.array(geometry.shape), directions, found,
+    )  # fmt: skip
+    # a voxel's image reaches up to √3 voxels beyond its centre, and the hull's points leave a ball's rim between them
+    reach = np.linalg.norm(grains.hulls, axis=2).max(axis=1)
+    slack = 0.25 + (1.75 * grains.voxel_size + RIM * reach) / geometry.pixel_at(grains.centers.mean(axis=0))
+    ends = np.nan_to_num(found[:, :, [0, len(directions) // 2]], nan=-1e9)  # along rows, along columns
+    low = np.ceil(ends[..., 0] - slack[:, None, None]).astype(np.int64)
+    high = np.floor(ends[..., 1] + slack[:, None, None]).astype(np.int64) + 1
     if planar(grains, geometry):
         low[..., 0], high[..., 0] = 0, 1
-    edge = np.array([rows, columns])
+    edge = np.array(geometry.shape)
     inner_low, inner_high = np.clip(low, 0, edge), np.clip(high, 0, edge)
     area = np.prod(np.maximum(high - low, 1), axis=2)
-    seen = np.prod(np.maximum(inner_high - inner_low, 0), axis=2) / area
-    outer_low, outer_high = np.clip(low - margin, 0, edge), np.clip(high + margin, 0, edge)
-    grain, view = np.nonzero(np.prod(np.maximum(inner_high - inner_low, 0), axis=2).T)
-    a, b = outer_low[view, grain], outer_high[view, grain]
+    inside = np.prod(np.maximum(inner_high - inner_low, 0), axis=2)
+    grain, view = np.nonzero(inside)
+    core_low, core_high = inner_low[grain, view], inner_high[grain, view]
+    a = np.clip(low[grain, view] - margin, 0, edge)
+    b = np.clip(high[grain, view] + margin, 0, edge)
     boxes = np.column_stack([grain, view, a[:, 0], b[:, 0], a[:, 1], b[:, 1]]).astype(np.int64)
-    core_low, core_high = inner_low[view, grain], inner_high[view, grain]
-    heights = core_high[:, 0] - core_low[:, 0]
-    patch = np.repeat(np.arange(len(boxes)), heights)
-    row = np.arange(len(patch)) - np.repeat(np.cumsum(heights) - heights, heights) + core_low[patch, 0]
-    jobs = np.column_stack([patch, row, core_low[patch, 1], core_high[patch, 1]]).astype(np.int64)
-    return Patches(boxes, jobs, seen.T)
+    cores = np.column_stack([core_low[:, 0], core_high[:, 0], core_low[:, 1], core_high[:, 1]])
+    jobs = np.empty((int((cores[:, 1] - cores[:, 0]).sum()), 4), np.int64)
+    count = outlines.lines(found[grain, view], cores, directions, slack[grain], jobs)
+    return Patches(boxes, jobs[:count], inside / area)
+
+
+def _frames(geometry: Geometry) -> tuple[Float, Float]:
+    """What carries a point to pixels of each view, see `kernels.outlines.extents`."""
+    s, d, u, v = (geometry.vectors[:, k : k + 3] for k in (0, 3, 6, 9))
+    cone = geometry.beam == "cone"
+    third = d - s if cone else s
+    return np.linalg.inv(np.stack([u, v, third], axis=-1)), np.ascontiguousarray(s if cone else d)
 
 
 def project_patches(

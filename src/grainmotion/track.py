@@ -113,7 +113,8 @@ def _all_together(
     """All stages for some grains, and how much of each grain's shadow the radiographs hold."""
     course = _course(grains, scan, settings, progress)
     base, pose = approach(course, starting_pose(grains, start))
-    problem, solution = course.free(pose, "free")
+    done = 1 if settings.fields and len(settings.filters) > 1 else 0  # the approach ends with the first filter
+    problem, solution = course.free(pose, "free", settings.filters[done:])
     found = Found(problem, solution, np.zeros(len(grains), dtype=bool))
     if settings.search:
         found = search(course, base, problem, solution)

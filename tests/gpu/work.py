@@ -35,7 +35,7 @@ from grainmotion.reconstruct import ReconstructSettings, reconstruct
 from grainmotion.reconstructing import accelerated
 from grainmotion.scan import Scan
 from grainmotion.track import TrackSettings, track
-from grainmotion.tracking.coupling import normal_matrix
+from grainmotion.tracking.coupling import PatchNormal, normal_matrix, spread
 from grainmotion.tracking.freedom import Freedom
 from grainmotion.tracking.residual import StateProblem, Target, gaussian
 from grainmotion.volume import Volume
@@ -95,6 +95,8 @@ def patches(device: Device, precision: type, projector: str) -> dict:
         "masked": np.array(again),
         "radiographs": radiographs,
         "gradients": dots,
+        "spread": np.asarray(spread(derivatives, seen, rng.normal(size=(2, 6)), images.shape)),
+        "product": PatchNormal(derivatives, seen, 2, images.shape) @ rng.normal(size=12),
         "blocks": normal_matrix(derivatives, seen, 2).toarray(),
     }
 

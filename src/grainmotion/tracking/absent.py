@@ -63,7 +63,7 @@ class Shadow:
 def shadows_held(problem: StateProblem, pose: Pose) -> list[Shadow]:
     """What the radiographs hold of each grain's shadow."""
     plain = replace(problem.target, sigma=0.0, freedom=Freedom(), weights=None)
-    seen = StateProblem(problem.grains, plain).look(pose)
+    seen = StateProblem(problem.grains, plain).glance(pose)
     sums = np.zeros((len(problem.grains), 4))
     for p, (grain, view, r0, r1, c0, c1) in enumerate(seen.patches.boxes):
         own = seen.values[seen.patches.offsets[p] : seen.patches.offsets[p + 1]].astype(float)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from grainmotion import motion
 from grainmotion.kernels import anneal as kernel
 from grainmotion.kernels import normal
-from grainmotion.packed import Image, PackedGrains, Pose, planar
+from grainmotion.packed import Image, PackedGrains, Pose, ball_directions, planar
 from grainmotion.project import assemble, project_patches, shadows
 from grainmotion.scan import Scan
 from grainmotion.tracking.residual import Target
@@ -60,6 +60,8 @@ BATCH = 256, 512
 """Turns and shifts weighed at a visit, at most."""
 LARGEST_TABLE, FEWEST_TURNS = 2**27, 32
 """Numbers in the table of patches; turns in it however many grains there are."""
+BEYOND = 1.02
+"""Of a ball's radius: how far out points on it must lie so that they hold it between them."""
 COOLING, LAST = 1e-3, 3
 """Last heat over the first; sweeps without heat at the end."""
 
@@ -119,8 +121,8 @@ class _Table:
     @classmethod
     def of(cls, grains: PackedGrains, pose: Pose, turns: Float, target: Target) -> _Table:
         geometry = target.scan.geometry
-        reach = np.linalg.norm(grains.hulls, axis=2, keepdims=True)
-        ball = replace(grains, hulls=grains.hulls * (reach.max(axis=1, keepdims=True) / np.maximum(reach, 1e-12)))
+        reach = np.linalg.norm(grains.hulls, axis=2).max(axis=1)
+        ball = replace(grains, hulls=reach[:, None, None] * BEYOND * ball_directions())
         patches = shadows(ball, pose, geometry, margin=len(target.kernel) - 1)
         pixels = int(patches.offsets[-1])
         most = max(FEWEST_TURNS, LARGEST_TABLE // max(pixels, 1))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from grainmotion.packed import Pose
-from grainmotion.solve import Solution, Stopping
+from grainmotion.solve import Solution
 from grainmotion.tracking import stages
 from grainmotion.tracking.course import ROUGHLY, Course
 from grainmotion.tracking.misfit import lost_grains
@@ -24,11 +24,10 @@ def approach(course: Course, pose: Pose) -> tuple[Pose, Pose]:
     width = course.settings.filters[0]
     problem = StateProblem(course.grains, course.filter(width))
     judged = StateProblem(course.grains, course.filter(width, course.settings.freedom.midway))  # a drift is no misfit
-    stopping = Stopping(course.settings.iterations, max(course.settings.tolerance, 0.02))
     best: Solution[Pose] | None = None
     fields = smooth_fields(course, pose)
     for candidate in [*reversed(fields), pose]:
-        end = course.solve(problem, candidate, stopping, f"free, filter {width:g}")
+        end = course.solve(problem, candidate, course.rough(), f"free, filter {width:g}")
         if best is None or end.costs[-1] < best.costs[-1]:
             best = end
         if lost_grains(judged, best.state).mean() < TOO_MANY:

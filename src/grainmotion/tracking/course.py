@@ -16,7 +16,11 @@ from grainmotion.tracking.settings import TrackSettings
 Progress = Callable[[str, int, int], None]
 
 GRAIN = 45.0  # pixels across the grains on which the default filter widths were measured
-ROUGHLY = Stopping(iterations=20, step=0.1, decrease=1e-3)  # for the stages that only bring all grains near
+ROUGHLY = Stopping(iterations=20, step=0.1, decrease=1e-2)  # for the stages that only bring all grains near
+NEARLY = 0.02  # voxels, and share of the cost: where a stage ends that a narrower filter follows
+SEEN = 0.05  # of the largest line integral: where something is seen
+WORTH = 3e-4  # of the last stage: a decrease by so many times its share of the cost of each unknown is worth a step
+DEFAULT = 2e-3  # tolerance, voxels, to which that number belongs
 
 
 @dataclass
@@ -72,6 +76,20 @@ class Course:
         self.stage += 1
         return solution
 
+    def rough(self, tolerance: float | None = None) -> Stopping:
+        """When a stage ends that a narrower filter follows."""
+        tolerance = self.settings.tolerance if tolerance is None else tolerance
+        return Stopping(self.settings.iterations, max(tolerance, NEARLY), NEARLY)
+
+    def fine_stopping(self, tolerance: float | None = None) -> Stopping:
+        """When a last stage ends: no grain moves further than the tolerance, or all of them but little of their sd.
+
+        ½‖r‖² over the pixels is what one unknown lowers it by if it moves by its standard deviation.
+        """
+        tolerance = self.settings.tolerance if tolerance is None else tolerance
+        share = min(6 * len(self.grains) / max(lit_pixels(self.target), 1), 1.0)
+        return Stopping(self.settings.iterations, tolerance, WORTH * share * (tolerance / DEFAULT) ** 2)
+
     def free(
         self, pose: Pose, name: str, filters: tuple[float, ...] | None = None, tolerance: float | None = None
     ) -> tuple[StateProblem, Solution[Pose]]:
@@ -81,14 +99,19 @@ class Course:
         """
         settings = self.settings
         filters = settings.filters if filters is None else filters
-        tolerance = settings.tolerance if tolerance is None else tolerance
         for k, width in enumerate(filters):
             last = k == len(filters) - 1
             freedom = settings.freedom
             if not last:
-                freedom = freedom.at_first if k == 0 else freedom.midway
+                freedom = freedom.at_first if width == settings.filters[0] else freedom.midway
             problem = StateProblem(self.fine if last else self.grains, self.filter(width, freedom))
-            stopping = Stopping(settings.iterations, tolerance if last else max(tolerance, 0.02))
+            stopping = self.fine_stopping(tolerance) if last else self.rough(tolerance)
             solution = self.solve(problem, pose, stopping, f"{name}, filter {width:g}")
             pose = solution.state
         return problem, solution
+
+
+def lit_pixels(target: Target) -> int:
+    """Good pixels on which something is seen."""
+    images = np.abs(target.scan.line_integrals)
+    return int(((images > SEEN * images.max(initial=0.0)) & (target.valid > 0)).sum())

@@ -35,7 +35,7 @@ def judge(
 ) -> Motions:
     """Turn what was found into a table; ``limits`` are the largest sd of u (mm) and of ω (rad) to accept."""
     problem, solution, n = polished.problem, polished.solution, len(grains)
-    seen = problem.look(solution.state)
+    seen = problem.glance(solution.state)
     residuals, paths = grain_residuals(problem, seen)
     covariances, known = polished.posterior.copy(), polished.covariances.copy()
     noise = noise_level(problem.target.scan)

@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 from grainmotion.packed import Pose
 from grainmotion.scan import Scan
-from grainmotion.tracking.residual import Seen, StateProblem
+from grainmotion.tracking.residual import Glance, StateProblem
 
 Float = NDArray[np.float64]
 LEAST, USUAL = 0.08, 0.05
 """Shares of a grain's line integrals: the least misfit, and the most that the sample's usual one counts."""
 
 
-def grain_residuals(problem: StateProblem, seen: Seen) -> tuple[Float, Float]:
+def grain_residuals(problem: StateProblem, seen: Glance) -> tuple[Float, Float]:
     """Root mean square of b − m(P) over each grain's shadow, and of its own line integrals there, ``(n,)`` each.
 
     Pixels are weighted by the grain's own line integral, so that its core counts and its rim does not.
@@ -66,14 +66,14 @@ def noise_level(scan: Scan) -> float:
 
 def lost_grains(problem: StateProblem, pose: Pose) -> NDArray[np.bool_]:
     """Grains that some view sees and that fit badly at a pose, pixel by pixel, ``(n,)``."""
-    seen = problem.look(pose)
+    seen = problem.glance(pose)
     residuals, paths = grain_residuals(problem, seen)
     return misfits(residuals, paths, noise_level(problem.target.scan)) & (seen.patches.seen.mean(axis=1) > 0)
 
 
 def evened(problem: StateProblem, pose: Pose) -> Scan:
     """The radiographs as a perfect detector would show them, so that one grain can be fitted alone."""
-    seen, scan = problem.look(pose), problem.target.scan
+    seen, scan = problem.glance(pose), problem.target.scan
     gains = seen.response.polynomial[:, 0]
     if not ((gains > 0.5) & (gains < 2)).all():  # no beam drifts so far: what was fitted is not a gain
         return scan
