@@ -27,6 +27,7 @@ from typing import Any
 
 import numba as nb
 import numpy as np
+from crowd import Crowd, crowd
 from peers.environment import machine
 
 from grainmotion import motion
@@ -45,7 +46,7 @@ from grainmotion.reconstructing.card import CardEquations
 from grainmotion.reconstructing.equations import golden_order
 from grainmotion.scan import Scan
 from grainmotion.track import TrackSettings, track
-from grainmotion.tracking.coupling import normal_matrix
+from grainmotion.tracking.coupling import PatchNormal, normal_matrix
 from grainmotion.tracking.residual import gaussian
 from grainmotion.volume import Volume
 
@@ -188,7 +189,7 @@ def volume_rows(options: argparse.Namespace, copy: float) -> tuple[list[str], bo
     return lines, max(apart, apart_all) <= SAME_VOLUME and (options.toy or once <= SWEEP_GOAL)
 
 
-def patch_rows(case: Case, options: argparse.Namespace, copy: float) -> list[str]:
+def patch_rows(case: Case | Crowd, options: argparse.Namespace, copy: float) -> list[str]:
     """The kernels of one linearisation of a state, one by one."""
     device, views = Device("cuda"), case.scan.geometry
     packed = PackedGrains.of(case.grains).on(device)
@@ -217,6 +218,9 @@ def patch_rows(case: Case, options: argparse.Namespace, copy: float) -> list[str
             28 * pixels,
         ),
     }
+    product = PatchNormal(derivatives, patches, len(packed), images.shape)
+    step = np.ones(6 * len(packed))
+    found["product with the normal matrix"] = (lambda: product @ step, 52 * pixels + 8 * images.size)
     if len(packed) <= options.compare:
         found["6 × 6 blocks"] = (lambda: normal_matrix(derivatives, patches, len(packed)), None)
     lines = []
@@ -235,7 +239,7 @@ def apart(one: Motions, other: Motions, grains: GrainSet) -> float:
     return float(np.nanmax(distances)) / grains.voxel_size
 
 
-def state_row(case: Case, options: argparse.Namespace) -> tuple[str, bool]:
+def state_row(case: Case | Crowd, options: argparse.Namespace) -> tuple[str, bool]:
     """A state on both devices."""
     n = len(case.grains)
     settings = TrackSettings(device="cuda", search=not options.toy)
@@ -271,7 +275,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run everything, write the table, and say whether answers are right and goals are met."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--grains", type=int, nargs="+", default=[1000, 10000])
-    parser.add_argument("--across", type=int, default=14, help="voxels across a grain")
+    parser.add_argument("--across", type=int, default=14, help="voxels across a grain of --toy")
     parser.add_argument("--compare", type=int, default=1000, help="most grains that the processor tracks, too")
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--toy", action="store_true", help="little work, no table written")
@@ -285,7 +289,7 @@ def main(arguments: list[str] | None = None) -> int:
     lines, passed = volume_rows(options, copy)
     kernels, states = list[str](), list[str]()
     for n in options.grains:
-        case = lattice(n, options.across)
+        case: Case | Crowd = lattice(n, options.across) if options.toy else crowd(n)
         if n == options.grains[0] and not options.toy:  # compile
             track(case.grains, case.scan, settings=TrackSettings(device="cuda", search=False))
         kernels += patch_rows(case, options, copy)
