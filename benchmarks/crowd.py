@@ -1,9 +1,10 @@
 """Crowds: samples of any number of settled stones, seen by a panel that grows with them, with their truth.
 
-Two heaps of 48 stones are settled by `simulate.pack` in cylinders.  Cylinders are stacked in hexagonal columns,
-each heap turned about the vertical by an angle of its own and every other one upside down, and the stones nearest
-to the middle are kept.  That costs O(n), where settling all of them would cost O(n²) with the packing as it is; the
-stones of one heap touch each other, those of different heaps do not, and 38 % of the space is filled.
+Two heaps of 48 stones are settled by `simulate.pack` in cylinders, voxelised and cut into grains.  Copies of them are
+stacked in hexagonal columns, each turned by a quarter of a circle or more about the vertical and every other one
+upside down, and the stones nearest to the middle are kept.  That costs next to nothing, where settling all of them
+would cost O(n²) with the packing as it is, and cutting them a tenth of a second each; the stones of one heap touch
+each other, those of different heaps do not, and 38 % of the space is filled.
 
 The reference is not reconstructed: it is the true attenuation of each voxel (from the shapes) with white noise, and
 labels are true.  What follows measures the tracking alone.
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 
 from grainmotion import motion
 from grainmotion.geometry import Geometry
-from grainmotion.grains import GrainSet, grains_from_labels
+from grainmotion.grains import Grain, GrainSet, grains_from_labels, lay_together
 from grainmotion.motions import Motions
 from grainmotion.scan import Scan
 from grainmotion.simulate import Particle, Sample, stone, truth
@@ -65,45 +66,88 @@ def heap(seed: int) -> Sample:
     return pack([Particle(s, 1.0) for s in stones], PackingSettings(RADIUS), seed)
 
 
-def sample(n: int, seed: int = 0) -> Sample:
-    """``n`` stones of about 1 mm, in a cylinder about as high as it is wide, of attenuation for `DEPTH`."""
-    heaps = [heap(2 * seed), heap(2 * seed + 1)]
-    height = max(float(np.ptp(np.concatenate([p.shape.vertices[:, 2] for p in h.particles]))) for h in heaps)
+@cache
+def heap_grains(seed: int) -> GrainSet:
+    """The same stones as a reference scan would give them, of attenuation 1 per mm."""
+    points = np.concatenate([p.shape.vertices for p in heap(seed).particles])
+    across = 2 * int(np.ceil(np.abs(points).max() / VOXEL)) + 15
+    return grains_from_labels(*rasterised(heap(seed), across, seed))
+
+
+@dataclass(frozen=True, eq=False)
+class Copy:
+    """One stone of a heap: which heap and stone, and how it is turned and shifted."""
+
+    heap: int
+    stone: int
+    turn: Float
+    place: Float
+    center: Float
+
+    def particle(self, attenuation: float) -> Particle:
+        """Its shape in place."""
+        return Particle(heap(self.heap).particles[self.stone].shape.moved(self.turn, self.place), attenuation)
+
+    def grain(self, label: int, attenuation: float) -> Grain:
+        """Its voxels in place."""
+        own = heap_grains(self.heap).grains[self.stone]
+        volumes = [self._volume(v, attenuation) for v in (own.volume, own.fine) if v is not None]
+        return Grain(label, volumes[0], self.turn @ own.center + self.place, fine=volumes[1])
+
+    def _volume(self, volume: Volume, attenuation: float) -> Volume:
+        """Voxels of quarter turns about z and half ones about x are the same voxels in another order."""
+        axes = [int(np.argmax(np.abs(row))) for row in self.turn]  # new x, y, z come from these
+        flips = [k for k in range(3) if self.turn[k, axes[k]] < 0]
+        array = volume.array.transpose([2 - axes[2], 2 - axes[1], 2 - axes[0]])
+        array = np.flip(array, [2 - k for k in flips])
+        x, y, z = self.turn @ volume.center + self.place
+        return Volume(np.float32(attenuation) * array, volume.voxel_size, (float(x), float(y), float(z)))
+
+
+def copies(n: int, seed: int = 0) -> list[Copy]:
+    """``n`` stones of about 1 mm in a cylinder about as high as it is wide."""
+    heaps = [2 * seed, 2 * seed + 1]
+    middles = [np.array([p.shape.centroid for p in heap(h).particles]) for h in heaps]
+    height = max(float(np.ptp(np.concatenate([p.shape.vertices[:, 2] for p in heap(h).particles]))) for h in heaps)
     step, rise = 2 * RADIUS + GAP, height + GAP
     rng = np.random.default_rng([seed, n])
-    half = int(np.ceil((n / (HEAP / (step**2 * 0.866 * rise))) ** (1 / 3) / min(step, rise))) + 1
-    particles, places = list[Particle](), list[Float]()
+    side = (n * step**2 * np.sqrt(0.75) * rise / HEAP) ** (1 / 3)
+    half = int(np.ceil(side / 2 / (step * np.sqrt(0.75)))) + 1
+    found = list[Copy]()
     for i, j, k in np.ndindex(2 * half + 1, 2 * half + 1, 2 * half + 1):
         i, j, k = i - half, j - half, k - half
-        place = np.array([step * (i + j / 2), step * j * np.sqrt(0.75), rise * k])
-        turn = motion.exp(np.array([0.0, 0.0, rng.uniform(0, 2 * np.pi)]))
+        place = np.array([step * (i + (j % 2) / 2), step * j * np.sqrt(0.75), rise * k])
+        turn = motion.exp(np.array([0.0, 0.0, np.pi / 2 * rng.integers(4)]))
         if (i + j + k) % 2:
             turn = turn @ motion.exp(np.array([np.pi, 0.0, 0.0]))
-        for particle in heaps[(i + k) % 2].particles:
-            particles.append(particle.moved(turn, place))
-            places.append(turn @ particle.shape.centroid + place)
-    spots = np.array(places)
+        turn = np.round(turn)
+        which = (i + k) % 2
+        centers = middles[which] @ turn.T + place
+        found += [Copy(heaps[which], stone, turn, place, c) for stone, c in enumerate(centers)]
+    spots = np.array([f.center for f in found])
     out = np.maximum(np.linalg.norm(spots[:, :2], axis=1), np.abs(spots[:, 2]))
-    kept = np.sort(np.argsort(out, kind="stable")[:n])
-    attenuation = DEPTH / (0.38 * 2 * float(out[kept].max()) + 0.5)
-    return Sample(tuple(Particle(particles[k].shape, attenuation) for k in kept))
+    return [found[k] for k in np.sort(np.argsort(out, kind="stable")[:n])]
 
 
 def crowd(n: int, seed: int = 0) -> Crowd:
     """``n`` stones, their grains, and a later state of them."""
-    whole = sample(n, seed)
+    chosen = copies(n, seed)
+    spots = np.array([c.center for c in chosen])
+    radius = max(float(np.linalg.norm(spots[:, :2], axis=1).max()), float(np.abs(spots[:, 2]).max()))
+    attenuation = DEPTH / (0.38 * 2 * radius + 0.5)
+    whole = Sample(tuple(c.particle(attenuation) for c in chosen))
     points = np.concatenate([p.shape.vertices for p in whole.particles])
-    reach = np.abs(points).max(axis=0)
-    width = 2 * max(float(np.linalg.norm(points[:, :2], axis=1).max()), float(reach[2]))
-    across = int(np.ceil(width / VOXEL)) + 8 * int(np.ceil(SHIFT)) + 4
+    width = 2 * max(float(np.linalg.norm(points[:, :2], axis=1).max()), float(np.abs(points[:, 2]).max()))
+    across = int(np.ceil(width * (1 + STRAIN) / VOXEL)) + 8 * int(np.ceil(SHIFT)) + 4
     distance = 12.0 * width
     views = Geometry.cone(
         ANGLES_DEG, (across, across), 4 * VOXEL, source_to_axis=distance, source_to_detector=4 * distance
     )
     moved = _motions(whole, seed)
     scan = record_line_integrals(whole.moved(moved), views, Physics(photons=PHOTONS), seed + 1000)
-    volume, labels = rasterised(whole, across, seed)
-    return Crowd(grains_from_labels(volume, labels), scan, moved, width)
+    grains = [c.grain(label, attenuation) for label, c in enumerate(chosen, start=1)]
+    lay_together(grains)
+    return Crowd(GrainSet(tuple(grains)), scan, moved, width)
 
 
 def rasterised(whole: Sample, across: int, seed: int) -> tuple[Volume, NDArray[np.int32]]:

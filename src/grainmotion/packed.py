@@ -115,7 +115,7 @@ class PackedGrains:
         h = volumes[0].voxel_size
         hulls = np.array([_extreme_points(a) * h + corner for a, corner in zip(arrays, corners, strict=True)])
         return cls(
-            images=np.concatenate([a.ravel() for a in arrays]),
+            images=_end_to_end(arrays),
             starts=np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64),
             shapes=np.array([a.shape for a in arrays], dtype=np.int64),
             corners=corners,
@@ -170,6 +170,18 @@ def planar(grains: PackedGrains, geometry: Geometry) -> bool:
     rays = geometry.vectors[:, 2] - (height if geometry.beam == "cone" else 0.0)
     off = np.concatenate([grains.centers[:, 2] - height, geometry.vectors[:, 5] - height, rays, geometry.vectors[:, 8]])
     return bool(np.abs(off).max() <= 1e-6 * grains.voxel_size)
+
+
+def _end_to_end(arrays: list[Image]) -> Image:
+    """All arrays one after the other: the array of which they are parts, if they lie so in it, else a copy."""
+    base = arrays[0].base
+    ends = np.cumsum([a.nbytes for a in arrays])
+    first = arrays[0].ctypes.data
+    follow = all(a.ctypes.data == first + end - a.nbytes for a, end in zip(arrays, ends, strict=True))
+    if isinstance(base, np.ndarray) and base.ndim == 1 and follow and all(a.base is base for a in arrays):
+        start = (first - base.ctypes.data) // base.itemsize
+        return base[start : start + ends[-1] // base.itemsize]
+    return np.concatenate([a.ravel() for a in arrays])
 
 
 def _radius(grain: Grain) -> float:

@@ -34,7 +34,7 @@ DENSE_UP_TO = 600
 """Unknowns up to which a dense Cholesky factor is taken; beyond, conjugate gradients with block Jacobi."""
 
 FORCING, EXACTLY, MOST = 1e-2, 1e-8, 500
-"""Relative residual at which conjugate gradients end: of a step, and of `inverse`; iterations at most."""
+"""Relative residual at which conjugate gradients end: of a step unless told, and of `inverse`; iterations at most."""
 
 FIRM = 1e-2
 """Damping up to which a small decrease says that the minimum is near, not that the step was held back."""
@@ -120,11 +120,13 @@ class Stopping:
     """When to stop: a step smaller than ``step``, a relative decrease below ``decrease``, or ``iterations``.
 
     A decrease that is only expected counts as well: such a last step is taken without a linearisation at its end.
+    ``forcing`` is the relative residual to which steps of large problems are solved.
     """
 
     iterations: int = 30
     step: float = 1e-3
     decrease: float = 1e-7
+    forcing: float = FORCING
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +165,7 @@ def gauss_newton(
     step = np.zeros(len(here.gradient) + len(here.slope))
     settled = False
     while len(costs) <= stopping.iterations and not settled:
-        proposal = damped_step(here, damping)
+        proposal = damped_step(here, damping, stopping.forcing)
         trial_state = problem.retract(state, proposal)
         size, predicted = problem.size(state, proposal), predicted_decrease(here, proposal, damping)
         small = stopping.decrease * here.cost if damping <= FIRM else 0.0
@@ -186,10 +188,10 @@ def gauss_newton(
     return Solution(state, tuple(costs), step, settled)
 
 
-def damped_step(at: Linearization, damping: float) -> Array:
+def damped_step(at: Linearization, damping: float, forcing: float = FORCING) -> Array:
     """The step (δ, ε) ``(N + k,)``, ε of what is not eliminated alone."""
     if not _small(at.hessian):
-        return _iterated_step(at, damping)
+        return _iterated_step(at, damping, forcing)
     solve = inverse(at.hessian, damping)
     plain = solve(at.gradient)
     if at.border.shape[1] == 0:
@@ -208,7 +210,7 @@ def _small(hessian: Hessian) -> bool:
 
 def eliminated(at: Linearization, damping: float) -> tuple[Callable[[Array], Array], Array, Array]:
     """x ↦ (H + λ diag H − B D⁺ Bᵀ) x, D⁺, and the blocks on the diagonal of H + λ diag H."""
-    few: Array = np.linalg.pinv(at.corner, hermitian=True) if len(at.corner) else np.zeros((0, 0))
+    few = np.linalg.pinv(at.corner, hermitian=True).astype(float) if len(at.corner) else np.zeros((0, 0))
     matrix, lifted, blocks = _lifted(at.hessian, damping)
 
     def product(x: Array) -> Array:
@@ -217,12 +219,12 @@ def eliminated(at: Linearization, damping: float) -> tuple[Callable[[Array], Arr
     return product, few, blocks
 
 
-def _iterated_step(at: Linearization, damping: float) -> Array:
+def _iterated_step(at: Linearization, damping: float, forcing: float) -> Array:
     """The same by conjugate gradients on what is left of H once ε is eliminated."""
     slope = np.zeros(len(at.corner))
     slope[len(slope) - len(at.slope) :] = at.slope
     product, few, blocks = eliminated(at, damping)
-    own = conjugate_gradients(product, blocks, at.border @ (few @ slope) - at.gradient, FORCING)
+    own = conjugate_gradients(product, blocks, at.border @ (few @ slope) - at.gradient, forcing)
     rest = -few @ (slope + at.border.T @ own)
     return np.concatenate([own, rest[len(rest) - len(at.slope) :]])
 

@@ -21,7 +21,7 @@ from grainmotion.motions import Motions
 from grainmotion.packed import PackedGrains, packed_body
 from grainmotion.project import project
 from grainmotion.scan import Scan
-from grainmotion.tracking.absent import FEW, complete, improves, merit, shadows_held, suspects
+from grainmotion.tracking.absent import ALL_TRIED, FEW, complete, improves, merit, shadows_held, suspects
 from grainmotion.tracking.appeared import may_have_appeared, place_of_surplus, started, with_stand_in, without_last
 from grainmotion.tracking.approach import approach
 from grainmotion.tracking.course import Course, Progress
@@ -82,8 +82,12 @@ def _track(
     best, present = whole, grains
     while settings.search and (absent := suspects(best, supports)):
         trials = [present.without(rows) for rows in absent]
-        how = settings if len(trials) <= FEW else replace(settings, search=False)  # the right one needs no search
-        ends = [_all_together(t, scan, start, how, progress) for t in trials]
+        begin, how = start, settings
+        if len(present) > ALL_TRIED:  # the rest of a large sample is near its place
+            begin, how = best, replace(settings, fields=False, filters=settings.filters[1:] or settings.filters)
+        elif len(trials) > FEW:  # the right one needs no search
+            how = replace(settings, search=False)
+        ends = [_all_together(t, scan, begin, how, progress) for t in trials]
         k = max(range(len(ends)), key=lambda k: merit(ends[k][0]))
         if not improves(ends[k][0], best):
             break

@@ -26,7 +26,8 @@ Float = NDArray[np.float64]
 ENOUGH = 0.6
 FEW = 4
 ALL_TRIED = 16
-"""Grains up to which each is left out in turn when most are in doubt."""
+"""Grains up to which each is left out in turn when most are in doubt; beyond, one cannot carry all others away, and
+trials without it begin where the others are."""
 LEAST_GAIN, LACKING = 0.4, 0.3
 """The fitted gain then lacks the share of one grain (a third of it at least, by what the others cover of it)."""
 ABSENT, BROKEN, INTACT = 0.4, 0.4, (0.7, 1.3)
