@@ -245,8 +245,8 @@ def page(found: list[dict[str, Any]], missed: list[str]) -> str:
         "",
         "One state of 4 views, simulated without voxels: stones about 14 voxels across, each with a motion of its own",
         "of up to 2 voxels and 4° beside a strain of 1 %, zero start, default settings, one thread.  Samples are",
-        "settled heaps of 48 stones, stacked in columns (`crowd.py`); references are the true attenuation of each voxel",
-        "with noise, labels are true.",
+        "settled heaps of 48 stones, stacked in columns (`crowd.py`); references are the true attenuation of each",
+        "voxel with noise, labels are true.",
         "",
         "| grains | panel | CPU ms a grain | " + " | ".join(GROUPS) + " | peak, GB | voxels and radiographs, GB "
         "| u, voxel | ω, ° | median sd told | converged | lost |",
