@@ -15,7 +15,7 @@ from grainmotion.tracking.residual import StateProblem, Target
 
 def problem_of(side, sigma=0.7):
     grains, views = many.block(side), many.views(side)
-    scan, truth = many.state(grains, views)
+    scan, _ = many.state(grains, views)
     return StateProblem(PackedGrains.of(grains), Target(scan, np.zeros(scan.line_integrals.shape), "trilinear", sigma))
 
 
