@@ -408,4 +408,4 @@ class TestSteppingBorder:
         whole = Linearization(1.0, J.T @ r, at.hessian, at.border, at.corner, C[:, 1:].T @ r)
         dense = damped_step(whole, 1e-3)
         monkeypatch.setattr(solve, "DENSE_UP_TO", 0)
-        np.testing.assert_allclose(damped_step(whole, 1e-3), dense, atol=1e-6 * np.abs(dense).max())
+        np.testing.assert_allclose(damped_step(whole, 1e-3, 1e-9), dense, atol=1e-6 * np.abs(dense).max())

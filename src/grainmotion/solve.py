@@ -120,12 +120,14 @@ class Stopping:
     """When to stop: a step smaller than ``step``, a relative decrease below ``decrease``, or ``iterations``.
 
     A decrease that is only expected counts as well: such a last step is taken without a linearisation at its end.
-    ``forcing`` is the relative residual to which steps of large problems are solved.
+    A decrease ends nothing while steps are larger than ``reach``.  ``forcing`` is the relative residual to which steps
+    of large problems are solved.
     """
 
     iterations: int = 30
     step: float = 1e-3
     decrease: float = 1e-7
+    reach: float = np.inf
     forcing: float = FORCING
 
 
@@ -168,7 +170,7 @@ def gauss_newton(
         proposal = damped_step(here, damping, stopping.forcing)
         trial_state = problem.retract(state, proposal)
         size, predicted = problem.size(state, proposal), predicted_decrease(here, proposal, damping)
-        small = stopping.decrease * here.cost if damping <= FIRM else 0.0
+        small = stopping.decrease * here.cost if damping <= FIRM and size <= stopping.reach else 0.0
         last = size < stopping.step or predicted < small
         there = None if last else problem.linearize(trial_state)
         cost = problem.cost(trial_state) if there is None else there.cost

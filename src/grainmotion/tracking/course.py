@@ -18,9 +18,10 @@ Progress = Callable[[str, int, int], None]
 
 GRAIN = 45.0  # pixels across the grains on which the default filter widths were measured
 ROUGHLY = Stopping(iterations=20, step=0.1, decrease=0.05)  # for the stages that only bring all grains near
-NEAR = Stopping(step=0.02, decrease=0.1, forcing=0.1)  # where a stage ends that a narrower filter follows
+NEAR = Stopping(step=0.02, decrease=0.1, reach=1.0, forcing=0.1)  # where a stage ends that a narrower filter follows
 SEEN = 0.05  # of the largest line integral: where something is seen
 WORTH = 3e-3  # of the last stage: a decrease by so many times its share of the cost of each unknown is worth a step
+REACH = 0.1  # voxels: while any grain moves further, no decrease is too small
 DEFAULT = 2e-3  # tolerance, voxels, to which that number belongs
 
 
@@ -100,7 +101,7 @@ class Course:
         """
         tolerance = self.settings.tolerance if tolerance is None else tolerance
         share = min(6 * len(self.grains) / max(lit_pixels(self.target), 1), 1.0)
-        return Stopping(self.settings.iterations, tolerance, WORTH * share * (tolerance / DEFAULT) ** 2)
+        return Stopping(self.settings.iterations, tolerance, WORTH * share * (tolerance / DEFAULT) ** 2, reach=REACH)
 
     def free(
         self, pose: Pose, name: str, filters: tuple[float, ...] | None = None, tolerance: float | None = None

@@ -335,11 +335,17 @@ class StateProblem:
         return float(moved.max()) / self.grains.unit
 
     def _each(self, state: Pose, step: Float) -> tuple[Float, Float]:
-        """Increments of the grains ``(n, 6)`` and of the surroundings."""
+        """Increments of the grains ``(n, 6)`` and of the surroundings.
+
+        No grain alone goes further at once than its own diameter: one that is hardly seen would be flung away.
+        """
         free = len(self.target.loose.deviations(len(self.target.scan)))
         own, rest = step[: len(step) - free], step[len(step) - free :]
-        full = own if self.basis is None else self.basis(self.grains, state) @ own
-        return full.reshape(-1, 6), rest
+        if self.basis is not None:
+            return (self.basis(self.grains, state) @ own).reshape(-1, 6), rest
+        each = own.reshape(-1, 6)
+        far = np.linalg.norm(each[:, :3], axis=1) + np.linalg.norm(each[:, 3:], axis=1) * self.grains.radii
+        return each * np.minimum(1.0, 2 * self.grains.radii / np.maximum(far, 1e-300))[:, None], rest
 
 
 LEAST_SHARE = 0.01
