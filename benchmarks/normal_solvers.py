@@ -51,7 +51,8 @@ def timed(run: Callable[[], Float]) -> tuple[float, Float]:
 def by_cholmod(matrix: sparse.csc_array, b: Float) -> Float | None:
     """The step by CHOLMOD, if there is one."""
     try:
-        from cvxopt import cholmod, matrix as dense, spmatrix
+        from cvxopt import cholmod, spmatrix
+        from cvxopt import matrix as dense
     except ImportError:
         return None
     low = sparse.coo_array(sparse.tril(matrix))
@@ -83,7 +84,9 @@ def measure(n: int, sigma: float) -> list[str]:
     def factored() -> Float:
         matrix, more = lifted()
         options = {"SymmetricMode": True}
-        lu = splu(sparse.csc_array(sparse.csc_array(matrix) + sparse.diags_array(more)), "MMD_AT_PLUS_A", 0.0, options=options)
+        lu = splu(
+            sparse.csc_array(sparse.csc_array(matrix) + sparse.diags_array(more)), "MMD_AT_PLUS_A", 0.0, options=options
+        )
         return lu.solve(b)
 
     def assembled(accuracy: float = ACCURACY) -> Float:

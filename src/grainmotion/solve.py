@@ -12,7 +12,7 @@ them is small and dense.  The damping follows Nielsen (1999).
 
 Small problems are solved by a dense Cholesky factor.  Large ones have an H that is a product only (`Normal`), and
 ε goes out first:  (H + λ diag H − B D⁺ Bᵀ) δ = −g + B D⁺ h  by conjugate gradients, preconditioned by the 6×6 blocks
-on the diagonal of H, as far as a Gauss–Newton step is worth (`FORCING`).  Decision 0011 holds the measurements.
+on the diagonal of H, as far as a Gauss–Newton step is worth (`FORCING`).  Decision 0015 holds the measurements.
 """
 
 from __future__ import annotations
