@@ -72,7 +72,7 @@ def counted() -> Iterator[dict[str, int]]:
         return run
 
     def rays(*arguments: Any) -> int:
-        jobs = arguments[12]
+        jobs = arguments[13]
         return int((jobs[:, 3] - jobs[:, 2]).sum())
 
     kernels = {

@@ -332,8 +332,18 @@ class TestGain:
 
 
 class TestSteps:
+    def test_no_grain_alone_goes_further_than_its_own_size(self):
+        """One that is hardly seen is not flung away; the others' steps are as they were."""
+        problem, step = StateProblem(GRAINS, target()), np.full(24, 1e-3)
+        step[6:12] *= 1e6
+        moved = problem.retract(POSE, step)
+        gone = np.linalg.norm(moved.translations - POSE.translations, axis=1)
+        assert gone[1] <= 2 * GRAINS.radii[1]
+        np.testing.assert_allclose(gone[[0, 2, 3]], np.sqrt(3) * 1e-3)
+        assert problem.size(POSE, step) == pytest.approx(2 * GRAINS.radii[1] / GRAINS.unit)
+
     def test_on_the_group(self):
-        step = np.arange(24) / 20
+        step = np.arange(24) / 200  # well below the grains' own size
         moved = StateProblem(GRAINS, target()).retract(POSE, step)
         for k in range(4):
             u, w = step[6 * k : 6 * k + 3], step[6 * k + 3 : 6 * k + 6]

@@ -29,7 +29,7 @@ def counts():
         return run
 
     def rays(*arguments):
-        return int((arguments[12][:, 3] - arguments[12][:, 2]).sum())
+        return int((arguments[13][:, 3] - arguments[13][:, 2]).sum())
 
     walks = {name: counting(getattr(kernel, name), name, rays) for name in ("project", "project_with_derivatives")}
     own = {name: counting(getattr(StateProblem, name), name, lambda *_: 1) for name in ("linearize", "cost")}
