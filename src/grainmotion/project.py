@@ -85,7 +85,8 @@ def shadows(grains: PackedGrains, pose: Pose, geometry: Geometry, margin: int = 
     n, k = moved.shape[:2]
     spots = geometry.project_points(moved.reshape(-1, 3)).reshape(len(geometry), n, k, 2)
     # A voxel's image reaches up to √3 voxels beyond its centre; rounding to whole pixels gives the rest.
-    slack = int(np.ceil(0.4 + 1.5 * grains.voxel_size / geometry.pixel_at(grains.centers.mean(axis=0))))
+    pixels = geometry.pixels_at(grains.centers)
+    slack = np.ceil(0.4 + 1.5 * grains.voxel_size / pixels).astype(np.int64)[:, None]
     with np.errstate(invalid="ignore"):
         low = np.floor(np.nan_to_num(spots.min(axis=2), nan=-1e9)).astype(np.int64) - slack
         high = np.ceil(np.nan_to_num(spots.max(axis=2), nan=-1e9)).astype(np.int64) + slack + 1
@@ -140,21 +141,25 @@ def difference_patches(
     """
     values = project_patches(grains, pose, geometry, patches, projector)
     derivatives = np.zeros((6, len(values)), grains.precision)
-    shift = 0.01 * grains.voxel_size
-    turn = shift / float(grains.radii.max())
-    steps = list(enumerate([shift] * 3 + [turn] * 3))
-    if planar(grains, geometry):
-        steps = [s for s in steps if s[0] not in OUT_OF_PLANE]
-    for k, step in steps:
-        increment = step * np.eye(6)[k]
-        moved = Pose(pose.translations + increment[:3], motion.exp(increment[3:]) @ pose.matrices)
-        derivatives[k] = (project_patches(grains, moved, geometry, patches, projector) - values) / step
+    shift = np.full(len(grains), 0.01 * grains.voxel_size)
+    steps = [shift] * 3 + [shift / grains.radii] * 3
+    owners = np.repeat(patches.boxes[:, 0], np.diff(patches.offsets))
+    for k in [k for k in range(6) if not (k in OUT_OF_PLANE and planar(grains, geometry))]:
+        increment = steps[k][:, None] * np.eye(6)[k]
+        moved = Pose(pose.translations + increment[:, :3], motion.exp(increment[:, 3:]) @ pose.matrices)
+        change = project_patches(grains, moved, geometry, patches, projector) - values
+        derivatives[k] = change / steps[k][owners]
     return values, derivatives
 
 
 def assemble(values: Image, patches: Patches, geometry: Geometry) -> Image:
-    """Radiographs ``(views, rows, columns)``: the sum of all patches."""
-    out = np.zeros((len(geometry), *geometry.shape), values.dtype)
+    """Radiographs ``(views, rows, columns)``: the sum of all patches, in their precision."""
+    return added_up(values, patches, geometry).astype(values.dtype)
+
+
+def added_up(values: Image, patches: Patches, geometry: Geometry) -> Float:
+    """The same in double precision, so that the order of sums does not show in what is kept of them."""
+    out = np.zeros((len(geometry), *geometry.shape))
     kernel.add_patches(values, patches.boxes, patches.offsets, out)
     return out
 

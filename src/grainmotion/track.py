@@ -9,7 +9,7 @@ there are left out, and a ball stands in for one that appeared.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 
 from grainmotion.grains import GrainSet
 from grainmotion.motions import Motions
-from grainmotion.packed import PackedGrains, packed_body
+from grainmotion.packed import packed_body
 from grainmotion.project import project
 from grainmotion.scan import Scan
 from grainmotion.tracking.absent import FEW, complete, improves, merit, shadows_held, suspects
@@ -26,11 +26,11 @@ from grainmotion.tracking.approach import approach
 from grainmotion.tracking.course import Course, Progress
 from grainmotion.tracking.judge import judge
 from grainmotion.tracking.polish import polish
-from grainmotion.tracking.residual import Target
 from grainmotion.tracking.search import Found, search
 from grainmotion.tracking.settings import PAPER, TrackSettings
 from grainmotion.tracking.starts import starting_pose
 from grainmotion.tracking.surroundings import Loose
+from grainmotion.tracking.target import ALONE, Crew, Target
 
 __all__ = ["PAPER", "TrackSettings", "track"]
 
@@ -46,6 +46,7 @@ def track(
     start: Motions | None = None,
     settings: TrackSettings | None = None,
     progress: Progress | None = None,
+    crew: Crew = ALONE,
 ) -> Motions:
     """Measure the rigid motion of every grain from the reference state to the state of ``scan``.
 
@@ -62,6 +63,8 @@ def track(
         Stages, filters, projector.
     progress : callable, optional
         Called as ``progress(message, done, total)``.
+    crew : Crew, optional
+        Who walks the grains: this process, or the workers of a cluster.
 
     Returns
     -------
@@ -70,47 +73,59 @@ def track(
     """
     settings = settings or TrackSettings()
     with threadpool_limits(limits=1, user_api="blas"):  # its matrices are small, and kernels use all cores
-        return _track(grains, scan, start, settings, progress)
+        return _track(grains, start, _Task(scan, settings, progress, crew))
 
 
-def _track(
-    grains: GrainSet, scan: Scan, start: Motions | None, settings: TrackSettings, progress: Progress | None
-) -> Motions:
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """What is the same for any set of grains: the radiographs, how they are tracked, who is told, who works."""
+
+    scan: Scan
+    settings: TrackSettings
+    progress: Progress | None
+    crew: Crew
+
+    def course(self, grains: GrainSet) -> Course:
+        """A state under way."""
+        packed, fine = (self.crew.pack(grains, f and self.settings.projector == "trilinear") for f in (False, True))
+        return Course(self.settings, packed, fine, _target(grains, self), self.progress)
+
+    def without_search(self) -> _Task:
+        """The same but for the search."""
+        return replace(self, settings=replace(self.settings, search=False))
+
+
+def _track(grains: GrainSet, start: Motions | None, task: _Task) -> Motions:
     """All grains; then without those that seem not to be there, if the others fit better so."""
-    whole, supports = _all_together(grains, scan, start, settings, progress)
+    whole, supports = _all_together(grains, start, task)
     best, present = whole, grains
-    while settings.search and (absent := suspects(best, supports)):
+    while task.settings.search and (absent := suspects(best, supports)):
         trials = [present.without(rows) for rows in absent]
-        how = settings if len(trials) <= FEW else replace(settings, search=False)  # the right one needs no search
-        ends = [_all_together(t, scan, start, how, progress) for t in trials]
+        how = task if len(trials) <= FEW else task.without_search()  # the right one needs no search
+        ends = [_all_together(t, start, how) for t in trials]
         k = max(range(len(ends)), key=lambda k: merit(ends[k][0]))
         if not improves(ends[k][0], best):
             break
         present, (best, supports) = trials[k], ends[k]
     found = complete(best, grains) if best.ok.sum() > whole.ok.sum() else whole
-    if settings.search and may_have_appeared(found):
-        more = _with_another(grains, scan, start, settings, progress)
+    if task.settings.search and may_have_appeared(found):
+        more = _with_another(grains, start, task)
         found = more if more is not None and more.ok.sum() > found.ok.sum() else found
     return found
 
 
-def _with_another(
-    grains: GrainSet, scan: Scan, start: Motions | None, settings: TrackSettings, progress: Progress | None
-) -> Motions | None:
+def _with_another(grains: GrainSet, start: Motions | None, task: _Task) -> Motions | None:
     """The grains beside one that stands in for another that appeared; None if there is no place for one."""
-    place = place_of_surplus(_course(grains, scan, settings, progress), starting_pose(grains, start))
+    place = place_of_surplus(task.course(grains), starting_pose(grains, start))
     if place is None:
         return None
     whole = with_stand_in(grains, place)
-    quick = replace(settings, search=False)
-    return without_last(_all_together(whole, scan, started(start, whole), quick, progress)[0])
+    return without_last(_all_together(whole, started(start, whole), task.without_search())[0])
 
 
-def _all_together(
-    grains: GrainSet, scan: Scan, start: Motions | None, settings: TrackSettings, progress: Progress | None
-) -> tuple[Motions, Float]:
+def _all_together(grains: GrainSet, start: Motions | None, task: _Task) -> tuple[Motions, Float]:
     """All stages for some grains, and how much of each grain's shadow the radiographs hold."""
-    course = _course(grains, scan, settings, progress)
+    settings, course = task.settings, task.course(grains)
     base, pose = approach(course, starting_pose(grains, start))
     problem, solution = course.free(pose, "free")
     found = Found(problem, solution, np.zeros(len(grains), dtype=bool))
@@ -124,17 +139,15 @@ def _all_together(
     return motions, np.array([shadow.support for shadow in held])
 
 
-def _course(grains: GrainSet, scan: Scan, settings: TrackSettings, progress: Progress | None) -> Course:
-    packed, fine = (PackedGrains.of(grains, fine=f and settings.projector == "trilinear") for f in (False, True))
-    return Course(settings, packed, fine, _target(grains, scan, settings), progress)
-
-
-def _target(grains: GrainSet, scan: Scan, settings: TrackSettings) -> Target:
+def _target(grains: GrainSet, task: _Task) -> Target:
     """What is fitted, and the background that stays or moves."""
+    scan, settings = task.scan, task.settings
     fixed, body, loose = np.zeros(scan.line_integrals.shape, grains.precision), None, Loose()
     if grains.background is not None:
         fixed = project(grains.background, scan.geometry, settings.projector)
         body = packed_body(grains.background)
         h = grains.voxel_size
         loose = Loose(body=grains.background_moves, body_shift=BODY_SHIFT * h, body_turn=BODY_TURN)
-    return Target(scan, fixed, settings.projector, 0.0, derivatives=settings.derivatives, body=body, loose=loose)
+    return Target(
+        scan, fixed, settings.projector, 0.0, derivatives=settings.derivatives, body=body, loose=loose, crew=task.crew
+    )

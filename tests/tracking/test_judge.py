@@ -12,7 +12,6 @@ from grainmotion.motions import Status
 from grainmotion.packed import PackedGrains, Pose
 from grainmotion.scan import Scan
 from grainmotion.solve import Solution, Stopping, gauss_newton
-from grainmotion.tracking.coupling import normal_matrix
 from grainmotion.tracking.covariance import covariances, regular_inverse
 from grainmotion.tracking.freedom import DRIFT, Freedom
 from grainmotion.tracking.judge import judge
@@ -50,7 +49,7 @@ def judged(scan, pose, grains=GRAINS, limits=LIMITS, settled=True, last_step=Non
 def polished(problem, solution):
     """A solution with its covariances, nothing held."""
     seen = problem.look(solution.state)
-    hessian = normal_matrix(seen.derivatives, seen.patches, len(problem.grains))
+    hessian = seen.cast.normal_matrix()
     known, _ = covariances(problem, solution.state, seen, hessian)
     known[:, 3:, 3:] += unconfirmed(problem, solution.state, seen)
     return Polished(problem, solution, known, weak_directions(known, problem.grains).posterior())
@@ -190,7 +189,7 @@ class TestCovariance:
     def test_neighbourhoods_of_many_grains_come_near(self, monkeypatch):
         problem = problem_of(radiographs(GRAINS, TRUTH))
         seen = problem.look(posed(TRUTH))
-        hessian = normal_matrix(seen.derivatives, seen.patches, len(GRAINS))
+        hessian = seen.cast.normal_matrix()
         dense, _ = covariances(problem, posed(TRUTH), seen, hessian)
         monkeypatch.setattr("grainmotion.tracking.covariance.DENSE_UP_TO", 0)
         near, _ = covariances(problem, posed(TRUTH), seen, hessian)

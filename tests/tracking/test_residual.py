@@ -14,9 +14,10 @@ from grainmotion.project import assemble, differentiate_patches, project_patches
 from grainmotion.scan import Scan
 from grainmotion.tracking import stages
 from grainmotion.tracking.columns import Columns
+from grainmotion.tracking.coupling import normal_matrix
 from grainmotion.tracking.freedom import DRIFT, Freedom, eliminated
 from grainmotion.tracking.misfit import grain_residuals, misfits, noise_level
-from grainmotion.tracking.residual import StateProblem, Target, gaussian, normal_matrix
+from grainmotion.tracking.residual import StateProblem, Target, gaussian
 from grainmotion.volume import Volume
 
 PANEL = (34, 46)

@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from grainmotion.cluster.workplace import Cluster
 from grainmotion.errors import InputError
 from grainmotion.experiment.file import Experiment, ExperimentFile
 from grainmotion.experiment.inputs import Inputs, check_contrast
@@ -23,6 +24,7 @@ from grainmotion.io.results import Reference, read_reference
 from grainmotion.io.stacks import Stack
 from grainmotion.pipeline.machine import Machine
 from grainmotion.scan import Scan
+from grainmotion.tracking.target import ALONE, Crew
 from grainmotion.volume import Volume
 
 Progress = Callable[[str, int, int], None]
@@ -50,6 +52,7 @@ class Job:
     grain_set: GrainSet | None = None
     given_labels: NDArray[np.int32] | None = None
     machine: Machine = field(default_factory=Machine)
+    cluster: Cluster | None = None
 
     @property
     def tables(self) -> ExperimentFile:
@@ -64,6 +67,11 @@ class Job:
             return False
         enough = wanted.geometry != "auto" or len(reference.geometry) >= ENOUGH_VIEWS
         return bool((wanted.geometry and enough) or wanted.hardening)
+
+    @cached_property
+    def crew(self) -> Crew:
+        """Who tracks."""
+        return ALONE if self.cluster is None else self.cluster.team()
 
     @cached_property
     def calibrate_print(self) -> str:

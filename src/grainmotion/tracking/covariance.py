@@ -9,6 +9,8 @@ raised (`excess`).
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
@@ -16,8 +18,8 @@ from scipy import sparse
 from grainmotion.kernels import normal
 from grainmotion.packed import Pose
 from grainmotion.solve import DENSE_UP_TO, inverse
+from grainmotion.tracking.cast import own_sums
 from grainmotion.tracking.columns import Columns
-from grainmotion.tracking.coupling import normal_matrix
 from grainmotion.tracking.residual import Seen, StateProblem, Target, gaussian
 from grainmotion.tracking.weighting import noise_model, open_beam
 
@@ -35,7 +37,7 @@ ROUNDING = 1e-6
 def covariances(problem: StateProblem, pose: Pose, seen: Seen, hessian: sparse.bsr_array) -> tuple[Float, Float]:
     """Covariances ``(n, 6, 6)`` of (u, δ), mm and radians, and ``(k, k)`` of the surroundings' unknowns."""
     n, columns = len(problem.grains), seen.linear + seen.loose
-    border, corner = columns.border(seen.derivatives, seen.patches, n), columns.gram()
+    border, corner = seen.cast.border(columns), columns.gram()
     free = len(seen.loose.owners)
     if free:
         corner[-free:, -free:] += problem.surrounding_prior(pose)[0]
@@ -72,18 +74,13 @@ def pixel_variances(target: Target, seen: Seen) -> Float:
 def carried(target: Target, seen: Seen, columns: Columns, variances: Float) -> tuple[sparse.bsr_array, Float, Float]:
     """Covariances of the right-hand sides: of grains ``(6n, 6n)``, of these with columns, of columns ``(m, m)``."""
     factor = (target.roots * np.sqrt(variances)).astype(target.precision)
-    again = seen.derivatives.copy()
-    boxes, offsets = seen.patches.boxes, seen.patches.offsets
-    normal.filter_patches(again, boxes, offsets, np.ones_like(factor), target.kernel)
-    normal.filter_patches(again, boxes, offsets, factor, np.ones(1, target.precision))
     stacks = Columns(shared=columns.shared)
     for stack in columns.stacks:
         twice = stack.copy()
         normal.filter_images(twice, target.kernel)
         stacks.stacks.append(factor * twice)
-    n = int(boxes[:, 0].max(initial=-1)) + 1
-    n = max(n, len(seen.patches.seen))
-    return normal_matrix(again, seen.patches, n), stacks.border(again, seen.patches, n), stacks.gram()
+    again = seen.cast.refiltered(factor, target.kernel)
+    return again.normal_matrix(), again.border(stacks), stacks.gram()
 
 
 def excess(problem: StateProblem, seen: Seen, variances: Float) -> Float:
@@ -97,16 +94,15 @@ def excess(problem: StateProblem, seen: Seen, variances: Float) -> Float:
     kernel = gaussian(STRUCTURE).astype(smooth.dtype)
     normal.filter_images(smooth, kernel)
     left_of_noise = float((np.concatenate([kernel[:0:-1], kernel]).astype(float) ** 2).sum()) ** 2
-    sums = np.zeros((len(problem.grains), 3))
-    for p, (grain, view, r0, r1, c0, c1) in enumerate(seen.patches.boxes):
-        own = seen.values[seen.patches.offsets[p] : seen.patches.offsets[p + 1]].astype(float)
-        weight = np.abs(own) * valid[view, r0:r1, c0:c1].ravel()
-        for k, image in enumerate((seen.raw, smooth)):
-            sums[grain, k] += weight @ image[view, r0:r1, c0:c1].ravel().astype(float) ** 2
-        sums[grain, 2] += weight @ variances[view, r0:r1, c0:c1].ravel()
+    sums = seen.cast.each(partial(own_sums, terms=_weighted_sums, count=3), seen.raw, smooth, variances, valid)
     squares, smoothed, expected = np.maximum(sums.T, 1e-300)
     correlated = np.maximum(1.0, smoothed / (left_of_noise * squares))
     return 1.0 + np.maximum(0.0, squares / expected - 1.0) * correlated
+
+
+def _weighted_sums(own: Float, raw: Float, smooth: Float, variances: Float, valid: Float) -> list[float]:
+    weight = np.abs(own) * valid
+    return [float(weight @ raw**2), float(weight @ smooth**2), float(weight @ variances)]
 
 
 def neighbourhoods(hessian: sparse.bsr_array) -> list[tuple[NDArray[np.int64], NDArray[np.int64]]]:

@@ -14,6 +14,7 @@ from grainmotion.packed import Pose
 from grainmotion.response import Response
 from grainmotion.solve import Solution
 from grainmotion.tracking.absent import Shadow, shadows_held
+from grainmotion.tracking.cast import coverage
 from grainmotion.tracking.misfit import grain_residuals, misfits, noise_level, shares
 from grainmotion.tracking.polish import Polished
 from grainmotion.tracking.residual import StateProblem
@@ -41,11 +42,11 @@ def judge(
     noise = noise_level(problem.target.scan)
     lost = misfits(residuals, paths, noise)
     shaken = lost.any() & ~lost & (shares(residuals, paths, noise) > SHAKEN)
-    coverage, moving = seen.patches.seen.mean(axis=1), _still_moving(problem, solution)
+    on_panel, moving = seen.cast.each(coverage)[:, 0], _still_moving(problem, solution)
     held = shadows_held(problem, solution.state) if lost.any() else [Shadow()] * n
     statuses, reasons = np.full(n, Status.CONVERGED.value, dtype="<U20"), [""] * n
     for k in range(n):
-        fit = _Fit(residuals[k], paths[k], coverage[k], bool(lost[k]), bool(shaken[k]), bool(moving[k]), held[k])
+        fit = _Fit(residuals[k], paths[k], on_panel[k], bool(lost[k]), bool(shaken[k]), bool(moving[k]), held[k])
         verdict = _verdict(fit, known[k], limits)
         if verdict is None and doubtful[k]:
             verdict = Status.NOT_CONVERGED, AMBIGUOUS

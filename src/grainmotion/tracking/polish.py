@@ -14,7 +14,6 @@ from scipy import sparse
 
 from grainmotion.packed import OUT_OF_PLANE, PackedGrains, Pose, planar
 from grainmotion.solve import Solution, Stopping
-from grainmotion.tracking.coupling import normal_matrix
 from grainmotion.tracking.course import Course
 from grainmotion.tracking.covariance import covariances
 from grainmotion.tracking.residual import StateProblem
@@ -91,7 +90,7 @@ def polish(course: Course, base: Pose, problem: StateProblem, solution: Solution
 def _covariances(problem: StateProblem, coarse: PackedGrains, pose: Pose) -> tuple[Float, Float, sparse.bsr_array]:
     """What the radiographs tell of the grains ``(n, 6, 6)`` and of the surroundings ``(k, k)``; JᵀJ."""
     seen = problem.look(pose)
-    formal = normal_matrix(seen.derivatives, seen.patches, len(problem.grains))
+    formal = seen.cast.normal_matrix()
     grains, few = covariances(problem, pose, seen, formal)
     # a turn that either set of voxels leaves unconfirmed is: finer ones follow their own pattern more closely
     grains[:, 3:, 3:] += unconfirmed(problem, pose, seen)

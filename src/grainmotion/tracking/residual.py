@@ -1,124 +1,29 @@
 """The D-DPC residual of one state, and its normal equations, for the solver.
 
-Eq. 22 of Khalili et al. (2017), weighted and filtered:  r = F w (b − m(P)), with P the line integrals of the
-moved grains and the background, m the detector's response (gain, offset and more, see `freedom`), w the root
-of each pixel's weight and F a Gaussian on each radiograph.  Derivatives are treated as the residual is.
+Eq. 22 of Khalili et al. (2017), weighted and filtered:  r = F w (b − m(P)), see `target`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
 from grainmotion import motion
-from grainmotion.geometry import Geometry
-from grainmotion.kernels import normal
-from grainmotion.packed import Image, PackedGrains, Pose, Surroundings
-from grainmotion.project import Patches, Projector, assemble, difference_patches, differentiate_patches, shadows
-from grainmotion.response import Response, trend_terms
-from grainmotion.scan import Scan
+from grainmotion.packed import PackedGrains, Pose, Surroundings
 from grainmotion.solve import Linearization
 from grainmotion.tracking import surroundings
-from grainmotion.tracking.columns import Columns
-from grainmotion.tracking.coupling import normal_matrix
-from grainmotion.tracking.freedom import KNOWN, Freedom, eliminated, powers, trends_shared
-from grainmotion.tracking.surroundings import STILL, Loose
+from grainmotion.tracking.target import Seen, Target, gaussian
+
+__all__ = ["Prior", "Seen", "StateProblem", "Target", "gaussian"]
 
 Float = NDArray[np.float64]
-Derivatives = Literal["analytic", "differences"]
 Basis = Callable[[PackedGrains, Pose], Float]
 """From grains and pose to T ``(6n, m)``: the increments (u, δ) of all grains per unit of m parameters."""
-
-
-@dataclass(frozen=True, eq=False)
-class Target:
-    """What is fitted: radiographs, what of them does not move, and how they are compared.
-
-    ``fixed`` is the background's line integrals where nothing moved, ``body`` the background itself if it can
-    move; ``freedom`` says which numbers of the response are unknown, ``loose`` what of the surroundings is;
-    ``derivatives`` says how those of P are taken; ``weights (views, rows, columns)`` count pixels (None: all
-    alike).
-    """
-
-    scan: Scan
-    fixed: Image
-    projector: Projector
-    sigma: float
-    freedom: Freedom = KNOWN
-    derivatives: Derivatives = "analytic"
-    weights: Image | None = None
-    body: PackedGrains | None = None
-    loose: Loose = STILL
-
-    @property
-    def precision(self) -> np.dtype[np.floating]:
-        """The precision of the arithmetic: that of what is simulated."""
-        return self.fixed.dtype
-
-    @cached_property
-    def kernel(self) -> Image:
-        """Half of the Gaussian's kernel, cut at 3σ, of unit sum."""
-        return gaussian(self.sigma).astype(self.precision)
-
-    @cached_property
-    def valid(self) -> Image:
-        """1 where a pixel counts, 0 where not."""
-        if self.scan.valid is None:
-            return np.ones(self.scan.line_integrals.shape, self.precision)
-        return self.scan.valid.astype(self.precision)
-
-    @cached_property
-    def roots(self) -> Image:
-        """Root of each pixel's weight, 0 where it does not count."""
-        return self.valid if self.weights is None else self.valid * np.sqrt(self.weights).astype(self.precision)
-
-    @cached_property
-    def measured(self) -> Image:
-        """Weighted and filtered radiographs."""
-        return self.filtered(self.scan.line_integrals.astype(self.precision))
-
-    @cached_property
-    def trends(self) -> Columns:
-        """The background's terms, weighted and filtered."""
-        columns = Columns()
-        for term in trend_terms(self.valid.shape[1:], self.freedom.terms):
-            stack = np.broadcast_to(term, self.valid.shape).astype(self.precision)
-            columns.add(self.filtered(stack), trends_shared(self.freedom))
-        return columns
-
-    def filtered(self, images: Image) -> Image:
-        """Weight and filter a stack of radiographs."""
-        out = images * self.roots
-        if len(self.kernel) > 1:
-            normal.filter_images(out, self.kernel)
-        return out
-
-
-@dataclass(frozen=True, eq=False)
-class Seen:
-    """Everything that one evaluation at a pose yields.
-
-    ``values`` are each grain's own line integrals and ``derivatives`` those of m(P), weighted and filtered;
-    ``residual`` and ``simulated`` are weighted and filtered, ``path`` (P) and ``raw`` (b − m(P), 0 where a
-    pixel does not count) are not; ``linear`` are eliminated unknowns, ``loose`` those of the surroundings.
-    """
-
-    patches: Patches
-    values: Image
-    derivatives: Image
-    residual: Image
-    simulated: Image
-    path: Image
-    raw: Image
-    response: Response
-    linear: Columns
-    loose: Columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,70 +50,15 @@ class StateProblem:
 
     def look(self, pose: Pose) -> Seen:
         """Simulate, compare and differentiate at a pose."""
-        target = self.target
-        loose = target.loose
-        geometry = surroundings.corrected(target.scan.geometry, pose.surroundings)
-        patches, values, derivatives = self.simulate(pose, geometry)
-        path, stacks = target.fixed, list[Image]()
-        if target.body is not None and (loose.body or loose.views or pose.surroundings is not None):
-            path, stacks = surroundings.background_images(
-                target.body, pose.surroundings, geometry, target.projector, loose.body or loose.views
-            )
-        path = assemble(values, patches, geometry) + path
-        response, simulated, linear = self._respond(path)
-        slope = response.slope(path)
-        moving = Columns()
-        if loose.views:
-            images = surroundings.view_images(path, derivatives, self.grains, pose, patches, geometry)
-            if target.body is not None:
-                images[2] = images[2] + surroundings.turned_background(target.body, pose.surroundings, stacks)
-            for image in images:
-                moving.add(target.filtered(slope * image), shared=False)
-        for stack in stacks if loose.body else []:
-            moving.add(target.filtered(slope * stack), shared=True)
-        factor = target.roots * slope
-        normal.filter_patches(derivatives, patches.boxes, patches.offsets, factor, target.kernel)
-        raw = (target.scan.line_integrals.astype(target.precision) - response.apply(path)) * target.valid
-        residual = target.measured - simulated
-        return Seen(patches, values, derivatives, residual, simulated, path, raw, response, linear, moving)
-
-    def simulate(self, pose: Pose, geometry: Geometry) -> tuple[Patches, Image, Image]:
-        """Patches with a margin for the filter, the grains' line integrals in them, and the derivatives of these."""
-        patches = shadows(self.grains, pose, geometry, margin=len(self.target.kernel) - 1)
-        differentiate = differentiate_patches if self.target.derivatives == "analytic" else difference_patches
-        return patches, *differentiate(self.grains, pose, geometry, patches, self.target.projector)
-
-    def _respond(self, path: Image) -> tuple[Response, Image, Columns]:
-        """The best response to the line integrals of the model, what it gives, and the columns eliminated.
-
-        A polynomial that is not monotone is no response: its degree is lowered until it is, the gain fixed last.
-        """
-        target = self.target
-        plain = target.filtered(path)
-        freedom, views = target.freedom, len(path)
-        while True:
-            linear = Columns()
-            for k, (power, shared) in enumerate(powers(freedom, path)):
-                first = k == 0 and freedom.gain != "none"
-                linear.add(plain if first else target.filtered(power), shared)
-            linear = linear + target.trends
-            response, more = eliminated(freedom, linear, target.measured - plain, views)
-            if response.is_monotone(float(path.max(initial=0.0))) or (freedom.gain == "none" and freedom.degree == 1):
-                return response, plain + more, linear
-            lower = replace(freedom, degree=freedom.degree - 1)
-            freedom = lower if freedom.degree > 1 else freedom.without_gain
+        return self.target.crew.look(self.grains, self.target, pose)
 
     def linearize(self, state: Pose) -> Linearization:
         """Cost ½‖r‖², gradient and block-sparse normal matrix at a pose, with the priors' share."""
-        seen, n = self.look(state), len(self.grains)
-        columns = seen.linear + seen.loose
-        hessian = normal_matrix(seen.derivatives, seen.patches, n)
-        gradient = -Columns([seen.residual], [True]).border(seen.derivatives, seen.patches, n)[:, 0]
-        border, corner = columns.border(seen.derivatives, seen.patches, n), columns.gram()
-        cost = 0.5 * float(np.vdot(seen.residual, seen.residual))
-        free = len(seen.loose.owners)
-        slope = -seen.loose.dot(seen.residual)
-        if free:
+        at = self.target.crew.linearize(self.grains, self.target, state)
+        cost, gradient, border = at.cost, at.gradient, at.border
+        hessian, corner, slope = sparse.bsr_array(at.hessian), at.corner.copy(), at.slope
+        if len(slope):
+            free = len(slope)
             precisions, departure = self.surrounding_prior(state)
             slope, cost = slope + precisions @ departure, cost + 0.5 * float(departure @ precisions @ departure)
             corner[-free:, -free:] += precisions
@@ -265,11 +115,3 @@ def raised(hessian: sparse.bsr_array, blocks: Float) -> sparse.bsr_array:
     n = len(blocks)
     more = sparse.bsr_array((blocks, np.arange(n), np.arange(n + 1)), shape=hessian.shape)
     return sparse.bsr_array(hessian + more, blocksize=(6, 6))
-
-
-def gaussian(sigma: float) -> Float:
-    """Half of a Gaussian kernel (σ in pixels), cut at 3σ, of unit sum over both halves; [1] for σ = 0."""
-    if sigma <= 0:
-        return np.ones(1)
-    k = np.exp(-0.5 * (np.arange(int(np.ceil(3 * sigma)) + 1) / sigma) ** 2)
-    return k / (2 * k.sum() - k[0])

@@ -9,8 +9,8 @@ from pydantic.dataclasses import dataclass
 
 from grainmotion.project import Projector
 from grainmotion.response import Trend
+from grainmotion.tracking.cast import Derivatives
 from grainmotion.tracking.freedom import Freedom, Gain
-from grainmotion.tracking.residual import Derivatives
 from grainmotion.tracking.weighting import Loss, Weights
 
 

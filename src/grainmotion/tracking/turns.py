@@ -17,6 +17,7 @@ falls to 0 for a pattern finer than the turn.  Gravel has 0.9 to 1.1 and 0.5 to 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,8 +26,8 @@ from grainmotion import motion
 from grainmotion.kernels import normal
 from grainmotion.packed import Image, PackedGrains, Pose
 from grainmotion.project import Patches, differentiate_patches, project_patches, shadows
+from grainmotion.tracking.cast import Walk
 from grainmotion.tracking.residual import Seen, StateProblem
-from grainmotion.tracking.surroundings import corrected
 
 Float = NDArray[np.float64]
 RIM = 4.0  # voxels that the rim of a grain is carried
@@ -36,27 +37,32 @@ ANY_TURN = np.pi**2 / 3  # variance of an angle of which nothing is known
 
 def unconfirmed(problem: StateProblem, pose: Pose, seen: Seen) -> Float:
     """Covariance ``(n, 3, 3)``, rad², of the turns that the radiographs do not confirm; zero where they do."""
-    target, grains = problem.target, problem.grains
-    geometry = corrected(target.scan.geometry, pose.surroundings)
+    target = problem.target
+    test = partial(_unconfirmed, walk=target.walk(pose), kernel=target.kernel)
+    return target.crew.each(problem.grains, pose, test, seen.factor, seen.residual)
+
+
+def _unconfirmed(grains: PackedGrains, pose: Pose, factor: Image, residual: Image, walk: Walk, kernel: Image) -> Float:
+    """As `unconfirmed`, from what takes derivatives to weighted ones, and the residual."""
+    geometry, projector = walk.geometry, walk.projector
     angles = np.minimum(RIM * grains.unit / grains.radii, LARGEST)
-    patches = shadows(_swollen(grains, angles), pose, geometry, margin=len(target.kernel) - 1)
-    factor = target.roots * seen.response.slope(seen.path)
-    values, slopes = differentiate_patches(grains, pose, geometry, patches, target.projector)
-    normal.filter_patches(slopes, patches.boxes, patches.offsets, factor, target.kernel)
+    patches = shadows(_swollen(grains, angles), pose, geometry, margin=walk.margin)
+    values, slopes = differentiate_patches(grains, pose, geometry, patches, projector)
+    normal.filter_patches(slopes, patches.boxes, patches.offsets, factor, kernel)
     information, axes = np.linalg.eigh(_rotations(_products(slopes, slopes, patches, len(grains))))
     changes = np.empty_like(slopes)
     for axis in range(3):
         for sign in (0, 1):
             turns = motion.exp((1 - 2 * sign) * angles[:, None] * axes[:, :, axis])
             turned = Pose(pose.translations, turns @ pose.matrices)
-            moved = project_patches(grains, turned, geometry, patches, target.projector)
+            moved = project_patches(grains, turned, geometry, patches, projector)
             changes[2 * axis + sign] = moved - values
-    normal.filter_patches(changes, patches.boxes, patches.offsets, factor, target.kernel)
+    normal.filter_patches(changes, patches.boxes, patches.offsets, factor, kernel)
     _fit_out(changes, slopes, patches, len(grains))
     both = (len(grains), 3, 2)
     squares = np.diagonal(_products(changes, changes, patches, len(grains)), axis1=1, axis2=2).reshape(both).sum(2)
     against = np.zeros((len(patches.boxes), 6))
-    normal.gradients(changes, patches.boxes, patches.offsets, seen.residual, against)
+    normal.gradients(changes, patches.boxes, patches.offsets, residual, against)
     dots = np.zeros((len(grains), 6))
     np.add.at(dots, patches.boxes[:, 0], against)
     with np.errstate(divide="ignore", invalid="ignore"):

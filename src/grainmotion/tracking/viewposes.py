@@ -140,7 +140,7 @@ def imitations(problem: StateProblem, pose: Pose) -> Float:
     trial = replace(problem, target=replace(problem.target, loose=loose))
     seen = trial.look(pose)
     deviations = loose.deviations(len(problem.target.scan))
-    alike = seen.loose.border(seen.derivatives, seen.patches, len(problem.grains)) * deviations
+    alike = seen.cast.border(seen.loose) * deviations
     gram = seen.loose.gram() * np.outer(deviations, deviations)
     tie = rigid(problem.grains, pose)[:, list(IMITATED)]
     found: Float = np.linalg.pinv(gram, hermitian=True) @ alike.T @ tie
