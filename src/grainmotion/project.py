@@ -142,7 +142,7 @@ def difference_patches(
     values = project_patches(grains, pose, geometry, patches, projector)
     derivatives = np.zeros((6, len(values)), grains.precision)
     shift = np.full(len(grains), 0.01 * grains.voxel_size)
-    steps = [shift] * 3 + [shift / grains.radii] * 3
+    steps = [shift] * 3 + [shift / np.linalg.norm(grains.hulls, axis=2).max(axis=1)] * 3
     owners = np.repeat(patches.boxes[:, 0], np.diff(patches.offsets))
     for k in [k for k in range(6) if not (k in OUT_OF_PLANE and planar(grains, geometry))]:
         increment = steps[k][:, None] * np.eye(6)[k]
@@ -158,7 +158,7 @@ def assemble(values: Image, patches: Patches, geometry: Geometry) -> Image:
 
 
 def added_up(values: Image, patches: Patches, geometry: Geometry) -> Float:
-    """The same in double precision, so that the order of sums does not show in what is kept of them."""
+    """The same in double precision: sums of single numbers are exact there, and the same in any order."""
     out = np.zeros((len(geometry), *geometry.shape))
     kernel.add_patches(values, patches.boxes, patches.offsets, out)
     return out

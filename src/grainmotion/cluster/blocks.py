@@ -35,9 +35,9 @@ def block_rows(grains: PackedGrains) -> list[Index]:
     n = len(grains)
     count = min(n, max(2, round(n / max(FEWEST, np.sqrt(n) / 2))))
     order = np.argsort(grains.centers[:, 2], kind="stable")
-    work = np.cumsum(grains.radii[order] ** 3)  # rays go with r², samples of each with r
-    ends = np.searchsorted(work, work[-1] * np.arange(1, count) / count) + 1
-    return [rows for rows in np.split(order, np.unique(ends)) if len(rows)]
+    work = grains.radii[order] ** 3  # rays go with r², samples of each with r
+    block = ((np.cumsum(work) - work / 2) / work.sum() * count).astype(int)
+    return [order[block == k] for k in np.unique(block)]
 
 
 def cut(grains: PackedGrains, rows: Index) -> Block:

@@ -4,8 +4,8 @@
                 └────────────────────────────────── share ──┴─┬─ lend to blocks it overlaps with
                                                               └─ equations, with what it was lent
 
-Radiographs travel as the rows that a block shades, in double precision while they are summed, so that what is
-kept of the sum does not show how it was made.
+Radiographs travel as the rows that a block shades, in double precision while they are summed: sums of numbers in
+single precision are exact then, and do not depend on how they were made.
 """
 
 from __future__ import annotations
@@ -34,13 +34,14 @@ Index = NDArray[np.int64]
 class Part:
     """Rows ``first …`` of all radiographs, summed over some blocks: ``sums (k, views, rows, columns)``.
 
-    They are line integrals and, if views are loose, derivatives by the stage's angle.  ``boxes`` are the patches
-    of each block so far, by its number.
+    They are line integrals and, if views are loose, derivatives by the stage's angle, both of ``precision``, of which
+    sums in double precision are exact if it is single.  ``boxes`` are the patches of each block so far, by its number.
     """
 
     first: int
     sums: Float
     boxes: dict[int, Index]
+    precision: np.dtype[np.floating]
 
     @property
     def end(self) -> int:
@@ -124,7 +125,7 @@ def add_up(cast: Cast, block: int, views: int, shape: tuple[int, int], turned: b
     sums = np.zeros((len(stacks), views, end - first, shape[1]))
     for out, values in zip(sums, stacks, strict=True):
         kernel.add_patches(values, here, cast.patches.offsets, out)
-    return Part(first, sums, {block: boxes})
+    return Part(first, sums, {block: boxes}, cast.values.dtype)
 
 
 def merge(*parts: Part) -> Part:
@@ -138,14 +139,14 @@ def merge(*parts: Part) -> Part:
         sums[:, :, part.first - first : part.end - first] += part.sums
     for part in parts:
         boxes |= part.boxes
-    return Part(first, sums, boxes)
+    return Part(first, sums, boxes, parts[0].precision)
 
 
 # ---------------------------------------------------------------------- whole radiographs
 def compare(target: Target, *parts: Part, pose: Pose) -> Compared:
     """Compare with what was measured; of the pose, the surroundings alone count."""
     part = merge(*parts)
-    whole = np.zeros((len(part.sums), *target.scan.line_integrals.shape), target.precision)
+    whole = np.zeros((len(part.sums), *target.scan.line_integrals.shape), part.precision)
     whole[:, :, part.first : part.end] = part.sums
     with own_threads():
         return target.compare(pose, whole[0], whole[1] if len(whole) > 1 else None)
