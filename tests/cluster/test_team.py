@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_limits
 
 from few_grains import PANEL, geometry, grain_set, motions, radiographs, small_motions
 from grainmotion import motion
@@ -36,7 +37,8 @@ BODY = Volume(0.02 * np.pad(np.ones((30, 10, 10), np.float32), 4), 0.1, (2.0, 0.
 @pytest.fixture
 def team(tmp_path):
     shelf = Shelf(tmp_path)
-    yield Team(InlineWork(), shelf)
+    with threadpool_limits(limits=1, user_api="blas"):  # as in `track`
+        yield Team(InlineWork(), shelf)
     shelf.close()
 
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 
 import numba
+from threadpoolctl import ThreadpoolController
 
 _TURN = threading.Lock()  # numba's own threads are one pool, which two tasks must not enter at once
 
@@ -25,6 +27,13 @@ def own_threads() -> Iterator[None]:
         before = numba.get_num_threads()
         numba.set_num_threads(max(1, min(count, most)))
         try:
-            yield
+            with _libraries().limit(limits=1, user_api="blas"):  # as `track` does: sums depend on it
+                yield
         finally:
             numba.set_num_threads(before)
+
+
+@cache
+def _libraries() -> ThreadpoolController:
+    """The libraries of this process that have threads of their own; to find them takes milliseconds."""
+    return ThreadpoolController()

@@ -117,6 +117,8 @@ def _client(address: str) -> Client:
 
     try:
         if address.endswith(".json"):
+            if not Path(address).is_file():  # else the client would wait for it
+                raise OSError("no such scheduler file")
             return distributed.Client(scheduler_file=address, timeout=PATIENCE)
         return distributed.Client(address, timeout=PATIENCE)
     except (OSError, ValueError, TimeoutError) as error:

@@ -1,0 +1,150 @@
+"""Real Dask processes: the same results as one process, whatever becomes of the workers."""
+
+import os
+import signal
+import subprocess
+import sys
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from few_grains import grain_set, radiographs, small_motions
+from grainmotion.cli import app
+from grainmotion.cluster.workplace import Workplace, at_work
+from grainmotion.errors import InputError
+from grainmotion.experiment.file import read_experiment
+from grainmotion.io.results import read_motions_h5, read_reference
+from grainmotion.pipeline.run import run
+from grainmotion.track import TrackSettings, track
+from tiny_experiment import TOML, write_tiny
+
+distributed = pytest.importorskip("distributed")
+
+GRAINS = grain_set()
+SCAN = radiographs(GRAINS, small_motions(GRAINS))
+QUICK = TrackSettings(search=False, fields=False, view_corrections="never")
+VOXEL = GRAINS.voxel_size
+
+
+class Workers:
+    """Worker processes without anybody who starts them again."""
+
+    def __init__(self, address):
+        self.address, self.processes = address, []
+
+    def start(self, memory="2GB"):
+        command = [sys.executable, "-m", "distributed.cli.dask_worker", self.address, "--no-nanny", "--no-dashboard"]
+        command += ["--nthreads", "1", "--memory-limit", memory]
+        self.processes.append(subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL))
+        return self
+
+    def kill(self):
+        """Take the first of them out, as a crash does."""
+        os.kill(self.processes.pop(0).pid, signal.SIGKILL)
+
+
+@contextmanager
+def scheduler():
+    with distributed.LocalCluster(n_workers=0, dashboard_address=None, silence_logs="CRITICAL") as local:
+        workers = Workers(local.scheduler_address)
+        try:
+            yield workers
+        finally:
+            for process in workers.processes:
+                process.kill()
+
+
+def same(one, other):
+    """Within 1e-6 voxel at any grain's surface."""
+    np.testing.assert_allclose(other.translations, one.translations, rtol=0, atol=1e-6 * VOXEL)
+    np.testing.assert_allclose(other.rotations, one.rotations, rtol=0, atol=1e-7)
+    np.testing.assert_array_equal(other.statuses, one.statuses)
+
+
+class TestWorkers:
+    def test_one_dies_and_one_comes_late(self, tmp_path):
+        """The only worker that holds anything is killed in mid-run, after another one has joined."""
+        alone = track(GRAINS, SCAN, settings=QUICK)
+        told = []
+        with scheduler() as workers, at_work(Workplace(workers.start().address), tmp_path) as cluster:
+
+            def listen(message, done, total):
+                told.append(message)
+                if len(told) == 4:
+                    workers.start()
+                    cluster.work.client.wait_for_workers(2, timeout=60)
+                if len(told) == 6:
+                    workers.kill()
+
+            many = track(GRAINS, SCAN, settings=QUICK, progress=listen, crew=cluster.team())
+            assert len(cluster.work.client.scheduler_info()["workers"]) == 1
+        assert len(told) > 8
+        same(alone, many)
+        assert not list(tmp_path.iterdir())
+
+
+class TestRun:
+    @pytest.fixture(scope="class")
+    def once(self, tmp_path_factory):
+        path = write_tiny(
+            tmp_path_factory.mktemp("once"), TOML.replace("search = false", "search = false\niterations = 3")
+        )
+        return path, run(read_experiment(path))
+
+    def test_processes_give_what_one_process_gives(self, once, tmp_path):
+        path, alone = once
+        found = CliRunner().invoke(app, ["run", str(path), "--workers", "2", "--out", str(tmp_path / "out"), "-q"])
+        assert found.exit_code == 0, found.output
+        for name, motions in alone.motions.items():
+            same(motions, read_motions_h5(tmp_path / "out" / name / "motions.h5"))
+        one, many = (read_reference(folder / "reference.h5") for folder in (alone.folder, tmp_path / "out"))
+        np.testing.assert_array_equal(many.volume.array, one.volume.array)
+        np.testing.assert_array_equal(many.labels, one.labels)
+        assert not list((tmp_path / "out").glob(".shelf*"))
+        # and what is there is not done again, by whomever it was done
+        again = run(read_experiment(path), out=tmp_path / "out")
+        assert again.done == ()
+
+
+class TestWorkplace:
+    def test_nobody_answers(self, tmp_path, monkeypatch):
+        monkeypatch.setattr("grainmotion.cluster.workplace.PATIENCE", 1)
+        path = write_tiny(tmp_path)
+        found = CliRunner().invoke(app, ["run", str(path), "--scheduler", "tcp://127.0.0.1:9", "-q"])
+        assert found.exit_code == 2
+        assert "error: --scheduler tcp://127.0.0.1:9: no Dask scheduler answers there" in found.stderr
+        assert "dask scheduler" in found.stderr
+        assert not (tmp_path / "results").exists()
+
+    @pytest.mark.parametrize("address", ["nonsense", "127.0.0.1:port", "nowhere.json"])
+    def test_no_address(self, tmp_path, monkeypatch, address):
+        monkeypatch.setattr("grainmotion.cluster.workplace.PATIENCE", 1)
+        with pytest.raises(InputError, match="no Dask scheduler answers"), at_work(Workplace(address), tmp_path):
+            pass
+
+    def test_no_workers(self, tmp_path, monkeypatch):
+        monkeypatch.setattr("grainmotion.cluster.workplace.PATIENCE", 1)
+        with (
+            scheduler() as workers,
+            pytest.raises(InputError, match="no workers; start some"),
+            at_work(Workplace(workers.address), tmp_path),
+        ):
+            pass
+
+    def test_dask_is_missing(self, tmp_path, monkeypatch):
+        monkeypatch.setitem(sys.modules, "distributed", None)
+        remedy = r"not installed; pip install 'grainmotion\[cluster\]'"
+        with pytest.raises(InputError, match=remedy), at_work(Workplace(workers=2), tmp_path):
+            pass
+
+    def test_either_or(self):
+        with pytest.raises(InputError, match="both are given"):
+            Workplace("tcp://there:8786", 2)
+        with pytest.raises(InputError, match="at least 1, got 0"):
+            Workplace(workers=0)
+
+    def test_nobody_but_this_process_needs_no_dask(self):
+        code = "import sys, grainmotion.cli; sys.exit(any(m in sys.modules for m in ('dask', 'distributed')))"
+        assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
