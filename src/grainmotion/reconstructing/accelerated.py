@@ -14,9 +14,10 @@ from dataclasses import replace
 import numpy as np
 
 from grainmotion.packed import Image
-from grainmotion.reconstructing.equations import Equations, Views, golden_order, relative
+from grainmotion.reconstructing.equations import Held, Iterate, Views, golden_order, relative
 from grainmotion.reconstructing.sart import plain_sart
-from grainmotion.scan import binned
+from grainmotion.reconstructing.settings import ReconstructSettings
+from grainmotion.scan import Scan, binned
 from grainmotion.volume import Volume
 
 Progress = Callable[[str, int, int], None]
@@ -31,23 +32,21 @@ SMALLEST = 24
 """Voxels along the grid's shortest edge and pixels along the panel's, below which there is no coarse start."""
 
 
-def accelerated(equations: Equations, progress: Progress | None) -> tuple[Image, list[float]]:
-    """The image, laid, and ε of each phase, each subset just before its update."""
-    image = _start(equations)
-    before = image.copy()
+def accelerated(iterate: Iterate, views: int, progress: Progress | None) -> list[float]:
+    """Update an image by a scan of so many views; ε of each phase, each subset just before its update."""
     history: list[float] = []
-    phases = subsets(len(equations.scan))
-    total, done = sum(len(views) for phase in phases for views, _ in phase), 0
+    phases = subsets(views)
+    total, done = sum(len(part) for phase in phases for part, _ in phase), 0
     for number, phase in enumerate(phases, start=1):
         squares = np.zeros(2)
-        for views, relaxation in phase:
-            squares += equations.add_update(image, views, relaxation)
-            equations.constrain_and_extrapolate(image, before, MOMENTUM)
-            done += len(views)
+        for part, relaxation in phase:
+            squares += iterate.add_update(part, relaxation)
+            iterate.constrain_and_extrapolate(MOMENTUM)
+            done += len(part)
             if progress is not None:
                 progress(f"phase {number}/{len(phases)}, ε = {relative(squares):.4f}", done, total)
         history.append(relative(squares))
-    return before, history
+    return history
 
 
 def subsets(views: int) -> list[list[tuple[Views, float]]]:
@@ -61,22 +60,32 @@ def subsets(views: int) -> list[list[tuple[Views, float]]]:
     return phases
 
 
-def _start(equations: Equations) -> Image:
-    """The grid's own values if it has any; else a sweep of plain SART on coarser voxels and pixels."""
-    scan, grid = equations.scan, equations.grid
-    if grid.array.any() or min(*grid.shape, *scan.geometry.shape) < SMALLEST:
-        return equations.start()
+def has_coarse_start(shape: tuple[int, ...], panel: tuple[int, int]) -> bool:
+    """Whether a grid of zeros of some shape and a panel are large enough for a coarse start."""
+    return min(*shape, *panel) >= SMALLEST
+
+
+def coarse_start(rough: Scan, grid: Volume, settings: ReconstructSettings) -> Image:
+    """A sweep of plain SART on coarser voxels; ``rough`` is the scan `binned` by as much."""
     shape = tuple(-(-n // COARSER) for n in grid.shape)
     coarse = Volume(np.zeros(shape, np.float32), grid.voxel_size * COARSER, grid.center)
-    settings = replace(equations.settings, method="sart", sweeps=1)
-    rough = Equations(binned(scan, COARSER), coarse, settings)
-    image, _ = plain_sart(rough, None)
-    finer = equations.operator.laid(_finer(rough.operator.unlaid(image), grid.shape))
-    equations.constrain(finer)
-    return finer
+    held = Held.of(rough, coarse, replace(settings, method="sart", sweeps=1))
+    plain_sart(held, len(rough), held.imaging.settings, None)
+    return held.volume().array
 
 
-def _finer(array: Image, shape: tuple[int, ...]) -> Image:
+def started(scan: Scan, grid: Volume, settings: ReconstructSettings) -> Held:
+    """From the grid's own values if it has any, or from a coarse start."""
+    held = Held.of(scan, grid, settings)
+    if not grid.array.any() and has_coarse_start(grid.shape, scan.geometry.shape):
+        array = finer(coarse_start(binned(scan, COARSER), grid, settings), grid.shape)
+        held.image = held.imaging.operator.laid(array)
+        held.imaging.constrain(held.image)
+    held.before = held.image.copy()
+    return held
+
+
+def finer(array: Image, shape: tuple[int, ...]) -> Image:
     """Trilinear values at the middles of voxels half as large, ``shape`` of them around the same middle."""
     for axis, count in enumerate(shape):
         lines = np.moveaxis(array, axis, 0)

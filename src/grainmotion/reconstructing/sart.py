@@ -6,8 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from grainmotion.packed import Image
-from grainmotion.reconstructing.equations import Equations, golden_order, relative
+from grainmotion.reconstructing.equations import Iterate, golden_order, relative
 from grainmotion.reconstructing.settings import ReconstructSettings
 
 Progress = Callable[[str, int, int], None]
@@ -16,26 +15,25 @@ SWEEPS, RELAXATION, DECAY, TOLERANCE = 6, 1.0, 0.5, 0.02
 """Unless the settings say otherwise."""
 
 
-def plain_sart(equations: Equations, progress: Progress | None) -> tuple[Image, list[float]]:
-    """The image, laid, and ε of each sweep, each view just before its update."""
-    settings = equations.settings
+def plain_sart(iterate: Iterate, views: int, settings: ReconstructSettings, progress: Progress | None) -> list[float]:
+    """Update an image by a scan of so many views; ε of each sweep, each view just before its update."""
     sweeps = SWEEPS if settings.sweeps is None else settings.sweeps
     first = RELAXATION if settings.relaxation is None else settings.relaxation
     decay = DECAY if settings.decay is None else settings.decay
-    image, order = equations.start(), golden_order(len(equations.scan))
+    order = golden_order(views)
     history: list[float] = []
     for sweep in range(sweeps):
         squares = np.zeros(2)
         for done, view in enumerate(order, start=1):
-            squares += equations.add_update(image, np.array([view]), first * decay**sweep)
-            equations.constrain(image)
+            squares += iterate.add_update(np.array([view]), first * decay**sweep)
+            iterate.constrain()
             if progress is not None:
                 message = f"SART sweep {sweep + 1}/{sweeps}, ε = {relative(squares):.4f}"
                 progress(message, sweep * len(order) + done, sweeps * len(order))
         history.append(relative(squares))
         if _settled(history, settings):
             break
-    return image, history
+    return history
 
 
 def _settled(history: list[float], settings: ReconstructSettings) -> bool:
