@@ -11,9 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from grainmotion.cluster.crew import Team
+from grainmotion.cluster.scattered import reconstruct_scattered
 from grainmotion.cluster.shelf import Shelf, Shelved
 from grainmotion.cluster.work import Work
 from grainmotion.errors import InputError
+from grainmotion.experiment.scans import ScanInput
+from grainmotion.reconstruct import Progress, Reconstruction, ReconstructSettings
+from grainmotion.volume import Volume
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -32,6 +36,12 @@ class Cluster:
     def team(self) -> Team:
         """Who tracks grains."""
         return Team(self.work, self.shelf)
+
+    def reconstruct(
+        self, source: ScanInput, grid: Volume, settings: ReconstructSettings, progress: Progress | None = None
+    ) -> Reconstruction:
+        """Reconstruct on a grid of zeros a scan that the workers read themselves; see `grainmotion.reconstruct`."""
+        return reconstruct_scattered(self.work, self.shelf, source, grid, settings, progress)
 
 
 @dataclass(frozen=True)

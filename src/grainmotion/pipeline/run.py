@@ -149,8 +149,14 @@ def _reconstruct(job: Job) -> None:
         if job.inputs.volume is None:
             job.reused.append("reconstruct")
         return
-    assert job.scan is not None
-    result = reconstruct(job.scan, job.inputs.grid, job.tables.reconstruct, job.listener("reconstruct"))
+    grid, settings, listener = job.inputs.grid, job.tables.reconstruct, job.listener("reconstruct")
+    if job.cluster is not None:
+        job.scan = None  # the workers read it
+        assert job.corrected.reference is not None
+        result = job.cluster.reconstruct(job.corrected.reference, grid, settings, listener)
+    else:
+        assert job.scan is not None
+        result = reconstruct(job.scan, grid, settings, listener)
     job.scan = None
     job.reference = Reference(result.volume, result.residuals)
     path = job.folder / CHECKPOINT
