@@ -16,5 +16,7 @@ class InlineWork:
     def persist(self, tasks):
         return list(tasks)
 
+    placed = persist
+
     def results(self, tasks):
         return pickle.loads(pickle.dumps(list(tasks)))

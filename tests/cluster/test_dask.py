@@ -15,12 +15,18 @@ from grainmotion.cli import app
 from grainmotion.cluster.workplace import Workplace, at_work
 from grainmotion.errors import InputError
 from grainmotion.experiment.file import read_experiment
+from grainmotion.experiment.scans import ScanInput
+from grainmotion.geometry import Geometry
 from grainmotion.io.results import read_motions_h5, read_reference
+from grainmotion.io.stacks import find_stack
 from grainmotion.pipeline.run import run
+from grainmotion.reconstruct import ReconstructSettings, reconstruct
 from grainmotion.track import TrackSettings, track
+from grainmotion.volume import Volume
 from tiny_experiment import TOML, write_tiny
 
 distributed = pytest.importorskip("distributed")
+dask = pytest.importorskip("dask")
 
 GRAINS = grain_set()
 SCAN = radiographs(GRAINS, small_motions(GRAINS))
@@ -83,6 +89,30 @@ class TestWorkers:
         assert len(told) > 8
         same(alone, many)
         assert not list(tmp_path.iterdir())
+
+
+def spilled(dask_worker):
+    """Bytes that a worker has put on disk so far, and its process."""
+    return dask_worker.data.cumulative_metrics["disk-write", "bytes"], os.getpid()
+
+
+@pytest.mark.slow
+def test_memory_limit_is_respected(tmp_path):
+    """Twice what a worker may hold of it in memory: it spills to disk and lives, and the result is the same."""
+    rng = np.random.default_rng(0)
+    views = Geometry.parallel(np.arange(6) * 30, (256, 128), 0.1)
+    np.save(tmp_path / "scan.npy", rng.random((6, 256, 128), np.float32))
+    source = ScanInput("scan", find_stack(tmp_path / "scan.npy"), None, None, "line-integrals", views)
+    grid, settings = Volume.zeros((256, 128, 128), 0.1), ReconstructSettings(sweeps=1)
+    one = reconstruct(source.read()[0], grid, settings)
+    share = dask.config.set({"distributed.worker.memory.target": 0.03})  # 30 MB, beside what Python itself takes
+    with share, at_work(Workplace(workers=1, memory="1GB"), tmp_path / "shelf") as cluster:
+        (before,) = cluster.work.client.run(spilled).values()
+        many = cluster.reconstruct(source, grid, settings)
+        (after,) = cluster.work.client.run(spilled).values()
+    assert after[0] > before[0] + 30e6
+    assert after[1] == before[1]  # the same process: its nanny did not have to kill it
+    np.testing.assert_allclose(many.volume.array, one.volume.array, atol=1e-5)
 
 
 class TestRun:

@@ -147,7 +147,7 @@ class Team:
         if held is None:
             rows = block_rows(grains)
             kept = [self.shelf.keep(cut(grains, r).grains, grains) for r in rows]
-            held = self._held[grains] = Held(rows, self.work.persist([self.work.task(_take, shelved=k) for k in kept]))
+            held = self._held[grains] = Held(rows, self.work.placed([self.work.task(_take, shelved=k) for k in kept]))
         return held
 
     def _target(self, target: Target) -> Delayed:

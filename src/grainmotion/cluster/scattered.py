@@ -50,7 +50,7 @@ class Scattered:
         rough = None
         if not settings.plain(count) and has_coarse_start(grid.shape, source.geometry.shape):
             rough = task(slabs.coarse, self._source, self._where)
-        self._slabs = work.persist(
+        self._slabs = work.placed(
             [
                 task(slabs.new_slab, self._where, number=k)
                 if rough is None
@@ -100,7 +100,7 @@ class Scattered:
         if self._updates % STORED == 0:
             paths = [self.shelf.folder / f"slab-{k}-{self._updates}.npy" for k in range(len(tasks))]
             self.work.results([self.work.task(slabs.store, s, path=p) for s, p in zip(self._slabs, paths)])
-            self._slabs = self.work.persist(
+            self._slabs = self.work.placed(
                 [self.work.task(slabs.restored, self._where, number=k, path=p) for k, p in enumerate(paths)]
             )
             for path in self.shelf.folder.glob(f"slab-*-{self._updates - 2 * STORED}.npy"):  # nobody asks for those

@@ -30,6 +30,15 @@ class Work:
         """Have tasks done, their results held by the workers for as long as somebody here refers to them."""
         return list(self.client.persist(list(tasks), optimize_graph=False))
 
+    def placed(self, tasks: Sequence[Delayed]) -> list[Delayed]:
+        """`persist`, neighbours on one worker and all workers alike, as far as these live."""
+        workers = sorted(self.client.scheduler_info(n_workers=-1)["workers"])
+        found = []
+        for k, task in enumerate(tasks):
+            chosen = workers[k * len(workers) // len(tasks) : k * len(workers) // len(tasks) + 1]
+            found += self.client.persist([task], optimize_graph=False, workers=chosen, allow_other_workers=True)
+        return found
+
     def results(self, tasks: Sequence[Delayed]) -> list[Any]:
         """Have tasks done; their results, which should be small.
 

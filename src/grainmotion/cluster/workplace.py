@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from grainmotion.cluster.crew import Team
 from grainmotion.cluster.scattered import reconstruct_scattered
 from grainmotion.cluster.shelf import Shelf, Shelved
+from grainmotion.cluster.sizes import tell_sizes
 from grainmotion.cluster.work import Work
 from grainmotion.errors import InputError
 from grainmotion.experiment.scans import ScanInput
@@ -101,6 +102,7 @@ def at_work(place: Workplace, folder: Path) -> Iterator[Cluster | None]:
         shelf = Shelf(folder)
         stack.callback(shelf.close)
         _check(client, shelf, where)
+        tell_sizes(client)
         yield Cluster(Work(client), shelf)
 
 
