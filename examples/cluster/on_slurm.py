@@ -26,7 +26,7 @@ def workers() -> SLURMCluster:
         memory="64GB",
         walltime="04:00:00",
         job_script_prologue=["module load python", "source $HOME/grainmotion/bin/activate"],
-        worker_extra_args=["--lifetime", "3h55m"],  # leave in order before the queue kills
+        worker_extra_args=["--lifetime", "235m"],  # leave in order before the queue kills
         local_directory="$TMPDIR",  # where a worker spills what memory does not hold
         interface=None,  # "ib0" for InfiniBand
     )

@@ -12,9 +12,12 @@ from typer.testing import CliRunner
 
 from few_grains import grain_set, radiographs, small_motions
 from grainmotion.cli import app
+from grainmotion.cluster.scattered import reconstruct_scattered
+from grainmotion.cluster.shelf import Shelf
 from grainmotion.cluster.workplace import Workplace, at_work
 from grainmotion.errors import InputError
 from grainmotion.experiment.file import read_experiment
+from grainmotion.experiment.inputs import find_inputs
 from grainmotion.experiment.scans import ScanInput
 from grainmotion.geometry import Geometry
 from grainmotion.io.results import read_motions_h5, read_reference
@@ -23,6 +26,7 @@ from grainmotion.pipeline.run import run
 from grainmotion.reconstruct import ReconstructSettings, reconstruct
 from grainmotion.track import TrackSettings, track
 from grainmotion.volume import Volume
+from inline_work import InlineWork
 from tiny_experiment import TOML, write_tiny
 
 distributed = pytest.importorskip("distributed")
@@ -89,6 +93,29 @@ class TestWorkers:
         assert len(told) > 8
         same(alone, many)
         assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_one_dies_and_one_comes_late_while_reconstructing(tmp_path):
+    inputs = find_inputs(read_experiment(write_tiny(tmp_path / "tiny")))
+    source, settings = inputs.reference, ReconstructSettings(method="accelerated")
+    shelf = Shelf(tmp_path / "inline")
+    alone = reconstruct_scattered(InlineWork(), shelf, source, inputs.grid, settings, None)
+    told = []
+    with scheduler() as workers, at_work(Workplace(workers.start().start().address), tmp_path / "shelf") as cluster:
+        cluster.work.client.wait_for_workers(2, timeout=60)
+
+        def listen(message, done, total):
+            told.append(message)
+            if len(told) == 12:  # between two times that slabs are stored
+                workers.kill()
+            if len(told) == 20:
+                workers.start()
+
+        many = cluster.reconstruct(source, inputs.grid, settings, listen)
+    assert len(told) == 52
+    np.testing.assert_array_equal(many.volume.array, alone.volume.array)
+    assert many.residuals == alone.residuals
 
 
 def spilled(dask_worker):

@@ -35,7 +35,7 @@ def test_job(name):
     for line in [*EXPECTED[name], "source $HOME/grainmotion/bin/activate"]:
         assert line in script.splitlines()
     assert "distributed.cli.dask_worker" in script
-    for option in ("--nthreads 16", "--memory-limit 59.60GiB", "--lifetime 3h55m", "--local-directory $TMPDIR"):
+    for option in ("--nthreads 16", "--memory-limit 59.60GiB", "--lifetime 235m", "--local-directory $TMPDIR"):
         assert option in script
 
 

@@ -7,7 +7,7 @@ rows of the corrections only:
     forward of each slab ── compare (where the radiographs are) ── adjoint to each slab ── constrain it
 
 What travels are rows of the radiographs of one subset of views.  Sharing out the views instead would send the
-whole volume to and fro with every subset (decision 0014).
+whole volume to and fro with every subset (decision 0013).
 """
 
 from __future__ import annotations
