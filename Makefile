@@ -6,7 +6,7 @@ STAMP  := $(VENV)/.installed
 SPAM   := .venv-spam
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-browser test-spam test-all check format bench bench-history bench-compare paper accuracy clean
+.PHONY: help install demo test test-browser test-spam test-all check format bench bench-gpu bench-history bench-compare paper accuracy clean
 
 help:            ## list the targets
 	@grep -hE '^[a-z-]+: .*##|^[a-z-]+:  *##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -51,7 +51,11 @@ format: $(STAMP) ## format the code
 	$(BIN)/ruff check --fix .
 
 bench: $(STAMP)  ## run the benchmarks against their peers
-	for script in benchmarks/*.py; do $(BIN)/python $$script || exit 1; done
+	for script in $(filter-out benchmarks/gpu.py,$(wildcard benchmarks/*.py)); do $(BIN)/python $$script || exit 1; done
+
+bench-gpu: $(STAMP) ## benchmark an NVIDIA card against the processor (needs the card)
+	$(BIN)/python -m pip install --quiet -e '.[gpu]'
+	$(BIN)/python benchmarks/gpu.py
 
 HISTORY := file://./benchmarks/history
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from grainmotion import console
+from grainmotion import console, device
 from grainmotion.cli import app
 from grainmotion.io.motions_csv import read_motions
 from grainmotion.io.spam import read_ddic_tsv
@@ -68,6 +68,26 @@ class TestRun:
     @pytest.mark.parametrize("command", ["reconstruct", "segment", "track", "report"])
     def test_stages_find_themselves_done(self, copied, command):
         assert "done: nothing; kept: reconstruct" in invoke(command, copied).stdout
+
+
+class TestDevice:
+    def test_another_device_redoes_nothing(self, copied):
+        assert "done: nothing; kept: reconstruct" in invoke("run", copied, "--device", "cpu").stdout
+
+    def test_a_device_that_is_not_there_is_told_before_any_work(self, tmp_path, monkeypatch):
+        monkeypatch.setattr(device, "_lacking", lambda: ("no card", "buy one"))
+        result = CliRunner().invoke(app, ["run", str(write_tiny(tmp_path)), "--device", "cuda"])
+        assert result.exit_code == 2
+        assert result.stderr == "error: device 'cuda': no card; buy one\n"
+        assert not (tmp_path / "results").exists()
+
+    def test_the_file_chooses_where_the_command_does_not(self, tmp_path, monkeypatch):
+        monkeypatch.setattr(device, "_lacking", lambda: ("no card", "buy one"))
+        path = write_tiny(tmp_path)
+        path.write_text(path.read_text().replace("search = false", 'search = false\ndevice = "cuda"'))
+        assert CliRunner().invoke(app, ["run", str(path)]).exit_code == 2
+        path.write_text(path.read_text().replace('"cuda"', '"gpu"'))
+        assert "'auto', 'cpu' or 'cuda'" in CliRunner().invoke(app, ["run", str(path)]).stderr
 
 
 class TestExport:

@@ -77,3 +77,21 @@ class TestPlanar:
     )
     def test_anything_else_is_not(self, grains, geometry):
         assert not planar(grains, geometry)
+
+
+class TestVoxels:
+    def test_those_of_one_volume_are_not_copied(self):
+        """Cut grains lie end to end already, finer ones too: memory is that of the voxels."""
+        sample = grain_set()
+        for fine in (False, True):
+            packed = PackedGrains.of(sample, fine=fine)
+            volumes = [g.fine if fine else g.volume for g in sample.grains]
+            assert all(np.shares_memory(packed.images, v.array) for v in volumes)
+            np.testing.assert_array_equal(packed.images, np.concatenate([v.array.ravel() for v in volumes]))
+
+    def test_others_are_put_together(self):
+        sample = grain_set().without([1])
+        packed = PackedGrains.of(sample)
+        for k, grain in enumerate(sample.grains):
+            start, size = packed.starts[k], grain.volume.array.size
+            np.testing.assert_array_equal(packed.images[start : start + size], grain.volume.array.ravel())

@@ -112,8 +112,9 @@ class TestImage:
         np.testing.assert_array_equal(start.array, truth())
 
     def test_the_same_whatever_the_run(self):
-        once = reconstruct(exact_scan(), GRID, ReconstructSettings(sweeps=2)).volume.array
-        np.testing.assert_array_equal(once, reconstruct(exact_scan(), GRID, ReconstructSettings(sweeps=2)).volume.array)
+        settings = ReconstructSettings(sweeps=2, device="cpu")  # a card's sums differ by rounding
+        once = reconstruct(exact_scan(), GRID, settings).volume.array
+        np.testing.assert_array_equal(once, reconstruct(exact_scan(), GRID, settings).volume.array)
 
 
 class TestResidual:
@@ -314,7 +315,8 @@ class TestSettings:
 
     def test_progress_counts_views(self):
         told = []
-        reconstruct(exact_scan(), GRID, ReconstructSettings(sweeps=2, tolerance=0.0), lambda *a: told.append(a))
+        settings = ReconstructSettings(sweeps=2, tolerance=0.0, device="cpu")  # a card tells each sweep only
+        reconstruct(exact_scan(), GRID, settings, lambda *a: told.append(a))
         assert [done for _, done, _ in told] == list(range(1, 81))
         assert {total for *_, total in told} == {80}
         assert all("ε = " in message for message, *_ in told)

@@ -38,6 +38,15 @@ app = typer.Typer(
     add_completion=False,
 )
 
+
+class DeviceName(StrEnum):
+    """Where rays are walked."""
+
+    AUTO = "auto"
+    CPU = "cpu"
+    CUDA = "cuda"
+
+
 File = Annotated[Path, typer.Argument(metavar="FILE", help="experiment file (TOML)")]
 Out = Annotated[Path | None, typer.Option("--out", help="folder for results, instead of the file's [output]")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="show no progress")]
@@ -46,7 +55,7 @@ Scheduler = Annotated[
     str | None, typer.Option("--scheduler", help="address of a Dask scheduler whose workers do the work")
 ]
 Workers = Annotated[int | None, typer.Option("--workers", help="processes of this machine that do the work")]
-
+Where = Annotated[DeviceName | None, typer.Option("--device", help="where rays are walked, instead of the file's own")]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="of packing, motions and noise")]
 
 
@@ -96,8 +105,9 @@ def _reported(command: Callable[..., None]) -> Callable[..., None]:
         except KeyboardInterrupt:
             print("interrupted: finished stages are kept; the same command continues", file=sys.stderr)
             raise typer.Exit(130) from None
-        except MemoryError:
-            print("error: memory: not enough of it; give larger voxels or fewer of them", file=sys.stderr)
+        except MemoryError as error:
+            fact = str(error) or "not enough of it"
+            print(f"error: memory: {fact}; give larger voxels or fewer of them", file=sys.stderr)
             raise typer.Exit(1) from None
 
     return guarded
@@ -107,10 +117,15 @@ def _reported(command: Callable[..., None]) -> Callable[..., None]:
 @app.command()
 @_reported
 def run(
-    file: File, out: Out = None, quiet: Quiet = False, scheduler: Scheduler = None, workers: Workers = None
+    file: File,
+    out: Out = None,
+    device: Where = None,
+    quiet: Quiet = False,
+    scheduler: Scheduler = None,
+    workers: Workers = None,
 ) -> None:
     """Do the whole job; what is done already and unchanged is not done again."""
-    result = _run(read_experiment(file), "report", out, quiet, Workplace(scheduler, workers))
+    result = _run(_read(file, device), "report", out, quiet, Workplace(scheduler, workers))
     console.print_states(result.motions)
     print(f"report: {result.report}")
 
@@ -118,10 +133,15 @@ def run(
 @app.command()
 @_reported
 def reconstruct(
-    file: File, out: Out = None, quiet: Quiet = False, scheduler: Scheduler = None, workers: Workers = None
+    file: File,
+    out: Out = None,
+    device: Where = None,
+    quiet: Quiet = False,
+    scheduler: Scheduler = None,
+    workers: Workers = None,
 ) -> None:
     """Reconstruct the reference volume and stop."""
-    result = _run(read_experiment(file), "reconstruct", out, quiet, Workplace(scheduler, workers))
+    result = _run(_read(file, device), "reconstruct", out, quiet, Workplace(scheduler, workers))
     print(f"volume: in {result.folder}")
 
 
@@ -138,10 +158,15 @@ def segment(
 @app.command()
 @_reported
 def track(
-    file: File, out: Out = None, quiet: Quiet = False, scheduler: Scheduler = None, workers: Workers = None
+    file: File,
+    out: Out = None,
+    device: Where = None,
+    quiet: Quiet = False,
+    scheduler: Scheduler = None,
+    workers: Workers = None,
 ) -> None:
     """Track the grains through all states and stop before residuals, exports and report."""
-    result = _run(read_experiment(file), "track", out, quiet, Workplace(scheduler, workers))
+    result = _run(_read(file, device), "track", out, quiet, Workplace(scheduler, workers))
     console.print_states(result.motions)
 
 
@@ -178,6 +203,12 @@ def export(
 def inspect(file: File) -> None:
     """Describe the data and what they need, without doing any work."""
     console.print_inspection(inspect_inputs(find_inputs(read_experiment(file))))
+
+
+def _read(file: Path, device: DeviceName | None) -> Experiment:
+    """The experiment file, with the device that the command names."""
+    experiment = read_experiment(file)
+    return experiment if device is None else experiment.on(device.value)
 
 
 def _run(experiment: Experiment, until: Until, out: Path | None, quiet: bool, workplace: Workplace = HERE) -> RunResult:
@@ -264,11 +295,12 @@ def simulate(
 def demo(
     folder: Annotated[Path, typer.Argument(metavar="[OUTDIR]", help="folder for it all")] = Path("grainmotion-demo"),
     seed: Seed = 0,
+    device: Where = None,
     quiet: Quiet = False,
 ) -> None:
     """Simulate a small packing, do the whole job, and compare it with the truth."""
     with console.progress(quiet) as listener:
-        found = run_demo(folder, seed, listener)
+        found = run_demo(folder, seed, listener, device.value if device else "auto")
     console.print_comparisons(found.comparisons)
     print(f"report: {found.result.report}")
 

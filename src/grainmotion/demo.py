@@ -10,6 +10,7 @@ import numpy as np
 
 from grainmotion import simulate
 from grainmotion.compare import Comparison, compare
+from grainmotion.device import Choice
 from grainmotion.errors import InputError
 from grainmotion.experiment.dataset import write_dataset
 from grainmotion.experiment.file import read_experiment
@@ -106,7 +107,7 @@ def _write_hard_case(folder: Path, hard: simulate.HardCase, progress: Progress |
     return path
 
 
-def run_demo(folder: str | Path, seed: int = 0, progress: Progress | None = None) -> Demo:
+def run_demo(folder: str | Path, seed: int = 0, progress: Progress | None = None, device: Choice = "auto") -> Demo:
     """Simulate the small case, do its whole job, and compare every state with the truth.
 
     A demo that is there already, whole or in part, is gone on with.
@@ -116,7 +117,7 @@ def run_demo(folder: str | Path, seed: int = 0, progress: Progress | None = None
     files = ["experiment.toml", *(f"{name}-truth.csv" for name in names)]
     if not all((folder / name).is_file() for name in files):
         write_case(folder, "small", seed, DEMO_STATES, progress)
-    experiment = read_experiment(folder / "experiment.toml")
+    experiment = read_experiment(folder / "experiment.toml").on(device)
     result = run(experiment, progress=progress)
     reference = read_reference(result.folder / REFERENCE)
     comparisons = {

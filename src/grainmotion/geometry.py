@@ -158,18 +158,13 @@ class Geometry:
 
     def pixel_at(self, point: ArrayLike) -> float:
         """Size of a pixel carried back to ``point`` (pixel size over magnification), mm, mean over views."""
-        return float(self.pixels_at(np.asarray(point, dtype=float)[None])[0])
-
-    def pixels_at(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The same at each of ``points (n, 3)``."""
         size = self.pixel_sizes.mean(axis=1)
         if self.beam == "parallel":
-            return np.full(len(points), size.mean())
+            return float(size.mean())
         s, d = self.vectors[:, :3], self.vectors[:, 3:6]
         normal = np.cross(self.vectors[:, 6:9], self.vectors[:, 9:12])
-        depth = ((points[:, None] - s) * normal).sum(-1) / ((d - s) * normal).sum(-1)
-        mean: NDArray[np.float64] = (size * depth).mean(axis=1)
-        return mean
+        depth = ((np.asarray(point, dtype=float) - s) * normal).sum(1) / ((d - s) * normal).sum(1)
+        return float((size * depth).mean())
 
     def window(self, first: tuple[int, int], shape: tuple[int, int]) -> Geometry:
         """The same views on another part of the panels' planes: ``shape`` pixels from pixel ``first`` on.

@@ -169,6 +169,7 @@ def grains_from_labels(
         grains.append(grain)
     if not grains:
         raise InputError("labels", "no grains found", "check the threshold, or the labels given")
+    lay_together(grains)
     rest = None
     if background != "ignore":
         rest = Volume(np.where(grown > 0, 0, volume.array), volume.voxel_size, volume.center)
@@ -186,6 +187,27 @@ def _rest(volume: Volume, labels: NDArray[np.integer], grown: NDArray[np.integer
 def padded(volume: Volume) -> Volume:
     """The volume with `PADDING` empty voxels around it."""
     return Volume(np.pad(volume.array, PADDING), volume.voxel_size, volume.center)
+
+
+def lay_together(grains: list[Grain]) -> None:
+    """Move all voxels, in place, to one array (two, with finer ones), which tracking then uses as it is."""
+    whole = [np.empty(sum(v.array.size for v in volumes), volumes[0].array.dtype) for volumes in _sets(grains)]
+    ends = [0, 0]
+    for k, grain in enumerate(grains):  # one after the other, so that what is copied is let go
+        moved = []
+        for which, volume in enumerate(v[0] for v in _sets([grain])):
+            array, start = whole[which], ends[which]
+            ends[which] += volume.array.size
+            place = array[start : ends[which]].reshape(volume.shape)
+            place[:] = volume.array
+            moved.append(replace(volume, array=place))
+        grains[k] = replace(grain, volume=moved[0], fine=moved[1] if len(moved) > 1 else grain.fine)
+
+
+def _sets(grains: list[Grain]) -> list[list[Volume]]:
+    """The grains' voxels, and their finer ones if all have some."""
+    fine = [g.fine for g in grains if g.fine is not None]
+    return [[g.volume for g in grains], *([fine] if len(fine) == len(grains) else [])]
 
 
 def _cut(

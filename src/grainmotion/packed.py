@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from grainmotion.device import CPU, Device
 from grainmotion.errors import InputError
 from grainmotion.geometry import Geometry
 from grainmotion.grains import PADDING, Grain, GrainSet, grains_from_labels
@@ -65,7 +67,8 @@ class PackedGrains:
     ``extents (n, 2, directions)`` are the pairs of planes between which each grain's voxels count (voxels, see
     `kernels.walks`).  ``hulls (n, k, 3)`` are outermost points of each grain seen from its centre, ``radii (n,)`` the
     radii of balls with the grains' own moments of inertia, both in mm.  ``voxel_size`` is that of these images and
-    ``unit`` that of the reference, in which tolerances are given.
+    ``unit`` that of the reference, in which tolerances are given.  ``held`` are the images where a device walks them,
+    if that is not the processor.
     """
 
     images: Image
@@ -78,6 +81,7 @@ class PackedGrains:
     radii: Float
     voxel_size: float
     unit: float
+    held: Any = None
 
     def __len__(self) -> int:
         return len(self.starts)
@@ -86,6 +90,15 @@ class PackedGrains:
     def precision(self) -> np.dtype[np.floating]:
         """The precision in which the grains are projected: that of their voxels."""
         return self.images.dtype
+
+    @property
+    def walked(self) -> Any:
+        """The images where they are walked."""
+        return self.images if self.held is None else self.held
+
+    def on(self, device: Device) -> PackedGrains:
+        """The same grains where a device walks them."""
+        return replace(self, held=None if device == CPU else device.hold(self.images))
 
     @classmethod
     def of(cls, grains: GrainSet, fine: bool = False) -> PackedGrains:
@@ -102,7 +115,7 @@ class PackedGrains:
         h = volumes[0].voxel_size
         hulls = np.array([_extreme_points(a) * h + corner for a, corner in zip(arrays, corners, strict=True)])
         return cls(
-            images=np.concatenate([a.ravel() for a in arrays]),
+            images=_end_to_end(arrays),
             starts=np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64),
             shapes=np.array([a.shape for a in arrays], dtype=np.int64),
             corners=corners,
@@ -119,7 +132,7 @@ class PackedGrains:
         index = np.asarray(rows, dtype=np.int64)
         return PackedGrains(
             self.images, self.starts[index], self.shapes[index], self.corners[index], self.extents[index],
-            self.centers[index], self.hulls[index], self.radii[index], self.voxel_size, self.unit,
+            self.centers[index], self.hulls[index], self.radii[index], self.voxel_size, self.unit, self.held,
         )  # fmt: skip
 
     def coarsened(self, factor: int) -> PackedGrains:
@@ -159,6 +172,18 @@ def planar(grains: PackedGrains, geometry: Geometry) -> bool:
     return bool(np.abs(off).max() <= 1e-6 * grains.voxel_size)
 
 
+def _end_to_end(arrays: list[Image]) -> Image:
+    """All arrays one after the other: the array of which they are parts, if they lie so in it, else a copy."""
+    base = arrays[0].base
+    ends = np.cumsum([a.nbytes for a in arrays])
+    first = arrays[0].ctypes.data
+    follow = all(a.ctypes.data == first + end - a.nbytes for a, end in zip(arrays, ends, strict=True))
+    if isinstance(base, np.ndarray) and base.ndim == 1 and follow and all(a.base is base for a in arrays):
+        start = (first - base.ctypes.data) // base.itemsize
+        return base[start : start + ends[-1] // base.itemsize]
+    return np.concatenate([a.ravel() for a in arrays])
+
+
 def _radius(grain: Grain) -> float:
     """Radius of the ball whose attenuation spreads as the grain's does: r² = 5/3 of the mean square distance."""
     array = np.abs(grain.volume.array)
@@ -195,8 +220,12 @@ def _extreme_points(array: Image) -> Float:
     points = _line_ends(array)
     if len(points) == 0:
         return np.full((_DIRECTIONS, 3), (np.array(array.shape[::-1]) - 1) / 2)
+    return points[np.argmax(ball_directions() @ points.T, axis=1)]
+
+
+def ball_directions() -> Float:
+    """Unit vectors in all directions, ``(k, 3)``."""
     k = np.arange(_DIRECTIONS) + 0.5
     height, angle = 1 - 2 * k / _DIRECTIONS, np.pi * (1 + 5**0.5) * k
     ring = np.sqrt(1 - height**2)
-    directions = np.column_stack([ring * np.cos(angle), ring * np.sin(angle), height])
-    return points[np.argmax(points @ directions.T, axis=0)]
+    return np.column_stack([ring * np.cos(angle), ring * np.sin(angle), height])

@@ -6,24 +6,28 @@ and integrated there; voxels are never rotated or resampled.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion import motion
+from grainmotion.device import place, zeros_beside
 from grainmotion.errors import InputError
 from grainmotion.geometry import Geometry
 from grainmotion.grains import GrainSet
-from grainmotion.kernels import grains as kernel
+from grainmotion.kernels import outlines
 from grainmotion.motions import Motions
 from grainmotion.operators import Projector, VolumeOperator
 from grainmotion.packed import OUT_OF_PLANE, Image, PackedGrains, Pose, planar
 from grainmotion.volume import Volume
 
 Float = NDArray[np.float64]
+
+RIM = 0.013
+"""Of a grain's reach: how far a rounded grain may reach beyond its hull's points."""
 
 
 # ---------------------------------------------------------------------- whole volumes
@@ -76,44 +80,67 @@ class Patches:
         sizes = (b[:, 3] - b[:, 2]) * (b[:, 5] - b[:, 4])
         return np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
 
+    @cached_property
+    def by_view(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Patches in the order of their views, and where each view's begin, with the end of the last."""
+        views = self.boxes[:, 1]
+        order = np.argsort(views, kind="stable")
+        return order, np.searchsorted(views[order], np.arange(self.seen.shape[1] + 1))
+
 
 def shadows(grains: PackedGrains, pose: Pose, geometry: Geometry, margin: int = 0) -> Patches:
     """Patches that the grains shade in each view, widened by ``margin`` pixels, cut at the panel's edges."""
-    rows, columns = geometry.shape
-    moved = np.einsum("nij,nkj->nki", pose.matrices, grains.hulls)
-    moved += (grains.centers + pose.translations)[:, None]
-    n, k = moved.shape[:2]
-    spots = geometry.project_points(moved.reshape(-1, 3)).reshape(len(geometry), n, k, 2)
-    # A voxel's image reaches up to √3 voxels beyond its centre; rounding to whole pixels gives the rest.
-    pixels = geometry.pixels_at(grains.centers)
-    slack = np.ceil(0.4 + 1.5 * grains.voxel_size / pixels).astype(np.int64)[:, None]
-    with np.errstate(invalid="ignore"):
-        low = np.floor(np.nan_to_num(spots.min(axis=2), nan=-1e9)).astype(np.int64) - slack
-        high = np.ceil(np.nan_to_num(spots.max(axis=2), nan=-1e9)).astype(np.int64) + slack + 1
+    directions = outlines.DIRECTIONS
+    found = np.empty((len(grains), len(geometry), len(directions), 2))
+    inverses, origins = _frames(geometry)
+    outlines.extents(
+        grains.hulls, grains.centers + pose.translations, np.ascontiguousarray(pose.matrices), inverses, origins,
+        geometry.beam == "cone", np.array(geometry.shape), directions, found,
+    )  # fmt: skip
+    # a voxel's image reaches up to √3 voxels beyond its centre, and the hull's points leave a ball's rim between them
+    reach = np.linalg.norm(grains.hulls, axis=2).max(axis=1)
+    slack = 0.25 + (1.75 * grains.voxel_size + RIM * reach) / geometry.pixel_at(grains.centers.mean(axis=0))
+    ends = np.nan_to_num(found[:, :, [0, len(directions) // 2]], nan=-1e9)  # along rows, along columns
+    low = np.ceil(ends[..., 0] - slack[:, None, None]).astype(np.int64)
+    high = np.floor(ends[..., 1] + slack[:, None, None]).astype(np.int64) + 1
     if planar(grains, geometry):
         low[..., 0], high[..., 0] = 0, 1
-    edge = np.array([rows, columns])
+    edge = np.array(geometry.shape)
     inner_low, inner_high = np.clip(low, 0, edge), np.clip(high, 0, edge)
     area = np.prod(np.maximum(high - low, 1), axis=2)
-    seen = np.prod(np.maximum(inner_high - inner_low, 0), axis=2) / area
-    outer_low, outer_high = np.clip(low - margin, 0, edge), np.clip(high + margin, 0, edge)
-    grain, view = np.nonzero(np.prod(np.maximum(inner_high - inner_low, 0), axis=2).T)
-    a, b = outer_low[view, grain], outer_high[view, grain]
+    inside = np.prod(np.maximum(inner_high - inner_low, 0), axis=2)
+    grain, view = np.nonzero(inside)
+    core_low, core_high = inner_low[grain, view], inner_high[grain, view]
+    a = np.clip(low[grain, view] - margin, 0, edge)
+    b = np.clip(high[grain, view] + margin, 0, edge)
     boxes = np.column_stack([grain, view, a[:, 0], b[:, 0], a[:, 1], b[:, 1]]).astype(np.int64)
-    core_low, core_high = inner_low[view, grain], inner_high[view, grain]
-    heights = core_high[:, 0] - core_low[:, 0]
-    patch = np.repeat(np.arange(len(boxes)), heights)
-    row = np.arange(len(patch)) - np.repeat(np.cumsum(heights) - heights, heights) + core_low[patch, 0]
-    jobs = np.column_stack([patch, row, core_low[patch, 1], core_high[patch, 1]]).astype(np.int64)
-    return Patches(boxes, jobs, seen.T)
+    cores = np.column_stack([core_low[:, 0], core_high[:, 0], core_low[:, 1], core_high[:, 1]])
+    jobs = np.empty((int((cores[:, 1] - cores[:, 0]).sum()), 4), np.int64)
+    count = outlines.lines(found[grain, view], cores, directions, slack[grain], jobs)
+    return Patches(boxes, jobs[:count], inside / area)
+
+
+def _frames(geometry: Geometry) -> tuple[Float, Float]:
+    """What carries a point to pixels of each view, see `kernels.outlines.extents`."""
+    s, d, u, v = (geometry.vectors[:, k : k + 3] for k in (0, 3, 6, 9))
+    cone = geometry.beam == "cone"
+    third = d - s if cone else s
+    return np.linalg.inv(np.stack([u, v, third], axis=-1)), np.ascontiguousarray(s if cone else d)
 
 
 def project_patches(
     grains: PackedGrains, pose: Pose, geometry: Geometry, patches: Patches, projector: Projector
 ) -> Image:
     """Line integrals of every patch, flat (see `Patches.offsets`)."""
-    values = np.zeros(int(patches.offsets[-1]), grains.precision)
-    _walk(kernel.project, grains, pose, geometry, patches, projector, values)
+    return np.asarray(project_in_place(grains, pose, geometry, patches, projector))
+
+
+def project_in_place(
+    grains: PackedGrains, pose: Pose, geometry: Geometry, patches: Patches, projector: Projector
+) -> Any:
+    """As `project_patches`, but the values stay on the card if the grains are there."""
+    values = zeros_beside(grains.walked, int(patches.offsets[-1]))
+    _walk("project", grains, pose, geometry, patches, projector, values)
     return values
 
 
@@ -122,12 +149,21 @@ def differentiate_patches(
 ) -> tuple[Image, Image]:
     """Line integrals of every patch, and their derivatives ``(6, pixels)`` by u (1/mm) and δ (1/rad).
 
-    Derivatives by what a planar sample cannot do are zero.
+    The derivatives are exact for the projector chosen; those by motions out of a planar sample's plane are zero.
     """
+    values, derivatives = differentiate_in_place(grains, pose, geometry, patches, projector)
+    return np.asarray(values), np.asarray(derivatives)
+
+
+def differentiate_in_place(
+    grains: PackedGrains, pose: Pose, geometry: Geometry, patches: Patches, projector: Projector
+) -> tuple[Any, Any]:
+    """As `differentiate_patches`, but both stay on the card if the grains are there."""
     total = int(patches.offsets[-1])
-    values, derivatives = np.zeros(total, grains.precision), np.zeros((6, total), grains.precision)
-    _walk(kernel.project_with_derivatives, grains, pose, geometry, patches, projector, values, derivatives)
+    values, derivatives = zeros_beside(grains.walked, total), zeros_beside(grains.walked, (6, total))
+    _walk("project_with_derivatives", grains, pose, geometry, patches, projector, values, derivatives)
     if planar(grains, geometry):
+        values, derivatives = np.asarray(values), np.asarray(derivatives)  # few pixels: the rest is the host's
         derivatives[list(OUT_OF_PLANE)] = 0
     return values, derivatives
 
@@ -141,26 +177,22 @@ def difference_patches(
     """
     values = project_patches(grains, pose, geometry, patches, projector)
     derivatives = np.zeros((6, len(values)), grains.precision)
-    shift = np.full(len(grains), 0.01 * grains.voxel_size)
-    steps = [shift] * 3 + [shift / np.linalg.norm(grains.hulls, axis=2).max(axis=1)] * 3
-    owners = np.repeat(patches.boxes[:, 0], np.diff(patches.offsets))
-    for k in [k for k in range(6) if not (k in OUT_OF_PLANE and planar(grains, geometry))]:
-        increment = steps[k][:, None] * np.eye(6)[k]
-        moved = Pose(pose.translations + increment[:, :3], motion.exp(increment[:, 3:]) @ pose.matrices)
-        change = project_patches(grains, moved, geometry, patches, projector) - values
-        derivatives[k] = change / steps[k][owners]
+    shift = 0.01 * grains.voxel_size
+    turn = shift / float(grains.radii.max())
+    steps = list(enumerate([shift] * 3 + [turn] * 3))
+    if planar(grains, geometry):
+        steps = [s for s in steps if s[0] not in OUT_OF_PLANE]
+    for k, step in steps:
+        increment = step * np.eye(6)[k]
+        moved = Pose(pose.translations + increment[:3], motion.exp(increment[3:]) @ pose.matrices)
+        derivatives[k] = (project_patches(grains, moved, geometry, patches, projector) - values) / step
     return values, derivatives
 
 
-def assemble(values: Image, patches: Patches, geometry: Geometry) -> Image:
-    """Radiographs ``(views, rows, columns)``: the sum of all patches, in their precision."""
-    return added_up(values, patches, geometry).astype(values.dtype)
-
-
-def added_up(values: Image, patches: Patches, geometry: Geometry) -> Float:
-    """The same in double precision: sums of single numbers are exact there, and the same in any order."""
-    out = np.zeros((len(geometry), *geometry.shape))
-    kernel.add_patches(values, patches.boxes, patches.offsets, out)
+def assemble(values: Any, patches: Patches, geometry: Geometry) -> Image:
+    """Radiographs ``(views, rows, columns)``: the sum of all patches."""
+    out = np.zeros((len(geometry), *geometry.shape), values.dtype)
+    place(values).kernels("grains").add_patches(values, patches.boxes, patches.offsets, out)
     return out
 
 
@@ -199,17 +231,18 @@ def simulate_radiographs(
 
 
 def _walk(
-    function: Callable[..., None],
+    kernel: str,
     grains: PackedGrains,
     pose: Pose,
     geometry: Geometry,
     patches: Patches,
     projector: Projector,
-    *out: NDArray[np.floating],
+    *out: Any,
 ) -> None:
-    """Call a kernel of `kernels.grains` on nouns."""
-    function(
-        grains.images, grains.starts, grains.shapes, grains.corners, grains.extents, grains.voxel_size,
+    """Call a kernel of `kernels.grains`, or its counterpart on the card, on nouns."""
+    images = grains.walked
+    getattr(place(images).kernels("grains"), kernel)(
+        images, grains.starts, grains.shapes, grains.corners, grains.extents, grains.voxel_size,
         grains.centers + pose.translations, np.ascontiguousarray(pose.matrices), geometry.vectors,
         geometry.beam == "cone", np.array(geometry.shape), patches.boxes, patches.offsets, patches.jobs,
         projector == "exact", *out,

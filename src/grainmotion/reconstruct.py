@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pydantic.dataclasses import dataclass
 
 from grainmotion.reconstructing.accelerated import accelerated, started
-from grainmotion.reconstructing.equations import Held
+from grainmotion.reconstructing.held import Held
 from grainmotion.reconstructing.sart import plain_sart
 from grainmotion.reconstructing.settings import ReconstructSettings
 from grainmotion.scan import Scan

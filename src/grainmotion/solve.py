@@ -9,6 +9,10 @@ ones that step with the others.  One damped step solves
 
 with h zero for what was eliminated.  H is sparse in blocks; B has few columns, so the Schur complement on
 them is small and dense.  The damping follows Nielsen (1999).
+
+Small problems are solved by a dense Cholesky factor.  Large ones have an H that is a product only (`Normal`), and
+ε goes out first:  (H + λ diag H − B D⁺ Bᵀ) δ = −g + B D⁺ h  by conjugate gradients, preconditioned by the 6×6 blocks
+on the diagonal of H, as far as a Gauss–Newton step is worth (`FORCING`).  Decision 0015 holds the measurements.
 """
 
 from __future__ import annotations
@@ -26,11 +30,41 @@ from scipy.sparse.linalg import LinearOperator, cg
 Array = NDArray[np.float64]
 State = TypeVar("State")
 
-DENSE_UP_TO = 3000
+DENSE_UP_TO = 600
 """Unknowns up to which a dense Cholesky factor is taken; beyond, conjugate gradients with block Jacobi."""
+
+FORCING, EXACTLY, MOST = 1e-2, 1e-8, 500
+"""Relative residual at which conjugate gradients end: of a step unless told, and of `inverse`; iterations at most."""
+
+FIRM = 1e-2
+"""Damping up to which a small decrease says that the minimum is near, not that the step was held back."""
 
 EMPTY = 1e-20
 """Share of the largest diagonal entry below which an unknown counts as unseen, and stays where it is."""
+
+
+class Normal(Protocol):
+    """JᵀJ as a product, in 6×6 blocks."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """``(N, N)``."""
+        ...
+
+    def diagonal(self) -> Array:
+        """``(N,)``."""
+        ...
+
+    def blocks(self) -> Array:
+        """The blocks on the diagonal, ``(N / 6, 6, 6)``."""
+        ...
+
+    def __matmul__(self, x: Array) -> Array:
+        """JᵀJ x of a vector ``(N,)``."""
+        ...
+
+
+Hessian = sparse.bsr_array | Array | Normal
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,8 +77,8 @@ class Linearization:
         ½‖r‖² with the linear unknowns at their best.
     gradient : (N,) array
         g = Jᵀr.
-    hessian : (N, N) sparse matrix or array
-        JᵀJ, in 6×6 blocks if sparse.
+    hessian : (N, N) array, sparse matrix or Normal
+        JᵀJ, in 6×6 blocks if it is no array.
     border : (N, m) array
         B = JᵀC; m may be 0.
     corner : (m, m) array
@@ -55,7 +89,7 @@ class Linearization:
 
     cost: float
     gradient: Array
-    hessian: sparse.bsr_array | Array
+    hessian: Hessian
     border: Array
     corner: Array
     slope: Array = field(default_factory=lambda: np.zeros(0))
@@ -66,6 +100,10 @@ class Problem(Protocol[State]):
 
     def linearize(self, state: State) -> Linearization:
         """Cost, gradient and normal matrix at a state."""
+        ...
+
+    def cost(self, state: State) -> float:
+        """The cost alone, which is cheaper."""
         ...
 
     def retract(self, state: State, step: Array) -> State:
@@ -79,19 +117,25 @@ class Problem(Protocol[State]):
 
 @dataclass(frozen=True)
 class Stopping:
-    """When to stop: a step smaller than ``step``, a relative decrease below ``decrease``, or ``iterations``."""
+    """When to stop: a step smaller than ``step``, a relative decrease below ``decrease``, or ``iterations``.
+
+    A decrease that is only expected counts as well: such a last step is taken without a linearisation at its end.
+    A decrease ends nothing while steps are larger than ``reach``.  ``forcing`` is the relative residual to which steps
+    of large problems are solved.
+    """
 
     iterations: int = 30
     step: float = 1e-3
     decrease: float = 1e-7
+    reach: float = np.inf
+    forcing: float = FORCING
 
 
 @dataclass(frozen=True, eq=False)
 class Solution(Generic[State]):
-    """Where the solver ended: the state, its linearisation, the costs and whether it settled."""
+    """Where the solver ended: the state, the costs and whether it settled."""
 
     state: State
-    linearization: Linearization
     costs: tuple[float, ...]
     last_step: Array
     settled: bool = field(default=False)
@@ -123,28 +167,33 @@ def gauss_newton(
     step = np.zeros(len(here.gradient) + len(here.slope))
     settled = False
     while len(costs) <= stopping.iterations and not settled:
-        proposal = damped_step(here, damping)
+        proposal = damped_step(here, damping, stopping.forcing)
         trial_state = problem.retract(state, proposal)
-        there = problem.linearize(trial_state)
-        size = problem.size(state, proposal)
-        if there.cost < here.cost:
-            predicted = _predicted(here, proposal, damping)
-            ratio = (here.cost - there.cost) / predicted if predicted > 0 else 0.0
-            settled = size < stopping.step or here.cost - there.cost < stopping.decrease * here.cost
+        size, predicted = problem.size(state, proposal), predicted_decrease(here, proposal, damping)
+        small = stopping.decrease * here.cost if damping <= FIRM and size <= stopping.reach else 0.0
+        last = size < stopping.step or predicted < small
+        there = None if last else problem.linearize(trial_state)
+        cost = problem.cost(trial_state) if there is None else there.cost
+        if cost < here.cost:
+            ratio = (here.cost - cost) / predicted if predicted > 0 else 0.0
+            settled = last or here.cost - cost < small
             damping *= max(0.1, 1 - (2 * min(ratio, 1.5) - 1) ** 3)
             damping, growth = max(damping, 1e-9), 2.0
-            state, here, step = trial_state, there, proposal
-            costs.append(here.cost)
+            state, step = trial_state, proposal
+            here = here if there is None else there
+            costs.append(cost)
             if observe is not None:
-                observe(here.cost)
+                observe(cost)
         else:
-            settled = size < stopping.step or damping > 1e6
+            settled = last or damping > 1e6
             damping, growth = max(damping, 1e-4) * growth, growth * 2
-    return Solution(state, here, tuple(costs), step, settled)
+    return Solution(state, tuple(costs), step, settled)
 
 
-def damped_step(at: Linearization, damping: float) -> Array:
+def damped_step(at: Linearization, damping: float, forcing: float = FORCING) -> Array:
     """The step (δ, ε) ``(N + k,)``, ε of what is not eliminated alone."""
+    if not _small(at.hessian):
+        return _iterated_step(at, damping, forcing)
     solve = inverse(at.hessian, damping)
     plain = solve(at.gradient)
     if at.border.shape[1] == 0:
@@ -157,13 +206,36 @@ def damped_step(at: Linearization, damping: float) -> Array:
     return np.concatenate([-(plain + across @ few), few[len(few) - len(at.slope) :]])
 
 
-def inverse(hessian: sparse.bsr_array | Array, damping: float) -> Callable[[Array], Array]:
+def _small(hessian: Hessian) -> bool:
+    return hessian.shape[0] <= DENSE_UP_TO
+
+
+def eliminated(at: Linearization, damping: float) -> tuple[Callable[[Array], Array], Array, Array]:
+    """x ↦ (H + λ diag H − B D⁺ Bᵀ) x, D⁺, and the blocks on the diagonal of H + λ diag H."""
+    few = np.linalg.pinv(at.corner, hermitian=True).astype(float) if len(at.corner) else np.zeros((0, 0))
+    matrix, lifted, blocks = _lifted(at.hessian, damping)
+
+    def product(x: Array) -> Array:
+        return matrix @ x + lifted * x - at.border @ (few @ (at.border.T @ x))
+
+    return product, few, blocks
+
+
+def _iterated_step(at: Linearization, damping: float, forcing: float) -> Array:
+    """The same by conjugate gradients on what is left of H once ε is eliminated."""
+    slope = np.zeros(len(at.corner))
+    slope[len(slope) - len(at.slope) :] = at.slope
+    product, few, blocks = eliminated(at, damping)
+    own = conjugate_gradients(product, blocks, at.border @ (few @ slope) - at.gradient, forcing)
+    rest = -few @ (slope + at.border.T @ own)
+    return np.concatenate([own, rest[len(rest) - len(at.slope) :]])
+
+
+def inverse(hessian: Hessian, damping: float) -> Callable[[Array], Array]:
     """Solver of (H + λ diag H) x = b for vectors or columns b; empty rows are kept at zero."""
-    diagonal = np.asarray(hessian.diagonal())
-    filled = diagonal > EMPTY * max(float(diagonal.max(initial=0.0)), 1e-300)
-    lifted = damping * diagonal + np.where(filled, 1e-12 * diagonal, 1.0)
-    if hessian.shape[0] <= DENSE_UP_TO:
-        dense = hessian.toarray() if sparse.issparse(hessian) else np.array(hessian)
+    matrix, lifted, blocks = _lifted(hessian, damping)
+    if _small(hessian):
+        dense = matrix.toarray() if sparse.issparse(matrix) else np.array(matrix)
         dense[np.diag_indices_from(dense)] += lifted
         for lift in (0.0, 1e-9, 1e-6, 1e-3):
             try:
@@ -172,34 +244,53 @@ def inverse(hessian: sparse.bsr_array | Array, damping: float) -> Callable[[Arra
                 continue
             return lambda b: cho_solve(factor, b, check_finite=False)
         raise LinAlgError("normal matrix is not positive even when damped")
-    hessian = sparse.bsr_array(hessian, blocksize=(6, 6))
-    matrix = sparse.csr_array(hessian) + sparse.diags_array(lifted)
-    jacobi = _block_jacobi(hessian, lifted)
 
     def solve(b: Array) -> Array:
-        columns = b.reshape(len(b), -1)
-        found = [cg(matrix, c, rtol=1e-8, maxiter=500, M=jacobi)[0] for c in columns.T]
+        columns = b.reshape(len(b), -1).T
+        found = [conjugate_gradients(lambda x: matrix @ x + lifted * x, blocks, c, EXACTLY) for c in columns]
         return np.stack(found, axis=1).reshape(b.shape)
 
     return solve
 
 
-def _block_jacobi(hessian: sparse.bsr_array, lifted: Array) -> LinearOperator:
-    n = hessian.shape[0] // 6
-    rows = np.repeat(np.arange(n), np.diff(hessian.indptr))
-    on = rows == hessian.indices
-    blocks = np.zeros((n, 6, 6))
-    blocks[rows[on]] = hessian.data[on]
-    blocks[:, range(6), range(6)] += lifted.reshape(n, 6)
+def conjugate_gradients(product: Callable[[Array], Array], blocks: Array, b: Array, accuracy: float) -> Array:
+    """Solve A x = b to a relative residual, preconditioned by the inverses of 6×6 blocks ``(N / 6, 6, 6)``."""
     inverses = np.linalg.inv(blocks)
-    return LinearOperator(
-        hessian.shape,
-        matvec=lambda b: np.einsum("nij,nj->ni", inverses, b.reshape(n, 6)).ravel(),
-        dtype=float,
-    )
+    n = len(b)
+    jacobi = LinearOperator((n, n), lambda x: np.einsum("nij,nj->ni", inverses, x.reshape(-1, 6)).ravel(), dtype=float)
+    found: Array = cg(LinearOperator((n, n), product, dtype=float), b, rtol=accuracy, maxiter=MOST, M=jacobi)[0]
+    return found
 
 
-def _predicted(at: Linearization, step: Array, damping: float) -> float:
+def _lifted(hessian: Hessian, damping: float) -> tuple[Hessian, Array, Array]:
+    """H fit for products, what is added to its diagonal, and the blocks on the diagonal of both, if H is large."""
+    diagonal = np.asarray(hessian.diagonal())
+    filled = diagonal > EMPTY * max(float(diagonal.max(initial=0.0)), 1e-300)
+    lifted = damping * diagonal + np.where(filled, 1e-12 * diagonal, 1.0)
+    if _small(hessian):
+        return hessian, lifted, np.zeros((0, 6, 6))
+    if isinstance(hessian, np.ndarray):
+        hessian = sparse.bsr_array(hessian, blocksize=(6, 6))
+    blocks = diagonal_blocks(hessian).copy()
+    blocks[:, range(6), range(6)] += lifted.reshape(-1, 6)
+    return hessian, lifted, blocks
+
+
+def diagonal_blocks(matrix: Hessian) -> Array:
+    """The 6×6 blocks on the diagonal, ``(n, 6, 6)``; zero where there is none."""
+    if isinstance(matrix, np.ndarray):
+        matrix = sparse.bsr_array(matrix, blocksize=(6, 6))
+    if not isinstance(matrix, sparse.bsr_array):
+        return matrix.blocks()
+    n = matrix.shape[0] // 6
+    rows = np.repeat(np.arange(n), np.diff(matrix.indptr))
+    on = rows == matrix.indices
+    blocks = np.zeros((n, 6, 6))
+    blocks[rows[on]] = matrix.data[on]
+    return blocks
+
+
+def predicted_decrease(at: Linearization, step: Array, damping: float) -> float:
     """Decrease that the quadratic model promises for a ``step`` of `damped_step`."""
     own = step[: len(at.gradient)]
     slopes = float(at.gradient @ own) + float(at.slope @ step[len(own) :])

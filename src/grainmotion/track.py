@@ -9,28 +9,29 @@ there are left out, and a ball stands in for one that appeared.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from grainmotion.device import chosen
 from grainmotion.grains import GrainSet
 from grainmotion.motions import Motions
-from grainmotion.packed import packed_body
+from grainmotion.packed import PackedGrains, packed_body
 from grainmotion.project import project
 from grainmotion.scan import Scan
-from grainmotion.tracking.absent import FEW, complete, improves, merit, shadows_held, suspects
+from grainmotion.tracking.absent import ALL_TRIED, FEW, complete, improves, merit, shadows_held, suspects
 from grainmotion.tracking.appeared import may_have_appeared, place_of_surplus, started, with_stand_in, without_last
 from grainmotion.tracking.approach import approach
 from grainmotion.tracking.course import Course, Progress
 from grainmotion.tracking.judge import judge
 from grainmotion.tracking.polish import polish
+from grainmotion.tracking.residual import Target
 from grainmotion.tracking.search import Found, search
 from grainmotion.tracking.settings import PAPER, TrackSettings
 from grainmotion.tracking.starts import starting_pose
 from grainmotion.tracking.surroundings import Loose
-from grainmotion.tracking.target import ALONE, Crew, Target
 
 __all__ = ["PAPER", "TrackSettings", "track"]
 
@@ -46,7 +47,6 @@ def track(
     start: Motions | None = None,
     settings: TrackSettings | None = None,
     progress: Progress | None = None,
-    crew: Crew = ALONE,
 ) -> Motions:
     """Measure the rigid motion of every grain from the reference state to the state of ``scan``.
 
@@ -63,8 +63,6 @@ def track(
         Stages, filters, projector.
     progress : callable, optional
         Called as ``progress(message, done, total)``.
-    crew : Crew, optional
-        Who walks the grains: this process, or the workers of a cluster.
 
     Returns
     -------
@@ -73,61 +71,54 @@ def track(
     """
     settings = settings or TrackSettings()
     with threadpool_limits(limits=1, user_api="blas"):  # its matrices are small, and kernels use all cores
-        return _track(grains, start, _Task(scan, settings, progress, crew))
+        return _track(grains, scan, start, settings, progress)
 
 
-@dataclass(frozen=True, eq=False)
-class _Task:
-    """What is the same for any set of grains: the radiographs, how they are tracked, who is told, who works."""
-
-    scan: Scan
-    settings: TrackSettings
-    progress: Progress | None
-    crew: Crew
-
-    def course(self, grains: GrainSet) -> Course:
-        """A state under way."""
-        packed, fine = (self.crew.pack(grains, f and self.settings.projector == "trilinear") for f in (False, True))
-        return Course(self.settings, packed, fine, _target(grains, self), self.progress)
-
-    def without_search(self) -> _Task:
-        """The same but for the search."""
-        return replace(self, settings=replace(self.settings, search=False))
-
-
-def _track(grains: GrainSet, start: Motions | None, task: _Task) -> Motions:
+def _track(
+    grains: GrainSet, scan: Scan, start: Motions | None, settings: TrackSettings, progress: Progress | None
+) -> Motions:
     """All grains; then without those that seem not to be there, if the others fit better so."""
-    whole, supports = _all_together(grains, start, task)
+    whole, supports = _all_together(grains, scan, start, settings, progress)
     best, present = whole, grains
-    while task.settings.search and (absent := suspects(best, supports)):
+    while settings.search and (absent := suspects(best, supports)):
         trials = [present.without(rows) for rows in absent]
-        how = task if len(trials) <= FEW else task.without_search()  # the right one needs no search
-        ends = [_all_together(t, start, how) for t in trials]
+        begin, how = start, settings
+        if len(present) > ALL_TRIED:  # the rest of a large sample is near its place
+            begin, how = best, replace(settings, fields=False, filters=settings.filters[1:] or settings.filters)
+        elif len(trials) > FEW:  # the right one needs no search
+            how = replace(settings, search=False)
+        ends = [_all_together(t, scan, begin, how, progress) for t in trials]
         k = max(range(len(ends)), key=lambda k: merit(ends[k][0]))
         if not improves(ends[k][0], best):
             break
         present, (best, supports) = trials[k], ends[k]
     found = complete(best, grains) if best.ok.sum() > whole.ok.sum() else whole
-    if task.settings.search and may_have_appeared(found):
-        more = _with_another(grains, start, task)
+    if settings.search and may_have_appeared(found):
+        more = _with_another(grains, scan, start, settings, progress)
         found = more if more is not None and more.ok.sum() > found.ok.sum() else found
     return found
 
 
-def _with_another(grains: GrainSet, start: Motions | None, task: _Task) -> Motions | None:
+def _with_another(
+    grains: GrainSet, scan: Scan, start: Motions | None, settings: TrackSettings, progress: Progress | None
+) -> Motions | None:
     """The grains beside one that stands in for another that appeared; None if there is no place for one."""
-    place = place_of_surplus(task.course(grains), starting_pose(grains, start))
+    place = place_of_surplus(_course(grains, scan, settings, progress), starting_pose(grains, start))
     if place is None:
         return None
     whole = with_stand_in(grains, place)
-    return without_last(_all_together(whole, started(start, whole), task.without_search())[0])
+    quick = replace(settings, search=False)
+    return without_last(_all_together(whole, scan, started(start, whole), quick, progress)[0])
 
 
-def _all_together(grains: GrainSet, start: Motions | None, task: _Task) -> tuple[Motions, Float]:
+def _all_together(
+    grains: GrainSet, scan: Scan, start: Motions | None, settings: TrackSettings, progress: Progress | None
+) -> tuple[Motions, Float]:
     """All stages for some grains, and how much of each grain's shadow the radiographs hold."""
-    settings, course = task.settings, task.course(grains)
+    course = _course(grains, scan, settings, progress)
     base, pose = approach(course, starting_pose(grains, start))
-    problem, solution = course.free(pose, "free")
+    done = 1 if settings.fields and len(settings.filters) > 1 else 0  # the approach ends with the first filter
+    problem, solution = course.free(pose, "free", settings.filters[done:])
     found = Found(problem, solution, np.zeros(len(grains), dtype=bool))
     if settings.search:
         found = search(course, base, problem, solution)
@@ -139,15 +130,21 @@ def _all_together(grains: GrainSet, start: Motions | None, task: _Task) -> tuple
     return motions, np.array([shadow.support for shadow in held])
 
 
-def _target(grains: GrainSet, task: _Task) -> Target:
+def _course(grains: GrainSet, scan: Scan, settings: TrackSettings, progress: Progress | None) -> Course:
+    device, smooth = chosen(settings.device), settings.projector == "trilinear"
+    packed, fine = (PackedGrains.of(grains, fine=f and smooth).on(device) for f in (False, True))
+    return Course(settings, packed, fine, _target(grains, scan, settings), progress)
+
+
+def _target(grains: GrainSet, scan: Scan, settings: TrackSettings) -> Target:
     """What is fitted, and the background that stays or moves."""
-    scan, settings = task.scan, task.settings
+    device = chosen(settings.device)
     fixed, body, loose = np.zeros(scan.line_integrals.shape, grains.precision), None, Loose()
     if grains.background is not None:
         fixed = project(grains.background, scan.geometry, settings.projector)
-        body = packed_body(grains.background)
+        body = packed_body(grains.background).on(device)
         h = grains.voxel_size
         loose = Loose(body=grains.background_moves, body_shift=BODY_SHIFT * h, body_turn=BODY_TURN)
     return Target(
-        scan, fixed, settings.projector, 0.0, derivatives=settings.derivatives, body=body, loose=loose, crew=task.crew
+        scan, fixed, settings.projector, 0.0, derivatives=settings.derivatives, body=body, loose=loose, device=device
     )

@@ -10,9 +10,8 @@ from few_grains import VOXEL, blob, geometry, smooth_grains
 from grainmotion import motion
 from grainmotion.geometry import Geometry
 from grainmotion.packed import PackedGrains, Pose, Surroundings, packed_body
-from grainmotion.project import assemble, project, project_patches, shadows
+from grainmotion.project import assemble, differentiate_patches, project, project_patches, shadows
 from grainmotion.scan import Scan
-from grainmotion.tracking.cast import Cast, Walk
 from grainmotion.tracking.freedom import DRIFT
 from grainmotion.tracking.residual import StateProblem, Target
 from grainmotion.tracking.surroundings import (
@@ -20,8 +19,8 @@ from grainmotion.tracking.surroundings import (
     background_images,
     corrected,
     moved,
-    shifted,
     values,
+    view_images,
 )
 from grainmotion.volume import Volume
 
@@ -55,9 +54,10 @@ class TestViews:
     @every_beam
     @pytest.mark.parametrize(("column", "step"), [(0, 0.25), (1, 0.25), (2, 2e-4)], ids=["u", "v", "angle"])
     def test_images_are_the_slopes_of_radiographs(self, views, column, step):
-        cast = Cast.of(PACKED, POSE, Walk(views, "trilinear", "analytic", 0))
-        path, turned = (assemble(flat, cast.patches, views) for flat in (cast.values, cast.turned()))
-        found = [*shifted(path), turned][column]
+        patches = shadows(PACKED, POSE, views)
+        path, slopes = differentiate_patches(PACKED, POSE, views, patches, "trilinear")
+        path = assemble(path, patches, views)
+        found = view_images(path, slopes, PACKED, POSE, patches, views)[column]
         difference = np.stack(
             [
                 (radiographs(views, only(k, column, step)) - radiographs(views, only(k, column, -step)))[k] / (2 * step)
@@ -76,8 +76,9 @@ class TestViews:
         """Derivatives of a problem whose views are corrected already."""
         at = Surroundings(np.array([[1.5, -2, 0.03]] * VIEWS), np.zeros(3), np.eye(3))
         there = corrected(BEAMS["cone"], at)
-        cast = Cast.of(PACKED, POSE, Walk(there, "trilinear", "analytic", 0))
-        turned = assemble(cast.turned(), cast.patches, there)
+        patches = shadows(PACKED, POSE, there)
+        path, slopes = differentiate_patches(PACKED, POSE, there, patches, "trilinear")
+        turned = view_images(assemble(path, patches, there), slopes, PACKED, POSE, patches, there)[2]
         ends = []
         for sign in (1, -1):
             views = at.views.copy()

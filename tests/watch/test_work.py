@@ -29,23 +29,23 @@ CORNERS = np.stack(np.meshgrid(*[(0, 1)] * 3), axis=-1).reshape(-1, 3)  # of a v
 # Five grains 14 voxels across, 4 views, random motions up to 1.5 voxels and 4° (see few_grains): all stages.
 # Calls of the walks (one a pose tried) and planes walked by them, by the stage that progress names.
 TRACKED = {
-    "start": (1, 64_000),
-    "one body": (8, 450_000),
-    "free, filter 6": (12, 630_000),
-    "free, filter 2": (5, 252_000),
+    "start": (1, 15_100),
+    "one body": (7, 89_000),
+    "free, filter 6": (6, 315_000),
+    "free, filter 2": (3, 126_000),
     "free, filter 0.7": (6, 495_000),
-    "judging the grains": (24, 1_860_000),
+    "judging the grains": (17, 1_352_000),
 }
-ALL_STAGES = (54, 3_740_000)
+ALL_STAGES = (38, 2_390_000)
 # The same grains shifted by 8 voxels together.
-SHIFTED = (70, 4_600_000)
+SHIFTED = (41, 2_360_000)
 
 # One projection of those grains: over the planes on which a grain's voxels count, those crossed and those walked
 # (eights), and over the rays that meet a grain's extents all rays of the patches.
-CROSSED, WALKED, RAYS = 1.5, 2.2, 2.25
+CROSSED, WALKED, RAYS = 1.5, 2.2, 1.3
 
 # The most memory that Python held at once while tracking, over that of its radiographs and finest derivatives.
-PEAK = 16.5
+PEAK = 14.5
 
 # Sweeps of SART until ε is below 4 % (3.4 % is the voxels' own) for two ellipsoids without noise, 60 views.
 SWEEPS = 2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -37,6 +38,7 @@ class Scattered:
         self, work: Work, shelf: Shelf, source: ScanInput, grid: Volume, settings: ReconstructSettings
     ) -> None:
         self.work, self.shelf, self.grid = work, shelf, grid
+        settings = replace(settings, device="cpu")  # slabs are laid for processors
         self.layout = Layout(grid.shape, grid.voxel_size, grid.center, source.geometry, settings)
         self.frame, self.sums = Frame.of(grid, settings), column_sums(source.geometry, grid)
         count, task = len(source.geometry), work.task

@@ -5,26 +5,17 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
-from grainmotion.cluster.shares import Equations, Loan, Parcel, Part, Share
 from grainmotion.cluster.slabs import Corrections, Slab, Strip
 from grainmotion.geometry import Geometry
 from grainmotion.operators import VolumeOperator
-from grainmotion.packed import PackedGrains, Pose
-from grainmotion.project import Patches
 from grainmotion.reconstructing.equations import Imaging
 from grainmotion.scan import Scan
-from grainmotion.tracking.cast import Cast
-from grainmotion.tracking.columns import Columns
-from grainmotion.tracking.target import Compared, Target
 from grainmotion.volume import Volume
 
 if TYPE_CHECKING:
     from distributed import Client
 
-NOUNS = (
-    Cast, Columns, Compared, Corrections, Equations, Geometry, Imaging, Loan, PackedGrains, Parcel, Part, Patches,
-    Pose, Scan, Share, Slab, Strip, Target, Volume, VolumeOperator,
-)  # fmt: skip
+NOUNS = (Corrections, Geometry, Imaging, Scan, Slab, Strip, Volume, VolumeOperator)
 
 
 def tell_sizes(client: Client) -> None:

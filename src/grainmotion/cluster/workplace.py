@@ -10,7 +10,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from grainmotion.cluster.crew import Team
 from grainmotion.cluster.scattered import reconstruct_scattered
 from grainmotion.cluster.shelf import Shelf, Shelved
 from grainmotion.cluster.sizes import tell_sizes
@@ -33,10 +32,6 @@ class Cluster:
 
     work: Work
     shelf: Shelf
-
-    def team(self) -> Team:
-        """Who tracks grains."""
-        return Team(self.work, self.shelf)
 
     def reconstruct(
         self, source: ScanInput, grid: Volume, settings: ReconstructSettings, progress: Progress | None = None

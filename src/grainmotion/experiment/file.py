@@ -17,6 +17,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from grainmotion.calibrating.corrections import Parameter
+from grainmotion.device import Choice
 from grainmotion.errors import InputError
 from grainmotion.geometry import Beam
 from grainmotion.io.files import checked_file
@@ -177,6 +178,13 @@ class Experiment:
     def output(self) -> Path:
         """Where results go unless told otherwise."""
         return self.folder / self.tables.output.directory
+
+    def on(self, device: Choice) -> Experiment:
+        """The same experiment, all of its work on a device."""
+        reconstruct = dataclasses.replace(self.tables.reconstruct, device=device)
+        track = dataclasses.replace(self.tables.track, device=device)
+        tables = self.tables.model_copy(update={"reconstruct": reconstruct, "track": track})
+        return dataclasses.replace(self, tables=tables)
 
 
 def read_experiment(path: str | Path) -> Experiment:

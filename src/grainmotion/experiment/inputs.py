@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from scipy import ndimage
 
+from grainmotion.device import chosen
 from grainmotion.errors import InputError
 from grainmotion.experiment.file import Experiment
 from grainmotion.experiment.scans import ScanInput, find_scan, named_stack
@@ -59,6 +60,8 @@ def find_inputs(experiment: Experiment) -> Inputs:
         At the first thing that cannot be.
     """
     tables, folder = experiment.tables, experiment.folder
+    for device in (tables.reconstruct.device, tables.track.device):
+        chosen(device)
     volume = named_stack("reference.volume", tables.reference.volume, folder)
     labels = named_stack("reference.labels", tables.reference.labels, folder)
     asked = tables.calibrate.geometry not in (False, "auto") or tables.calibrate.hardening

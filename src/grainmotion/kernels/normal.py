@@ -71,15 +71,60 @@ def gradients(derivatives, boxes, offsets, images, out):
         i, r0, r1, c0, c1 = boxes[p, 1], boxes[p, 2], boxes[p, 3], boxes[p, 4], boxes[p, 5]
         width = c1 - c0
         for k in range(6):
-            total = 0.0
-            for r in range(r0, r1):
-                row = derivatives[k, offsets[p] + (r - r0) * width : offsets[p] + (r - r0 + 1) * width]
-                image = images[i, r, c0:c1]
-                part = row.dtype.type(0)
+            out[p, k] = 0.0
+        for r in range(r0, r1):
+            at, image = offsets[p] + (r - r0) * width, images[i, r, c0:c1]
+            d0, d1 = derivatives[0, at : at + width], derivatives[1, at : at + width]
+            d2, d3 = derivatives[2, at : at + width], derivatives[3, at : at + width]
+            d4, d5 = derivatives[4, at : at + width], derivatives[5, at : at + width]
+            zero = image.dtype.type(0)
+            t0, t1, t2, t3, t4, t5 = zero, zero, zero, zero, zero, zero
+            for c in range(width):
+                value = image[c]
+                t0 += d0[c] * value
+                t1 += d1[c] * value
+                t2 += d2[c] * value
+                t3 += d3[c] * value
+                t4 += d4[c] * value
+                t5 += d5[c] * value
+            out[p, 0] += t0
+            out[p, 1] += t1
+            out[p, 2] += t2
+            out[p, 3] += t3
+            out[p, 4] += t4
+            out[p, 5] += t5
+
+
+BAND = 32  # rows of an image that one thread fills
+
+
+@nb.njit(parallel=True, cache=True, fastmath=True, error_model="numpy")
+def spread(derivatives, boxes, offsets, order, first, increments, images):
+    """Fill ``images (views, rows, columns)`` with what ``increments (n, 6)`` of the grains change in all patches.
+
+    ``order[first[i]:first[i + 1]]`` are the patches of view i.  Threads share bands of rows, so sums are always
+    taken in one order.
+    """
+    views, rows, _ = images.shape
+    bands = (rows + BAND - 1) // BAND
+    for job in nb.prange(views * bands):
+        i, low = job // bands, job % bands * BAND
+        high = min(low + BAND, rows)
+        images[i, low:high] = 0
+        for e in range(first[i], first[i + 1]):
+            p = order[e]
+            g, r0, r1, c0, c1 = boxes[p, 0], boxes[p, 2], boxes[p, 3], boxes[p, 4], boxes[p, 5]
+            width = c1 - c0
+            f = images.dtype.type
+            v0, v1, v2 = f(increments[g, 0]), f(increments[g, 1]), f(increments[g, 2])
+            v3, v4, v5 = f(increments[g, 3]), f(increments[g, 4]), f(increments[g, 5])
+            for r in range(max(r0, low), min(r1, high)):
+                at, line = offsets[p] + (r - r0) * width, images[i, r, c0:c1]
+                d0, d1 = derivatives[0, at : at + width], derivatives[1, at : at + width]
+                d2, d3 = derivatives[2, at : at + width], derivatives[3, at : at + width]
+                d4, d5 = derivatives[4, at : at + width], derivatives[5, at : at + width]
                 for c in range(width):
-                    part += row[c] * image[c]
-                total += part
-            out[p, k] = total
+                    line[c] += v0 * d0[c] + v1 * d1[c] + v2 * d2[c] + v3 * d3[c] + v4 * d4[c] + v5 * d5[c]
 
 
 @nb.njit(parallel=True, cache=True, fastmath=True, error_model="numpy")

@@ -14,6 +14,8 @@ and c are crossed (1 if they are not), its mean is  μ_exit + g_b t_b + g_c t_c.
 
 from __future__ import annotations
 
+import math
+
 import numba as nb
 import numpy as np
 
@@ -52,14 +54,15 @@ def enter(ox, oy, oz, dx, dy, dz, nx, ny, nz, exact):
         axis, oa, ob, oc, da, db, dc, sa, sb, sc = 1, oy, ox, oz, dy, dx, dz, nx, 1, nx * ny
     else:
         axis, oa, ob, oc, da, db, dc, sa, sb, sc = 2, oz, ox, oy, dz, dx, dy, nx * ny, 1, nx
-    first, count = 0, 0
+    none = np.int64(0)
+    first, count = none, none
     if low < high:
         k0, k1 = oa + low * da, oa + high * da
         if k0 > k1:
             k0, k1 = k1, k0
         half = 0.5 if exact else 0.0
-        first = int(np.ceil(k0 + half))
-        count = max(0, int(np.floor(k1 - half)) - first + 1)
+        first = np.int64(math.ceil(k0 + half))  # a float on a card
+        count = max(none, np.int64(math.floor(k1 - half)) - first + 1)
     return axis, first, count, oa, ob, oc, da, db, dc, sa, sb, sc
 
 
@@ -73,7 +76,7 @@ def pixel_ray(view, cone, row, column):
         dx, dy, dz = px - view[0], py - view[1], pz - view[2]
     else:
         dx, dy, dz = view[0], view[1], view[2]
-    scale = 1.0 / np.sqrt(dx * dx + dy * dy + dz * dz)
+    scale = 1.0 / math.sqrt(dx * dx + dy * dy + dz * dz)
     return px, py, pz, dx * scale, dy * scale, dz * scale
 
 
@@ -126,3 +129,16 @@ def exact_value(image, first, count, oa, ob, oc, da, db, dc, sa, sb, sc):
         e1, e2 = entry - middle, middle - leave
         total += leave + e1 * min(tb, tc) + e2 * max(tb, tc)
     return total / abs(da)
+
+
+@nb.njit(cache=True, error_model="numpy", forceinline=True)
+def line_integral(image, shape, o, d, exact):
+    """I of the ray o + s d through an image of ``shape`` (z, y, x)."""
+    _, first, count, oa, ob, oc, da, db, dc, sa, sb, sc = enter(
+        o[0], o[1], o[2], d[0], d[1], d[2], shape[2], shape[1], shape[0], exact
+    )
+    if count == 0:
+        return 0.0
+    if exact:
+        return exact_value(image, first, count, oa, ob, oc, da, db, dc, sa, sb, sc)
+    return smooth_value(image, first, count, oa, ob, oc, da, db, dc, sa, sb, sc)

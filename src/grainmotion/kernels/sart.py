@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numba as nb
 import numpy as np
 
@@ -21,7 +23,7 @@ def chord(ox, oy, oz, dx, dy, dz, nx, ny, nz, radius):
         if (root <= 0 and a > 0) or (a == 0 and c > 0):
             return 0.0
         if a > 0:
-            low, high = max(low, (-b - np.sqrt(root)) / a), min(high, (-b + np.sqrt(root)) / a)
+            low, high = max(low, (-b - math.sqrt(root)) / a), min(high, (-b + math.sqrt(root)) / a)
     return max(0.0, high - low)
 
 

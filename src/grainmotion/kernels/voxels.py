@@ -8,8 +8,9 @@ them, so that no two write the same voxel and the sums come in the same order wh
 from __future__ import annotations
 
 import numba as nb
+import numpy as np
 
-from grainmotion.kernels.rays import enter, exact_value, pixel_ray, smooth_value
+from grainmotion.kernels.rays import enter, line_integral, pixel_ray
 
 CHUNKS = 4  # slices of the dominant axis that the adjoint hands to threads
 
@@ -17,7 +18,6 @@ CHUNKS = 4  # slices of the dominant axis that the adjoint hands to threads
 @nb.njit(parallel=True, cache=True, error_model="numpy")
 def forward(image, origin, voxel, views, cone, exact, out):
     """Line integrals ``out (views, rows, columns)`` of ``image``."""
-    nz, ny, nx = image.shape
     flat = image.ravel()
     n, rows, columns = out.shape
     h = 1.0 / voxel
@@ -26,40 +26,42 @@ def forward(image, origin, voxel, views, cone, exact, out):
         for c in range(columns):
             px, py, pz, dx, dy, dz = pixel_ray(views[i], cone, r - (rows - 1) / 2, c - (columns - 1) / 2)
             ox, oy, oz = (px - origin[0]) * h, (py - origin[1]) * h, (pz - origin[2]) * h
-            _, first, count, oa, ob, oc, da, db, dc, sa, sb, sc = enter(
-                ox, oy, oz, dx * h, dy * h, dz * h, nx, ny, nz, exact
-            )
-            if count == 0:
-                out[i, r, c] = 0
-            elif exact:
-                out[i, r, c] = exact_value(flat, first, count, oa, ob, oc, da, db, dc, sa, sb, sc)
-            else:
-                out[i, r, c] = smooth_value(flat, first, count, oa, ob, oc, da, db, dc, sa, sb, sc)
+            out[i, r, c] = line_integral(flat, image.shape, (ox, oy, oz), (dx * h, dy * h, dz * h), exact)
+
+
+@nb.njit(cache=True, error_model="numpy", forceinline=True)
+def add_to(image, index, value):
+    """Add to a voxel; on a card, where threads share voxels, another function has this name."""
+    image[index] += value
 
 
 @nb.njit(cache=True, error_model="numpy")
-def _scatter_smooth(image, value, first, count, oa, ob, oc, da, db, dc, sa, sb, sc):
+def scatter_smooth(image, value, first, count, oa, ob, oc, da, db, dc, sa, sb, sc):
+    """The transpose of `rays.smooth_value`: spread a ray's value over the voxels that it samples."""
     f = image.dtype.type
     kb, kc = db / da, dc / da
     pb0, pc0 = f(ob + (first - oa) * kb), f(oc + (first - oa) * kc)
     kb, kc = f(kb), f(kc)
     weight = f(value / abs(da))
-    for k in range(count):
+    sa, sb, sc = np.uint32(sa), np.uint32(sb), np.uint32(sc)
+    start = np.uint32(first) * sa
+    for k in range(np.uint32(count)):
         pb, pc = pb0 + f(k) * kb, pc0 + f(k) * kc
-        ib, ic = int(pb), int(pc)
+        ib, ic = np.int32(pb), np.int32(pc)
         wb, wc = pb - f(ib), pc - f(ic)
-        base = (first + k) * sa + ib * sb + ic * sc
+        base = start + np.uint32(k) * sa + np.uint32(ib) * sb + np.uint32(ic) * sc
         far = weight * wc
         near = weight - far
         far_b, near_b = far * wb, near * wb
-        image[base] += near - near_b
-        image[base + sb] += near_b
-        image[base + sc] += far - far_b
-        image[base + sb + sc] += far_b
+        add_to(image, base, near - near_b)
+        add_to(image, base + sb, near_b)
+        add_to(image, base + sc, far - far_b)
+        add_to(image, base + sb + sc, far_b)
 
 
 @nb.njit(cache=True, error_model="numpy")
-def _scatter_exact(image, value, first, count, oa, ob, oc, da, db, dc, sa, sb, sc):
+def scatter_exact(image, value, first, count, oa, ob, oc, da, db, dc, sa, sb, sc):
+    """The transpose of `rays.exact_value`."""
     f = image.dtype.type
     kb, kc = db / da, dc / da
     pb0, pc0 = f(ob + 0.5 + (first - 0.5 - oa) * kb), f(oc + 0.5 + (first - 0.5 - oa) * kc)
@@ -67,18 +69,20 @@ def _scatter_exact(image, value, first, count, oa, ob, oc, da, db, dc, sa, sb, s
     rb = f(1) / kb if kb != 0 else f(0)
     rc = f(1) / kc if kc != 0 else f(0)
     weight = f(value / abs(da))
-    for k in range(count):
+    sa, sb, sc = np.uint32(sa), np.uint32(sb), np.uint32(sc)
+    start = np.uint32(first) * sa
+    for k in range(np.uint32(count)):
         pb, pc = pb0 + f(k) * kb, pc0 + f(k) * kc
-        eb, ec = int(pb), int(pc)
-        xb, xc = int(pb + kb), int(pc + kc)
+        eb, ec = np.int32(pb), np.int32(pc)
+        xb, xc = np.int32(pb + kb), np.int32(pc + kc)
         tb = (f(max(eb, xb)) - pb) * rb if xb != eb else f(1)
         tc = (f(max(ec, xc)) - pc) * rc if xc != ec else f(1)
         mb, mc = (xb, ec) if tb < tc else (eb, xc)
-        base = (first + k) * sa
+        base = start + np.uint32(k) * sa
         t0, t1 = min(tb, tc), max(tb, tc)
-        image[base + eb * sb + ec * sc] += weight * t0
-        image[base + mb * sb + mc * sc] += weight * (t1 - t0)
-        image[base + xb * sb + xc * sc] += weight * (f(1) - t1)
+        add_to(image, base + np.uint32(eb) * sb + np.uint32(ec) * sc, weight * t0)
+        add_to(image, base + np.uint32(mb) * sb + np.uint32(mc) * sc, weight * (t1 - t0))
+        add_to(image, base + np.uint32(xb) * sb + np.uint32(xc) * sc, weight * (f(1) - t1))
 
 
 @nb.njit(parallel=True, cache=True, error_model="numpy")
@@ -109,6 +113,6 @@ def adjoint(images, origin, voxel, views, cone, exact, out):
                         if a != axis or last <= first:
                             continue
                         if exact:
-                            _scatter_exact(flat, value, first, last - first, oa, ob, oc, da, db, dc, sa, sb, sc)
+                            scatter_exact(flat, value, first, last - first, oa, ob, oc, da, db, dc, sa, sb, sc)
                         else:
-                            _scatter_smooth(flat, value, first, last - first, oa, ob, oc, da, db, dc, sa, sb, sc)
+                            scatter_smooth(flat, value, first, last - first, oa, ob, oc, da, db, dc, sa, sb, sc)

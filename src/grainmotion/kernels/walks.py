@@ -16,11 +16,14 @@ each (see `docs/decisions/0011-walks-of-grains.md`).
 
 from __future__ import annotations
 
+import math
+
 import numba as nb
 import numpy as np
 
 _jit = nb.njit(fastmath=True, inline="never", cache=True, error_model="numpy")
 _plain = nb.njit(cache=True, error_model="numpy")
+_inlined = nb.njit(fastmath=True, cache=True, error_model="numpy", forceinline=True)
 
 DIRECTIONS = np.array(
     [
@@ -38,6 +41,8 @@ axis, at most 1 along either other axis, and the rounding of `between`."""
 _MASK = 0x7FFFFFFF  # tells the compiler that an index is positive, and so 32 bits wide
 _EIGHTS = 0x7FFFFFF8
 _TINY = 1e-20
+FAR = 1e30
+"""Beyond any t."""
 
 
 @_plain
@@ -90,21 +95,35 @@ def between(extents, o0, o1, d0, d1, start, span):
     """
     f = np.float32
     low, high = span[0], span[1]
-    low[:], high[:] = f(-1e30), f(1e30)
-    tiny = f(_TINY)
+    low[:], high[:] = f(-FAR), f(FAR)
     for j in range(len(DIRECTIONS)):
-        nx, ny, nz = DIRECTIONS[j, 0], DIRECTIONS[j, 1], DIRECTIONS[j, 2]
-        place, place_step = nx * o0[0] + ny * o0[1] + nz * o0[2], nx * o1[0] + ny * o1[1] + nz * o1[2]
-        slope, slope_step = nx * d0[0] + ny * d0[1] + nz * d0[2], nx * d1[0] + ny * d1[1] + nz * d1[2]
-        p0, p1 = f(place + start * place_step), f(place_step)
-        q0, q1 = f(slope + start * slope_step), f(slope_step)
+        line = along(j, o0, o1, d0, d1, start)
         first, last = f(extents[0, j]), f(extents[1, j])
         for c in range(np.uint32(len(low))):
-            p, q = p0 + f(np.int32(c)) * p1, q0 + f(np.int32(c)) * q1
-            inverse = f(1) / (q if abs(q) > tiny else tiny)
-            enter, leave = (first - p) * inverse, (last - p) * inverse
-            low[c] = max(low[c], min(enter, leave))
-            high[c] = min(high[c], max(enter, leave))
+            low[c], high[c] = narrowed(low[c], high[c], line, f(np.int32(c)), first, last)
+
+
+@_inlined
+def along(j, o0, o1, d0, d1, start):
+    """Place and slope of the rays of a row along one of `DIRECTIONS`: at column ``start`` p₀, q₀, a column more p₁, q₁.
+
+    Returns p₀, p₁, q₀, q₁.
+    """
+    f = np.float32
+    nx, ny, nz = DIRECTIONS[j, 0], DIRECTIONS[j, 1], DIRECTIONS[j, 2]
+    place, place_step = nx * o0[0] + ny * o0[1] + nz * o0[2], nx * o1[0] + ny * o1[1] + nz * o1[2]
+    slope, slope_step = nx * d0[0] + ny * d0[1] + nz * d0[2], nx * d1[0] + ny * d1[1] + nz * d1[2]
+    return f(place + start * place_step), f(place_step), f(slope + start * slope_step), f(slope_step)
+
+
+@_inlined
+def narrowed(low, high, line, c, first, last):
+    """The interval [low, high] of t, cut to where the ray of column c of `along` lies between two planes."""
+    f, tiny = np.float32, np.float32(_TINY)
+    p, q = line[0] + c * line[1], line[2] + c * line[3]
+    inverse = f(1) / (q if abs(q) > tiny else tiny)
+    enter, leave = (first - p) * inverse, (last - p) * inverse
+    return max(low, min(enter, leave)), min(high, max(enter, leave))
 
 
 @_plain
@@ -129,8 +148,8 @@ def ordered(o, d, shape, low, high):
     k0, k1 = o[0] + low * d[0], o[0] + high * d[0]
     if k0 > k1:
         k0, k1 = k1, k0
-    first = int(np.ceil(k0))
-    return axis, first, max(0, int(np.floor(k1)) - first + 1), o, d, strides, sizes
+    first, last = np.int64(math.ceil(k0)), np.int64(math.floor(k1))  # floats on a card
+    return axis, first, max(0, last - first + 1), o, d, strides, sizes
 
 
 @_jit

@@ -24,7 +24,6 @@ from grainmotion.io.results import Reference, read_reference
 from grainmotion.io.stacks import Stack
 from grainmotion.pipeline.machine import Machine
 from grainmotion.scan import Scan
-from grainmotion.tracking.target import ALONE, Crew
 from grainmotion.volume import Volume
 
 Progress = Callable[[str, int, int], None]
@@ -67,11 +66,6 @@ class Job:
             return False
         enough = wanted.geometry != "auto" or len(reference.geometry) >= ENOUGH_VIEWS
         return bool((wanted.geometry and enough) or wanted.hardening)
-
-    @cached_property
-    def crew(self) -> Crew:
-        """Who tracks."""
-        return ALONE if self.cluster is None else self.cluster.team()
 
     @cached_property
     def calibrate_print(self) -> str:
@@ -252,4 +246,5 @@ def _given_labels(stack: Stack) -> NDArray[np.int32]:
 
 
 def _plain(settings: Any) -> dict[str, Any]:
-    return dataclasses.asdict(settings)
+    """Settings for a fingerprint, but for the device: any gives the same results to rounding."""
+    return {key: value for key, value in dataclasses.asdict(settings).items() if key != "device"}

@@ -10,11 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from grainmotion.packed import Image
-from grainmotion.reconstructing.equations import Held, Iterate, Views, golden_order, relative
+from grainmotion.reconstructing.equations import Iterate, Views, golden_order, relative
+from grainmotion.reconstructing.held import Held
 from grainmotion.reconstructing.sart import plain_sart
 from grainmotion.reconstructing.settings import ReconstructSettings
 from grainmotion.scan import Scan, binned
@@ -38,9 +40,9 @@ def accelerated(iterate: Iterate, views: int, progress: Progress | None) -> list
     phases = subsets(views)
     total, done = sum(len(part) for phase in phases for part, _ in phase), 0
     for number, phase in enumerate(phases, start=1):
-        squares = np.zeros(2)
+        squares: Any = np.zeros(2)
         for part, relaxation in phase:
-            squares += iterate.add_update(part, relaxation)
+            squares = squares + iterate.add_update(part, relaxation)
             iterate.constrain_and_extrapolate(MOMENTUM)
             done += len(part)
             if progress is not None:
@@ -69,8 +71,9 @@ def coarse_start(rough: Scan, grid: Volume, settings: ReconstructSettings) -> Im
     """A sweep of plain SART on coarser voxels; ``rough`` is the scan `binned` by as much."""
     shape = tuple(-(-n // COARSER) for n in grid.shape)
     coarse = Volume(np.zeros(shape, np.float32), grid.voxel_size * COARSER, grid.center)
-    held = Held.of(rough, coarse, replace(settings, method="sart", sweeps=1))
-    plain_sart(held, len(rough), held.imaging.settings, None)
+    once = replace(settings, method="sart", sweeps=1)
+    held = Held.of(rough, coarse, once)
+    plain_sart(held, len(rough), once, None)
     return held.volume().array
 
 
@@ -78,9 +81,7 @@ def started(scan: Scan, grid: Volume, settings: ReconstructSettings) -> Held:
     """From the grid's own values if it has any, or from a coarse start."""
     held = Held.of(scan, grid, settings)
     if not grid.array.any() and has_coarse_start(grid.shape, scan.geometry.shape):
-        array = finer(coarse_start(binned(scan, COARSER), grid, settings), grid.shape)
-        held.image = held.imaging.operator.laid(array)
-        held.imaging.constrain(held.image)
+        held.start_from(finer(coarse_start(binned(scan, COARSER), grid, settings), grid.shape))
     held.before = held.image.copy()
     return held
 

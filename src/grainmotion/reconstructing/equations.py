@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,8 +33,11 @@ NO_LIMIT = np.float32(np.finfo(np.float32).min)
 class Iterate(Protocol):
     """An image under way, wherever it is held."""
 
-    def add_update(self, views: Views, relaxation: float) -> Float:
-        """Update it by some views, without constraints; Σ(b − A x)² and Σb² before it, ``(2,)``."""
+    def add_update(self, views: Views, relaxation: float) -> Any:
+        """Update it by some views, without constraints; Σ(b − A x)² and Σb² before it, ``(2,)``.
+
+        They may be known later only (`cardoperator.Later`), but can be added up at once.
+        """
         ...
 
     def constrain(self) -> None:
@@ -125,43 +128,47 @@ class Imaging:
         return Volume(self.operator.unlaid(image), self.grid.voxel_size, self.grid.center)
 
 
-@dataclass(eq=False)
-class Held:
-    """An image held here (`Iterate`), with the scan that it is to agree with."""
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """A scan on a grid, in single precision; volumes are laid as `operator` lays them."""
 
     scan: Scan
-    imaging: Imaging
-    image: Image
-    before: Image | None = None
+    grid: Volume
+    settings: ReconstructSettings
 
-    @classmethod
-    def of(cls, scan: Scan, grid: Volume, settings: ReconstructSettings) -> Held:
-        """From the grid's own values."""
-        imaging = Imaging(scan.geometry, grid, settings)
-        return cls(scan, imaging, imaging.start())
+    @cached_property
+    def imaging(self) -> Imaging:
+        """How the grid is seen."""
+        return Imaging(self.scan.geometry, self.grid, self.settings)
 
-    def add_update(self, views: Views, relaxation: float) -> Float:
-        """See `Iterate`."""
-        imaging = self.imaging
-        corrections = imaging.operator.forward(self.image, views)
-        squares = Frame.of(imaging.grid, imaging.settings).compare(corrections, self.scan.select(views))
-        corrections *= np.float32(relaxation / imaging.column_sums[views].sum())
-        imaging.operator.add_adjoint(corrections, self.image, views)
+    @property
+    def operator(self) -> VolumeOperator:
+        """A."""
+        return self.imaging.operator
+
+    def start(self) -> Image:
+        """The grid's own values, laid."""
+        return self.imaging.start()
+
+    def add_update(self, image: Image, views: Views, relaxation: float) -> Float:
+        """Update an image by some views in place, without constraints; Σ(b − A x)² and Σb² before it, ``(2,)``."""
+        corrections = self.operator.forward(image, views)
+        squares = Frame.of(self.grid, self.settings).compare(corrections, self.scan.select(views))
+        corrections *= np.float32(relaxation / self.imaging.column_sums[views].sum())
+        self.operator.add_adjoint(corrections, image, views)
         return squares
 
-    def constrain(self) -> None:
-        """See `Iterate`."""
-        self.imaging.constrain(self.image)
+    def constrain(self, image: Image) -> None:
+        """See `Imaging`."""
+        self.imaging.constrain(image)
 
-    def constrain_and_extrapolate(self, momentum: float) -> None:
-        """See `Iterate`."""
-        if self.before is None:
-            raise ValueError("no image of the time before: set `before`")
-        self.imaging.constrain_and_extrapolate(self.image, self.before, momentum)
+    def constrain_and_extrapolate(self, image: Image, before: Image, momentum: float) -> None:
+        """See `Imaging`."""
+        self.imaging.constrain_and_extrapolate(image, before, momentum)
 
-    def volume(self) -> Volume:
-        """See `Iterate`."""
-        return self.imaging.volume(self.image if self.before is None else self.before)
+    def volume(self, image: Image) -> Volume:
+        """A laid image on the grid."""
+        return self.imaging.volume(image)
 
 
 def column_sums(geometry: Geometry, grid: Volume) -> Float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -23,9 +24,9 @@ def plain_sart(iterate: Iterate, views: int, settings: ReconstructSettings, prog
     order = golden_order(views)
     history: list[float] = []
     for sweep in range(sweeps):
-        squares = np.zeros(2)
+        squares: Any = np.zeros(2)
         for done, view in enumerate(order, start=1):
-            squares += iterate.add_update(np.array([view]), first * decay**sweep)
+            squares = squares + iterate.add_update(np.array([view]), first * decay**sweep)
             iterate.constrain()
             if progress is not None:
                 message = f"SART sweep {sweep + 1}/{sweeps}, ε = {relative(squares):.4f}"

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 from pydantic.dataclasses import dataclass
 
+from grainmotion.device import Choice
 from grainmotion.operators import Projector
 
 ENOUGH = 240
@@ -47,6 +48,9 @@ class ReconstructSettings:
     ] = None
     non_negative: Annotated[bool, Field(description="keep attenuation at or above zero")] = True
     circular: Annotated[bool, Field(description="reconstruct inside the grid's upright inscribed cylinder only")] = True
+    device: Annotated[
+        Choice, Field(description="where rays are walked: the processor, an NVIDIA card, or the card if there is one")
+    ] = "auto"
 
     @model_validator(mode="after")
     def _honoured(self) -> ReconstructSettings:

@@ -12,7 +12,6 @@ is not (0.05 to 0.45 against 0.8 to 1 in trials, five grains, one of them taken 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +19,6 @@ from numpy.typing import NDArray
 from grainmotion.grains import GrainSet
 from grainmotion.motions import Motions, Status
 from grainmotion.packed import Pose
-from grainmotion.tracking.cast import own_sums
 from grainmotion.tracking.freedom import Freedom
 from grainmotion.tracking.residual import StateProblem
 
@@ -28,7 +26,8 @@ Float = NDArray[np.float64]
 ENOUGH = 0.6
 FEW = 4
 ALL_TRIED = 16
-"""Grains up to which each is left out in turn when most are in doubt."""
+"""Grains up to which each is left out in turn when most are in doubt; beyond, one cannot carry all others away, and
+trials without it begin where the others are."""
 LEAST_GAIN, LACKING = 0.4, 0.3
 """The fitted gain then lacks the share of one grain (a third of it at least, by what the others cover of it)."""
 ABSENT, BROKEN, INTACT = 0.4, 0.4, (0.7, 1.3)
@@ -65,16 +64,16 @@ class Shadow:
 def shadows_held(problem: StateProblem, pose: Pose) -> list[Shadow]:
     """What the radiographs hold of each grain's shadow."""
     plain = replace(problem.target, sigma=0.0, freedom=Freedom(), weights=None)
-    seen = StateProblem(problem.grains, plain).look(pose)
-    sums = seen.cast.each(partial(own_sums, terms=_shares_of_shadow, count=4), seen.raw, problem.target.valid)
+    seen = StateProblem(problem.grains, plain).glance(pose)
+    sums = np.zeros((len(problem.grains), 4))
+    for p, (grain, view, r0, r1, c0, c1) in enumerate(seen.patches.boxes):
+        own = seen.values[seen.patches.offsets[p] : seen.patches.offsets[p + 1]].astype(float)
+        own *= problem.target.valid[view, r0:r1, c0:c1].ravel()
+        left = seen.raw[view, r0:r1, c0:c1].ravel()
+        sums[grain] += own @ left, own @ own, left.sum(), own.sum()
     with np.errstate(divide="ignore", invalid="ignore"):
         shares = 1 + sums[:, ::2] / sums[:, 1::2]
     return [Shadow(float(support), float(mass)) for support, mass in shares]
-
-
-def _shares_of_shadow(own: Float, left: Float, valid: Float) -> list[float]:
-    own = own * valid
-    return [float(own @ left), float(own @ own), float(left.sum()), float(own.sum())]
 
 
 def suspects(measured: Motions, supports: Float) -> list[NDArray[np.int64]]:

@@ -16,10 +16,12 @@ from numpy.typing import NDArray
 from grainmotion import motion
 from grainmotion.kernels import anneal as kernel
 from grainmotion.kernels import normal
-from grainmotion.packed import Image, PackedGrains, Pose, planar
+from grainmotion.packed import Image, PackedGrains, Pose, ball_directions, planar
 from grainmotion.project import assemble, project_patches, shadows
-from grainmotion.scan import Scan
+from grainmotion.tracking.coarse import coarsened
+from grainmotion.tracking.freedom import KNOWN
 from grainmotion.tracking.residual import Target
+from grainmotion.tracking.surroundings import STILL
 
 Float = NDArray[np.float64]
 FILTER = 0.7  # pixels of the coarse radiographs
@@ -60,6 +62,8 @@ BATCH = 256, 512
 """Turns and shifts weighed at a visit, at most."""
 LARGEST_TABLE, FEWEST_TURNS = 2**27, 32
 """Numbers in the table of patches; turns in it however many grains there are."""
+BEYOND = 1.02
+"""Of a ball's radius: how far out points on it must lie so that they hold it between them."""
 COOLING, LAST = 1e-3, 3
 """Last heat over the first; sweeps without heat at the end."""
 
@@ -81,7 +85,7 @@ def anneal(
     reach = np.array([0 if flat else max(1, np.ceil(moved[0])), max(1, np.ceil(moved[1]))], dtype=np.int64)
     # Patches keep inside the images at any shift, and grains near the panel's edge keep whole patches.
     margin = reach + np.array([0 if flat else 1, 1]) + (0 if flat else int(np.ceil(ranges.across)))
-    view = _coarse_target(target, factor, margin)
+    view = replace(coarsened(target, factor, margin), sigma=FILTER, freedom=KNOWN, loose=STILL, weights=None)
     chosen = coarse.select(rows)
     own = Pose(base.translations[rows], base.matrices[rows])
     table = _Table.of(chosen, own, turns, view)
@@ -119,8 +123,8 @@ class _Table:
     @classmethod
     def of(cls, grains: PackedGrains, pose: Pose, turns: Float, target: Target) -> _Table:
         geometry = target.scan.geometry
-        reach = np.linalg.norm(grains.hulls, axis=2, keepdims=True)
-        ball = replace(grains, hulls=grains.hulls * (reach.max(axis=1, keepdims=True) / np.maximum(reach, 1e-12)))
+        reach = np.linalg.norm(grains.hulls, axis=2).max(axis=1)
+        ball = replace(grains, hulls=reach[:, None, None] * BEYOND * ball_directions())
         patches = shadows(ball, pose, geometry, margin=len(target.kernel) - 1)
         pixels = int(patches.offsets[-1])
         most = max(FEWEST_TURNS, LARGEST_TABLE // max(pixels, 1))
@@ -169,29 +173,6 @@ def _slopes(target: Target, grains: PackedGrains, pose: Pose, rows: NDArray[np.i
     here = geometry.project_points(places)
     there = [geometry.project_points(places + h * axis) for axis in np.eye(3)]
     return np.ascontiguousarray(np.stack([(t - here) / h for t in there], axis=-1).transpose(1, 0, 2, 3))
-
-
-def _coarse_target(target: Target, factor: int, margin: NDArray[np.int64]) -> Target:
-    """The radiographs on pixels ``factor`` times as large, with ``margin`` empty ones around the panel."""
-    geometry = target.scan.geometry
-    old = np.array(geometry.shape)
-    new = factor * (-(-old // factor) + 2 * margin)
-    before = (new - old) // 2
-    window = geometry.window((-before[0], -before[1]), (new[0], new[1]))
-    around = [(0, 0), *((b, n - o - b) for b, n, o in zip(before, new, old, strict=True))]
-
-    def binned(images: Image) -> Image:
-        padded = np.pad(images, around)
-        views, rows, columns = padded.shape
-        blocks = padded.reshape(views, rows // factor, factor, columns // factor, factor)
-        return blocks.mean(axis=(2, 4))
-
-    share = binned(target.valid)
-    weight = np.maximum(share, 1e-6)
-    images = binned(target.scan.line_integrals.astype(target.precision) * target.valid) / weight
-    fixed = binned(target.fixed * target.valid) / weight
-    scan = Scan(images, window.binned(factor), share > 0.5)
-    return Target(scan, fixed, target.projector, FILTER)
 
 
 def _residual(grains: PackedGrains, pose: Pose, target: Target) -> Image:

@@ -38,7 +38,7 @@ def place_of_surplus(course: Course, start: Pose) -> Float | None:
     """Where most attenuation is unexplained once a smooth field has carried the grains, mm, x y z."""
     base = smooth_fields(course, start)[-1]
     problem = StateProblem(course.grains, course.filter(course.settings.filters[0]))
-    places = stranger_places(problem, base, problem.look(base))
+    places = stranger_places(problem, base, problem.glance(base))
     return np.array(places[0][:3]) if places else None
 
 

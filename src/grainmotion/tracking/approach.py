@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from grainmotion.packed import Pose
-from grainmotion.solve import Solution, Stopping
+from grainmotion.solve import Solution
 from grainmotion.tracking import stages
+from grainmotion.tracking.coarse import TOGETHER
 from grainmotion.tracking.course import ROUGHLY, Course
 from grainmotion.tracking.misfit import lost_grains
 from grainmotion.tracking.residual import Basis, StateProblem
@@ -22,13 +23,12 @@ def approach(course: Course, pose: Pose) -> tuple[Pose, Pose]:
     if not course.settings.fields:
         return pose, pose
     width = course.settings.filters[0]
-    problem = StateProblem(course.grains, course.filter(width))
+    problem = StateProblem(*course.level(width))
     judged = StateProblem(course.grains, course.filter(width, course.settings.freedom.midway))  # a drift is no misfit
-    stopping = Stopping(course.settings.iterations, max(course.settings.tolerance, 0.02))
     best: Solution[Pose] | None = None
     fields = smooth_fields(course, pose)
     for candidate in [*reversed(fields), pose]:
-        end = course.solve(problem, candidate, stopping, f"free, filter {width:g}")
+        end = course.solve(problem, candidate, course.rough(), f"free, filter {width:g}")
         if best is None or end.costs[-1] < best.costs[-1]:
             best = end
         if lost_grains(judged, best.state).mean() < TOO_MANY:
@@ -40,7 +40,8 @@ def approach(course: Course, pose: Pose) -> tuple[Pose, Pose]:
 def smooth_fields(course: Course, pose: Pose) -> list[Pose]:
     """One rigid body from the better of two starts, then smooth fields if there are grains enough for them."""
     width = course.settings.field_filter
-    problem = StateProblem(course.grains, course.filter(width), stages.rigid)
+    grains, target = course.level(width, least=TOGETHER)
+    problem = StateProblem(grains, target, stages.rigid)
     starts = [pose, centroid_shift(problem, pose)]
     ends = [course.solve(problem, s, ROUGHLY, "one body") for s in starts]
     poses = [min(ends, key=lambda e: e.costs[-1]).state]
@@ -50,6 +51,6 @@ def smooth_fields(course: Course, pose: Pose) -> list[Pose]:
     ]
     for name, basis, needed in fields:
         if len(course.grains) >= needed:
-            problem = StateProblem(course.grains, course.filter(width), basis)
+            problem = StateProblem(grains, target, basis)
             poses.append(course.solve(problem, poses[-1], ROUGHLY, name).state)
     return poses

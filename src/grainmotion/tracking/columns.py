@@ -6,12 +6,13 @@ A stack of images ``(views, rows, columns)`` is one unknown if all views share i
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from grainmotion.kernels import normal
 from grainmotion.packed import Image
+from grainmotion.patchwork import gradients
 from grainmotion.project import Patches
 
 Float = NDArray[np.float64]
@@ -64,13 +65,13 @@ class Columns:
                 out[starts[j] : starts[j + 1], starts[i] : starts[i + 1]] = block.T
         return out
 
-    def border(self, derivatives: Image, patches: Patches, grains: int) -> Float:
+    def border(self, derivatives: Any, patches: Patches, grains: int) -> Float:
         """JᵀC, ``(6n, m)``, for filtered derivatives in patches."""
         grain, view = patches.boxes[:, 0], patches.boxes[:, 1]
         blocks = []
         for stack, shared in zip(self.stacks, self.shared, strict=True):
             parts = np.zeros((len(grain), 6))
-            normal.gradients(derivatives, patches.boxes, patches.offsets, stack, parts)
+            gradients(derivatives, patches.boxes, patches.offsets, stack, parts)
             block = np.zeros((grains, 1 if shared else self.views, 6))
             np.add.at(block, (grain, np.zeros_like(view) if shared else view), parts)
             blocks.append(block.transpose(0, 2, 1).reshape(6 * grains, -1))

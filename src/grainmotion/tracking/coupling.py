@@ -1,55 +1,132 @@
-"""The block-sparse normal matrix of grains whose shadows overlap."""
+"""The normal matrix of grains whose shadows overlap: in blocks, or for many grains as a product only.
+
+In a packing every grain shares pixels with a large part of the others (with a third of 1,000 in four views), so
+blocks cost far more than the patches that they are made of, and a factor of them fills up.  The product is two passes
+over the patches: the images that increments make, and what these give to each grain.
+"""
 
 from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from grainmotion.kernels import normal
+from grainmotion import patchwork
+from grainmotion.device import place
 from grainmotion.packed import Image
 from grainmotion.project import Patches
+from grainmotion.solve import DENSE_UP_TO
 
 Float = NDArray[np.float64]
 
 
-def normal_matrix(derivatives: Image, patches: Patches, n: int) -> sparse.bsr_array:
-    """JᵀJ ``(6n, 6n)`` of filtered patches: grains couple where their patches overlap in a view."""
-    return block_matrix(*coupling_blocks(derivatives, patches.boxes, patches.offsets), n)
+@dataclass(frozen=True, eq=False)
+class PatchNormal:
+    """JᵀJ of filtered patches as a `solve.Normal`.
 
-
-def coupling_blocks(
-    derivatives: Image,
-    boxes: NDArray[np.int64],
-    offsets: NDArray[np.int64],
-    own: NDArray[np.bool_] | None = None,
-) -> tuple[NDArray[np.int64], Float]:
-    """Pairs of grains ``(k, 2)``, first <= second, and their 6×6 blocks of JᵀJ ``(k, 6, 6)``.
-
-    ``own (patches,)`` leaves out the pairs of which neither patch is so marked.
+    ``derivatives (6, pixels)`` lie in ``patches`` of ``grains`` grains, ``panels`` is (views, rows, columns), and
+    ``raised (n, 6, 6)`` is what a prior adds to the blocks on the diagonal.
     """
+
+    derivatives: Any
+    patches: Patches
+    grains: int
+    panels: tuple[int, int, int]
+    raised: Float | None = None
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Unknowns, twice."""
+        return 6 * self.grains, 6 * self.grains
+
+    def blocks(self) -> Float:
+        """The blocks on the diagonal ``(n, 6, 6)``."""
+        return self._own if self.raised is None else self._own + self.raised
+
+    def diagonal(self) -> Float:
+        """The diagonal ``(6n,)``."""
+        return np.diagonal(self.blocks(), axis1=1, axis2=2).ravel()
+
+    def __matmul__(self, x: Float) -> Float:
+        boxes, offsets, order, first = self._tables
+        images = patchwork.spread(self.derivatives, boxes, offsets, order, first, x.reshape(-1, 6), self.panels)
+        parts = np.zeros((len(boxes), 6))
+        patchwork.gradients(self.derivatives, boxes, offsets, images, parts)
+        out = _by_grain(parts, self.patches, self.grains)
+        if self.raised is not None:
+            out += np.einsum("nij,nj->ni", self.raised, x.reshape(-1, 6))
+        return out.ravel()
+
+    def lifted(self, blocks: Float) -> PatchNormal:
+        """The same with 6×6 blocks ``(n, 6, 6)`` added on the diagonal."""
+        return replace(self, raised=blocks if self.raised is None else self.raised + blocks)
+
+    @cached_property
+    def _tables(self) -> list[Any]:
+        """What the product asks of the patches, where the derivatives lie."""
+        device = place(self.derivatives)
+        return [device.hold(a) for a in (self.patches.boxes, self.patches.offsets, *self.patches.by_view)]
+
+    @cached_property
+    def _own(self) -> Float:
+        boxes = self.patches.boxes
+        pairs = np.repeat(np.arange(len(boxes)), 2).reshape(-1, 2)  # patches follow their grains
+        first = np.searchsorted(boxes[:, 0], np.arange(self.grains + 1))
+        out = np.zeros((self.grains, 6, 6))
+        patchwork.blocks(self.derivatives, boxes, self.patches.offsets, pairs, first, out)
+        return out
+
+
+def normal_of(
+    derivatives: Any, patches: Patches, n: int, panels: tuple[int, int, int]
+) -> sparse.bsr_array | PatchNormal:
+    """JᵀJ of filtered patches, as the solver wants it: in blocks while a dense factor is taken, else a product."""
+    if 6 * n <= DENSE_UP_TO:
+        return normal_matrix(derivatives, patches, n)
+    return PatchNormal(derivatives, patches, n, panels)
+
+
+def spread(derivatives: Any, patches: Patches, increments: Float, panels: tuple[int, int, int]) -> Image:
+    """J x: the images that increments ``(n, 6)`` make."""
+    boxes, offsets, by_view = patches.boxes, patches.offsets, patches.by_view
+    return np.asarray(patchwork.spread(derivatives, boxes, offsets, *by_view, increments, panels))
+
+
+def gathered(derivatives: Any, patches: Patches, n: int, images: Image) -> Float:
+    """Jᵀ y of images, ``(n, 6)``."""
+    parts = np.zeros((len(patches.boxes), 6))
+    patchwork.gradients(derivatives, patches.boxes, patches.offsets, images, parts)
+    return _by_grain(parts, patches, n)
+
+
+def _by_grain(parts: Float, patches: Patches, n: int) -> Float:
+    """Sums ``(n, 6)`` over each grain's patches."""
+    out = np.zeros((n, 6))
+    np.add.at(out, patches.boxes[:, 0], parts)
+    return out
+
+
+def normal_matrix(derivatives: Any, patches: Patches, n: int) -> sparse.bsr_array:
+    """JᵀJ ``(6n, 6n)`` of filtered patches: grains couple where their patches overlap in a view."""
+    boxes = patches.boxes
     pairs = _overlaps(boxes)
-    if own is not None:
-        pairs = pairs[own[pairs].any(axis=1)]
     grains = np.sort(boxes[pairs, 0], axis=1)
     swap = boxes[pairs[:, 0], 0] > boxes[pairs[:, 1], 0]
     pairs[swap] = pairs[swap][:, ::-1]
-    n = int(boxes[:, 0].max(initial=0)) + 1
     key = grains[:, 0] * n + grains[:, 1]
-    order = np.argsort(key, kind="stable")  # views stay in their order
+    order = np.argsort(key, kind="stable")
     unique, first = np.unique(key[order], return_index=True)
     out = np.zeros((len(unique), 6, 6))
     bounds = np.append(first, len(order)).astype(np.int64)
-    normal.blocks(derivatives, boxes, offsets, np.ascontiguousarray(pairs[order]), bounds, out)
-    return np.stack([unique // n, unique % n], axis=1), out
-
-
-def block_matrix(pairs: NDArray[np.int64], blocks: Float, n: int) -> sparse.bsr_array:
-    """The symmetric matrix ``(6n, 6n)`` of 6×6 blocks at ``pairs (k, 2)``, first <= second."""
-    i, j = pairs[:, 0], pairs[:, 1]
+    patchwork.blocks(derivatives, boxes, patches.offsets, np.ascontiguousarray(pairs[order]), bounds, out)
+    i, j = unique // n, unique % n
     off = i != j
     rows, columns = np.concatenate([i, j[off]]), np.concatenate([j, i[off]])
-    data = np.concatenate([blocks, np.swapaxes(blocks[off], 1, 2)])
+    data = np.concatenate([out, np.swapaxes(out[off], 1, 2)])
     order = np.lexsort((columns, rows))
     indptr = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=n))])
     return sparse.bsr_array((data[order], columns[order], indptr), shape=(6 * n, 6 * n))

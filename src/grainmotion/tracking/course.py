@@ -9,6 +9,7 @@ import numpy as np
 
 from grainmotion.packed import PackedGrains, Pose
 from grainmotion.solve import Solution, Stopping, gauss_newton
+from grainmotion.tracking.coarse import ALONE, coarsened, coarsening
 from grainmotion.tracking.freedom import Freedom
 from grainmotion.tracking.residual import StateProblem, Target
 from grainmotion.tracking.settings import TrackSettings
@@ -16,14 +17,20 @@ from grainmotion.tracking.settings import TrackSettings
 Progress = Callable[[str, int, int], None]
 
 GRAIN = 45.0  # pixels across the grains on which the default filter widths were measured
-ROUGHLY = Stopping(iterations=20, step=0.1, decrease=1e-3)  # for the stages that only bring all grains near
+ROUGHLY = Stopping(iterations=20, step=0.1, decrease=0.05)  # for the stages that only bring all grains near
+NEAR = Stopping(step=0.02, decrease=0.1, reach=1.0, forcing=0.1)  # where a stage ends that a narrower filter follows
+SEEN = 0.05  # of the largest line integral: where something is seen
+WORTH = 3e-3  # of the last stage: a decrease by so many times its share of the cost of each unknown is worth a step
+REACH = 0.1  # voxels: while any grain moves further, no decrease is too small
+DEFAULT = 2e-3  # tolerance, voxels, to which that number belongs
 
 
 @dataclass
 class Course:
     """One state under way: what is fitted, the costs so far, and whom to tell.
 
-    ``fine`` are the same grains as ``grains`` on finer voxels, for the last stages.
+    ``fine`` are the same grains as ``grains`` on finer voxels, for the last stages; ``levels`` are coarser ones and
+    their radiographs, by how much coarser.
     """
 
     settings: TrackSettings
@@ -33,6 +40,7 @@ class Course:
     progress: Progress | None
     costs: list[tuple[str, float]] = field(default_factory=list)
     stage: int = 0
+    levels: dict[int, tuple[PackedGrains, Target]] = field(default_factory=dict)
 
     @property
     def stages(self) -> int:
@@ -54,6 +62,15 @@ class Course:
         sigma = max(width * self.scale, 0.7) if width >= 1 else width
         return replace(self.target, sigma=sigma, freedom=freedom or self.settings.freedom.at_first)
 
+    def level(self, width: float, freedom: Freedom | None = None, least: float = ALONE) -> tuple[PackedGrains, Target]:
+        """Grains and radiographs as coarse as a stage under a filter may see them, with that filter."""
+        target = self.filter(width, freedom)
+        factor = coarsening(self.grains, target, target.sigma, least)
+        if factor not in self.levels:
+            self.levels[factor] = self.grains.coarsened(factor), coarsened(self.target, factor)
+        grains, coarse = self.levels[factor]
+        return grains, replace(coarse, sigma=target.sigma / factor, freedom=target.freedom)
+
     def tell(self, message: str, done: int) -> None:
         """Report progress, if anybody listens."""
         if self.progress is not None:
@@ -72,6 +89,20 @@ class Course:
         self.stage += 1
         return solution
 
+    def rough(self, tolerance: float | None = None) -> Stopping:
+        """When a stage ends that a narrower filter follows."""
+        tolerance = self.settings.tolerance if tolerance is None else tolerance
+        return replace(NEAR, iterations=self.settings.iterations, step=max(tolerance, NEAR.step))
+
+    def fine_stopping(self, tolerance: float | None = None) -> Stopping:
+        """When a last stage ends: no grain moves further than the tolerance, or all of them but little of their sd.
+
+        ½‖r‖² over the pixels is what one unknown lowers it by if it moves by its standard deviation.
+        """
+        tolerance = self.settings.tolerance if tolerance is None else tolerance
+        share = min(6 * len(self.grains) / max(lit_pixels(self.target), 1), 1.0)
+        return Stopping(self.settings.iterations, tolerance, WORTH * share * (tolerance / DEFAULT) ** 2, reach=REACH)
+
     def free(
         self, pose: Pose, name: str, filters: tuple[float, ...] | None = None, tolerance: float | None = None
     ) -> tuple[StateProblem, Solution[Pose]]:
@@ -81,14 +112,20 @@ class Course:
         """
         settings = self.settings
         filters = settings.filters if filters is None else filters
-        tolerance = settings.tolerance if tolerance is None else tolerance
         for k, width in enumerate(filters):
             last = k == len(filters) - 1
             freedom = settings.freedom
             if not last:
-                freedom = freedom.at_first if k == 0 else freedom.midway
-            problem = StateProblem(self.fine if last else self.grains, self.filter(width, freedom))
-            stopping = Stopping(settings.iterations, tolerance if last else max(tolerance, 0.02))
+                freedom = freedom.at_first if width == settings.filters[0] else freedom.midway
+            seen = (self.fine, self.filter(width, freedom)) if last else self.level(width, freedom)
+            problem = StateProblem(*seen)
+            stopping = self.fine_stopping(tolerance) if last else self.rough(tolerance)
             solution = self.solve(problem, pose, stopping, f"{name}, filter {width:g}")
             pose = solution.state
         return problem, solution
+
+
+def lit_pixels(target: Target) -> int:
+    """Good pixels on which something is seen."""
+    images = np.abs(target.scan.line_integrals)
+    return int(((images > SEEN * images.max(initial=0.0)) & (target.valid > 0)).sum())

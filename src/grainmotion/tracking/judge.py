@@ -14,7 +14,6 @@ from grainmotion.packed import Pose
 from grainmotion.response import Response
 from grainmotion.solve import Solution
 from grainmotion.tracking.absent import Shadow, shadows_held
-from grainmotion.tracking.cast import coverage
 from grainmotion.tracking.misfit import grain_residuals, misfits, noise_level, shares
 from grainmotion.tracking.polish import Polished
 from grainmotion.tracking.residual import StateProblem
@@ -36,17 +35,17 @@ def judge(
 ) -> Motions:
     """Turn what was found into a table; ``limits`` are the largest sd of u (mm) and of ω (rad) to accept."""
     problem, solution, n = polished.problem, polished.solution, len(grains)
-    seen = problem.look(solution.state)
+    seen = problem.glance(solution.state)
     residuals, paths = grain_residuals(problem, seen)
     covariances, known = polished.posterior.copy(), polished.covariances.copy()
     noise = noise_level(problem.target.scan)
     lost = misfits(residuals, paths, noise)
     shaken = lost.any() & ~lost & (shares(residuals, paths, noise) > SHAKEN)
-    on_panel, moving = seen.cast.each(coverage)[:, 0], _still_moving(problem, solution)
+    coverage, moving = seen.patches.seen.mean(axis=1), _still_moving(problem, solution)
     held = shadows_held(problem, solution.state) if lost.any() else [Shadow()] * n
     statuses, reasons = np.full(n, Status.CONVERGED.value, dtype="<U20"), [""] * n
     for k in range(n):
-        fit = _Fit(residuals[k], paths[k], on_panel[k], bool(lost[k]), bool(shaken[k]), bool(moving[k]), held[k])
+        fit = _Fit(residuals[k], paths[k], coverage[k], bool(lost[k]), bool(shaken[k]), bool(moving[k]), held[k])
         verdict = _verdict(fit, known[k], limits)
         if verdict is None and doubtful[k]:
             verdict = Status.NOT_CONVERGED, AMBIGUOUS

@@ -3,37 +3,37 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion.packed import Pose
 from grainmotion.scan import Scan
-from grainmotion.tracking.cast import coverage, own_sums
-from grainmotion.tracking.residual import Seen, StateProblem
+from grainmotion.tracking.residual import Glance, StateProblem
 
 Float = NDArray[np.float64]
 LEAST, USUAL = 0.08, 0.05
 """Shares of a grain's line integrals: the least misfit, and the most that the sample's usual one counts."""
 
 
-def grain_residuals(problem: StateProblem, seen: Seen) -> tuple[Float, Float]:
+def grain_residuals(problem: StateProblem, seen: Glance) -> tuple[Float, Float]:
     """Root mean square of b − m(P) over each grain's shadow, and of its own line integrals there, ``(n,)`` each.
 
     Pixels are weighted by the grain's own line integral, so that its core counts and its rim does not.
     """
-    sums = seen.cast.each(partial(own_sums, terms=_weighted_squares, count=3), seen.raw, problem.target.valid)
+    n = len(problem.grains)
+    sums = np.zeros((n, 3))
+    for p, (grain, view, r0, r1, c0, c1) in enumerate(seen.patches.boxes):
+        start, end = seen.patches.offsets[p : p + 2]
+        own = seen.values[start:end].astype(float)
+        residual = seen.raw[view, r0:r1, c0:c1].ravel()
+        weight = np.abs(own) * problem.target.valid[view, r0:r1, c0:c1].ravel()
+        sums[grain] += weight.sum(), weight @ residual.astype(float) ** 2, weight @ own**2
     mass = np.maximum(sums[:, :1], 1e-30)
     both = np.sqrt(sums[:, 1:] / mass)
     both[sums[:, 0] <= 0] = np.nan
     # a small gain would make any misfit small beside line integrals that nobody measured
     return both[:, 0], both[:, 1] * float(np.clip(seen.response.gain, 0.0, 1.0))
-
-
-def _weighted_squares(own: Float, residual: Float, valid: Float) -> list[float]:
-    weight = np.abs(own) * valid
-    return [float(weight.sum()), float(weight @ residual**2), float(weight @ own**2)]
 
 
 def misfits(residuals: Float, paths: Float, noise: float) -> NDArray[np.bool_]:
@@ -66,14 +66,14 @@ def noise_level(scan: Scan) -> float:
 
 def lost_grains(problem: StateProblem, pose: Pose) -> NDArray[np.bool_]:
     """Grains that some view sees and that fit badly at a pose, pixel by pixel, ``(n,)``."""
-    seen = problem.look(pose)
+    seen = problem.glance(pose)
     residuals, paths = grain_residuals(problem, seen)
-    return misfits(residuals, paths, noise_level(problem.target.scan)) & (seen.cast.each(coverage)[:, 0] > 0)
+    return misfits(residuals, paths, noise_level(problem.target.scan)) & (seen.patches.seen.mean(axis=1) > 0)
 
 
 def evened(problem: StateProblem, pose: Pose) -> Scan:
     """The radiographs as a perfect detector would show them, so that one grain can be fitted alone."""
-    seen, scan = problem.look(pose), problem.target.scan
+    seen, scan = problem.glance(pose), problem.target.scan
     gains = seen.response.polynomial[:, 0]
     if not ((gains > 0.5) & (gains < 2)).all():  # no beam drifts so far: what was fitted is not a gain
         return scan

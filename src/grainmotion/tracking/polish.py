@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from grainmotion.packed import OUT_OF_PLANE, PackedGrains, Pose, planar
-from grainmotion.solve import Solution, Stopping
+from grainmotion.solve import Solution
+from grainmotion.tracking.coupling import PatchNormal, normal_of
 from grainmotion.tracking.course import Course
 from grainmotion.tracking.covariance import covariances
 from grainmotion.tracking.residual import StateProblem
@@ -51,7 +52,7 @@ class Polished:
 def polish(course: Course, base: Pose, problem: StateProblem, solution: Solution[Pose]) -> Polished:
     """Refine a solution in which all grains are near; ``base`` is where the smooth field put them."""
     settings, notes, share = course.settings, list[str](), 0.0
-    stopping = Stopping(settings.iterations, settings.tolerance)
+    stopping = course.fine_stopping()
     misplaced = Misplaced()
     if settings.view_corrections != "never" and not planar(problem.grains, problem.target.scan.geometry):
         misplaced = misplaced_views(problem, solution.state)
@@ -65,7 +66,7 @@ def polish(course: Course, base: Pose, problem: StateProblem, solution: Solution
         plain = problem.target
         for k in range(ROUNDS):
             # the working response of a likelihood replaces the radiographs, so residuals are taken from these
-            seen = replace(problem, target=replace(plain, weights=problem.target.weights)).look(solution.state)
+            seen = replace(problem, target=replace(plain, weights=problem.target.weights)).glance(solution.state)
             target, share = reweighted(plain, seen, settings.weights, settings.loss)
             problem = replace(problem, target=target)
             solution = course.solve(problem, solution.state, stopping, f"weights {k + 1}")
@@ -78,7 +79,7 @@ def polish(course: Course, base: Pose, problem: StateProblem, solution: Solution
     if weak.flags.any():
         held = replace(problem, prior=weak.prior(formal, base))
         end = course.solve(held, solution.state, stopping, "weak directions held")
-        if problem.linearize(end.state).cost < DEARER * problem.linearize(solution.state).cost:
+        if problem.cost(end.state) < DEARER * problem.cost(solution.state):
             solution, posterior = end, weak.posterior()  # else the radiographs know better than they let on
     corrections_sd = None
     if problem.target.loose.views:
@@ -87,10 +88,12 @@ def polish(course: Course, base: Pose, problem: StateProblem, solution: Solution
     return Polished(problem, solution, known, posterior, corrections_sd, share, tuple(notes))
 
 
-def _covariances(problem: StateProblem, coarse: PackedGrains, pose: Pose) -> tuple[Float, Float, sparse.bsr_array]:
+def _covariances(
+    problem: StateProblem, coarse: PackedGrains, pose: Pose
+) -> tuple[Float, Float, sparse.bsr_array | PatchNormal]:
     """What the radiographs tell of the grains ``(n, 6, 6)`` and of the surroundings ``(k, k)``; JᵀJ."""
     seen = problem.look(pose)
-    formal = seen.cast.normal_matrix()
+    formal = normal_of(seen.derivatives, seen.patches, len(problem.grains), seen.residual.shape)
     grains, few = covariances(problem, pose, seen, formal)
     # a turn that either set of voxels leaves unconfirmed is: finer ones follow their own pattern more closely
     grains[:, 3:, 3:] += unconfirmed(problem, pose, seen)

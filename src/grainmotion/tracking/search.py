@@ -18,7 +18,7 @@ from grainmotion import motion
 from grainmotion.packed import Pose, planar
 from grainmotion.solve import Solution
 from grainmotion.tracking.anneal import Ranges, anneal
-from grainmotion.tracking.course import Course
+from grainmotion.tracking.course import Course, lit_pixels
 from grainmotion.tracking.misfit import evened, lost_grains
 from grainmotion.tracking.residual import StateProblem
 from grainmotion.tracking.surroundings import background_images
@@ -156,7 +156,5 @@ def _annealed(course: Course, base: Pose, best: _End, rows: NDArray[np.bool_], r
 
 def _pixels_an_unknown(course: Course) -> float:
     """Good pixels on which something is seen, over the number of unknowns."""
-    target = course.target
-    lit = (np.abs(target.scan.line_integrals) > 0.05 * np.abs(target.scan.line_integrals).max()) & (target.valid > 0)
-    flat = planar(course.grains, target.scan.geometry)
-    return float(lit.sum()) / ((3 if flat else 6) * len(course.grains))
+    flat = planar(course.grains, course.target.scan.geometry)
+    return lit_pixels(course.target) / ((3 if flat else 6) * len(course.grains))

@@ -7,10 +7,11 @@ from typing import Annotated, Literal
 from pydantic import BeforeValidator, Field
 from pydantic.dataclasses import dataclass
 
+from grainmotion.device import Choice
 from grainmotion.project import Projector
 from grainmotion.response import Trend
-from grainmotion.tracking.cast import Derivatives
 from grainmotion.tracking.freedom import Freedom, Gain
+from grainmotion.tracking.residual import Derivatives
 from grainmotion.tracking.weighting import Loss, Weights
 
 
@@ -88,6 +89,10 @@ class TrackSettings:
     max_sd_deg: Annotated[
         float, Field(gt=0, description="a grain is poorly determined above this sd of ω, degrees")
     ] = 5.0
+
+    device: Annotated[
+        Choice, Field(description="where rays are walked: the processor, an NVIDIA card, or the card if there is one")
+    ] = "auto"
 
     @property
     def freedom(self) -> Freedom:

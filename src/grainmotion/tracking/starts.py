@@ -39,7 +39,7 @@ def starting_pose(grains: GrainSet, start: Motions | None) -> Pose:
 def centroid_shift(problem: StateProblem, pose: Pose) -> Pose:
     """All grains shifted as the centroids of measured and simulated radiographs tell, least squares over views."""
     target, geometry = problem.target, problem.target.scan.geometry
-    seen = problem.look(pose)
+    seen = problem.glance(pose)
     middle = (problem.grains.centers + pose.translations).mean(axis=0)
     step = problem.grains.voxel_size
     spots = geometry.project_points(np.vstack([middle, middle + step * np.eye(3)]))

@@ -12,7 +12,7 @@ from scipy import ndimage
 
 from grainmotion.packed import Pose
 from grainmotion.tracking.misfit import grain_residuals
-from grainmotion.tracking.residual import Seen, StateProblem
+from grainmotion.tracking.residual import Glance, StateProblem
 
 Float = NDArray[np.float64]
 
@@ -26,7 +26,7 @@ MOST = 5
 """Strangers named."""
 
 
-def strangers(problem: StateProblem, pose: Pose, seen: Seen) -> tuple[str, ...]:
+def strangers(problem: StateProblem, pose: Pose, seen: Glance) -> tuple[str, ...]:
     """A sentence for each place where all views hold something that no grain explains."""
     return tuple(
         f"something that is no grain attenuates near x = {x:.3g}, y = {y:.3g}, z = {z:.3g}, "
@@ -35,7 +35,7 @@ def strangers(problem: StateProblem, pose: Pose, seen: Seen) -> tuple[str, ...]:
     )
 
 
-def stranger_places(problem: StateProblem, pose: Pose, seen: Seen) -> list[tuple[float, float, float, float]]:
+def stranger_places(problem: StateProblem, pose: Pose, seen: Glance) -> list[tuple[float, float, float, float]]:
     """Those places, mm, x y z, and the share of a grain's line integrals that is unexplained there."""
     grains, geometry = problem.grains, problem.target.scan.geometry
     radius = float(np.median(grains.radii))

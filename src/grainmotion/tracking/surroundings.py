@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from grainmotion import motion
 from grainmotion.geometry import Geometry
 from grainmotion.packed import Image, PackedGrains, Pose, Surroundings
-from grainmotion.project import Projector, assemble, differentiate_patches, project_patches, shadows
+from grainmotion.project import Patches, Projector, assemble, differentiate_patches, project_patches, shadows
 
 Float = NDArray[np.float64]
 
@@ -108,10 +108,22 @@ def corrected(geometry: Geometry, at: Surroundings | None) -> Geometry:
     return replace(geometry, vectors=blocks.reshape(-1, 12))
 
 
-def shifted(path: Image) -> list[Image]:
-    """Derivatives of the line integrals ``(views, rows, columns)`` by each view's shift along u and along v."""
-    axes = [np.gradient(path, axis=axis) if path.shape[axis] > 1 else np.zeros_like(path) for axis in (2, 1)]
-    return [axis.astype(path.dtype) for axis in axes]
+def view_images(
+    path: Image, slopes: Image, grains: PackedGrains, pose: Pose, patches: Patches, geometry: Geometry
+) -> list[Image]:
+    """Derivatives of the line integrals ``(views, rows, columns)`` by each view's own shift u, v and angle.
+
+    Shifts by central differences of the simulated radiograph; the angle, which turns the sample by as much the
+    other way, from the grains' own derivatives (``slopes``, not yet filtered); a background's share is not in it
+    (see `turned_background`).
+    """
+    along = np.gradient(path, axis=2) if path.shape[2] > 1 else np.zeros_like(path)
+    up = np.gradient(path, axis=1) if path.shape[1] > 1 else np.zeros_like(path)
+    places = (grains.centers + pose.translations)[patches.boxes[:, 0]]
+    sizes = np.diff(patches.offsets)
+    x, y = (np.repeat(places[:, k], sizes).astype(slopes.dtype) for k in (0, 1))
+    turned = by_angle(x, y, slopes)
+    return [along.astype(path.dtype), up.astype(path.dtype), assemble(turned, patches, geometry)]
 
 
 def turned_background(body: PackedGrains, at: Surroundings | None, slopes: list[Image]) -> Image:

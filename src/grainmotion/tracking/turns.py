@@ -16,60 +16,107 @@ falls to 0 for a pattern finer than the turn.  Gravel has 0.9 to 1.1 and 0.5 to 
 
 from __future__ import annotations
 
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion import motion
+from grainmotion.geometry import Geometry
 from grainmotion.kernels import normal
 from grainmotion.packed import Image, PackedGrains, Pose
 from grainmotion.project import Patches, differentiate_patches, project_patches, shadows
-from grainmotion.tracking.cast import Walk
-from grainmotion.tracking.residual import Seen, StateProblem
+from grainmotion.tracking.coupling import gathered
+from grainmotion.tracking.residual import Glance, StateProblem
+from grainmotion.tracking.surroundings import corrected
 
 Float = NDArray[np.float64]
 RIM = 4.0  # voxels that the rim of a grain is carried
 LARGEST = 0.5  # radians
+CLEAR = 0.9  # confirmed share from which a turn is told
+LOT = 256  # grains treated together
 ANY_TURN = np.pi**2 / 3  # variance of an angle of which nothing is known
 
 
-def unconfirmed(problem: StateProblem, pose: Pose, seen: Seen) -> Float:
-    """Covariance ``(n, 3, 3)``, rad², of the turns that the radiographs do not confirm; zero where they do."""
-    target = problem.target
-    test = partial(_unconfirmed, walk=target.walk(pose), kernel=target.kernel)
-    return target.crew.each(problem.grains, pose, test, seen.factor, seen.residual)
+def unconfirmed(problem: StateProblem, pose: Pose, seen: Glance) -> Float:
+    """Covariance ``(n, 3, 3)``, rad², of the turns that the radiographs do not confirm; zero where they do.
+
+    Grains are taken in lots, so that memory does not grow with their number.
+    """
+    n = len(problem.grains)
+    factor = problem.target.roots * seen.response.slope(seen.path)
+    lots = [np.arange(k, min(k + LOT, n)) for k in range(0, n, LOT)]
+    return np.concatenate([_unconfirmed(problem, pose, seen, factor, rows) for rows in lots])
 
 
-def _unconfirmed(grains: PackedGrains, pose: Pose, factor: Image, residual: Image, walk: Walk, kernel: Image) -> Float:
-    """As `unconfirmed`, from what takes derivatives to weighted ones, and the residual."""
-    geometry, projector = walk.geometry, walk.projector
-    angles = np.minimum(RIM * grains.unit / grains.radii, LARGEST)
-    patches = shadows(_swollen(grains, angles), pose, geometry, margin=walk.margin)
-    values, slopes = differentiate_patches(grains, pose, geometry, patches, projector)
-    normal.filter_patches(slopes, patches.boxes, patches.offsets, factor, kernel)
-    information, axes = np.linalg.eigh(_rotations(_products(slopes, slopes, patches, len(grains))))
-    changes = np.empty_like(slopes)
-    for axis in range(3):
-        for sign in (0, 1):
-            turns = motion.exp((1 - 2 * sign) * angles[:, None] * axes[:, :, axis])
-            turned = Pose(pose.translations, turns @ pose.matrices)
-            moved = project_patches(grains, turned, geometry, patches, projector)
-            changes[2 * axis + sign] = moved - values
-    normal.filter_patches(changes, patches.boxes, patches.offsets, factor, kernel)
-    _fit_out(changes, slopes, patches, len(grains))
-    both = (len(grains), 3, 2)
-    squares = np.diagonal(_products(changes, changes, patches, len(grains)), axis1=1, axis2=2).reshape(both).sum(2)
-    against = np.zeros((len(patches.boxes), 6))
-    normal.gradients(changes, patches.boxes, patches.offsets, residual, against)
-    dots = np.zeros((len(grains), 6))
-    np.add.at(dots, patches.boxes[:, 0], against)
+def _unconfirmed(problem: StateProblem, pose: Pose, seen: Glance, factor: Image, rows: NDArray[np.int64]) -> Float:
+    """Of some grains.  Most are told by turns to one side; both are tried where that leaves a doubt."""
+    sides = _Sides.of(problem, pose, seen, factor, rows)
+    squares, dots = sides.turned(1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        confirmed = 1 - 2 * dots.reshape(both).sum(2) / squares
-        coherent = squares / (2 * angles[:, None] ** 2 * information)
-    loose = (confirmed < 0.5) | ((confirmed < 0.9) & (coherent < 0.3))
-    return ANY_TURN * np.einsum("nia,na,nja->nij", axes, loose.astype(float), axes)
+        clear = (1 - 2 * dots / squares >= CLEAR).all(axis=1)
+    doubtful = np.nonzero(~clear)[0]
+    out = np.zeros((len(rows), 3, 3))
+    if not len(doubtful):
+        return out
+    both = _Sides.of(problem, pose, seen, factor, rows[doubtful]) if len(doubtful) < len(rows) else sides
+    others = both.turned(-1)
+    squares, dots = squares[doubtful] + others[0], dots[doubtful] + others[1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        confirmed = 1 - 2 * dots / squares
+        coherent = squares / (2 * both.angles[:, None] ** 2 * both.information)
+    loose = (confirmed < 0.5) | ((confirmed < CLEAR) & (coherent < 0.3))
+    out[doubtful] = ANY_TURN * np.einsum("nia,na,nja->nij", both.axes, loose.astype(float), both.axes)
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class _Sides:
+    """Some grains that are to be turned by ``angles (n,)`` about their ``axes (n, 3, 3)`` (columns).
+
+    ``slopes`` are their filtered derivatives in ``patches``, ``information (n, 3)`` is H about the axes.
+    """
+
+    problem: StateProblem
+    seen: Glance
+    factor: Image
+    geometry: Geometry
+    grains: PackedGrains
+    pose: Pose
+    angles: Float
+    patches: Patches
+    values: Image
+    slopes: Image
+    axes: Float
+    information: Float
+
+    @classmethod
+    def of(cls, problem: StateProblem, pose: Pose, seen: Glance, factor: Image, rows: NDArray[np.int64]) -> _Sides:
+        target, grains = problem.target, problem.grains.select(rows)
+        here = pose.moved(pose.translations[rows], pose.matrices[rows])
+        geometry = corrected(target.scan.geometry, pose.surroundings)
+        angles = np.minimum(RIM * grains.unit / grains.radii, LARGEST)
+        patches = shadows(_swollen(grains, angles), here, geometry, margin=len(target.kernel) - 1)
+        values, slopes = differentiate_patches(grains, here, geometry, patches, target.projector)
+        normal.filter_patches(slopes, patches.boxes, patches.offsets, factor, target.kernel)
+        information, axes = np.linalg.eigh(_rotations(_products(slopes, slopes, patches, len(rows))))
+        return cls(
+            problem, seen, factor, geometry, grains, here, angles, patches, values, slopes, axes, information
+        )  # fmt: skip
+
+    def turned(self, sign: int) -> tuple[Float, Float]:
+        """D and r·ΔP of turns about each axis to one side, ``(n, 3)`` each."""
+        target, patches, n = self.problem.target, self.patches, len(self.grains)
+        changes = np.zeros_like(self.slopes)  # three of six, for the kernels' sake
+        for axis in range(3):
+            turns = motion.exp(sign * self.angles[:, None] * self.axes[:, :, axis])
+            pose = self.pose.moved(self.pose.translations, turns @ self.pose.matrices)
+            changes[axis] = project_patches(self.grains, pose, self.geometry, patches, target.projector) - self.values
+        normal.filter_patches(changes[:3], patches.boxes, patches.offsets, self.factor, target.kernel)
+        _fit_out(changes[:3], self.slopes, patches, n)
+        squares = np.diagonal(_products(changes[:3], changes[:3], patches, n), axis1=1, axis2=2)
+        return squares, gathered(changes, patches, n, self.seen.residual)[:, :3]
 
 
 def _swollen(grains: PackedGrains, angles: Float) -> PackedGrains:
@@ -79,13 +126,15 @@ def _swollen(grains: PackedGrains, angles: Float) -> PackedGrains:
     return replace(grains, hulls=grains.hulls * (1 + out / np.maximum(reach, grains.unit)))
 
 
+def _pixels(patches: Patches, n: int) -> list[slice]:
+    """Where the patches of each grain, which follow each other, lie in the flat buffers."""
+    ends = patches.offsets[np.searchsorted(patches.boxes[:, 0], np.arange(n + 1))]
+    return [slice(a, b) for a, b in pairwise(ends)]
+
+
 def _products(left: Image, right: Image, patches: Patches, n: int) -> Float:
-    """Sums over each grain's own patches of left · rightᵀ, ``(n, 6, 6)``."""
-    out = np.zeros((n, len(left), len(right)))
-    for p, grain in enumerate(patches.boxes[:, 0]):
-        mine = slice(patches.offsets[p], patches.offsets[p + 1])
-        out[grain] += left[:, mine] @ right[:, mine].T
-    return out
+    """Sums over each grain's own patches of left · rightᵀ, ``(n, k, m)``."""
+    return np.array([left[:, mine] @ right[:, mine].T for mine in _pixels(patches, n)], dtype=float)
 
 
 def _rotations(matrices: Float) -> Float:
@@ -97,8 +146,7 @@ def _rotations(matrices: Float) -> Float:
 
 def _fit_out(changes: Image, slopes: Image, patches: Patches, n: int) -> None:
     """Take from the changes, in place, what translations of the grain would do."""
-    own = _products(slopes, slopes, patches, n)[:, :3, :3]
-    shifts = np.linalg.pinv(own, hermitian=True) @ _products(slopes, changes, patches, n)[:, :3]
-    for p, grain in enumerate(patches.boxes[:, 0]):
-        mine = slice(patches.offsets[p], patches.offsets[p + 1])
-        changes[:, mine] -= shifts[grain].T.astype(slopes.dtype) @ slopes[:3, mine]
+    own = _products(slopes[:3], slopes[:3], patches, n)
+    shifts = np.linalg.pinv(own, hermitian=True) @ _products(slopes[:3], changes, patches, n)
+    for shift, mine in zip(shifts, _pixels(patches, n), strict=True):
+        changes[:, mine] -= shift.T.astype(slopes.dtype) @ slopes[:3, mine]

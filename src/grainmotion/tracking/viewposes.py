@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion.packed import Pose
-from grainmotion.solve import Linearization, inverse
+from grainmotion.solve import Linearization, damped_step, inverse, predicted_decrease
 from grainmotion.tracking.misfit import lost_grains
-from grainmotion.tracking.residual import Seen, StateProblem
+from grainmotion.tracking.residual import Glance, StateProblem
 from grainmotion.tracking.stages import rigid
 from grainmotion.tracking.weighting import shaded_pixels
 
@@ -76,15 +76,15 @@ def misplaced_views(problem: StateProblem, pose: Pose) -> Misplaced:
     if views < 2 or len(problem.grains) < FEWEST_GRAINS or lost_grains(problem, pose).mean() > FEW_LOST:
         return Misplaced()
     trial = with_poses(problem, pose)
-    seen, at = trial.look(pose), trial.linearize(pose)
-    information, step = _corrections(trial, pose, at)
+    seen, at = trial.glance(pose), trial.linearize(pose)
+    explained, step = _explained(trial, pose, at)
     shaded = shaded_pixels(trial.target, seen)
     variance = float((seen.residual[shaded].astype(float) ** 2).mean()) if shaded.any() else np.inf
     told = 3 * views - len(IMITATED)
     each = step[: 3 * views].reshape(3, views)
     places = trial.grains.centers + pose.translations
     return Misplaced(
-        float(step @ information @ step) / max(variance * told, 1e-30),
+        explained / max(variance * told, 1e-30),
         _spread(each[:2], 2 * views - 3),
         _spread(each[2], views - 1),
         float(np.abs(places).max()) / trial.target.scan.geometry.pixel_at(places.mean(axis=0)),
@@ -140,7 +140,7 @@ def imitations(problem: StateProblem, pose: Pose) -> Float:
     trial = replace(problem, target=replace(problem.target, loose=loose))
     seen = trial.look(pose)
     deviations = loose.deviations(len(problem.target.scan))
-    alike = seen.cast.border(seen.loose) * deviations
+    alike = seen.loose.border(seen.derivatives, seen.patches, len(problem.grains)) * deviations
     gram = seen.loose.gram() * np.outer(deviations, deviations)
     tie = rigid(problem.grains, pose)[:, list(IMITATED)]
     found: Float = np.linalg.pinv(gram, hermitian=True) @ alike.T @ tie
@@ -150,8 +150,8 @@ def imitations(problem: StateProblem, pose: Pose) -> Float:
 def told_apart(problem: StateProblem, pose: Pose) -> tuple[int, int]:
     """How many combinations of corrections the views know well enough, and how many there are beside the gauge."""
     trial = with_poses(problem, pose)
-    views, seen, at = len(problem.target.scan), trial.look(pose), trial.linearize(pose)
-    own, _ = _corrections(trial, pose, at)
+    views, seen, at = len(problem.target.scan), trial.glance(pose), trial.linearize(pose)
+    own = _information(trial, pose, at)
     deviations = trial.target.loose.deviations(views)
     own = (own * np.outer(deviations, deviations))[: 3 * views, : 3 * views]
     gauge = trial.target.loose.gauge
@@ -162,21 +162,29 @@ def told_apart(problem: StateProblem, pose: Pose) -> tuple[int, int]:
     return int((values > KNOWN * max(variance, 1e-30)).sum()), len(values)
 
 
-def mean_square(problem: StateProblem, seen: Seen) -> float:
+def mean_square(problem: StateProblem, seen: Glance) -> float:
     """Of the residuals of all pixels that count."""
     return float(np.vdot(seen.raw, seen.raw)) / max(int((problem.target.valid > 0).sum()), 1)
 
 
-def _corrections(trial: StateProblem, pose: Pose, at: Linearization) -> tuple[Float, Float]:
-    """Information on the surroundings' unknowns with all motions free, prior apart, and the step that it asks for."""
+def _explained(trial: StateProblem, pose: Pose, at: Linearization) -> tuple[float, Float]:
+    """Twice what the surroundings' unknowns lower the cost by, all motions being free, and their step."""
+    free = len(at.slope)
+    few = len(at.corner) - free
+    without = replace(at, border=at.border[:, :few], corner=at.corner[:few, :few], slope=np.zeros(0))
+    both, alone = damped_step(at, 0.0), damped_step(without, 0.0)
+    step = both[len(at.gradient) :]
     prior, _ = trial.surrounding_prior(pose)
-    solve = inverse(at.hessian, 0.0)
-    left = at.corner - at.border.T @ solve(at.border)
+    lower = predicted_decrease(at, both, 0.0) - predicted_decrease(without, alone, 0.0)
+    return max(2 * lower - float(step @ prior @ step), 0.0), step
+
+
+def _information(trial: StateProblem, pose: Pose, at: Linearization) -> Float:
+    """Information on the surroundings' unknowns with all motions free, prior apart."""
+    prior, _ = trial.surrounding_prior(pose)
+    left = at.corner - at.border.T @ inverse(at.hessian, 0.0)(at.border)
     few = len(left) - len(prior)
-    slope = np.zeros(len(left))
-    slope[few:] = at.slope
-    step: Float = np.linalg.lstsq(left, at.border.T @ solve(at.gradient) - slope, rcond=None)[0][few:].astype(float)
     own: Float = left[few:, few:] - prior
     if few:
         own = own - left[few:, :few] @ np.linalg.pinv(left[:few, :few], hermitian=True) @ left[:few, few:]
-    return own, step
+    return own

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from grainmotion.packed import PackedGrains, Pose
+from grainmotion.solve import Normal, diagonal_blocks
 from grainmotion.tracking.residual import Prior
 
 Float = NDArray[np.float64]
@@ -47,7 +48,7 @@ class Weak:
         """Which of the directions are weak, ``(n, 6)``."""
         return self.variances > WEAK**2
 
-    def prior(self, hessian: sparse.bsr_array, pose: Pose) -> Prior:
+    def prior(self, hessian: sparse.bsr_array | Normal, pose: Pose) -> Prior:
         """What holds the weak directions at ``pose``.
 
         The precision along a direction is the information that the solver sees there times the variance that the
@@ -75,16 +76,6 @@ def weak_directions(covariances: Float, grains: PackedGrains) -> Weak:
     shrink = np.sqrt(np.minimum(1.0, UNKNOWN / np.maximum(np.diagonal(scaled, axis1=1, axis2=2), 1e-300)))
     values, vectors = np.linalg.eigh(scaled * shrink[:, :, None] * shrink[:, None, :])
     return Weak(scales, vectors, np.maximum(values, 0.0))
-
-
-def diagonal_blocks(matrix: sparse.bsr_array) -> Float:
-    """The 6×6 blocks on the diagonal, ``(n, 6, 6)``; zero where there is none."""
-    n = matrix.shape[0] // 6
-    rows = np.repeat(np.arange(n), np.diff(matrix.indptr))
-    on = rows == matrix.indices
-    blocks = np.zeros((n, 6, 6))
-    blocks[rows[on]] = matrix.data[on]
-    return blocks
 
 
 def poorly(covariance: Float, limits: tuple[float, float]) -> list[str]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from grainmotion.packed import Image
-from grainmotion.tracking.residual import Seen, Target
+from grainmotion.tracking.residual import Glance, Target
 
 Float = NDArray[np.float64]
 Weights = Literal["uniform", "photons"]
@@ -59,7 +59,7 @@ class NoiseModel:
         return np.exp(np.clip(modelled, -LARGEST, LARGEST).astype(float)) / (self.photons * np.asarray(beam, float))
 
 
-def noise_model(target: Target, seen: Seen, clip: float = np.inf) -> NoiseModel:
+def noise_model(target: Target, seen: Glance, clip: float = np.inf) -> NoiseModel:
     """Estimate the noise of a state from its residuals, those beyond ``clip`` standard deviations cut to these."""
     modelled = seen.response.apply(seen.path)
     unit = NoiseModel(1.0, 0.0, 0.0).photon_variance(modelled, open_beam(target))
@@ -104,7 +104,7 @@ def noise_shares(raw: Image, unit: Float, good: NDArray[np.bool_]) -> tuple[floa
     return float(share), float(white)
 
 
-def shaded_pixels(target: Target, seen: Seen) -> NDArray[np.bool_]:
+def shaded_pixels(target: Target, seen: Glance) -> NDArray[np.bool_]:
     """Pixels that count and on which something is simulated."""
     largest = max(float(seen.path.max(initial=0.0)), 1e-30)
     return (target.valid > 0) & (seen.path > SHADED * largest)
@@ -121,7 +121,7 @@ def open_beam(target: Target) -> Image | float:
     return 1.0 if target.scan.open_beam is None else target.scan.open_beam
 
 
-def reweighted(target: Target, seen: Seen, weights: Weights, loss: Loss) -> tuple[Target, float]:
+def reweighted(target: Target, seen: Glance, weights: Weights, loss: Loss) -> tuple[Target, float]:
     """The target with weights, and for photons' likelihood the response, that fit at a pose.
 
     Returns

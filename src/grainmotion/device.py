@@ -1,0 +1,97 @@
+"""Device: where rays are walked, on the processor or on an NVIDIA card.
+
+It is chosen once, where grains or a volume are handed to it (`Device.hold`); from there on the place of an
+array says which kernels take it, those of the processor or `kernels.cuda`, of the same names and arguments.
+"""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import dataclass
+from functools import cache
+from importlib.util import find_spec
+from types import ModuleType
+from typing import Any, Literal
+
+import numpy as np
+
+from grainmotion.errors import InputError
+
+Choice = Literal["auto", "cpu", "cuda"]
+"""``"auto"``: the card if there is one that works, else the processor."""
+
+
+@dataclass(frozen=True)
+class Device:
+    """Where kernels run."""
+
+    name: Literal["cpu", "cuda"]
+
+    def hold(self, array: Any) -> Any:
+        """An array where the device can walk it: itself, or a copy that stays on the card."""
+        return array if self.name == "cpu" else _cuda("arrays").hold(array)
+
+    def kernels(self, name: str) -> ModuleType:
+        """A room of `kernels` by its name, or its counterpart on the card."""
+        return _cuda(name) if self.name == "cuda" else importlib.import_module(f"grainmotion.kernels.{name}")
+
+
+CPU = Device("cpu")
+
+
+def chosen(choice: Choice) -> Device:
+    """The device of a choice.
+
+    Raises
+    ------
+    InputError
+        If ``"cuda"`` is asked for where numba-cuda or a working card is lacking.
+    """
+    if choice == "cpu":
+        return CPU
+    lacking = _lacking()
+    if lacking is None:
+        return Device("cuda")
+    if choice == "auto":
+        return CPU
+    raise InputError("device 'cuda'", *lacking)
+
+
+def place(array: Any) -> Device:
+    """Where an array lies."""
+    return CPU if isinstance(array, np.ndarray) else Device("cuda")
+
+
+def zeros_beside(array: Any, shape: int | tuple[int, ...]) -> Any:
+    """Zeros of an array's precision, where it lies."""
+    shape = (shape,) if isinstance(shape, int) else shape
+    return np.zeros(shape, array.dtype) if place(array) == CPU else _cuda("arrays").zeros(shape, array.dtype)
+
+
+def _cuda(name: str) -> ModuleType:
+    return importlib.import_module(f"grainmotion.kernels.cuda.{name}")
+
+
+@cache
+def _lacking() -> tuple[str, str] | None:
+    """What keeps the card from being used and what to do about it; None if nothing does."""
+    instead = 'or give device = "cpu"'
+    if find_spec("numba_cuda") is None:
+        return "the package numba-cuda is not installed", f"install grainmotion[gpu] {instead}"
+    try:
+        from numba import cuda
+    except ImportError as error:
+        return f"numba-cuda cannot be used ({_line(error)})", f"install grainmotion[gpu] anew {instead}"
+    if not cuda.is_available():
+        told = _line(cuda.cuda_error()) if cuda.cuda_error() else "no card answers"
+        return f"no NVIDIA card can be used ({told})", f"check the card and its driver with nvidia-smi {instead}"
+    try:
+        _cuda("arrays").try_card()
+    except Exception as error:  # drivers, compilers and cards fail in many ways; each is a reason not to use them
+        return f"the card cannot run kernels ({_line(error)})", f"install grainmotion[gpu], update the driver {instead}"
+    return None
+
+
+def _line(error: object) -> str:
+    words = " ".join(str(error).split())
+    return words if len(words) <= 200 else f"{words[:200]}…"
