@@ -88,7 +88,7 @@ class TestWorkers:
                 if len(told) == 6:
                     workers.kill()
 
-            many = track(GRAINS, SCAN, settings=QUICK, progress=listen, crew=cluster.team())
+            many = track(GRAINS, SCAN, settings=QUICK, progress=listen, device=cluster.crew)
             assert len(cluster.work.client.scheduler_info()["workers"]) == 1
         assert len(told) > 8
         same(alone, many)

@@ -84,6 +84,13 @@ class Shelf:
         finally:
             _remove(paths)
 
+    def kept_images(self, images: NDArray[Any]) -> ShelvedImages:
+        """A stack of radiographs, here for as long as anybody in this process refers to it."""
+        path = self.folder / self.write(images)
+        kept = ShelvedImages(path)
+        weakref.finalize(kept, _remove, [path])
+        return kept
+
     def write(self, array: NDArray[Any]) -> str:
         """Write an array; the name of its file."""
         name = _name(self._count)

@@ -10,6 +10,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from grainmotion.cluster.crew import Crew
 from grainmotion.cluster.scattered import reconstruct_scattered
 from grainmotion.cluster.shelf import Shelf, Shelved
 from grainmotion.cluster.sizes import tell_sizes
@@ -32,6 +33,11 @@ class Cluster:
 
     work: Work
     shelf: Shelf
+
+    @property
+    def crew(self) -> Crew:
+        """The workers as the device that tracks grains."""
+        return Crew.of(self.work, self.shelf)
 
     def reconstruct(
         self, source: ScanInput, grid: Volume, settings: ReconstructSettings, progress: Progress | None = None

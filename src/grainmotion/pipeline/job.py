@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion.cluster.workplace import Cluster
+from grainmotion.device import Device
 from grainmotion.errors import InputError
 from grainmotion.experiment.file import Experiment, ExperimentFile
 from grainmotion.experiment.inputs import Inputs, check_contrast
@@ -66,6 +67,11 @@ class Job:
             return False
         enough = wanted.geometry != "auto" or len(reference.geometry) >= ENOUGH_VIEWS
         return bool((wanted.geometry and enough) or wanted.hardening)
+
+    @cached_property
+    def walkers(self) -> Device | None:
+        """Where grains are walked, if the settings do not say."""
+        return None if self.cluster is None else self.cluster.crew
 
     @cached_property
     def calibrate_print(self) -> str:

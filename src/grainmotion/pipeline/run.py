@@ -200,7 +200,7 @@ def _track(job: Job, scan: ScanInput, table: StateTable, previous: Motions | Non
     start = previous if table.initial == "previous" else job.inputs.starts[_index(job, table)]
     radiographs, _ = scan.read()
     try:
-        motions = track(job.grains(), radiographs, start, job.tables.track, job.listener(table.name))
+        motions = track(job.grains(), radiographs, start, job.tables.track, job.listener(table.name), job.walkers)
     except InputError as error:
         where = f"states.{table.name}.{error.where.replace('start', f'initial ({table.initial})')}"
         raise InputError(where, error.fact, error.remedy) from error
