@@ -72,7 +72,7 @@ class Crew(Device):
 
     def kernels(self, name: str) -> Any:
         """See `Device`."""
-        rooms = {"grains": (project, project_with_derivatives, add_patches)}
+        rooms: dict[str, tuple[Any, ...]] = {"grains": (project, project_with_derivatives, add_patches)}
         rooms["normal"] = (normal.filter_images, filter_patches, gradients, spread, blocks)
         return SimpleNamespace(**{kernel.__name__: kernel for kernel in rooms[name]})
 

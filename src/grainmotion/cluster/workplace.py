@@ -10,13 +10,18 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
+
 from grainmotion.cluster.crew import Crew
+from grainmotion.cluster.cutting import cut_scattered
 from grainmotion.cluster.scattered import reconstruct_scattered
 from grainmotion.cluster.shelf import Shelf, Shelved
 from grainmotion.cluster.sizes import tell_sizes
 from grainmotion.cluster.work import Work
 from grainmotion.errors import InputError
 from grainmotion.experiment.scans import ScanInput
+from grainmotion.partition import Boxed
 from grainmotion.reconstruct import Progress, Reconstruction, ReconstructSettings
 from grainmotion.volume import Volume
 
@@ -38,6 +43,12 @@ class Cluster:
     def crew(self) -> Crew:
         """The workers as the device that tracks grains."""
         return Crew.of(self.work, self.shelf)
+
+    def cut(
+        self, volume: Volume, labels: NDArray[np.integer], wanted: list[Boxed], factor: int, reach: float
+    ) -> Iterator[Volume | None]:
+        """Cut grains out on finer voxels; see `grainmotion.partition.fine_grains`."""
+        return cut_scattered(self.work, self.shelf, volume, labels, wanted, factor, reach)
 
     def reconstruct(
         self, source: ScanInput, grid: Volume, settings: ReconstructSettings, progress: Progress | None = None

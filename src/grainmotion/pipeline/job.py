@@ -23,6 +23,7 @@ from grainmotion.io.calibration_json import read_calibration
 from grainmotion.io.ledger import Ledger
 from grainmotion.io.results import Reference, read_reference
 from grainmotion.io.stacks import Stack
+from grainmotion.partition import fine_grains
 from grainmotion.pipeline.machine import Machine
 from grainmotion.scan import Scan
 from grainmotion.volume import Volume
@@ -215,6 +216,7 @@ class Job:
                 border=reference.border,
                 background=settings.background,
                 finer=settings.finer,
+                cut=fine_grains if self.cluster is None else self.cluster.cut,
             )
         return self.grain_set
 
