@@ -223,9 +223,8 @@ def project_with_derivatives(*arguments: Any) -> None:
 
 def add_patches(values: Afar, boxes: Index, offsets: Index, out: Image) -> None:
     """As `kernels.grains.add_patches`."""
-    crew, (views, _, columns) = values.walked_by, out.shape
-    count = len(values.pieces)
-    stripes = values.each(pieces.add_up, views=[views] * count, columns=[columns] * count)
+    crew, like = values.walked_by, (out.shape[0], out.shape[2], out.dtype)
+    stripes = values.each(pieces.add_up, like=[like] * len(values.pieces))
     for stripe in crew.work.results(crew.added_up(stripes, AT_ONCE)):
         if stripe.images.size:
             stripe.add_to(out)
@@ -257,11 +256,10 @@ def spread(
     derivatives: Afar, boxes: Index, offsets: Index, order: Index, first: Index, increments: Float, images: Afar
 ) -> None:  # fmt: skip
     """As `kernels.normal.spread`; the sum stays with the workers."""
-    crew, (views, _, columns) = derivatives.walked_by, images.shape
+    crew, like = derivatives.walked_by, (images.shape[0], images.shape[2], np.dtype(images.dtype))
     assert derivatives.split is not None
-    count = len(derivatives.pieces)
     own = [increments[rows] for rows in derivatives.split.grains]
-    stripes = derivatives.each(pieces.spread, increments=own, views=[views] * count, columns=[columns] * count)
+    stripes = derivatives.each(pieces.spread, increments=own, like=[like] * len(own))
     images.fill(crew.work.persist(crew.added_up(stripes, 1)), None, images.offsets, derivatives.kept)
 
 

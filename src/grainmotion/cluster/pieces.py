@@ -61,6 +61,8 @@ class Stripe:
         images[:, at : at + self.images.shape[1]] += self.images
 
 
+Shape = tuple[int, int, np.dtype[np.floating]]
+"""Views and columns of radiographs, and their precision."""
 Images = Stripe | ShelvedImages
 
 
@@ -94,18 +96,20 @@ def second_of(pair: tuple[Image, Image]) -> Image:
 
 
 # ---------------------------------------------------------------------- radiographs
-def add_up(values: Image, some: Some, views: int, columns: int) -> Stripe:
-    """Sum of the patches, in double precision: there sums of single numbers are the same in any order."""
+def add_up(values: Image, some: Some, like: Shape) -> Stripe:
+    """Sum of the patches."""
     first, end = some.rows
-    images = np.zeros((views, max(end - first, 0), columns))
+    views, columns, precision = like
+    images = np.zeros((views, max(end - first, 0), columns), precision)
     grains.add_patches(values, some.below(first).boxes, some.offsets, images)
     return Stripe(first, images)
 
 
-def spread(derivatives: Image, some: Some, increments: Float, views: int, columns: int) -> Stripe:
+def spread(derivatives: Image, some: Some, increments: Float, like: Shape) -> Stripe:
     """What increments ``(n, 6)`` of the grains change in the radiographs."""
     first, end = some.rows
-    images = np.zeros((views, max(end - first, 0), columns), derivatives.dtype)
+    views, columns, precision = like
+    images = np.zeros((views, max(end - first, 0), columns), precision)
     order = np.argsort(some.boxes[:, 1], kind="stable")
     starts = np.searchsorted(some.boxes[order, 1], np.arange(views + 1))
     with own_threads():
