@@ -89,7 +89,7 @@ def test_same_look(crew):
     np.testing.assert_array_equal(there.hessian.toarray(), here.hessian.toarray())
 
 
-@pytest.mark.parametrize("search", [False, True])
+@pytest.mark.parametrize("search", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_same_motions(crew, search):
     settings = TrackSettings(search=search, device="cpu")
     one, many = track(GRAINS, SCAN, settings=settings), track(GRAINS, SCAN, settings=settings, device=crew)

@@ -155,7 +155,7 @@ class TestRun:
         begun = path.parent / "begun"
         run(read_experiment(path), out=begun, until="segment")
         shutil.copytree(begun, path.parent / "alone")
-        return path, begun, run(read_experiment(path), out=path.parent / "alone")
+        return path, begun, run(read_experiment(path), out=path.parent / "alone", until="track")
 
     @pytest.fixture(scope="class")
     def many(self, once, tmp_path_factory):
@@ -165,6 +165,7 @@ class TestRun:
         assert found.exit_code == 0, found.output
         return out
 
+    @pytest.mark.slow
     def test_same_reference(self, once, many):
         path, _, alone = once
         one, other = (read_reference(folder / "reference.h5") for folder in (alone.folder, many))
@@ -181,6 +182,7 @@ class TestRun:
         for name, motions in alone.motions.items():
             same(motions, read_motions_h5(begun / name / "motions.h5"))
 
+    @pytest.mark.slow
     @pytest.mark.xfail(strict=True, reason="slabs round a ray's sum differently, and momentum raises that")
     def test_same_motions_from_the_radiographs_on(self, once, many):
         for name, motions in once[2].motions.items():
