@@ -19,6 +19,7 @@ import typer
 from pydantic import ValidationError
 
 from grainmotion import console
+from grainmotion.cluster.workplace import HERE, Workplace
 from grainmotion.demo import run_demo, write_case
 from grainmotion.errors import InputError
 from grainmotion.experiment.file import Experiment, read_experiment
@@ -50,6 +51,10 @@ File = Annotated[Path, typer.Argument(metavar="FILE", help="experiment file (TOM
 Out = Annotated[Path | None, typer.Option("--out", help="folder for results, instead of the file's [output]")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="show no progress")]
 
+Scheduler = Annotated[
+    str | None, typer.Option("--scheduler", help="address of a Dask scheduler whose workers do the work")
+]
+Workers = Annotated[int | None, typer.Option("--workers", help="processes of this machine that do the work")]
 Where = Annotated[DeviceName | None, typer.Option("--device", help="where rays are walked, instead of the file's own")]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="of packing, motions and noise")]
 
@@ -111,42 +116,67 @@ def _reported(command: Callable[..., None]) -> Callable[..., None]:
 # ---------------------------------------------------------------------- the main job and its stages
 @app.command()
 @_reported
-def run(file: File, out: Out = None, device: Where = None, quiet: Quiet = False) -> None:
+def run(
+    file: File,
+    out: Out = None,
+    device: Where = None,
+    quiet: Quiet = False,
+    scheduler: Scheduler = None,
+    workers: Workers = None,
+) -> None:
     """Do the whole job; what is done already and unchanged is not done again."""
-    result = _run(_read(file, device), "report", out, quiet)
+    result = _run(_read(file, device), "report", out, quiet, Workplace(scheduler, workers))
     console.print_states(result.motions)
     print(f"report: {result.report}")
 
 
 @app.command()
 @_reported
-def reconstruct(file: File, out: Out = None, device: Where = None, quiet: Quiet = False) -> None:
+def reconstruct(
+    file: File,
+    out: Out = None,
+    device: Where = None,
+    quiet: Quiet = False,
+    scheduler: Scheduler = None,
+    workers: Workers = None,
+) -> None:
     """Reconstruct the reference volume and stop."""
-    result = _run(_read(file, device), "reconstruct", out, quiet)
+    result = _run(_read(file, device), "reconstruct", out, quiet, Workplace(scheduler, workers))
     print(f"volume: in {result.folder}")
 
 
 @app.command()
 @_reported
-def segment(file: File, out: Out = None, quiet: Quiet = False) -> None:
+def segment(
+    file: File, out: Out = None, quiet: Quiet = False, scheduler: Scheduler = None, workers: Workers = None
+) -> None:
     """Find the grains of the reference volume and stop."""
-    result = _run(read_experiment(file), "segment", out, quiet)
+    result = _run(read_experiment(file), "segment", out, quiet, Workplace(scheduler, workers))
     print(f"grains: {result.folder / 'reference.h5'}")
 
 
 @app.command()
 @_reported
-def track(file: File, out: Out = None, device: Where = None, quiet: Quiet = False) -> None:
+def track(
+    file: File,
+    out: Out = None,
+    device: Where = None,
+    quiet: Quiet = False,
+    scheduler: Scheduler = None,
+    workers: Workers = None,
+) -> None:
     """Track the grains through all states and stop before residuals, exports and report."""
-    result = _run(_read(file, device), "track", out, quiet)
+    result = _run(_read(file, device), "track", out, quiet, Workplace(scheduler, workers))
     console.print_states(result.motions)
 
 
 @app.command()
 @_reported
-def report(file: File, out: Out = None, quiet: Quiet = False) -> None:
+def report(
+    file: File, out: Out = None, quiet: Quiet = False, scheduler: Scheduler = None, workers: Workers = None
+) -> None:
     """Write the report, after whatever it needs that is not done yet."""
-    result = _run(read_experiment(file), "report", out, quiet)
+    result = _run(read_experiment(file), "report", out, quiet, Workplace(scheduler, workers))
     print(f"report: {result.report}")
 
 
@@ -181,9 +211,9 @@ def _read(file: Path, device: DeviceName | None) -> Experiment:
     return experiment if device is None else experiment.on(device.value)
 
 
-def _run(experiment: Experiment, until: Until, out: Path | None, quiet: bool) -> RunResult:
+def _run(experiment: Experiment, until: Until, out: Path | None, quiet: bool, workplace: Workplace = HERE) -> RunResult:
     with console.progress(quiet) as listener:
-        result = run_pipeline(experiment, out=out, until=until, progress=listener)
+        result = run_pipeline(experiment, out=out, until=until, progress=listener, workplace=workplace)
     if not quiet:
         print(
             f"done: {', '.join(result.done) or 'nothing'}; kept: {', '.join(result.reused) or 'nothing'}",

@@ -1,7 +1,8 @@
-"""Device: where rays are walked, on the processor or on an NVIDIA card.
+"""Device: where rays are walked, on the processor, on an NVIDIA card, or by the workers of a cluster.
 
 It is chosen once, where grains or a volume are handed to it (`Device.hold`); from there on the place of an
-array says which kernels take it, those of the processor or `kernels.cuda`, of the same names and arguments.
+array says which kernels take it, those of the processor, `kernels.cuda` or `cluster.crew`, of the same names and
+arguments.
 """
 
 from __future__ import annotations
@@ -25,18 +26,26 @@ Choice = Literal["auto", "cpu", "cuda"]
 class Device:
     """Where kernels run."""
 
-    name: Literal["cpu", "cuda"]
+    name: Literal["cpu", "cuda", "workers"]
 
     def hold(self, array: Any) -> Any:
         """An array where the device can walk it: itself, or a copy that stays on the card."""
         return array if self.name == "cpu" else _cuda("arrays").hold(array)
 
-    def kernels(self, name: str) -> ModuleType:
+    def hold_voxels(self, images: Any, starts: Any) -> Any:
+        """The same for voxels of grains, one grain after the other from ``starts (n,)`` on."""
+        return self.hold(images)
+
+    def zeros(self, shape: tuple[int, ...], dtype: Any) -> Any:
+        """Zeros where the device can walk them."""
+        return np.zeros(shape, dtype) if self.name == "cpu" else _cuda("arrays").zeros(shape, dtype)
+
+    def kernels(self, name: str) -> Any:
         """A room of `kernels` by its name, or its counterpart on the card."""
         return _cuda(name) if self.name == "cuda" else importlib.import_module(f"grainmotion.kernels.{name}")
 
 
-CPU = Device("cpu")
+CPU, CARD = Device("cpu"), Device("cuda")
 
 
 def chosen(choice: Choice) -> Device:
@@ -59,13 +68,16 @@ def chosen(choice: Choice) -> Device:
 
 def place(array: Any) -> Device:
     """Where an array lies."""
-    return CPU if isinstance(array, np.ndarray) else Device("cuda")
+    if isinstance(array, np.ndarray):
+        return CPU
+    device: Device = getattr(array, "walked_by", CARD)
+    return device
 
 
 def zeros_beside(array: Any, shape: int | tuple[int, ...]) -> Any:
     """Zeros of an array's precision, where it lies."""
     shape = (shape,) if isinstance(shape, int) else shape
-    return np.zeros(shape, array.dtype) if place(array) == CPU else _cuda("arrays").zeros(shape, array.dtype)
+    return place(array).zeros(shape, array.dtype)
 
 
 def _cuda(name: str) -> ModuleType:

@@ -23,3 +23,7 @@ class InputError(GrainmotionError):
     def __init__(self, where: str, fact: str, remedy: str) -> None:
         self.where, self.fact, self.remedy = where, fact, remedy
         super().__init__(f"{where}: {fact}; {remedy}")
+
+    def __reduce__(self) -> tuple[type[InputError], tuple[str, str, str]]:
+        """Travel whole from one process to another."""
+        return type(self), (self.where, self.fact, self.remedy)

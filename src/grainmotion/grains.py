@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -12,10 +12,11 @@ from scipy import ndimage
 from skimage.segmentation import expand_labels
 
 from grainmotion.errors import InputError
-from grainmotion.partition import fine_grain
+from grainmotion.partition import Boxed, fine_grains
 from grainmotion.volume import Volume
 
 Background = Literal["auto", "ignore", "fixed", "moving"]
+Cut = Callable[[Volume, NDArray[np.integer], list[Boxed], int, float], Iterable[Volume | None]]
 MUCH, BESIDE = 0.02, 1.5  # share of all attenuation; voxels
 SMOOTHED, FAINT = 2.0, 0.02  # voxels; share of the grains' attenuation that tells a wall from noise
 PADDING = 2  # empty voxels kept around each grain, so that interpolation never leaves its crop
@@ -115,6 +116,7 @@ def grains_from_labels(
     border: Collection[int] = (),
     background: Background = "auto",
     finer: int = 2,
+    cut: Cut = fine_grains,
 ) -> GrainSet:
     """Cut a labelled volume into grains.
 
@@ -138,6 +140,8 @@ def grains_from_labels(
     finer : int
         Each grain is resampled, too, on voxels this many times finer, and parted from its neighbours there (see
         `partition`); 1 is none.  A slice one voxel thick is not.
+    cut : callable, optional
+        Who does that: as `partition.fine_grains`.
 
     Raises
     ------
@@ -156,17 +160,17 @@ def grains_from_labels(
     if background != "ignore" and reach > BESIDE:
         reach = BESIDE
         grown = expand_labels(labels, distance=reach)
-    grains = []
+    grains, wanted = [], []
     for index, box in enumerate(ndimage.find_objects(grown), start=1):
         if box is None:
             continue
         grain = _cut(volume, grown, index, box, index in border)
-        if grain is None:
-            continue
-        if finer > 1 and min(volume.shape) > 1:
-            fine = fine_grain(volume, labels, index, box, finer, reach)
-            grain = grain if fine is None else replace(grain, fine=padded(fine))
-        grains.append(grain)
+        if grain is not None:
+            grains.append(grain)
+            wanted.append((index, box))
+    if finer > 1 and min(volume.shape) > 1:
+        for k, fine in enumerate(cut(volume, labels, wanted, finer, reach)):
+            grains[k] = grains[k] if fine is None else replace(grains[k], fine=padded(fine))
     if not grains:
         raise InputError("labels", "no grains found", "check the threshold, or the labels given")
     lay_together(grains)

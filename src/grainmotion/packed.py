@@ -98,7 +98,7 @@ class PackedGrains:
 
     def on(self, device: Device) -> PackedGrains:
         """The same grains where a device walks them."""
-        return replace(self, held=None if device == CPU else device.hold(self.images))
+        return replace(self, held=None if device == CPU else device.hold_voxels(self.images, self.starts))
 
     @classmethod
     def of(cls, grains: GrainSet, fine: bool = False) -> PackedGrains:

@@ -7,6 +7,8 @@ their insides in the order of attenuation (a marker watershed), which ends in th
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from edt import edt
 from numpy.typing import NDArray
@@ -25,12 +27,15 @@ MARGIN = 4
 """Voxels around what is flooded, within which a spline forgets the crop's edge."""
 
 Box = tuple[slice, slice, slice]
+Boxed = tuple[int, tuple[slice, ...]]
+"""A label, and the box in which it is."""
+Fine = tuple[NDArray[np.floating], tuple[int, int, int]]
 
 
-def fine_grain(
-    volume: Volume, labels: NDArray[np.integer], label: int, box: tuple[slice, ...], factor: int, reach: float
-) -> Volume | None:
-    """One grain on voxels ``factor`` times finer.
+def fine_grains(
+    volume: Volume, labels: NDArray[np.integer], wanted: list[Boxed], factor: int, reach: float
+) -> Iterator[Volume | None]:
+    """Some grains on voxels ``factor`` times finer, one after the other.
 
     Parameters
     ----------
@@ -38,30 +43,49 @@ def fine_grain(
         Attenuation, 1/mm.
     labels : (nz, ny, nx) int array
         Grains; 0 is none.
-    label : int
-        The grain.
-    box : slices
-        Where its label is.
+    wanted : list of (int, slices)
+        Labels of the grains, and the box in which each label is.
     factor : int
     reach : float
         How far beyond labels attenuation is handed to grains, voxels.
 
-    Returns
-    -------
+    Yields
+    ------
     Volume or None
         Cropped to the grain's own voxels, others zero; None if it has none.
     """
-    around = _widened(box, labels.shape, int(np.ceil(reach)) + MARGIN)
-    fine = splined(volume.array[around], factor)
-    coarse = np.ascontiguousarray(labels[around])
-    mine = flooded(fine, coarse, factor, reach) == label
+    for label, box in wanted:
+        around = surroundings(box, volume.shape, reach)
+        found = fine_cut(volume.array[around], np.ascontiguousarray(labels[around]), label, factor, reach)
+        yield None if found is None else placed(found, volume, around, factor)
+
+
+def surroundings(box: tuple[slice, ...], shape: tuple[int, ...], reach: float) -> Box:
+    """What of a volume decides about the grain in a box."""
+    by = int(np.ceil(reach)) + MARGIN
+    a, b, c = (slice(max(s.start - by, 0), min(s.stop + by, n)) for s, n in zip(box, shape, strict=True))
+    return a, b, c
+
+
+def fine_cut(
+    array: NDArray[np.floating], labels: NDArray[np.integer], label: int, factor: int, reach: float
+) -> Fine | None:
+    """A grain's finer voxels from its surroundings, and where in these the first is; None if it has none."""
+    fine = splined(array, factor)
+    mine = flooded(fine, labels, factor, reach) == label
     if not mine.any():
         return None
     inner = ndimage.find_objects(mine.astype(np.int8))[0]
+    z, y, x = (int(s.start) for s in inner)
+    return np.where(mine[inner], fine[inner], 0), (z, y, x)
+
+
+def placed(found: Fine, volume: Volume, around: Box, factor: int) -> Volume:
+    """Finer voxels in their place."""
+    array, inner = found
     h = volume.voxel_size / factor
-    starts = [factor * a.start + b.start for a, b in zip(around, inner, strict=True)]
+    starts = [factor * a.start + b for a, b in zip(around, inner, strict=True)]
     first = volume.origin - volume.voxel_size / 2 + h * (np.array(starts[::-1]) + 0.5)
-    array = np.where(mine[inner], fine[inner], 0)
     x, y, z = first + h * (np.array(array.shape[::-1]) - 1) / 2
     return Volume(array, h, (float(x), float(y), float(z)))
 
@@ -117,8 +141,3 @@ def _cubic(x: NDArray[np.floating]) -> NDArray[np.float64]:
     a = np.abs(x)
     near, far = 2 / 3 - a**2 + a**3 / 2, np.maximum(2 - a, 0) ** 3 / 6
     return np.where(a < 1, near, far)
-
-
-def _widened(box: tuple[slice, ...], shape: tuple[int, ...], by: int) -> Box:
-    a, b, c = (slice(max(s.start - by, 0), min(s.stop + by, n)) for s, n in zip(box, shape, strict=True))
-    return a, b, c

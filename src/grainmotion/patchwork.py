@@ -37,9 +37,16 @@ def spread(
 ) -> Any:
     """The images ``(views, rows, columns)`` that ``increments (n, 6)`` make, where the derivatives lie."""
     images = zeros_beside(derivatives, panels)
+    spread_into(images, derivatives, boxes, offsets, order, first, increments)
+    return images
+
+
+def spread_into(
+    images: Any, derivatives: Any, boxes: Any, offsets: Any, order: Any, first: Any, increments: Float
+) -> None:
+    """The same, filling images that lie where the derivatives do."""
     where = place(derivatives).kernels("normal")
     where.spread(derivatives, boxes, offsets, order, first, np.ascontiguousarray(increments), images)
-    return images
 
 
 def blocks(derivatives: Any, boxes: Index, offsets: Index, pairs: Index, first: Index, out: Float) -> None:

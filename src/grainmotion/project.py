@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion import motion
-from grainmotion.device import place, zeros_beside
+from grainmotion.device import CARD, place, zeros_beside
 from grainmotion.errors import InputError
 from grainmotion.geometry import Geometry
 from grainmotion.grains import GrainSet
@@ -190,10 +190,13 @@ def difference_patches(
 
 
 def assemble(values: Any, patches: Patches, geometry: Geometry) -> Image:
-    """Radiographs ``(views, rows, columns)``: the sum of all patches."""
-    out = np.zeros((len(geometry), *geometry.shape), values.dtype)
+    """Radiographs ``(views, rows, columns)``: the sum of all patches, in their precision.
+
+    They are added up in double, where sums of single numbers are the same in any order, by whomever.
+    """
+    out = np.zeros((len(geometry), *geometry.shape), values.dtype if place(values) == CARD else float)
     place(values).kernels("grains").add_patches(values, patches.boxes, patches.offsets, out)
-    return out
+    return out.astype(values.dtype, copy=False)
 
 
 def simulate_radiographs(

@@ -9,10 +9,8 @@ from collections.abc import Callable
 
 from pydantic.dataclasses import dataclass
 
-from grainmotion.device import chosen
-from grainmotion.reconstructing.accelerated import accelerated
-from grainmotion.reconstructing.card import CardEquations
-from grainmotion.reconstructing.equations import Equations
+from grainmotion.reconstructing.accelerated import accelerated, started
+from grainmotion.reconstructing.held import Held
 from grainmotion.reconstructing.sart import plain_sart
 from grainmotion.reconstructing.settings import ReconstructSettings
 from grainmotion.scan import Scan
@@ -64,7 +62,10 @@ def reconstruct(
         The volume on ``grid`` and ε after each sweep (plain SART) or phase (accelerated).
     """
     settings = settings or ReconstructSettings()
-    on_card = chosen(settings.device).name == "cuda"
-    equations = CardEquations(scan, grid, settings) if on_card else Equations(scan, grid, settings)
-    image, history = (plain_sart if settings.plain(len(scan)) else accelerated)(equations, progress)
-    return Reconstruction(equations.volume(image), tuple(history))
+    if settings.plain(len(scan)):
+        held = Held.of(scan, grid, settings)
+        history = plain_sart(held, len(scan), settings, progress)
+    else:
+        held = started(scan, grid, settings)
+        history = accelerated(held, len(scan), progress)
+    return Reconstruction(held.volume(), tuple(history))

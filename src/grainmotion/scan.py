@@ -73,7 +73,7 @@ def binned(scan: Scan, factor: int) -> Scan:
     old = scan.geometry.shape
     rows, columns = (n // factor for n in old)
     r0, c0 = ((n - m * factor) // 2 for n, m in zip(old, (rows, columns), strict=True))
-    views = np.arange(0, len(scan), max(1, round(len(scan) / (2 * columns))))
+    views = views_for(len(scan), columns)
     cut = (views[:, None, None], np.arange(r0, r0 + rows * factor)[:, None], np.arange(c0, c0 + columns * factor))
     blocks = (len(views), rows, factor, columns, factor)
     geometry = scan.geometry[views].window((r0, c0), (rows * factor, columns * factor)).binned(factor)
@@ -84,6 +84,11 @@ def binned(scan: Scan, factor: int) -> Scan:
     number = good.sum(axis=(2, 4))
     mean = np.where(good, images, 0).sum(axis=(2, 4)) / np.maximum(number, 1)
     return Scan(mean, geometry, number > 0)
+
+
+def views_for(count: int, columns: int) -> NDArray[np.int64]:
+    """As many of ``count`` views as radiographs of so many columns need."""
+    return np.arange(0, count, max(1, round(count / (2 * columns))))
 
 
 def air_levels(

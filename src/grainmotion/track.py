@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from grainmotion.device import chosen
+from grainmotion.device import Device, chosen
 from grainmotion.grains import GrainSet
 from grainmotion.motions import Motions
 from grainmotion.packed import PackedGrains, packed_body
@@ -47,6 +47,7 @@ def track(
     start: Motions | None = None,
     settings: TrackSettings | None = None,
     progress: Progress | None = None,
+    device: Device | None = None,
 ) -> Motions:
     """Measure the rigid motion of every grain from the reference state to the state of ``scan``.
 
@@ -63,6 +64,8 @@ def track(
         Stages, filters, projector.
     progress : callable, optional
         Called as ``progress(message, done, total)``.
+    device : Device, optional
+        Where rays are walked, instead of ``settings.device``: the workers of a cluster.
 
     Returns
     -------
@@ -71,14 +74,19 @@ def track(
     """
     settings = settings or TrackSettings()
     with threadpool_limits(limits=1, user_api="blas"):  # its matrices are small, and kernels use all cores
-        return _track(grains, scan, start, settings, progress)
+        return _track(grains, scan, start, settings, progress, device)
 
 
 def _track(
-    grains: GrainSet, scan: Scan, start: Motions | None, settings: TrackSettings, progress: Progress | None
+    grains: GrainSet,
+    scan: Scan,
+    start: Motions | None,
+    settings: TrackSettings,
+    progress: Progress | None,
+    device: Device | None,
 ) -> Motions:
     """All grains; then without those that seem not to be there, if the others fit better so."""
-    whole, supports = _all_together(grains, scan, start, settings, progress)
+    whole, supports = _all_together(grains, scan, start, settings, progress, device)
     best, present = whole, grains
     while settings.search and (absent := suspects(best, supports)):
         trials = [present.without(rows) for rows in absent]
@@ -87,35 +95,45 @@ def _track(
             begin, how = best, replace(settings, fields=False, filters=settings.filters[1:] or settings.filters)
         elif len(trials) > FEW:  # the right one needs no search
             how = replace(settings, search=False)
-        ends = [_all_together(t, scan, begin, how, progress) for t in trials]
+        ends = [_all_together(t, scan, begin, how, progress, device) for t in trials]
         k = max(range(len(ends)), key=lambda k: merit(ends[k][0]))
         if not improves(ends[k][0], best):
             break
         present, (best, supports) = trials[k], ends[k]
     found = complete(best, grains) if best.ok.sum() > whole.ok.sum() else whole
     if settings.search and may_have_appeared(found):
-        more = _with_another(grains, scan, start, settings, progress)
+        more = _with_another(grains, scan, start, settings, progress, device)
         found = more if more is not None and more.ok.sum() > found.ok.sum() else found
     return found
 
 
 def _with_another(
-    grains: GrainSet, scan: Scan, start: Motions | None, settings: TrackSettings, progress: Progress | None
+    grains: GrainSet,
+    scan: Scan,
+    start: Motions | None,
+    settings: TrackSettings,
+    progress: Progress | None,
+    device: Device | None,
 ) -> Motions | None:
     """The grains beside one that stands in for another that appeared; None if there is no place for one."""
-    place = place_of_surplus(_course(grains, scan, settings, progress), starting_pose(grains, start))
+    place = place_of_surplus(_course(grains, scan, settings, progress, device), starting_pose(grains, start))
     if place is None:
         return None
     whole = with_stand_in(grains, place)
     quick = replace(settings, search=False)
-    return without_last(_all_together(whole, scan, started(start, whole), quick, progress)[0])
+    return without_last(_all_together(whole, scan, started(start, whole), quick, progress, device)[0])
 
 
 def _all_together(
-    grains: GrainSet, scan: Scan, start: Motions | None, settings: TrackSettings, progress: Progress | None
+    grains: GrainSet,
+    scan: Scan,
+    start: Motions | None,
+    settings: TrackSettings,
+    progress: Progress | None,
+    device: Device | None,
 ) -> tuple[Motions, Float]:
     """All stages for some grains, and how much of each grain's shadow the radiographs hold."""
-    course = _course(grains, scan, settings, progress)
+    course = _course(grains, scan, settings, progress, device)
     base, pose = approach(course, starting_pose(grains, start))
     done = 1 if settings.fields and len(settings.filters) > 1 else 0  # the approach ends with the first filter
     problem, solution = course.free(pose, "free", settings.filters[done:])
@@ -130,15 +148,16 @@ def _all_together(
     return motions, np.array([shadow.support for shadow in held])
 
 
-def _course(grains: GrainSet, scan: Scan, settings: TrackSettings, progress: Progress | None) -> Course:
-    device, smooth = chosen(settings.device), settings.projector == "trilinear"
+def _course(
+    grains: GrainSet, scan: Scan, settings: TrackSettings, progress: Progress | None, device: Device | None = None
+) -> Course:
+    device, smooth = device or chosen(settings.device), settings.projector == "trilinear"
     packed, fine = (PackedGrains.of(grains, fine=f and smooth).on(device) for f in (False, True))
-    return Course(settings, packed, fine, _target(grains, scan, settings), progress)
+    return Course(settings, packed, fine, _target(grains, scan, settings, device), progress)
 
 
-def _target(grains: GrainSet, scan: Scan, settings: TrackSettings) -> Target:
+def _target(grains: GrainSet, scan: Scan, settings: TrackSettings, device: Device) -> Target:
     """What is fitted, and the background that stays or moves."""
-    device = chosen(settings.device)
     fixed, body, loose = np.zeros(scan.line_integrals.shape, grains.precision), None, Loose()
     if grains.background is not None:
         fixed = project(grains.background, scan.geometry, settings.projector)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -77,6 +77,11 @@ class ScanInput:
             "saturation": self.saturation,
             "inner": [[p.inner, p.key] for s in (self.radiographs, self.flats, self.darks) if s for p in s.parts],
         }
+
+    def select(self, views: NDArray[np.int64]) -> ScanInput:
+        """Some of the chosen views, in the order asked for."""
+        chosen = views if self.views is None else self.views[views]
+        return replace(self, views=chosen, geometry=self.geometry[views])
 
     def read(self) -> tuple[Scan, PixelReport]:
         """Read the radiographs as line integrals; errors name the files and the key."""

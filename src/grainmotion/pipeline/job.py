@@ -12,6 +12,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from grainmotion.cluster.workplace import Cluster
+from grainmotion.device import Device
 from grainmotion.errors import InputError
 from grainmotion.experiment.file import Experiment, ExperimentFile
 from grainmotion.experiment.inputs import Inputs, check_contrast
@@ -21,6 +23,7 @@ from grainmotion.io.calibration_json import read_calibration
 from grainmotion.io.ledger import Ledger
 from grainmotion.io.results import Reference, read_reference
 from grainmotion.io.stacks import Stack
+from grainmotion.partition import fine_grains
 from grainmotion.pipeline.machine import Machine
 from grainmotion.scan import Scan
 from grainmotion.volume import Volume
@@ -50,6 +53,7 @@ class Job:
     grain_set: GrainSet | None = None
     given_labels: NDArray[np.int32] | None = None
     machine: Machine = field(default_factory=Machine)
+    cluster: Cluster | None = None
 
     @property
     def tables(self) -> ExperimentFile:
@@ -64,6 +68,11 @@ class Job:
             return False
         enough = wanted.geometry != "auto" or len(reference.geometry) >= ENOUGH_VIEWS
         return bool((wanted.geometry and enough) or wanted.hardening)
+
+    @cached_property
+    def walkers(self) -> Device | None:
+        """Where grains are walked, if the settings do not say."""
+        return None if self.cluster is None else self.cluster.crew
 
     @cached_property
     def calibrate_print(self) -> str:
@@ -207,6 +216,7 @@ class Job:
                 border=reference.border,
                 background=settings.background,
                 finer=settings.finer,
+                cut=fine_grains if self.cluster is None else self.cluster.cut,
             )
         return self.grain_set
 

@@ -17,6 +17,7 @@ from typing import Literal
 
 import numpy as np
 
+from grainmotion.cluster.workplace import HERE, Workplace, at_work
 from grainmotion.errors import InputError
 from grainmotion.experiment.file import Experiment, StateTable
 from grainmotion.experiment.inputs import Inputs, find_inputs
@@ -72,6 +73,7 @@ def run(
     out: Path | None = None,
     until: Until = "report",
     progress: Progress | None = None,
+    workplace: Workplace = HERE,
 ) -> RunResult:
     """Do an experiment's whole job, or its stages up to ``until``.
 
@@ -84,6 +86,8 @@ def run(
         The last stage to do.
     progress : callable, optional
         Called as ``progress(message, done, total)``.
+    workplace : Workplace, optional
+        Who works: this process unless told otherwise.  The results do not depend on it.
 
     Raises
     ------
@@ -94,6 +98,13 @@ def run(
     folder = checked_folder(out if out is not None else experiment.output)
     _check_overwriting(inputs, folder)
     job = Job(experiment, inputs, folder, Ledger(folder), progress)
+    with at_work(workplace, folder) as job.cluster:
+        return _run(job, until)
+
+
+def _run(job: Job, until: Until) -> RunResult:
+    """The stages, in their order."""
+    experiment = job.experiment
     job.check_pixels(states=until in ("track", "report"))
     motions: dict[str, Motions] = {}
     report = None
@@ -110,7 +121,7 @@ def run(
         for scan, table in zip(job.corrected.states, experiment.tables.states):
             _after(job, scan, table, motions[table.name])
         report = _report(job, motions)
-    return RunResult(folder, motions, tuple(job.done), tuple(job.reused), report)
+    return RunResult(job.folder, motions, tuple(job.done), tuple(job.reused), report)
 
 
 # ---------------------------------------------------------------------- the stages
@@ -138,8 +149,14 @@ def _reconstruct(job: Job) -> None:
         if job.inputs.volume is None:
             job.reused.append("reconstruct")
         return
-    assert job.scan is not None
-    result = reconstruct(job.scan, job.inputs.grid, job.tables.reconstruct, job.listener("reconstruct"))
+    grid, settings, listener = job.inputs.grid, job.tables.reconstruct, job.listener("reconstruct")
+    if job.cluster is not None:
+        job.scan = None  # the workers read it
+        assert job.corrected.reference is not None
+        result = job.cluster.reconstruct(job.corrected.reference, grid, settings, listener)
+    else:
+        assert job.scan is not None
+        result = reconstruct(job.scan, grid, settings, listener)
     job.scan = None
     job.reference = Reference(result.volume, result.residuals)
     path = job.folder / CHECKPOINT
@@ -183,7 +200,7 @@ def _track(job: Job, scan: ScanInput, table: StateTable, previous: Motions | Non
     start = previous if table.initial == "previous" else job.inputs.starts[_index(job, table)]
     radiographs, _ = scan.read()
     try:
-        motions = track(job.grains(), radiographs, start, job.tables.track, job.listener(table.name))
+        motions = track(job.grains(), radiographs, start, job.tables.track, job.listener(table.name), job.walkers)
     except InputError as error:
         where = f"states.{table.name}.{error.where.replace('start', f'initial ({table.initial})')}"
         raise InputError(where, error.fact, error.remedy) from error

@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 
 from grainmotion.packed import Image
-from grainmotion.reconstructing.card import CardEquations
-from grainmotion.reconstructing.equations import Equations, Views, golden_order, relative
+from grainmotion.reconstructing.equations import Iterate, Views, golden_order, relative
+from grainmotion.reconstructing.held import Held
 from grainmotion.reconstructing.sart import plain_sart
-from grainmotion.scan import binned
+from grainmotion.reconstructing.settings import ReconstructSettings
+from grainmotion.scan import Scan, binned
 from grainmotion.volume import Volume
 
 Progress = Callable[[str, int, int], None]
@@ -33,23 +34,21 @@ SMALLEST = 24
 """Voxels along the grid's shortest edge and pixels along the panel's, below which there is no coarse start."""
 
 
-def accelerated(equations: Equations | CardEquations, progress: Progress | None) -> tuple[Any, list[float]]:
-    """The image, laid, and ε of each phase, each subset just before its update."""
-    image = _start(equations)
-    before = image.copy()
+def accelerated(iterate: Iterate, views: int, progress: Progress | None) -> list[float]:
+    """Update an image by a scan of so many views; ε of each phase, each subset just before its update."""
     history: list[float] = []
-    phases = subsets(len(equations.scan))
-    total, done = sum(len(views) for phase in phases for views, _ in phase), 0
+    phases = subsets(views)
+    total, done = sum(len(part) for phase in phases for part, _ in phase), 0
     for number, phase in enumerate(phases, start=1):
         squares: Any = np.zeros(2)
-        for views, relaxation in phase:
-            squares = squares + equations.add_update(image, views, relaxation)
-            equations.constrain_and_extrapolate(image, before, MOMENTUM)
-            done += len(views)
+        for part, relaxation in phase:
+            squares = squares + iterate.add_update(part, relaxation)
+            iterate.constrain_and_extrapolate(MOMENTUM)
+            done += len(part)
             if progress is not None:
                 progress(f"phase {number}/{len(phases)}, ε = {relative(squares):.4f}", done, total)
         history.append(relative(squares))
-    return before, history
+    return history
 
 
 def subsets(views: int) -> list[list[tuple[Views, float]]]:
@@ -63,27 +62,40 @@ def subsets(views: int) -> list[list[tuple[Views, float]]]:
     return phases
 
 
-def _start(equations: Equations | CardEquations) -> Any:
-    """The grid's own values if it has any; else a sweep of plain SART on coarser voxels and pixels."""
-    scan, grid = equations.scan, equations.grid
-    if grid.array.any() or min(*grid.shape, *scan.geometry.shape) < SMALLEST:
-        return equations.start()
+def has_coarse_start(shape: tuple[int, ...], panel: tuple[int, int]) -> bool:
+    """Whether a grid of zeros of some shape and a panel are large enough for a coarse start."""
+    return min(*shape, *panel) >= SMALLEST
+
+
+def coarse_start(rough: Scan, grid: Volume, settings: ReconstructSettings) -> Image:
+    """A sweep of plain SART on coarser voxels; ``rough`` is the scan `binned` by as much."""
     shape = tuple(-(-n // COARSER) for n in grid.shape)
     coarse = Volume(np.zeros(shape, np.float32), grid.voxel_size * COARSER, grid.center)
-    settings = replace(equations.settings, method="sart", sweeps=1)
-    rough = replace(equations, scan=binned(scan, COARSER), grid=coarse, settings=settings)
-    image, _ = plain_sart(rough, None)
-    finer = equations.operator.laid(_finer(rough.operator.unlaid(image), grid.shape))
-    equations.constrain(finer)
-    return finer
+    once = replace(settings, method="sart", sweeps=1)
+    held = Held.of(rough, coarse, once)
+    plain_sart(held, len(rough), once, None)
+    return held.volume().array
 
 
-def _finer(array: Image, shape: tuple[int, ...]) -> Image:
-    """Trilinear values at the middles of voxels half as large, ``shape`` of them around the same middle."""
+def started(scan: Scan, grid: Volume, settings: ReconstructSettings) -> Held:
+    """From the grid's own values if it has any, or from a coarse start."""
+    held = Held.of(scan, grid, settings)
+    if not grid.array.any() and has_coarse_start(grid.shape, scan.geometry.shape):
+        held.start_from(finer(coarse_start(binned(scan, COARSER), grid, settings), grid.shape))
+    held.before = held.image.copy()
+    return held
+
+
+def finer(array: Image, shape: tuple[int, ...], planes: slice = slice(None)) -> Image:
+    """Trilinear values at the middles of voxels half as large, ``shape`` of them around the same middle.
+
+    ``planes`` picks some of them along z.
+    """
     for axis, count in enumerate(shape):
         lines = np.moveaxis(array, axis, 0)
         # of an odd number of fine voxels the middle one lies on a coarse one's edge or middle
         at = (np.arange(count) - (count - 1) / 2) / COARSER + (len(lines) - 1) / 2
+        at = at[planes] if axis == 0 else at
         low = np.clip(np.floor(at).astype(int), 0, max(len(lines) - 2, 0))
         weight = np.clip(at - low, 0, 1).astype(array.dtype).reshape(-1, 1, 1)
         high = np.minimum(low + 1, len(lines) - 1)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,11 +30,60 @@ Float = NDArray[np.float64]
 NO_LIMIT = np.float32(np.finfo(np.float32).min)
 
 
-@dataclass(frozen=True, eq=False)
-class Equations:
-    """A scan on a grid, in single precision; volumes are laid as `operator` lays them."""
+class Iterate(Protocol):
+    """An image under way, wherever it is held."""
 
-    scan: Scan
+    def add_update(self, views: Views, relaxation: float) -> Any:
+        """Update it by some views, without constraints; Σ(b − A x)² and Σb² before it, ``(2,)``.
+
+        They may be known later only (`cardoperator.Later`), but can be added up at once.
+        """
+        ...
+
+    def constrain(self) -> None:
+        """Clip it at zero, inside its cylinder (see the settings)."""
+        ...
+
+    def constrain_and_extrapolate(self, momentum: float) -> None:
+        """Constrain it, x, then go on: x + momentum · (x − the x of the time before)."""
+        ...
+
+    def volume(self) -> Volume:
+        """It as it was last constrained, on its grid."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """Where rays count: the padded image's ``size`` (nz, ny, nx) and ``origin``, and the cylinder (see `Imaging`)."""
+
+    size: tuple[int, ...]
+    origin: Float
+    voxel_size: float
+    radius: float
+
+    @classmethod
+    def of(cls, grid: Volume, settings: ReconstructSettings) -> Frame:
+        """That of a whole grid."""
+        radius = min(grid.shape[1:]) / 2 if settings.circular else 0.0
+        return cls(tuple(n + 2 * PADDING for n in grid.shape), padded_origin(grid), grid.voxel_size, radius)
+
+    def compare(self, images: Image, scan: Scan) -> Float:
+        """(b − A x)/(A 1) in place of A x in ``images (views, rows, columns)``; Σ(b − A x)² and Σb²."""
+        squares = np.empty((len(scan) * images.shape[1], 2))
+        valid = np.ones(images.shape, np.bool_) if scan.valid is None else scan.valid
+        sart.compare(
+            images, scan.line_integrals.astype(np.float32, copy=False), valid, self.origin, self.voxel_size, self.size,
+            self.radius, scan.geometry.vectors, scan.geometry.beam == "cone", squares,
+        )  # fmt: skip
+        return squares.sum(axis=0)
+
+
+@dataclass(frozen=True, eq=False)
+class Imaging:
+    """Views of a grid, in single precision; volumes are laid as `operator` lays them."""
+
+    geometry: Geometry
     grid: Volume
     settings: ReconstructSettings
 
@@ -41,12 +91,12 @@ class Equations:
     def operator(self) -> VolumeOperator:
         """A."""
         grid = Volume(self.grid.array.astype(np.float32, copy=False), self.grid.voxel_size, self.grid.center)
-        return VolumeOperator(self.scan.geometry, grid, self.settings.projector, self.radius)
+        return VolumeOperator(self.geometry, grid, self.settings.projector, self.radius)
 
     @property
     def radius(self) -> float:
         """Radius of the grid's inscribed upright cylinder, voxels; 0 for none."""
-        return min(self.grid.shape[1:]) / 2 if self.settings.circular else 0.0
+        return Frame.of(self.grid, self.settings).radius
 
     @property
     def lowest(self) -> np.float32:
@@ -56,30 +106,11 @@ class Equations:
     @cached_property
     def column_sums(self) -> Float:
         """C of each view."""
-        return column_sums(self.scan.geometry, self.grid)
+        return column_sums(self.geometry, self.grid)
 
     def start(self) -> Image:
         """The grid's own values, laid."""
         return self.operator.laid(self.operator.grid.array)
-
-    def add_update(self, image: Image, views: Views, relaxation: float) -> Float:
-        """Update an image by some views in place, without constraints; Σ(b − A x)² and Σb² before it, ``(2,)``."""
-        corrections, squares = self.residual(image, views)
-        corrections *= np.float32(relaxation / self.column_sums[views].sum())
-        self.operator.add_adjoint(corrections, image, views)
-        return squares
-
-    def residual(self, image: Image, views: Views) -> tuple[Image, Float]:
-        """(b − A x)/(A 1) of some views ``(views, rows, columns)``; Σ(b − A x)² and Σb²."""
-        images = self.operator.forward(image, views)
-        squares = np.empty((len(views) * images.shape[1], 2))
-        valid = np.ones(images.shape, np.bool_) if self.scan.valid is None else self.scan.valid[views]
-        sart.compare(
-            images, self.scan.line_integrals[views].astype(np.float32, copy=False), valid, padded_origin(self.grid),
-            self.grid.voxel_size, tuple(n + 2 * PADDING for n in self.grid.shape), self.radius,
-            self.scan.geometry.vectors[views], self.scan.geometry.beam == "cone", squares,
-        )  # fmt: skip
-        return images, squares.sum(axis=0)
 
     def constrain(self, image: Image) -> None:
         """Clip an image at zero, inside its cylinder, in place (see the settings)."""
@@ -95,6 +126,49 @@ class Equations:
     def volume(self, image: Image) -> Volume:
         """A laid image on the grid."""
         return Volume(self.operator.unlaid(image), self.grid.voxel_size, self.grid.center)
+
+
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """A scan on a grid, in single precision; volumes are laid as `operator` lays them."""
+
+    scan: Scan
+    grid: Volume
+    settings: ReconstructSettings
+
+    @cached_property
+    def imaging(self) -> Imaging:
+        """How the grid is seen."""
+        return Imaging(self.scan.geometry, self.grid, self.settings)
+
+    @property
+    def operator(self) -> VolumeOperator:
+        """A."""
+        return self.imaging.operator
+
+    def start(self) -> Image:
+        """The grid's own values, laid."""
+        return self.imaging.start()
+
+    def add_update(self, image: Image, views: Views, relaxation: float) -> Float:
+        """Update an image by some views in place, without constraints; Σ(b − A x)² and Σb² before it, ``(2,)``."""
+        corrections = self.operator.forward(image, views)
+        squares = Frame.of(self.grid, self.settings).compare(corrections, self.scan.select(views))
+        corrections *= np.float32(relaxation / self.imaging.column_sums[views].sum())
+        self.operator.add_adjoint(corrections, image, views)
+        return squares
+
+    def constrain(self, image: Image) -> None:
+        """See `Imaging`."""
+        self.imaging.constrain(image)
+
+    def constrain_and_extrapolate(self, image: Image, before: Image, momentum: float) -> None:
+        """See `Imaging`."""
+        self.imaging.constrain_and_extrapolate(image, before, momentum)
+
+    def volume(self, image: Image) -> Volume:
+        """A laid image on the grid."""
+        return self.imaging.volume(image)
 
 
 def column_sums(geometry: Geometry, grid: Volume) -> Float:

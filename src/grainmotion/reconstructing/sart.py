@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from grainmotion.reconstructing.card import CardEquations
-from grainmotion.reconstructing.equations import Equations, golden_order, relative
+from grainmotion.reconstructing.equations import Iterate, golden_order, relative
 from grainmotion.reconstructing.settings import ReconstructSettings
 
 Progress = Callable[[str, int, int], None]
@@ -17,26 +16,25 @@ SWEEPS, RELAXATION, DECAY, TOLERANCE = 6, 1.0, 0.5, 0.02
 """Unless the settings say otherwise."""
 
 
-def plain_sart(equations: Equations | CardEquations, progress: Progress | None) -> tuple[Any, list[float]]:
-    """The image, laid, and ε of each sweep, each view just before its update."""
-    settings = equations.settings
+def plain_sart(iterate: Iterate, views: int, settings: ReconstructSettings, progress: Progress | None) -> list[float]:
+    """Update an image by a scan of so many views; ε of each sweep, each view just before its update."""
     sweeps = SWEEPS if settings.sweeps is None else settings.sweeps
     first = RELAXATION if settings.relaxation is None else settings.relaxation
     decay = DECAY if settings.decay is None else settings.decay
-    image, order = equations.start(), golden_order(len(equations.scan))
+    order = golden_order(views)
     history: list[float] = []
     for sweep in range(sweeps):
         squares: Any = np.zeros(2)
         for done, view in enumerate(order, start=1):
-            squares = squares + equations.add_update(image, np.array([view]), first * decay**sweep)
-            equations.constrain(image)
+            squares = squares + iterate.add_update(np.array([view]), first * decay**sweep)
+            iterate.constrain()
             if progress is not None:
                 message = f"SART sweep {sweep + 1}/{sweeps}, ε = {relative(squares):.4f}"
                 progress(message, sweep * len(order) + done, sweeps * len(order))
         history.append(relative(squares))
         if _settled(history, settings):
             break
-    return image, history
+    return history
 
 
 def _settled(history: list[float], settings: ReconstructSettings) -> bool:

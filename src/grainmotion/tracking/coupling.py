@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from grainmotion import patchwork
-from grainmotion.device import place
+from grainmotion.device import CARD, place
 from grainmotion.packed import Image
 from grainmotion.project import Patches
 from grainmotion.solve import DENSE_UP_TO
@@ -91,9 +91,11 @@ def normal_of(
 
 
 def spread(derivatives: Any, patches: Patches, increments: Float, panels: tuple[int, int, int]) -> Image:
-    """J x: the images that increments ``(n, 6)`` make."""
-    boxes, offsets, by_view = patches.boxes, patches.offsets, patches.by_view
-    return np.asarray(patchwork.spread(derivatives, boxes, offsets, *by_view, increments, panels))
+    """J x: the images that increments ``(n, 6)`` make, added up as `project.assemble` does."""
+    device = place(derivatives)
+    images = device.zeros(panels, derivatives.dtype if device == CARD else float)
+    patchwork.spread_into(images, derivatives, patches.boxes, patches.offsets, *patches.by_view, increments)
+    return np.asarray(images).astype(derivatives.dtype, copy=False)
 
 
 def gathered(derivatives: Any, patches: Patches, n: int, images: Image) -> Float:

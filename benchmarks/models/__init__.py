@@ -1,0 +1,1 @@
+"""Models of cost, beside what is measured."""

@@ -1,0 +1,39 @@
+"""Threads of a worker: its tasks take turns, and each uses all of them."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+
+import numba
+from threadpoolctl import ThreadpoolController
+
+_TURN = threading.Lock()  # numba's own threads are one pool, which two tasks must not enter at once
+
+
+@contextmanager
+def own_threads() -> Iterator[None]:
+    """Let kernels use the threads that this worker was given, one task at a time."""
+    from distributed import get_worker
+
+    most: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
+    try:
+        count = get_worker().state.nthreads
+    except ValueError:  # no worker: a test, or a debugger
+        count = most
+    with _TURN:
+        before = numba.get_num_threads()
+        numba.set_num_threads(max(1, min(count, most)))
+        try:
+            with _libraries().limit(limits=1, user_api="blas"):  # as `track` does: sums depend on it
+                yield
+        finally:
+            numba.set_num_threads(before)
+
+
+@cache
+def _libraries() -> ThreadpoolController:
+    """The libraries of this process that have threads of their own; to find them takes milliseconds."""
+    return ThreadpoolController()

@@ -1,0 +1,56 @@
+"""Work: tasks handed to a Dask cluster, and what goes wrong with them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from grainmotion.errors import InputError
+
+if TYPE_CHECKING:
+    from dask.delayed import Delayed
+    from distributed import Client
+
+
+@dataclass(frozen=True, eq=False)
+class Work:
+    """The workers that a client reaches."""
+
+    client: Client
+
+    def task(self, function: Callable[..., Any], /, *tasks: Any, **literals: Any) -> Delayed:
+        """``function(*tasks, **literals)``, to be done by a worker; literals go as they are."""
+        from dask.delayed import delayed
+
+        return delayed(partial(function, **literals), pure=False, traverse=False)(*tasks)
+
+    def persist(self, tasks: Sequence[Delayed]) -> list[Delayed]:
+        """Have tasks done, their results held by the workers for as long as somebody here refers to them."""
+        return list(self.client.persist(list(tasks), optimize_graph=False))
+
+    def placed(self, tasks: Sequence[Delayed]) -> list[Delayed]:
+        """`persist`, neighbours on one worker and all workers alike, as far as these live."""
+        workers = sorted(self.client.scheduler_info(n_workers=-1)["workers"])
+        found = []
+        for k, task in enumerate(tasks):
+            chosen = workers[k * len(workers) // len(tasks) : k * len(workers) // len(tasks) + 1]
+            found += self.client.persist([task], optimize_graph=False, workers=chosen, allow_other_workers=True)
+        return found
+
+    def results(self, tasks: Sequence[Delayed]) -> list[Any]:
+        """Have tasks done; their results, which should be small.
+
+        Raises
+        ------
+        InputError
+            If one and the same task took several workers down, as it does where memory is too small for it.
+        """
+        from distributed.scheduler import KilledWorker
+
+        try:
+            return list(self.client.gather(self.client.compute(list(tasks), optimize_graph=False)))
+        except KilledWorker as error:
+            fact = f"workers died over {str(error.task).split('-')[0]}"
+            raise InputError("cluster", fact, "give each worker more memory, or the run fewer voxels") from error

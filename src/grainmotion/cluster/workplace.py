@@ -1,0 +1,175 @@
+"""Workplace: this process, processes on this machine, or the workers of a Dask scheduler."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grainmotion.cluster.crew import Crew
+from grainmotion.cluster.cutting import cut_scattered
+from grainmotion.cluster.scattered import reconstruct_scattered
+from grainmotion.cluster.shelf import Shelf, Shelved
+from grainmotion.cluster.sizes import tell_sizes
+from grainmotion.cluster.work import Work
+from grainmotion.errors import InputError
+from grainmotion.experiment.scans import ScanInput
+from grainmotion.partition import Boxed
+from grainmotion.reconstruct import Progress, Reconstruction, ReconstructSettings
+from grainmotion.volume import Volume
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+PATIENCE = 15
+"""Seconds to wait for a scheduler, and then for its first worker."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cluster:
+    """Workers within reach, and storage that all of them see."""
+
+    work: Work
+    shelf: Shelf
+
+    @property
+    def crew(self) -> Crew:
+        """The workers as the device that tracks grains."""
+        return Crew.of(self.work, self.shelf)
+
+    def cut(
+        self, volume: Volume, labels: NDArray[np.integer], wanted: list[Boxed], factor: int, reach: float
+    ) -> Iterator[Volume | None]:
+        """Cut grains out on finer voxels; see `grainmotion.partition.fine_grains`."""
+        return cut_scattered(self.work, self.shelf, volume, labels, wanted, factor, reach)
+
+    def reconstruct(
+        self, source: ScanInput, grid: Volume, settings: ReconstructSettings, progress: Progress | None = None
+    ) -> Reconstruction:
+        """Reconstruct on a grid of zeros a scan that the workers read themselves; see `grainmotion.reconstruct`."""
+        return reconstruct_scattered(self.work, self.shelf, source, grid, settings, progress)
+
+
+@dataclass(frozen=True)
+class Workplace:
+    """Who is to work; neither is this process alone.
+
+    Attributes
+    ----------
+    scheduler : str, optional
+        Address of a Dask scheduler, as ``tcp://host:8786``, or its scheduler file (``.json``).
+    workers : int, optional
+        Processes to start on this machine; they share its cores and memory.
+    memory : str, optional
+        Limit of each of those processes, as ``"8GB"``.
+    """
+
+    scheduler: str | None = None
+    workers: int | None = None
+    memory: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.scheduler is not None and self.workers is not None:
+            raise InputError("--scheduler and --workers", "both are given", "give one of them")
+        if self.workers is not None and self.workers < 1:
+            raise InputError("--workers", f"must be at least 1, got {self.workers}", "give a number of processes")
+
+
+HERE = Workplace()
+"""This process alone."""
+
+
+@contextmanager
+def at_work(place: Workplace, folder: Path) -> Iterator[Cluster | None]:
+    """Reach who is to work, and leave them at the end; None is nobody but this process.
+
+    ``folder`` must be on storage that all of them see: large arrays are exchanged in it.
+
+    Raises
+    ------
+    InputError
+        If Dask is missing, nobody answers at the address, no worker comes, or workers do not see the folder.
+    """
+    if place.scheduler is None and place.workers is None:
+        yield None
+        return
+    try:
+        import distributed  # noqa: F401
+    except ImportError:
+        where = "--workers" if place.scheduler is None else "--scheduler"
+        raise InputError(where, "Dask is not installed", "pip install 'grainmotion[cluster]'") from None
+    with ExitStack() as stack:
+        if place.scheduler is not None:
+            client, where = stack.enter_context(_client(place.scheduler)), f"--scheduler {place.scheduler}"
+        else:
+            client, where = stack.enter_context(_local(place)), "--workers"
+        _wait(client, where)
+        shelf = Shelf(folder)
+        stack.callback(shelf.close)
+        _check(client, shelf, where)
+        tell_sizes(client)
+        yield Cluster(Work(client), shelf)
+
+
+@contextmanager
+def _local(place: Workplace) -> Iterator[Client]:
+    import distributed
+
+    threads = max(1, (os.cpu_count() or 1) // (place.workers or 1))
+    with (
+        distributed.LocalCluster(
+            n_workers=place.workers,
+            threads_per_worker=threads,
+            memory_limit=place.memory or "auto",
+            dashboard_address=None,
+            silence_logs="CRITICAL",
+        ) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        yield client
+
+
+def _client(address: str) -> Client:
+    import distributed
+
+    try:
+        if address.endswith(".json"):
+            if not Path(address).is_file():  # else the client would wait for it
+                raise OSError("no such scheduler file")
+            return distributed.Client(scheduler_file=address, timeout=PATIENCE)
+        return distributed.Client(address, timeout=PATIENCE)
+    except (OSError, ValueError, TimeoutError) as error:
+        fact = f"no Dask scheduler answers there ({' '.join(str(error).split())[:120]})"
+        raise InputError(
+            f"--scheduler {address}", fact, "check the address, or start one with `dask scheduler`"
+        ) from None
+
+
+def _wait(client: Client, where: str) -> None:
+    try:
+        client.wait_for_workers(1, timeout=PATIENCE)
+    except TimeoutError:
+        raise InputError(where, "the scheduler has no workers", "start some with `dask worker`") from None
+
+
+def _check(client: Client, shelf: Shelf, where: str) -> None:
+    """Refuse workers that have another version of the package, or do not see the shelf."""
+    here = version("grainmotion")
+    for worker, (there, sees) in client.run(_report, shelf.put("seen")).items():
+        if there != here:
+            fact = f"worker {worker} has grainmotion {there}, this process {here}"
+            raise InputError(where, fact, "install the same version on all of them")
+        if not sees:
+            fact = f"worker {worker} does not see {shelf.folder.parent}"
+            raise InputError(where, fact, "put the results on storage that all workers share (--out)")
+
+
+def _report(shelved: Shelved) -> tuple[str, bool]:
+    return version("grainmotion"), shelved.folder.is_dir()

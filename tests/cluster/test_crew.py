@@ -1,0 +1,100 @@
+"""Grains walked by others: what a device of workers gives is what the processor gives."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from few_grains import grain_set, radiographs, small_motions
+from grainmotion.cluster.crew import Crew
+from grainmotion.cluster.shelf import Shelf
+from grainmotion.packed import PackedGrains, Pose
+from grainmotion.project import assemble, differentiate_in_place, project_in_place, shadows
+from grainmotion.track import TrackSettings, _course, track
+from grainmotion.tracking.coupling import PatchNormal, gathered, normal_matrix, spread
+from grainmotion.tracking.residual import StateProblem
+from inline_work import InlineWork
+
+GRAINS = grain_set()
+SCAN = radiographs(GRAINS, small_motions(GRAINS))
+STILL = Pose(np.zeros((len(GRAINS), 3)), np.tile(np.eye(3), (len(GRAINS), 1, 1)))
+PANELS = SCAN.line_integrals.shape
+
+
+@pytest.fixture
+def crew(tmp_path):
+    shelf = Shelf(tmp_path)
+    yield Crew.of(InlineWork(), shelf)
+    shelf.close()
+
+
+@pytest.fixture
+def both(crew):
+    """The grains here and with workers, and the derivatives of both."""
+    one = PackedGrains.of(GRAINS)
+    many = one.on(crew)
+    patches = shadows(one, STILL, SCAN.geometry, margin=2)
+    walk = [differentiate_in_place(g, STILL, SCAN.geometry, patches, "trilinear") for g in (one, many)]
+    return one, many, patches, walk
+
+
+def test_every_grain_is_in_one_piece(crew):
+    held = PackedGrains.of(GRAINS).on(crew).walked
+    assert len(held.pieces) == 2
+    assert sum(map(len, held.pieces)) == len(PackedGrains.of(GRAINS).images)
+
+
+def test_same_walks(both):
+    _, many, patches, ((values, derivatives), (far_values, far_derivatives)) = both
+    np.testing.assert_array_equal(np.asarray(far_values), values)
+    np.testing.assert_array_equal(np.asarray(far_derivatives), derivatives)
+    alone = project_in_place(many, STILL, SCAN.geometry, patches, "trilinear")
+    np.testing.assert_allclose(np.asarray(alone), values, atol=1e-6)
+    np.testing.assert_array_equal(
+        assemble(far_values, patches, SCAN.geometry), assemble(values, patches, SCAN.geometry)
+    )
+
+
+def test_same_products(both):
+    _, _, patches, ((_, here), (_, far)) = both
+    n, rng = len(GRAINS), np.random.default_rng(0)
+    images = rng.random(PANELS, np.float32)
+    np.testing.assert_array_equal(gathered(far, patches, n, images), gathered(here, patches, n, images))
+    np.testing.assert_array_equal(normal_matrix(far, patches, n).toarray(), normal_matrix(here, patches, n).toarray())
+    x = rng.random((n, 6))
+    scale = np.abs(spread(here, patches, x, PANELS)).max()
+    np.testing.assert_allclose(spread(far, patches, x, PANELS), spread(here, patches, x, PANELS), atol=1e-6 * scale)
+    one, many = (PatchNormal(d, patches, n, PANELS) for d in (here, far))
+    np.testing.assert_allclose(many @ x.ravel(), one @ x.ravel(), rtol=1e-5)
+    np.testing.assert_array_equal(many.blocks(), one.blocks())
+
+
+def test_some_grains_in_another_order(crew):
+    rows = [2, 0, 2]
+    one, many = (g.select(rows) for g in (PackedGrains.of(GRAINS), PackedGrains.of(GRAINS).on(crew)))
+    pose = Pose(STILL.translations[rows], STILL.matrices[rows])
+    patches = shadows(one, pose, SCAN.geometry)
+    here, far = (project_in_place(g, pose, SCAN.geometry, patches, "trilinear") for g in (one, many))
+    np.testing.assert_array_equal(np.asarray(far), here)
+
+
+def test_same_look(crew):
+    """A whole evaluation, filtered, with its gradient; files of what nobody refers to are gone."""
+    course = _course(GRAINS, SCAN, TrackSettings(), None)
+    problem = StateProblem(course.grains, replace(course.target, sigma=2.0))
+    far = replace(problem, grains=problem.grains.on(crew))
+    here, there = problem.linearize(STILL), far.linearize(STILL)
+    assert there.cost == here.cost
+    np.testing.assert_array_equal(there.gradient, here.gradient)
+    np.testing.assert_array_equal(there.hessian.toarray(), here.hessian.toarray())
+
+
+@pytest.mark.parametrize("search", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_same_motions(crew, search):
+    settings = TrackSettings(search=search, device="cpu")
+    one, many = track(GRAINS, SCAN, settings=settings), track(GRAINS, SCAN, settings=settings, device=crew)
+    np.testing.assert_array_equal(many.translations, one.translations)
+    np.testing.assert_array_equal(many.rotations, one.rotations)
+    np.testing.assert_array_equal(many.statuses, one.statuses)
+    np.testing.assert_array_equal(many.covariances, one.covariances)
+    assert crew.work.done.count("differentiate") > 4
