@@ -119,12 +119,12 @@ def spread(derivatives: Image, some: Some, increments: Float, like: Shape) -> St
 
 def merge(*stripes: Stripe) -> Stripe:
     """Sum of radiographs."""
-    first, end = min(s.first for s in stripes), max(s.first + s.images.shape[1] for s in stripes)
+    filled = [s for s in stripes if s.images.size] or [stripes[0]]
+    first, end = min(s.first for s in filled), max(s.first + s.images.shape[1] for s in filled)
     views, _, columns = stripes[0].images.shape
     out = np.zeros((views, max(end - first, 0), columns), stripes[0].images.dtype)
-    for stripe in stripes:
-        if stripe.images.size:
-            stripe.add_to(out, first)
+    for stripe in filled:
+        stripe.add_to(out, first)
     return Stripe(first, out)
 
 
