@@ -35,6 +35,7 @@ from grainmotion import motion
 from grainmotion.grains import Grain, GrainSet
 from grainmotion.kernels import grains as walks
 from grainmotion.kernels import normal
+from grainmotion.motions import Motions
 from grainmotion.scan import Scan
 from grainmotion.track import track
 from grainmotion.volume import Volume
@@ -43,6 +44,7 @@ ROOT = Path(__file__).parents[1]
 RESULT, PLOT = ROOT / "benchmarks" / "results" / "many_grains.md", ROOT / "docs" / "images" / "many_grains.png"
 SIZES = (15, 200, 1000, 10_000)
 RATIO_BAR, MEMORY_BAR = 1.5, 16.0  # CPU time a grain at 1,000 over that at 15; GB at 10,000
+REPEATS, REPEATED = 3, 1000  # the least of so many runs counts, up to so many grains
 LOST = (1.0, 10.0)  # voxels, degrees: beyond, a stone is in a wrong place
 STAGES = {
     "start": "packing",
@@ -89,6 +91,32 @@ def work(folder: Path, n: int) -> dict[str, Any]:
     track(*load(folder, 15))  # compiles everything
     grains, scan = load(folder, n)
     held = sum(g.volume.array.nbytes + (g.fine.array.nbytes if g.fine is not None else 0) for g in grains.grains)
+    found, told = min(
+        (measured(grains, scan) for _ in range(REPEATS if n <= REPEATED else 1)), key=lambda m: m[1]["cpu"]
+    )
+    with open(folder / f"truth-{n}.pkl", "rb") as file:
+        truth = pickle.load(file)
+    shifts = motion.recenter(truth.matrices, truth.translations, truth.centers, found.centers)
+    u = (found.translations - shifts) / VOXEL
+    w = np.rad2deg(motion.log(found.matrices @ truth.matrices.transpose(0, 2, 1)))
+    good = (np.linalg.norm(u, axis=1) < LOST[0]) & (np.linalg.norm(w, axis=1) < LOST[1])
+    sd = np.sqrt(np.diagonal(found.covariances, axis1=1, axis2=2))
+    return {
+        "n": n,
+        "panel": scan.geometry.shape[0],
+        **told,
+        "memory": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
+        "held": held + scan.line_integrals.nbytes,
+        "voxels": rms(u[good]),
+        "degrees": rms(w[good]),
+        "sd": [float(np.nanmedian(sd[:, :3])) / VOXEL, float(np.rad2deg(np.nanmedian(sd[:, 3:])))],
+        "converged": int(found.ok.sum()),
+        "lost": int((~good).sum()),
+    }
+
+
+def measured(grains: GrainSet, scan: Scan) -> tuple[Motions, dict[str, Any]]:
+    """Motions, and CPU seconds in all and by stage, steps and counts."""
     stages, last = dict.fromkeys(GROUPS, 0.0), ["start", time.process_time()]
     steps = 0
 
@@ -104,28 +132,7 @@ def work(folder: Path, n: int) -> dict[str, Any]:
         found = track(grains, scan, progress=progress)
         cpu = time.process_time() - begin
     progress("end", 0, 0)
-    with open(folder / f"truth-{n}.pkl", "rb") as file:
-        truth = pickle.load(file)
-    shifts = motion.recenter(truth.matrices, truth.translations, truth.centers, found.centers)
-    u = (found.translations - shifts) / VOXEL
-    w = np.rad2deg(motion.log(found.matrices @ truth.matrices.transpose(0, 2, 1)))
-    good = (np.linalg.norm(u, axis=1) < LOST[0]) & (np.linalg.norm(w, axis=1) < LOST[1])
-    sd = np.sqrt(np.diagonal(found.covariances, axis1=1, axis2=2))
-    return {
-        "n": n,
-        "panel": scan.geometry.shape[0],
-        "cpu": cpu,
-        "stages": stages,
-        "steps": steps,
-        "counts": counts,
-        "memory": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
-        "held": held + scan.line_integrals.nbytes,
-        "voxels": rms(u[good]),
-        "degrees": rms(w[good]),
-        "sd": [float(np.nanmedian(sd[:, :3])) / VOXEL, float(np.rad2deg(np.nanmedian(sd[:, 3:])))],
-        "converged": int(found.ok.sum()),
-        "lost": int((~good).sum()),
-    }
+    return found, {"cpu": cpu, "stages": stages, "steps": steps, "counts": counts}
 
 
 def rms(errors: np.ndarray) -> float:
