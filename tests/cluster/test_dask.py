@@ -56,9 +56,18 @@ class Workers:
         os.kill(self.processes.pop(0).pid, signal.SIGKILL)
 
 
+def cluster_of_none():
+    """Dask gives its own loop 10 s to start, which a thread that compiles can outlast: then once more."""
+    how = {"n_workers": 0, "dashboard_address": None, "silence_logs": "CRITICAL"}
+    try:
+        return distributed.LocalCluster(**how)
+    except AssertionError:
+        return distributed.LocalCluster(**how)
+
+
 @contextmanager
 def scheduler():
-    with distributed.LocalCluster(n_workers=0, dashboard_address=None, silence_logs="CRITICAL") as local:
+    with cluster_of_none() as local:
         workers = Workers(local.scheduler_address)
         try:
             yield workers
