@@ -298,7 +298,13 @@ def page(found: list[dict[str, Any]], missed: list[str]) -> str:
         "",
         f"Bars: CPU time a grain at 1,000 at most {RATIO_BAR} times that at 15; {MEMORY_BAR:g} GB at 10,000.  "
         + ("Missed: " + "; ".join(missed) + "." if missed else "Met")
-        + ("" if missed else "." if found[-1]["n"] >= 10_000 else f", as far as measured: to {found[-1]['n']:,} grains."),
+        + (
+            ""
+            if missed
+            else "."
+            if found[-1]["n"] >= 10_000
+            else f", as far as measured: to {found[-1]['n']:,} grains."
+        ),
         "",
         f"{machine()}.  Made by `python benchmarks/many_grains.py --sizes {' '.join(str(f['n']) for f in found)}`.",
         "",
