@@ -24,7 +24,7 @@ from grainmotion.tracking.residual import StateProblem
 from grainmotion.tracking.surroundings import background_images
 
 MANY = 0.3  # share of badly fitting grains from which all are annealed, and the fitted gain is not trusted
-THIN = 5.0  # pixels an unknown below which a good fit alone is no proof, as it never is of a slice
+THIN = 20.0  # pixels an unknown below which a good fit alone is no proof
 NOTHING = 1e-3  # relative residual that proves a placement all the same
 SAME = 0.2  # voxels between the surfaces of a grain in two placements that are one
 ROUGH = 0.01  # voxels: tolerance of attempts
