@@ -47,7 +47,7 @@ from grainmotion.reconstructing.equations import golden_order
 from grainmotion.scan import Scan
 from grainmotion.track import TrackSettings, track
 from grainmotion.tracking.coupling import PatchNormal, normal_matrix
-from grainmotion.tracking.residual import gaussian
+from grainmotion.tracking.target import gaussian
 from grainmotion.volume import Volume
 
 RESULT = Path(__file__).parent / "results" / "gpu.md"

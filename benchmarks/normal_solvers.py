@@ -28,7 +28,8 @@ from grainmotion.packed import PackedGrains, Pose
 from grainmotion.project import Patches
 from grainmotion.solve import conjugate_gradients, diagonal_blocks
 from grainmotion.tracking.coupling import PatchNormal, gathered, normal_matrix
-from grainmotion.tracking.residual import StateProblem, Target
+from grainmotion.tracking.residual import StateProblem
+from grainmotion.tracking.target import Target
 
 RESULT = Path(__file__).parent / "results" / "normal_solvers.md"
 SIZES = (15, 60, 100, 200, 400, 1000)

@@ -19,7 +19,8 @@ from grainmotion.project import Projector, project
 from grainmotion.scan import Scan, normalize_air
 from grainmotion.simulate import LATER_ANGLES_DEG
 from grainmotion.track import TrackSettings
-from grainmotion.tracking.residual import Derivatives, StateProblem
+from grainmotion.tracking.residual import StateProblem
+from grainmotion.tracking.target import Derivatives
 from grainmotion.volume import Volume
 from paper import gravel, page
 from paper.eulerian import EulerianProblem, track_by_filters

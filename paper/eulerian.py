@@ -22,7 +22,8 @@ from grainmotion.packed import Image, PackedGrains, Pose
 from grainmotion.project import Patches, project_patches, shadows
 from grainmotion.scan import Scan
 from grainmotion.solve import Stopping, gauss_newton
-from grainmotion.tracking.residual import Derivatives, StateProblem, Target
+from grainmotion.tracking.residual import StateProblem
+from grainmotion.tracking.target import Derivatives, Target
 
 STEP = 0.01  # of a voxel: the same finite differences as the Lagrangian projector's
 SPREAD = 2  # voxels by which resampling widens a grain: √3, rounded up

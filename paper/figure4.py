@@ -15,7 +15,8 @@ from grainmotion.motions import Motions
 from grainmotion.packed import PackedGrains, Pose
 from grainmotion.scan import Scan
 from grainmotion.track import TrackSettings, track
-from grainmotion.tracking.residual import StateProblem, Target
+from grainmotion.tracking.residual import StateProblem
+from grainmotion.tracking.target import Target
 from paper import images
 from paper.page import Section, figure, table
 from paper.table1 import EXACT, PLAIN

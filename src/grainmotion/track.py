@@ -27,11 +27,11 @@ from grainmotion.tracking.approach import approach
 from grainmotion.tracking.course import Course, Progress
 from grainmotion.tracking.judge import judge
 from grainmotion.tracking.polish import polish
-from grainmotion.tracking.residual import Target
 from grainmotion.tracking.search import Found, search
 from grainmotion.tracking.settings import PAPER, TrackSettings
 from grainmotion.tracking.starts import starting_pose
 from grainmotion.tracking.surroundings import Loose
+from grainmotion.tracking.target import Target
 
 __all__ = ["PAPER", "TrackSettings", "track"]
 

@@ -37,7 +37,8 @@ from grainmotion.scan import Scan
 from grainmotion.track import TrackSettings, track
 from grainmotion.tracking.coupling import PatchNormal, normal_matrix, spread
 from grainmotion.tracking.freedom import Freedom
-from grainmotion.tracking.residual import StateProblem, Target, gaussian
+from grainmotion.tracking.residual import StateProblem
+from grainmotion.tracking.target import Target, gaussian
 from grainmotion.volume import Volume
 
 VOXEL = 0.1

@@ -11,7 +11,8 @@ from grainmotion.packed import PackedGrains, Pose
 from grainmotion.scan import Scan
 from grainmotion.tracking.absent import complete, improves, shadows_held, suspects
 from grainmotion.tracking.freedom import DRIFT
-from grainmotion.tracking.residual import StateProblem, Target
+from grainmotion.tracking.residual import StateProblem
+from grainmotion.tracking.target import Target
 
 GRAINS = grain_set()
 TRUTH = small_motions(GRAINS)

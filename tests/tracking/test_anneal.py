@@ -9,7 +9,7 @@ from grainmotion.kernels import anneal as kernel
 from grainmotion.packed import PackedGrains, Pose
 from grainmotion.tracking import anneal as module
 from grainmotion.tracking.anneal import Ranges, anneal
-from grainmotion.tracking.residual import Target
+from grainmotion.tracking.target import Target
 
 GRAINS = grain_set()
 PACKED = PackedGrains.of(GRAINS)

@@ -12,8 +12,9 @@ from grainmotion.scan import Scan
 from grainmotion.track import track
 from grainmotion.tracking.appeared import may_have_appeared, started, with_stand_in
 from grainmotion.tracking.freedom import DRIFT
-from grainmotion.tracking.residual import StateProblem, Target
+from grainmotion.tracking.residual import StateProblem
 from grainmotion.tracking.strangers import stranger_places
+from grainmotion.tracking.target import Target
 
 GRAINS = grain_set()
 TRUTH = small_motions(GRAINS)

@@ -11,7 +11,7 @@ from grainmotion.project import assemble, project_patches, shadows
 from grainmotion.scan import Scan
 from grainmotion.track import TrackSettings, _course
 from grainmotion.tracking.coarse import ALONE, coarsened, coarsening
-from grainmotion.tracking.residual import Target
+from grainmotion.tracking.target import Target
 
 GRAINS = few_grains.grain_set()
 PACKED = PackedGrains.of(GRAINS)

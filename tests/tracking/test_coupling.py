@@ -10,7 +10,8 @@ from grainmotion.packed import PackedGrains, Pose
 from grainmotion.scan import Scan
 from grainmotion.solve import diagonal_blocks
 from grainmotion.tracking.coupling import PatchNormal, gathered, normal_matrix, normal_of, spread
-from grainmotion.tracking.residual import StateProblem, Target
+from grainmotion.tracking.residual import StateProblem
+from grainmotion.tracking.target import Target
 
 GRAINS = PackedGrains.of(few_grains.grain_set())
 VIEWS = few_grains.geometry()

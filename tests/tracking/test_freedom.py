@@ -11,7 +11,8 @@ from grainmotion.project import simulate_radiographs
 from grainmotion.response import Response
 from grainmotion.scan import Scan
 from grainmotion.tracking.freedom import DRIFT, KNOWN, Freedom
-from grainmotion.tracking.residual import StateProblem, Target
+from grainmotion.tracking.residual import StateProblem
+from grainmotion.tracking.target import Target
 
 GRAINS = grain_set(finer=1)
 TRUTH = small_motions(GRAINS)

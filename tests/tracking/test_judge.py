@@ -17,7 +17,8 @@ from grainmotion.tracking.covariance import covariances, regular_inverse
 from grainmotion.tracking.freedom import DRIFT, Freedom
 from grainmotion.tracking.judge import judge
 from grainmotion.tracking.polish import Polished
-from grainmotion.tracking.residual import StateProblem, Target
+from grainmotion.tracking.residual import StateProblem
+from grainmotion.tracking.target import Target
 from grainmotion.tracking.turns import unconfirmed
 from grainmotion.tracking.weak import weak_directions
 

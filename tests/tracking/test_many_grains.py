@@ -10,7 +10,8 @@ from grainmotion import motion
 from grainmotion.packed import PackedGrains
 from grainmotion.solve import Stopping, gauss_newton
 from grainmotion.tracking.coupling import PatchNormal
-from grainmotion.tracking.residual import StateProblem, Target
+from grainmotion.tracking.residual import StateProblem
+from grainmotion.tracking.target import Target
 
 
 def problem_of(side, sigma=0.7):

@@ -13,8 +13,9 @@ from grainmotion.project import simulate_radiographs
 from grainmotion.scan import Scan
 from grainmotion.track import TrackSettings, track
 from grainmotion.tracking.leftover import leftover
-from grainmotion.tracking.residual import StateProblem, Target
+from grainmotion.tracking.residual import StateProblem
 from grainmotion.tracking.surroundings import Loose, corrected
+from grainmotion.tracking.target import Target
 from grainmotion.tracking.viewposes import imitations
 
 GRAINS = grain_set()

@@ -17,7 +17,8 @@ from grainmotion.tracking.columns import Columns
 from grainmotion.tracking.coupling import normal_matrix
 from grainmotion.tracking.freedom import DRIFT, Freedom, eliminated
 from grainmotion.tracking.misfit import grain_residuals, misfits, noise_level
-from grainmotion.tracking.residual import StateProblem, Target, gaussian
+from grainmotion.tracking.residual import StateProblem
+from grainmotion.tracking.target import Target, gaussian
 from grainmotion.volume import Volume
 
 PANEL = (34, 46)

@@ -13,7 +13,7 @@ from grainmotion.packed import PackedGrains, Pose, Surroundings, packed_body
 from grainmotion.project import assemble, differentiate_patches, project, project_patches, shadows
 from grainmotion.scan import Scan
 from grainmotion.tracking.freedom import DRIFT
-from grainmotion.tracking.residual import StateProblem, Target
+from grainmotion.tracking.residual import StateProblem
 from grainmotion.tracking.surroundings import (
     Loose,
     background_images,
@@ -22,6 +22,7 @@ from grainmotion.tracking.surroundings import (
     values,
     view_images,
 )
+from grainmotion.tracking.target import Target
 from grainmotion.volume import Volume
 
 

@@ -11,8 +11,9 @@ from grainmotion.grains import GrainSet
 from grainmotion.packed import PackedGrains, Pose, Surroundings
 from grainmotion.project import shadows
 from grainmotion.tracking.freedom import DRIFT
-from grainmotion.tracking.residual import StateProblem, Target
+from grainmotion.tracking.residual import StateProblem
 from grainmotion.tracking.surroundings import corrected
+from grainmotion.tracking.target import Target
 from grainmotion.tracking.turns import ANY_TURN, _swollen, unconfirmed
 
 

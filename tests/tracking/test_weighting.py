@@ -11,7 +11,8 @@ from grainmotion.project import simulate_radiographs
 from grainmotion.scan import Scan
 from grainmotion.solve import Stopping, gauss_newton
 from grainmotion.tracking.freedom import KNOWN, Freedom
-from grainmotion.tracking.residual import StateProblem, Target
+from grainmotion.tracking.residual import StateProblem
+from grainmotion.tracking.target import Target
 from grainmotion.tracking.weighting import (
     HUBER,
     NoiseModel,

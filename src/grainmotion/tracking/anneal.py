@@ -20,8 +20,8 @@ from grainmotion.packed import Image, PackedGrains, Pose, ball_directions, plana
 from grainmotion.project import assemble, project_patches, shadows
 from grainmotion.tracking.coarse import coarsened
 from grainmotion.tracking.freedom import KNOWN
-from grainmotion.tracking.residual import Target
 from grainmotion.tracking.surroundings import STILL
+from grainmotion.tracking.target import Target
 
 Float = NDArray[np.float64]
 FILTER = 0.7  # pixels of the coarse radiographs

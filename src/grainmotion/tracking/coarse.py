@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from grainmotion.packed import Image, PackedGrains, planar
 from grainmotion.scan import Scan
-from grainmotion.tracking.residual import Target
+from grainmotion.tracking.target import Target
 
 SAMPLED = 1.0
 """Least width of a filter, coarse pixels."""

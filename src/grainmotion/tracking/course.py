@@ -11,8 +11,9 @@ from grainmotion.packed import PackedGrains, Pose
 from grainmotion.solve import Solution, Stopping, gauss_newton
 from grainmotion.tracking.coarse import ALONE, coarsened, coarsening
 from grainmotion.tracking.freedom import Freedom
-from grainmotion.tracking.residual import StateProblem, Target
+from grainmotion.tracking.residual import StateProblem
 from grainmotion.tracking.settings import TrackSettings
+from grainmotion.tracking.target import Target
 
 Progress = Callable[[str, int, int], None]
 

@@ -21,7 +21,8 @@ from grainmotion.patchwork import filter_images, filter_patches
 from grainmotion.solve import Hessian, Linearization, conjugate_gradients, diagonal_blocks, eliminated, inverse
 from grainmotion.tracking.columns import Columns
 from grainmotion.tracking.coupling import gathered, normal_matrix
-from grainmotion.tracking.residual import Seen, StateProblem, Target, gaussian
+from grainmotion.tracking.residual import Seen, StateProblem
+from grainmotion.tracking.target import Target, gaussian
 from grainmotion.tracking.weighting import noise_model, open_beam
 
 Float = NDArray[np.float64]

@@ -10,104 +10,35 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
 from grainmotion import motion
-from grainmotion.device import CPU, Device
 from grainmotion.geometry import Geometry
 from grainmotion.packed import Image, PackedGrains, Pose, Surroundings
-from grainmotion.patchwork import filter_images, filter_patches
+from grainmotion.patchwork import filter_patches
 from grainmotion.project import (
     Patches,
-    Projector,
     assemble,
     difference_patches,
     differentiate_in_place,
     project_in_place,
     shadows,
 )
-from grainmotion.response import Response, trend_terms
-from grainmotion.scan import Scan
+from grainmotion.response import Response
 from grainmotion.solve import Linearization
 from grainmotion.tracking import surroundings
 from grainmotion.tracking.columns import Columns
 from grainmotion.tracking.coupling import PatchNormal, gathered, normal_of, spread
-from grainmotion.tracking.freedom import KNOWN, Freedom, eliminated, powers, trends_shared
-from grainmotion.tracking.surroundings import STILL, Loose
+from grainmotion.tracking.freedom import eliminated, powers
+from grainmotion.tracking.target import Target
 
 Float = NDArray[np.float64]
-Derivatives = Literal["analytic", "differences"]
 Basis = Callable[[PackedGrains, Pose], Float]
 """From grains and pose to T ``(6n, m)``: the increments (u, δ) of all grains per unit of m parameters."""
-
-
-@dataclass(frozen=True, eq=False)
-class Target:
-    """What is fitted: radiographs, what of them does not move, and how they are compared.
-
-    ``fixed`` is the background's line integrals where nothing moved, ``body`` the background itself if it can
-    move; ``freedom`` says which numbers of the response are unknown, ``loose`` what of the surroundings is;
-    ``derivatives`` says how those of P are taken; ``weights (views, rows, columns)`` count pixels (None: all
-    alike); ``device`` filters radiographs.
-    """
-
-    scan: Scan
-    fixed: Image
-    projector: Projector
-    sigma: float
-    freedom: Freedom = KNOWN
-    derivatives: Derivatives = "analytic"
-    weights: Image | None = None
-    body: PackedGrains | None = None
-    loose: Loose = STILL
-    device: Device = CPU
-
-    @property
-    def precision(self) -> np.dtype[np.floating]:
-        """The precision of the arithmetic: that of what is simulated."""
-        return self.fixed.dtype
-
-    @cached_property
-    def kernel(self) -> Image:
-        """Half of the Gaussian's kernel, cut at 3σ, of unit sum."""
-        return gaussian(self.sigma).astype(self.precision)
-
-    @cached_property
-    def valid(self) -> Image:
-        """1 where a pixel counts, 0 where not."""
-        if self.scan.valid is None:
-            return np.ones(self.scan.line_integrals.shape, self.precision)
-        return self.scan.valid.astype(self.precision)
-
-    @cached_property
-    def roots(self) -> Image:
-        """Root of each pixel's weight, 0 where it does not count."""
-        return self.valid if self.weights is None else self.valid * np.sqrt(self.weights).astype(self.precision)
-
-    @cached_property
-    def measured(self) -> Image:
-        """Weighted and filtered radiographs."""
-        return self.filtered(self.scan.line_integrals.astype(self.precision))
-
-    @cached_property
-    def trends(self) -> Columns:
-        """The background's terms, weighted and filtered."""
-        columns = Columns()
-        for term in trend_terms(self.valid.shape[1:], self.freedom.terms):
-            stack = np.broadcast_to(term, self.valid.shape).astype(self.precision)
-            columns.add(self.filtered(stack), trends_shared(self.freedom))
-        return columns
-
-    def filtered(self, images: Image) -> Image:
-        """Weight and filter a stack of radiographs."""
-        out = images * self.roots
-        if len(self.kernel) > 1:
-            filter_images(out, self.kernel, self.device)
-        return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -359,11 +290,3 @@ def raised(hessian: sparse.bsr_array | PatchNormal, blocks: Float) -> sparse.bsr
     n = len(blocks)
     more = sparse.bsr_array((blocks, np.arange(n), np.arange(n + 1)), shape=hessian.shape)
     return sparse.bsr_array(hessian + more, blocksize=(6, 6))
-
-
-def gaussian(sigma: float) -> Float:
-    """Half of a Gaussian kernel (σ in pixels), cut at 3σ, of unit sum over both halves; [1] for σ = 0."""
-    if sigma <= 0:
-        return np.ones(1)
-    k = np.exp(-0.5 * (np.arange(int(np.ceil(3 * sigma)) + 1) / sigma) ** 2)
-    return k / (2 * k.sum() - k[0])

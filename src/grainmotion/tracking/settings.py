@@ -11,7 +11,7 @@ from grainmotion.device import Choice
 from grainmotion.project import Projector
 from grainmotion.response import Trend
 from grainmotion.tracking.freedom import Freedom, Gain
-from grainmotion.tracking.residual import Derivatives
+from grainmotion.tracking.target import Derivatives
 from grainmotion.tracking.weighting import Loss, Weights
 
 

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from grainmotion.packed import Image
-from grainmotion.tracking.residual import Glance, Target
+from grainmotion.tracking.residual import Glance
+from grainmotion.tracking.target import Target
 
 Float = NDArray[np.float64]
 Weights = Literal["uniform", "photons"]
