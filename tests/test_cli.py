@@ -179,6 +179,15 @@ def _wait(process, *paths):
     raise AssertionError(f"{paths} did not come")
 
 
+@pytest.fixture
+def default_sigint():
+    """Python's own SIGINT: a shell's background job ignores it, other tests may leave another."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("default_sigint")
 def test_an_interrupt_that_a_library_swallows_is_not_lost():
     with console.progress(quiet=True) as listen:
         with contextlib.suppress(KeyboardInterrupt):
