@@ -33,8 +33,9 @@ State = TypeVar("State")
 DENSE_UP_TO = 600
 """Unknowns up to which a dense Cholesky factor is taken; beyond, conjugate gradients with block Jacobi."""
 
-FORCING, EXACTLY, MOST = 1e-2, 1e-8, 500
-"""Relative residual at which conjugate gradients end: of a step unless told, and of `inverse`; iterations at most."""
+FORCING, EXACTLY, MOST, ENOUGH = 1e-2, 1e-8, 500, 60
+"""Relative residual at which conjugate gradients end: of a step unless told, and of `inverse`; iterations at most, and
+of a step, which is a good one long before what is hardly determined is solved for."""
 
 FIRM = 1e-2
 """Damping up to which a small decrease says that the minimum is near, not that the step was held back."""
@@ -226,7 +227,8 @@ def _iterated_step(at: Linearization, damping: float, forcing: float) -> Array:
     slope = np.zeros(len(at.corner))
     slope[len(slope) - len(at.slope) :] = at.slope
     product, few, blocks = eliminated(at, damping)
-    own = conjugate_gradients(product, blocks, at.border @ (few @ slope) - at.gradient, forcing)
+    most = ENOUGH if forcing >= FORCING else MOST
+    own = conjugate_gradients(product, blocks, at.border @ (few @ slope) - at.gradient, forcing, most)
     rest = -few @ (slope + at.border.T @ own)
     return np.concatenate([own, rest[len(rest) - len(at.slope) :]])
 
@@ -253,12 +255,14 @@ def inverse(hessian: Hessian, damping: float) -> Callable[[Array], Array]:
     return solve
 
 
-def conjugate_gradients(product: Callable[[Array], Array], blocks: Array, b: Array, accuracy: float) -> Array:
+def conjugate_gradients(
+    product: Callable[[Array], Array], blocks: Array, b: Array, accuracy: float, most: int = MOST
+) -> Array:
     """Solve A x = b to a relative residual, preconditioned by the inverses of 6×6 blocks ``(N / 6, 6, 6)``."""
     inverses = np.linalg.inv(blocks)
     n = len(b)
     jacobi = LinearOperator((n, n), lambda x: np.einsum("nij,nj->ni", inverses, x.reshape(-1, 6)).ravel(), dtype=float)
-    found: Array = cg(LinearOperator((n, n), product, dtype=float), b, rtol=accuracy, maxiter=MOST, M=jacobi)[0]
+    found: Array = cg(LinearOperator((n, n), product, dtype=float), b, rtol=accuracy, maxiter=most, M=jacobi)[0]
     return found
 
 

@@ -332,6 +332,17 @@ class TestGain:
         assert with_gain < without
 
 
+class TestCrowds:
+    @pytest.mark.parametrize(("many", "share"), [(1, 1.0), (3, 1.0), (4, 1.0), (9, 1.5)])
+    def test_the_misfits_of_many_grains_on_a_ray_add_up_in_squares(self, many, share):
+        """Grains one behind the other: beyond four their own line integrals no longer measure what is left."""
+        still = Pose(np.zeros((many, 3)), np.broadcast_to(np.eye(3), (many, 3, 3)).copy())
+        problem, alone = (StateProblem(GRAINS.select([1] * k), target()) for k in (many, 1))
+        _, paths = grain_residuals(problem, problem.glance(still))
+        _, own = grain_residuals(alone, alone.glance(Pose(still.translations[:1], still.matrices[:1])))
+        np.testing.assert_allclose(paths, share * own[0], rtol=1e-5)
+
+
 class TestSteps:
     def test_no_grain_alone_goes_further_than_its_own_size(self):
         """One that is hardly seen is not flung away; the others' steps are as they were."""

@@ -19,7 +19,7 @@ Progress = Callable[[str, int, int], None]
 
 GRAIN = 45.0  # pixels across the grains on which the default filter widths were measured
 ROUGHLY = Stopping(iterations=20, step=0.1, decrease=0.05)  # for the stages that only bring all grains near
-NEAR = Stopping(step=0.02, decrease=0.1, reach=1.0, forcing=0.1)  # where a stage ends that a narrower filter follows
+NEAR = Stopping(iterations=8, step=0.02, decrease=0.1, reach=1.0, forcing=0.1)  # where a narrower filter follows
 SEEN = 0.05  # of the largest line integral: where something is seen
 WORTH = 3e-3  # of the last stage: a decrease by so many times its share of the cost of each unknown is worth a step
 REACH = 0.1  # voxels: while any grain moves further, no decrease is too small
@@ -93,7 +93,7 @@ class Course:
     def rough(self, tolerance: float | None = None) -> Stopping:
         """When a stage ends that a narrower filter follows."""
         tolerance = self.settings.tolerance if tolerance is None else tolerance
-        return replace(NEAR, iterations=self.settings.iterations, step=max(tolerance, NEAR.step))
+        return replace(NEAR, iterations=min(NEAR.iterations, self.settings.iterations), step=max(tolerance, NEAR.step))
 
     def fine_stopping(self, tolerance: float | None = None) -> Stopping:
         """When a last stage ends: no grain moves further than the tolerance, or all of them but little of their sd.

@@ -8,10 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion.packed import Pose
+from grainmotion.project import assemble
 from grainmotion.scan import Scan
 from grainmotion.tracking.residual import Glance, StateProblem
 
 Float = NDArray[np.float64]
+FEW = 4.0
+"""Grains on a ray, this one among them, up to which only its own line integrals count."""
 LEAST, USUAL = 0.08, 0.05
 """Shares of a grain's line integrals: the least misfit, and the most that the sample's usual one counts."""
 
@@ -19,16 +22,20 @@ LEAST, USUAL = 0.08, 0.05
 def grain_residuals(problem: StateProblem, seen: Glance) -> tuple[Float, Float]:
     """Root mean square of b − m(P) over each grain's shadow, and of its own line integrals there, ``(n,)`` each.
 
-    Pixels are weighted by the grain's own line integral, so that its core counts and its rim does not.
+    Pixels are weighted by the grain's own line integral, so that its core counts and its rim does not.  Where many
+    grains overlap, the small misfits of all of them add up, in squares: beyond `FEW` as strong as the grain itself
+    these count as its line integrals do.
     """
     n = len(problem.grains)
+    crowd = assemble(seen.values**2, seen.patches, problem.target.scan.geometry) / FEW
     sums = np.zeros((n, 3))
     for p, (grain, view, r0, r1, c0, c1) in enumerate(seen.patches.boxes):
         start, end = seen.patches.offsets[p : p + 2]
         own = seen.values[start:end].astype(float)
         residual = seen.raw[view, r0:r1, c0:c1].ravel()
+        around = crowd[view, r0:r1, c0:c1].ravel()
         weight = np.abs(own) * problem.target.valid[view, r0:r1, c0:c1].ravel()
-        sums[grain] += weight.sum(), weight @ residual.astype(float) ** 2, weight @ own**2
+        sums[grain] += weight.sum(), weight @ residual.astype(float) ** 2, weight @ np.maximum(own**2, around)
     mass = np.maximum(sums[:, :1], 1e-30)
     both = np.sqrt(sums[:, 1:] / mass)
     both[sums[:, 0] <= 0] = np.nan
