@@ -36,8 +36,8 @@ class LeastSquares:
     def retract(self, state: Array, step: Array) -> Array:
         return state + step
 
-    def size(self, state: Array, step: Array) -> float:
-        return float(np.linalg.norm(step))
+    def sizes(self, state: Array, step: Array) -> Array:
+        return np.array([np.linalg.norm(step)])
 
 
 @dataclass(frozen=True)
@@ -222,6 +222,25 @@ class TestStopping:
         assert len(where) == 1
         assert found.costs[-1] == problem.cost(found.state)
 
+    @pytest.mark.parametrize(("share", "settled"), [(0.0, True), (0.4, True), (0.6, False)])
+    def test_stragglers_are_left_behind_and_told(self, share, settled):
+        """Two unknowns, one of which goes far for next to nothing: it is waited for unless half may straggle."""
+
+        class Each(LeastSquares):
+            def sizes(self, state: Array, step: Array) -> Array:
+                return np.abs(step)
+
+        slope = np.array([1.0, 1e-6])
+        problem = Each(
+            lambda x: np.append(slope * np.tanh(x - 3), 1.0),
+            lambda x: np.vstack([np.diag(slope / np.cosh(x - 3) ** 2), np.zeros(2)]),
+        )
+        stopping = Stopping(iterations=60, step=1e-9, decrease=1e-3, reach=0.01, stragglers=share)
+        start = np.array([2.999, 2.0])
+        found = gauss_newton(problem, start, stopping)
+        assert found.settled == settled
+        assert (abs(found.state[1] - 3) < 0.01) == settled
+
     def test_a_step_that_is_held_back_is_no_end(self):
         """Small decreases count while damping is light: a heavy one makes any step small."""
         known = rosenbrock()
@@ -359,8 +378,8 @@ class TestSteppingBorder:
             def retract(self, state, step):
                 return state + step
 
-            def size(self, state, step):
-                return float(np.linalg.norm(step))
+            def sizes(self, state, step):
+                return np.array([np.linalg.norm(step)])
 
         def reduced(state):
             r = residual(state)

@@ -111,8 +111,8 @@ class Problem(Protocol[State]):
         """The state after a step ``(N + k,)``."""
         ...
 
-    def size(self, state: State, step: Array) -> float:
-        """How large a step is, in the unit of the tolerance."""
+    def sizes(self, state: State, step: Array) -> Array:
+        """How far a step moves each of the things that move, in the unit of the tolerance."""
         ...
 
 
@@ -121,14 +121,15 @@ class Stopping:
     """When to stop: a step smaller than ``step``, a relative decrease below ``decrease``, or ``iterations``.
 
     A decrease that is only expected counts as well: such a last step is taken without a linearisation at its end.
-    A decrease ends nothing while steps are larger than ``reach``.  ``forcing`` is the relative residual to which steps
-    of large problems are solved.
+    A decrease ends nothing while more than a share ``stragglers`` of all things that move go further than ``reach``.
+    ``forcing`` is the relative residual to which steps of large problems are solved.
     """
 
     iterations: int = 30
     step: float = 1e-3
     decrease: float = 1e-7
     reach: float = np.inf
+    stragglers: float = 0.0
     forcing: float = FORCING
 
 
@@ -159,25 +160,27 @@ def gauss_newton(
     -------
     Solution
         ``settled`` is True when a step or the decrease fell below its tolerance, or no step lowers the
-        cost any more; False when the iterations ran out.
+        cost any more; False when the iterations ran out, or stragglers were left behind.
     """
     stopping = stopping or Stopping()
     state, here = start, problem.linearize(start)
     costs = [here.cost]
     damping, growth = 1e-4, 2.0
     step = np.zeros(len(here.gradient) + len(here.slope))
-    settled = False
-    while len(costs) <= stopping.iterations and not settled:
+    ended = settled = False
+    while len(costs) <= stopping.iterations and not ended:
         proposal = damped_step(here, damping, stopping.forcing)
         trial_state = problem.retract(state, proposal)
-        size, predicted = problem.size(state, proposal), predicted_decrease(here, proposal, damping)
-        small = stopping.decrease * here.cost if damping <= FIRM and size <= stopping.reach else 0.0
-        last = size < stopping.step or predicted < small
+        sizes, predicted = problem.sizes(state, proposal), predicted_decrease(here, proposal, damping)
+        far = float((sizes > stopping.reach).mean())
+        small = stopping.decrease * here.cost if damping <= FIRM and far <= stopping.stragglers else 0.0
+        last = sizes.max() < stopping.step or predicted < small
         there = None if last else problem.linearize(trial_state)
         cost = problem.cost(trial_state) if there is None else there.cost
         if cost < here.cost:
             ratio = (here.cost - cost) / predicted if predicted > 0 else 0.0
-            settled = last or here.cost - cost < small
+            ended = last or here.cost - cost < small
+            settled = ended and far == 0
             damping *= max(0.1, 1 - (2 * min(ratio, 1.5) - 1) ** 3)
             damping, growth = max(damping, 1e-9), 2.0
             state, step = trial_state, proposal
@@ -186,7 +189,7 @@ def gauss_newton(
             if observe is not None:
                 observe(cost)
         else:
-            settled = last or damping > 1e6
+            ended = settled = last or damping > 1e6
             damping, growth = max(damping, 1e-4) * growth, growth * 2
     return Solution(state, tuple(costs), step, settled)
 

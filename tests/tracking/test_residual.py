@@ -16,7 +16,7 @@ from grainmotion.tracking import stages
 from grainmotion.tracking.columns import Columns
 from grainmotion.tracking.coupling import normal_matrix
 from grainmotion.tracking.freedom import DRIFT, Freedom, eliminated
-from grainmotion.tracking.misfit import grain_residuals, misfits, noise_level
+from grainmotion.tracking.misfit import Misfits, misfits, noise_level
 from grainmotion.tracking.residual import StateProblem
 from grainmotion.tracking.target import Target, gaussian
 from grainmotion.volume import Volume
@@ -285,7 +285,7 @@ class TestNothingToSee:
         assert at.hessian.nnz == 0
         seen = problem.look(away)
         assert (seen.response.gain, seen.response.offset) == (1.0, 0.0)
-        assert np.isnan(grain_residuals(problem, seen)).all()
+        assert misfits(problem, seen).lost.all()
 
     @pytest.mark.parametrize("gain", [False, True])
     def test_all_pixels_invalid(self, gain):
@@ -293,7 +293,7 @@ class TestNothingToSee:
         at = problem.linearize(POSE)
         assert at.cost == 0
         assert not at.gradient.any()
-        assert np.isnan(grain_residuals(problem, problem.look(POSE))).all()
+        assert misfits(problem, problem.look(POSE)).lost.all()
 
     def test_one_empty_view(self):
         valid = np.ones((3, *PANEL), bool)
@@ -333,14 +333,46 @@ class TestGain:
 
 
 class TestCrowds:
-    @pytest.mark.parametrize(("many", "share"), [(1, 1.0), (3, 1.0), (4, 1.0), (9, 1.5)])
-    def test_the_misfits_of_many_grains_on_a_ray_add_up_in_squares(self, many, share):
-        """Grains one behind the other: beyond four their own line integrals no longer measure what is left."""
-        still = Pose(np.zeros((many, 3)), np.broadcast_to(np.eye(3), (many, 3, 3)).copy())
-        problem, alone = (StateProblem(GRAINS.select([1] * k), target()) for k in (many, 1))
-        _, paths = grain_residuals(problem, problem.glance(still))
-        _, own = grain_residuals(alone, alone.glance(Pose(still.translations[:1], still.matrices[:1])))
-        np.testing.assert_allclose(paths, share * own[0], rtol=1e-5)
+    """Grains one behind the other."""
+
+    def test_line_integrals_of_a_crowd_add_up_in_squares(self):
+        one, nine = (misfits(problem := crowd(k), problem.glance(still(k))) for k in (1, 9))
+        np.testing.assert_allclose(one.crowds, one.paths, rtol=1e-5)
+        np.testing.assert_allclose(nine.paths, one.paths[0], rtol=1e-5)
+        np.testing.assert_allclose(nine.crowds, 3 * one.paths[0], rtol=1e-5)
+
+    @pytest.mark.parametrize(("many", "share"), [(1, 0.04), (30, 0.04 * np.sqrt(30))])
+    def test_what_all_of_them_leave_accuses_none(self, many, share):
+        """Each leaves 4 % of its line integrals, as grains of voxels do."""
+        crowds = np.full(many, np.sqrt(many))
+        assert not Misfits(np.full(many, share), np.ones(many), crowds, 0.0).lost.any()
+
+    def test_one_in_a_wrong_place_stands_out_of_them(self):
+        residuals = 0.03 * np.sqrt(30) * np.ones(30)
+        residuals[7] = np.hypot(residuals[7], 0.25)
+        lost = Misfits(residuals, np.ones(30), np.full(30, np.sqrt(30)), 0.0).lost
+        np.testing.assert_array_equal(np.flatnonzero(lost), [7])
+
+    def test_all_in_wrong_places_are_all_lost(self):
+        found = Misfits(np.full(30, 0.25 * np.sqrt(30)), np.ones(30), np.full(30, np.sqrt(30)), 0.0)
+        assert found.lost.all()
+        assert found.astray.all()
+
+    def test_near_is_not_astray(self):
+        """Half-way through, each of 30 leaves 9 %: all together look lost, but none is far."""
+        found = Misfits(np.full(30, 0.09 * np.sqrt(30)), np.ones(30), np.full(30, np.sqrt(30)), 0.0)
+        assert found.lost.all()
+        assert not found.astray.any()
+
+
+def still(many):
+    """No motion of so many grains."""
+    return Pose(np.zeros((many, 3)), np.broadcast_to(np.eye(3), (many, 3, 3)).copy())
+
+
+def crowd(many):
+    """The same grain, so many times in the same place."""
+    return StateProblem(GRAINS.select([1] * many), target())
 
 
 class TestSteps:
@@ -352,7 +384,7 @@ class TestSteps:
         gone = np.linalg.norm(moved.translations - POSE.translations, axis=1)
         assert gone[1] <= 2 * GRAINS.radii[1]
         np.testing.assert_allclose(gone[[0, 2, 3]], np.sqrt(3) * 1e-3)
-        assert problem.size(POSE, step) == pytest.approx(2 * GRAINS.radii[1] / GRAINS.unit)
+        assert problem.sizes(POSE, step).max() == pytest.approx(2 * GRAINS.radii[1] / GRAINS.unit)
 
     def test_on_the_group(self):
         step = np.arange(24) / 200  # well below the grains' own size
@@ -366,49 +398,50 @@ class TestSteps:
         problem = StateProblem(GRAINS, target())
         step = np.zeros(24)
         step[6:9] = 0.3, 0.0, -0.4
-        assert problem.size(POSE, step) == pytest.approx(0.5 / VOXEL)
+        assert problem.sizes(POSE, step).max() == pytest.approx(0.5 / VOXEL)
         step = np.zeros(24)
         step[22] = 0.1
-        assert 0.1 * 4 < problem.size(POSE, step) < 0.1 * 8  # a lump of 8 voxels: its rim is 4 to 7 away
+        assert 0.1 * 4 < problem.sizes(POSE, step)[3] < 0.1 * 8  # a lump of 8 voxels: its rim is 4 to 7 away
 
 
-class TestGrainResiduals:
+class TestMisfits:
     def test_planted_misfit_of_one_grain(self):
         pose = replace(POSE, translations=POSE.translations.copy())
         pose.translations[3] += [0.2, 0.1, -0.15]
         problem = StateProblem(GRAINS, target(images=measured(noise=1e-4)))
-        residuals, paths = grain_residuals(problem, problem.look(pose))
-        assert residuals[3] > 20 * residuals[:3].max()
-        assert (paths > 0.3).all()
-        np.testing.assert_array_equal(misfits(residuals, paths, 1e-4), [False, False, False, True])
+        found = misfits(problem, problem.look(pose))
+        assert found.residuals[3] > 20 * found.residuals[:3].max()
+        assert (found.paths > 0.3).all()
+        np.testing.assert_array_equal(found.lost, [False, False, False, True])
 
     def test_even_misfit(self):
         problem = StateProblem(GRAINS, target(images=measured(offset=0.07)))
-        residuals, _ = grain_residuals(problem, problem.look(POSE))
-        np.testing.assert_allclose(residuals, 0.07, rtol=1e-3)
+        np.testing.assert_allclose(misfits(problem, problem.look(POSE)).residuals, 0.07, rtol=1e-3)
 
     def test_masked_pixels_do_not_count(self):
         valid = mask()
         images = np.where(valid, measured(), 1e4).astype(np.float32)
         problem = StateProblem(GRAINS, target(valid=valid, images=images))
-        residuals, _ = grain_residuals(problem, problem.look(POSE))
-        assert residuals.max() < 1e-5
+        assert misfits(problem, problem.look(POSE)).residuals.max() < 1e-5
 
-
-class TestMisfits:
     def test_noise_is_no_misfit(self):
-        residuals = np.array([0.02, 0.021, 0.019, 0.022])
-        assert not misfits(residuals, np.full(4, 1.0), 0.02).any()
+        assert not alone([0.02, 0.021, 0.019, 0.022], 0.02).lost.any()
 
     def test_unknown_is_a_misfit(self):
-        np.testing.assert_array_equal(misfits(np.array([0.02, np.nan]), np.array([1.0, np.nan]), 0.02), [False, True])
+        np.testing.assert_array_equal(alone([0.02, np.nan], 0.02).lost, [False, True])
 
     def test_all_bad_is_seen_by_the_noise(self):
         """When every grain fits badly, none stands out from the others; the noise tells."""
-        assert misfits(np.full(5, 0.2), np.full(5, 1.0), 0.02).all()
+        assert alone([0.2] * 5, 0.02).lost.all()
 
     def test_thin_shadows_in_strong_noise_do_not_accuse(self):
-        assert not misfits(np.array([0.05]), np.array([1.0]), 0.03).any()
+        assert not alone([0.05], 0.03).lost.any()
+
+
+def alone(residuals, noise):
+    """Grains on rays of their own."""
+    paths = np.where(np.isfinite(residuals), 1.0, np.nan)
+    return Misfits(np.array(residuals), paths, paths, noise)
 
 
 class TestNoiseLevel:

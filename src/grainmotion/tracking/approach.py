@@ -7,7 +7,7 @@ from grainmotion.solve import Solution
 from grainmotion.tracking import stages
 from grainmotion.tracking.coarse import TOGETHER
 from grainmotion.tracking.course import ROUGHLY, Course
-from grainmotion.tracking.misfit import lost_grains
+from grainmotion.tracking.misfit import misfits
 from grainmotion.tracking.residual import Basis, StateProblem
 from grainmotion.tracking.starts import centroid_shift
 
@@ -31,7 +31,8 @@ def approach(course: Course, pose: Pose) -> tuple[Pose, Pose]:
         end = course.solve(problem, candidate, course.rough(), f"free, filter {width:g}")
         if best is None or end.costs[-1] < best.costs[-1]:
             best = end
-        if lost_grains(judged, best.state).mean() < TOO_MANY:
+        seen = judged.glance(best.state)
+        if (misfits(judged, seen).astray & seen.patches.seen.any(axis=1)).mean() < TOO_MANY:
             break
     assert best is not None
     return fields[-1], best.state

@@ -23,6 +23,7 @@ NEAR = Stopping(iterations=8, step=0.02, decrease=0.1, reach=1.0, forcing=0.1)  
 SEEN = 0.05  # of the largest line integral: where something is seen
 WORTH = 3e-3  # of the last stage: a decrease by so many times its share of the cost of each unknown is worth a step
 REACH = 0.1  # voxels: while any grain moves further, no decrease is too small
+STRAGGLERS = 1e-3  # share of the grains that are not waited for: they are told to be still moving
 DEFAULT = 2e-3  # tolerance, voxels, to which that number belongs
 
 
@@ -102,7 +103,8 @@ class Course:
         """
         tolerance = self.settings.tolerance if tolerance is None else tolerance
         share = min(6 * len(self.grains) / max(lit_pixels(self.target), 1), 1.0)
-        return Stopping(self.settings.iterations, tolerance, WORTH * share * (tolerance / DEFAULT) ** 2, reach=REACH)
+        worth = WORTH * share * (tolerance / DEFAULT) ** 2
+        return Stopping(self.settings.iterations, tolerance, worth, REACH, STRAGGLERS)
 
     def free(
         self, pose: Pose, name: str, filters: tuple[float, ...] | None = None, tolerance: float | None = None

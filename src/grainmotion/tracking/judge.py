@@ -14,7 +14,7 @@ from grainmotion.packed import Pose
 from grainmotion.response import Response
 from grainmotion.solve import Solution
 from grainmotion.tracking.absent import Shadow, shadows_held
-from grainmotion.tracking.misfit import grain_residuals, misfits, noise_level, shares
+from grainmotion.tracking.misfit import misfits
 from grainmotion.tracking.polish import Polished
 from grainmotion.tracking.residual import StateProblem
 from grainmotion.tracking.strangers import strangers
@@ -36,16 +36,15 @@ def judge(
     """Turn what was found into a table; ``limits`` are the largest sd of u (mm) and of ω (rad) to accept."""
     problem, solution, n = polished.problem, polished.solution, len(grains)
     seen = problem.glance(solution.state)
-    residuals, paths = grain_residuals(problem, seen)
+    fits = misfits(problem, seen)
     covariances, known = polished.posterior.copy(), polished.covariances.copy()
-    noise = noise_level(problem.target.scan)
-    lost = misfits(residuals, paths, noise)
-    shaken = lost.any() & ~lost & (shares(residuals, paths, noise) > SHAKEN)
+    lost = fits.lost
+    shaken = lost.any() & ~lost & (fits.shares > SHAKEN)
     coverage, moving = seen.patches.seen.mean(axis=1), _still_moving(problem, solution)
     held = shadows_held(problem, solution.state) if lost.any() else [Shadow()] * n
     statuses, reasons = np.full(n, Status.CONVERGED.value, dtype="<U20"), [""] * n
     for k in range(n):
-        fit = _Fit(residuals[k], paths[k], coverage[k], bool(lost[k]), bool(shaken[k]), bool(moving[k]), held[k])
+        fit = _Fit(fits.residuals[k], fits.paths[k], coverage[k], bool(lost[k]), bool(shaken[k]), bool(moving[k]), held[k])
         verdict = _verdict(fit, known[k], limits)
         if verdict is None and doubtful[k]:
             verdict = Status.NOT_CONVERGED, AMBIGUOUS
@@ -57,7 +56,7 @@ def judge(
     translations[unknown] = rotations[unknown] = np.nan
     covariances[unknown] = np.nan
     return Motions(
-        grains.labels, grains.centers, translations, rotations, covariances, statuses, residuals,
+        grains.labels, grains.centers, translations, rotations, covariances, statuses, fits.residuals,
         np.full(n, len(costs), dtype=np.int64), tuple(reasons), state_fit(polished, seen.response, costs, notes),
     )  # fmt: skip
 

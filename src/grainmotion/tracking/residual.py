@@ -259,11 +259,11 @@ class StateProblem:
             around = surroundings.moved(self.target.loose, around or still, rest)
         return Pose(state.translations + each[:, :3], motion.exp(each[:, 3:]) @ state.matrices, around)
 
-    def size(self, state: Pose, step: Float) -> float:
-        """Largest displacement of any grain's surface, in voxels."""
+    def sizes(self, state: Pose, step: Float) -> Float:
+        """Displacement of each grain's surface, in voxels ``(n,)``."""
         each, _ = self._each(state, step)
         moved = np.linalg.norm(each[:, :3], axis=1) + np.linalg.norm(each[:, 3:], axis=1) * self.grains.radii
-        return float(moved.max()) / self.grains.unit
+        return np.asarray(moved / self.grains.unit)
 
     def _each(self, state: Pose, step: Float) -> tuple[Float, Float]:
         """Increments of the grains ``(n, 6)`` and of the surroundings.

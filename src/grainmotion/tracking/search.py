@@ -1,9 +1,10 @@
 """Grains in a wrong place: annealed, then all free again, attempt after attempt.
 
 Whether a grain fits badly shows in its residual where the radiographs hold far more pixels than there are
-unknowns.  Where they do not (a slice, seen in a few lines of pixels), wrong placements of many grains can fit
-nearly as well as the true one.  There a placement is trusted if nothing is left of the residual, or once an
-attempt of its own, with other random numbers, comes to the same.
+unknowns.  Where they do not, wrong placements can fit nearly as well as the true one: in a slice, seen in a few lines
+of pixels, those of many grains; in a volume those of a few, neighbours that make up for each other.  There a
+placement is trusted if nothing is left of the residual, or once an attempt of its own comes to the same: annealed
+with other random numbers in a slice, from a shaken start in a volume.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from grainmotion.tracking.surroundings import background_images
 
 MANY = 0.3  # share of badly fitting grains from which all are annealed, and the fitted gain is not trusted
 THIN = 20.0  # pixels an unknown below which a good fit alone is no proof
+SHAKE = 0.5  # voxels at a grain's surface by which a start is shaken at least
 NOTHING = 1e-3  # relative residual that proves a placement all the same
 SAME = 0.2  # voxels between the surfaces of a grain in two placements that are one
 ROUGH = 0.01  # voxels: tolerance of attempts
@@ -78,11 +80,12 @@ def search(course: Course, base: Pose, problem: StateProblem, solution: Solution
         The best of all attempts.
     """
     flat = planar(course.grains, course.target.scan.geometry)
-    thin = flat or _pixels_an_unknown(course) < THIN
+    thin = flat
     plan = PLANAR if flat else SPATIAL
     widest = max(ranges.angle for ranges in plan)
     best = _End(problem, solution)
     confirming, tried, vain = list[_End](), 0, 0
+    rough = max(ROUGH, course.settings.tolerance)
     for planned in plan:
         lost = lost_grains(best.problem, best.pose)
         few = not thin and lost.mean() <= MANY
@@ -92,7 +95,6 @@ def search(course: Course, base: Pose, problem: StateProblem, solution: Solution
         tried += 1
         rows, ranges = (lost, ALONE) if few else (np.ones_like(lost), planned)
         start = _annealed(course, base, best, rows, ranges, seed=tried)
-        rough = max(ROUGH, course.settings.tolerance)
         end = _End(*course.free(start, f"search {tried}", course.settings.filters, rough))
         vain = 0 if end.cost < 0.99 * best.cost else vain + 1
         best, other = (end, best) if end.cost < best.cost else (best, end)
@@ -102,6 +104,11 @@ def search(course: Course, base: Pose, problem: StateProblem, solution: Solution
     if thin and not best.proven:
         doubtful = ~best.agrees(confirming)
         doubtful |= doubtful.mean() > 1 - MAJORITY
+    if not flat and not best.proven and _pixels_an_unknown(course) < THIN:
+        tried += 1
+        end = _End(*course.free(_shaken(base, best), "second opinion", course.settings.filters, rough))
+        doubtful = ~best.agrees([end])
+        best = end if end.cost < best.cost else best
     if tried:
         best = _End(*course.free(best.pose, "all", course.settings.filters[-1:]))
     return Found(best.problem, best.solution, doubtful)
@@ -152,6 +159,19 @@ def _annealed(course: Course, base: Pose, best: _End, rows: NDArray[np.bool_], r
         images, _ = background_images(target.body, start.surroundings, scan.geometry, target.projector, False)
         target = replace(target, fixed=images)
     return anneal(course.grains, target, start, np.nonzero(rows)[0], ranges, seed)
+
+
+def _shaken(base: Pose, best: _End) -> Pose:
+    """As far from where the smooth field put the grains as the best placement is, but elsewhere."""
+    rng, grains = np.random.default_rng(0), best.problem.grains
+    shifts = best.pose.translations - base.translations
+    turns = motion.log(best.pose.matrices @ np.swapaxes(base.matrices, 1, 2))
+    size = max(float(np.sqrt((shifts**2).mean())), SHAKE * grains.unit)
+    angle = max(float(np.sqrt((turns**2).mean())), SHAKE * grains.unit / float(np.median(grains.radii)))
+    random = rng.standard_normal((2, len(grains), 3))
+    print("SHAKE", size/grains.unit, np.rad2deg(angle))
+    moved = best.pose.moved(best.pose.translations + 0.5 * size * random[0], motion.exp(0.5 * angle * random[1]) @ best.pose.matrices)
+    return moved
 
 
 def _pixels_an_unknown(course: Course) -> float:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from grainmotion.packed import Pose
-from grainmotion.tracking.misfit import grain_residuals
+from grainmotion.tracking.misfit import misfits
 from grainmotion.tracking.residual import Glance, StateProblem
 
 Float = NDArray[np.float64]
@@ -39,7 +39,7 @@ def stranger_places(problem: StateProblem, pose: Pose, seen: Glance) -> list[tup
     """Those places, mm, x y z, and the share of a grain's line integrals that is unexplained there."""
     grains, geometry = problem.grains, problem.target.scan.geometry
     radius = float(np.median(grains.radii))
-    _, paths = grain_residuals(problem, seen)
+    paths = misfits(problem, seen).paths
     usual = float(np.nanmedian(paths)) if np.isfinite(paths).any() else 0.0
     if usual <= 0 or len(problem.target.scan) < 2:
         return []
