@@ -1,11 +1,11 @@
-"""The paper's planar studies at reduced size: ten samples each."""
+"""The paper's planar studies at reduced size: four samples each, and six more where time does not matter."""
 
 import numpy as np
 import pytest
 
 from paper import figure4, images, table1, table2
 
-SEEDS = range(10)
+some_seeds = pytest.mark.parametrize("seeds", [range(4), pytest.param(range(4, 10), marks=pytest.mark.slow)])
 
 
 class TestImages:
@@ -36,28 +36,31 @@ class TestImages:
         assert not np.array_equal(images.draw(2).labels, images.draw(3).labels)
 
 
-def test_table_1():
+@some_seeds
+def test_table_1(seeds):
     """Every set of every sample is exact, in no more iterations than the paper's 8 to 12."""
-    trials = [t for seed in SEEDS for t in table1.trial(seed)]
+    trials = [t for seed in seeds for t in table1.trial(seed)]
     assert all(t.exact for t in trials)
     for which in images.SETS:
         assert np.mean([t.iterations for t in trials if t.which == which]) <= 8
 
 
-def test_table_2():
+@some_seeds
+def test_table_2(seeds):
     """Exact with 6 and with 4 views; with 2 views in at least 8 samples of 10, and honest in the others."""
-    trials = [t for seed in SEEDS for t in table2.trial(seed)]
+    trials = [t for seed in seeds for t in table2.trial(seed)]
     exact = {views: sum(t.exact == 30 for t in trials if t.views == views) for views in table2.VIEWS}
-    assert exact[6] == exact[4] == len(SEEDS)
-    assert exact[2] >= 8
+    assert exact[6] == exact[4] == len(seeds)
+    assert exact[2] >= 0.8 * len(seeds)
     assert sum(t.wrong for t in trials) == 0
 
 
-def test_figure_4():
+@pytest.mark.parametrize(("seeds", "fewest"), [(range(4), 2), pytest.param(range(10), 7, marks=pytest.mark.slow)])
+def test_figure_4(seeds, fewest):
     """From every start in ±90° and up to a diameter away, where the plain solver loses its way."""
-    trials = [figure4.trial(seed, np.array([-90.0, -60.0, 45.0, 80.0]), np.array([0.0, 135.0])) for seed in SEEDS]
+    trials = [figure4.trial(seed, np.array([-90.0, -60.0, 45.0, 80.0]), np.array([0.0, 135.0])) for seed in seeds]
     distinct = [t for t in trials if not t.symmetric]
-    assert len(distinct) >= 7
+    assert len(distinct) >= fewest
     assert all(t.turned["with search"].all() for t in distinct)
     assert all(t.shifted["with search"].all() for t in trials)
     assert not all(t.turned["plain"].all() for t in trials)

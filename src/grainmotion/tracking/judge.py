@@ -44,7 +44,9 @@ def judge(
     held = shadows_held(problem, solution.state) if lost.any() else [Shadow()] * n
     statuses, reasons = np.full(n, Status.CONVERGED.value, dtype="<U20"), [""] * n
     for k in range(n):
-        fit = _Fit(fits.residuals[k], fits.paths[k], coverage[k], bool(lost[k]), bool(shaken[k]), bool(moving[k]), held[k])
+        fit = _Fit(
+            fits.residuals[k], fits.paths[k], coverage[k], bool(lost[k]), bool(shaken[k]), bool(moving[k]), held[k]
+        )
         verdict = _verdict(fit, known[k], limits)
         if verdict is None and doubtful[k]:
             verdict = Status.NOT_CONVERGED, AMBIGUOUS

@@ -105,7 +105,8 @@ def misfits(problem: StateProblem, seen: Glance) -> Misfits:
     means[sums[:, 0] <= 0] = np.nan
     # a small gain would make any misfit small beside line integrals that nobody measured
     means[:, 1:] *= float(np.clip(seen.response.gain, 0.0, 1.0))
-    return Misfits(*means.T, noise_level(problem.target.scan))
+    residuals, paths, crowds = means.T
+    return Misfits(residuals, paths, crowds, noise_level(problem.target.scan))
 
 
 def noise_level(scan: Scan) -> float:

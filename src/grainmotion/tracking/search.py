@@ -24,9 +24,11 @@ from grainmotion.tracking.misfit import evened, lost_grains
 from grainmotion.tracking.residual import StateProblem
 from grainmotion.tracking.surroundings import background_images
 
+Float = NDArray[np.float64]
+
 MANY = 0.3  # share of badly fitting grains from which all are annealed, and the fitted gain is not trusted
-THIN = 20.0  # pixels an unknown below which a good fit alone is no proof
-SHAKE = 0.5  # voxels at a grain's surface by which a start is shaken at least
+THIN = 13.0  # pixels an unknown below which a good fit alone is no proof (volumes: decision 0015)
+LEAST_SHAKE = 0.5  # voxels at a grain's surface that a shake is taken to undo at least
 NOTHING = 1e-3  # relative residual that proves a placement all the same
 SAME = 0.2  # voxels between the surfaces of a grain in two placements that are one
 ROUGH = 0.01  # voxels: tolerance of attempts
@@ -162,16 +164,21 @@ def _annealed(course: Course, base: Pose, best: _End, rows: NDArray[np.bool_], r
 
 
 def _shaken(base: Pose, best: _End) -> Pose:
-    """As far from where the smooth field put the grains as the best placement is, but elsewhere."""
+    """Half as far from the best placement as that is from where the smooth field put the grains, at random.
+
+    As far again would lose most grains of a sample that is thin, and so tell nothing.
+    """
     rng, grains = np.random.default_rng(0), best.problem.grains
     shifts = best.pose.translations - base.translations
     turns = motion.log(best.pose.matrices @ np.swapaxes(base.matrices, 1, 2))
-    size = max(float(np.sqrt((shifts**2).mean())), SHAKE * grains.unit)
-    angle = max(float(np.sqrt((turns**2).mean())), SHAKE * grains.unit / float(np.median(grains.radii)))
-    random = rng.standard_normal((2, len(grains), 3))
-    print("SHAKE", size/grains.unit, np.rad2deg(angle))
-    moved = best.pose.moved(best.pose.translations + 0.5 * size * random[0], motion.exp(0.5 * angle * random[1]) @ best.pose.matrices)
-    return moved
+    least = LEAST_SHAKE * grains.unit
+    shift = max(_rms(shifts), least) / 2 * rng.standard_normal(shifts.shape)
+    turn = max(_rms(turns), least / float(np.median(grains.radii))) / 2 * rng.standard_normal(turns.shape)
+    return best.pose.moved(best.pose.translations + shift, motion.exp(turn) @ best.pose.matrices)
+
+
+def _rms(each: Float) -> float:
+    return float(np.sqrt((each**2).mean()))
 
 
 def _pixels_an_unknown(course: Course) -> float:
