@@ -98,7 +98,9 @@ class PackedGrains:
 
     def on(self, device: Device) -> PackedGrains:
         """The same grains where a device walks them."""
-        return replace(self, held=None if device == CPU else device.hold_voxels(self.images, self.starts))
+        if device == CPU:
+            return replace(self, held=None)
+        return replace(self, held=device.hold_voxels(self.images, self.starts, self.voxel_size / self.unit))
 
     @classmethod
     def of(cls, grains: GrainSet, fine: bool = False) -> PackedGrains:

@@ -2,14 +2,16 @@
 
 As with the card, what they hold says by itself that they walk it, and `Crew.kernels` gives kernels of the same names
 and arguments as the processor's.  Each is a graph of pure functions (`pieces`) over what is held, so what dies with a
-worker is made again by others, and one that joins gets work.  How grains are cut into pieces follows from the grains
-alone.  The client sends poses and radiographs, and gets radiographs, gradients and 6×6 blocks.
+worker is made again by others.  How grains are cut into pieces never shows: a patch is worked on whole, by whomever,
+and sums over patches are taken in double precision, which is exact for single numbers.  So there are as many pieces
+as workers, for a task costs some milliseconds whatever it does.  The client sends poses and radiographs, and gets
+radiographs, gradients and 6×6 blocks.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from types import SimpleNamespace
@@ -20,19 +22,22 @@ from numpy.typing import NDArray
 
 from grainmotion.cluster import pieces
 from grainmotion.cluster.pieces import Index, Rays, Some
-from grainmotion.cluster.shelf import Shelf, Shelved
+from grainmotion.cluster.shelf import Shelf, ShelvedImages
 from grainmotion.cluster.work import Work
 from grainmotion.device import Device
 from grainmotion.kernels import normal
-from grainmotion.packed import Image
+from grainmotion.packed import Image, PackedGrains, Pose
 
 if TYPE_CHECKING:
     from dask.delayed import Delayed
 
 Float = NDArray[np.float64]
 
-FEWEST = 6
-"""Grains of a piece, where there are enough of them: a task of fewer costs less than to hand it out."""
+WORTH = 6e6
+"""Voxels of the reference's size below which grains are walked by the client: an evaluation then takes about as long
+as handing its tasks out (measured, see decision 0019)."""
+LARGEST = 1 << 27
+"""Voxels of a piece: a worker holds two pieces, or more, one at a time."""
 AT_ONCE = 4
 """Parts of the radiographs that one task adds up."""
 
@@ -53,18 +58,19 @@ class Crew(Device):
         """The array: only voxels are shared out, and what comes of them."""
         return array
 
-    def hold_voxels(self, images: Any, starts: Any) -> Voxels:
-        """See `Device`; workers load their pieces from the shelf."""
+    def hold_voxels(self, images: Any, starts: Any, size: float) -> Any:
+        """See `Device`; workers load their pieces from the shelf.  What is not worth it stays here."""
+        if len(images) * min(size, 1.0) ** 3 < WORTH:
+            return images
         begins = np.unique(starts)
-        count = min(len(begins), max(2, round(len(begins) / max(FEWEST, np.sqrt(len(begins))))))
+        count = min(len(begins), max(self.work.hands, -(-len(images) // LARGEST)))
         ends = np.append(begins[1:], len(images))
         middles = (begins + ends) / 2
         piece = np.minimum((middles / len(images) * count).astype(int), count - 1)
         cuts = np.append(begins[np.unique(piece, return_index=True)[1]], len(images))
-        voxels = Voxels(self, images.dtype, cuts)
-        kept = [self.shelf.keep(images[a:b].copy(), voxels) for a, b in pairwise(cuts)]
-        voxels.pieces = self.work.placed([self.work.task(_take, shelved=k) for k in kept])
-        return voxels
+        kept = [self.shelf.kept_images(images[a:b]) for a, b in pairwise(cuts)]
+        held = self.work.placed([self.work.task(_take, shelved=k) for k in kept])
+        return Voxels(self, images.dtype, cuts, held, kept)
 
     def zeros(self, shape: tuple[int, ...], dtype: Any) -> Any:
         """An array that a kernel is to fill."""
@@ -73,27 +79,102 @@ class Crew(Device):
     def kernels(self, name: str) -> Any:
         """See `Device`."""
         rooms: dict[str, tuple[Any, ...]] = {"grains": (project, project_with_derivatives, add_patches)}
-        rooms["normal"] = (normal.filter_images, filter_patches, gradients, spread, blocks)
+        rooms["normal"] = (normal.filter_images, filter_patches, blocks)
         return SimpleNamespace(**{kernel.__name__: kernel for kernel in rooms[name]})
 
-    def added_up(self, stripes: list[Delayed], most: int) -> list[Delayed]:
-        """At most so many parts of the sum of radiographs, neighbours added first."""
-        while len(stripes) > most:
+    def gradients(self, derivatives: Afar, boxes: Any, offsets: Any, stacks: Any, out: Float) -> None:
+        """See `Device`."""
+        assert derivatives.split is not None
+        if isinstance(stacks, Sums):
+            found = self.work.results(derivatives.each(pieces.gradients, *stacks.parts))
+        else:
+            with self.shelf.lent((np.stack(stacks),)) as lent:
+                asked = derivatives.each(pieces.gradients, images=lent * len(derivatives.pieces))
+                found = self.work.results(asked)
+        for patches, part in zip(derivatives.split.patches, found, strict=True):
+            out[:, patches] = part
+
+    def spread(
+        self, derivatives: Afar, boxes: Any, offsets: Any, order: Any, first: Any, increments: Float, panels: Any
+    ) -> Sums:
+        """See `Device`; the sums stay with the workers."""
+        assert derivatives.split is not None
+        own = [increments[:, rows] for rows in derivatives.split.grains]
+        like = [(panels[0], panels[2])] * len(own)
+        stripes = derivatives.each(pieces.spread, increments=own, like=like)
+        return Sums(self, self.added_up(stripes), (len(increments), *panels), derivatives.dtype)
+
+    def for_grains(
+        self, function: Callable[..., Any], grains: PackedGrains, pose: Pose, images: tuple[Image, ...], how: Any
+    ) -> Any:
+        """See `Device`: a task for each piece."""
+        voxels: Voxels = grains.walked
+        owner = voxels.owners(grains.starts)
+        rows = [np.flatnonzero(owner == k) for k in range(len(voxels.pieces))]
+        asked = [k for k, own in enumerate(rows) if len(own)]
+        with self.shelf.lent((np.stack(images),)) as (lent,):
+            told, tasks = [], []
+            for k in asked:
+                own = grains.select(rows[k])
+                without = replace(own, images=own.images[:0], starts=own.starts - voxels.cuts[k], held=None)
+                here = pose.moved(pose.translations[rows[k]], pose.matrices[rows[k]])
+                told.append(self.shelf.put((without, here, how)))
+                tasks.append(
+                    self.work.task(pieces.for_grains, voxels.pieces[k], function=function, told=told[-1], images=lent)
+                )
+            found = self.work.results(tasks)
+        out = np.zeros((len(grains), *found[0].shape[1:]), found[0].dtype)
+        for k, part in zip(asked, found, strict=True):
+            out[rows[k]] = part
+        return out
+
+    def added_up(self, stripes: list[Delayed]) -> list[Delayed]:
+        """A few parts of the sum of radiographs, neighbours added first."""
+        while len(stripes) > AT_ONCE:
             groups = [stripes[k : k + AT_ONCE] for k in range(0, len(stripes), AT_ONCE)]
             stripes = [self.work.task(pieces.merge, *group) if len(group) > 1 else group[0] for group in groups]
         return stripes
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class Voxels:
-    """Voxels of grains, cut between grains at ``cuts``."""
+    """Voxels of grains, cut between grains at ``cuts``; ``kept`` are the files from which workers have them."""
 
     walked_by: Crew
     dtype: Any
     cuts: Index
+    pieces: list[Delayed]
+    kept: list[ShelvedImages]
 
-    def __post_init__(self) -> None:
-        self.pieces: list[Delayed] = []
+    def owners(self, starts: Index) -> Index:
+        """The piece of each grain."""
+        found: Index = np.searchsorted(self.cuts, starts, side="right") - 1
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Sums:
+    """Stacks of radiographs ``(k, views, rows, columns)`` that workers hold, in parts that add up to them."""
+
+    walked_by: Crew
+    parts: list[Delayed]
+    shape: tuple[int, ...]
+    dtype: Any
+
+    @cached_property
+    def host(self) -> Image:
+        """The same numbers here."""
+        out = np.zeros(self.shape)
+        for part in self.walked_by.work.results(self.parts):
+            part.add_to(out)
+        return out.astype(self.dtype)
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __getitem__(self, index: Any) -> Image:
+        found: Image = self.host[index]
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,12 +213,13 @@ class Split:
 class Afar:
     """An array held by workers; indices and numpy's functions see its copy here, made when first asked for.
 
-    It is flat over all patches, ``(…, pixels)`` in the order of ``offsets``, or radiographs in one piece.
+    It is flat over all patches, ``(…, pixels)`` in the order of ``offsets``; ``part`` takes it from what pieces are.
     """
 
     def __init__(self, crew: Crew, shape: tuple[int, ...], dtype: Any) -> None:
         self.walked_by, self.shape, self.dtype = crew, shape, dtype
         self.split: Split | None = None
+        self.part = pieces.values_of if len(shape) == 1 else pieces.derivatives_of
         self.offsets: Index = np.zeros(1, np.int64)
         self.pieces: list[Delayed] = []
         self.kept: tuple[Any, ...] = ()
@@ -151,11 +233,10 @@ class Afar:
     def host(self) -> Image:
         """The same numbers here."""
         out = np.zeros(self.shape, self.dtype)
-        found = self.walked_by.work.results(self.pieces)
         if self.split is None:
-            for stripe in found:
-                stripe.add_to(out)
             return out
+        work = self.walked_by.work
+        found = work.results([work.task(self.part, piece) for piece in self.pieces])
         for patches, some, piece in zip(self.split.patches, self.split.some, found, strict=True):
             sizes = np.diff(some.offsets)
             at = np.repeat(self.offsets[patches] - some.offsets[:-1], sizes) + np.arange(some.offsets[-1])
@@ -195,8 +276,7 @@ def project(
 ) -> None:  # fmt: skip
     """As `kernels.grains.project`, and with derivatives."""
     crew = voxels.walked_by
-    owner = np.searchsorted(voxels.cuts, starts, side="right") - 1
-    split = Split.of(owner, len(voxels.pieces), boxes, offsets)
+    split = Split.of(voxels.owners(starts), len(voxels.pieces), boxes, offsets)
     patch_owner, patch_row = split.owners
     found = []
     for k, (own, some, piece) in enumerate(zip(split.grains, split.some, voxels.pieces, strict=True)):
@@ -207,13 +287,10 @@ def project(
         rays = Rays(grains, (vectors, cone, panel), mine, exact)
         walk = pieces.project if derivatives is None else pieces.differentiate
         found.append(crew.work.task(walk, piece, rays=rays, some=some))
-    if derivatives is None:
-        values.fill(crew.work.persist(found), split, offsets, (voxels,))
-        return
-    both = [crew.work.task(which, pair) for which in (pieces.first_of, pieces.second_of) for pair in found]
-    both = crew.work.persist(both)
-    values.fill(both[: len(found)], split, offsets, (voxels,))
-    derivatives.fill(both[len(found) :], split, offsets, (voxels,))
+    found = crew.work.persist(found)
+    values.fill(found, split, offsets, (voxels,))
+    if derivatives is not None:
+        derivatives.fill(found, split, offsets, (voxels,))
 
 
 def project_with_derivatives(*arguments: Any) -> None:
@@ -223,44 +300,19 @@ def project_with_derivatives(*arguments: Any) -> None:
 
 def add_patches(values: Afar, boxes: Index, offsets: Index, out: Image) -> None:
     """As `kernels.grains.add_patches`."""
-    crew, like = values.walked_by, (out.shape[0], out.shape[2], out.dtype)
+    crew, like = values.walked_by, (out.shape[0], out.shape[2])
     stripes = values.each(pieces.add_up, like=[like] * len(values.pieces))
-    for stripe in crew.work.results(crew.added_up(stripes, AT_ONCE)):
-        if stripe.images.size:
-            stripe.add_to(out)
+    for stripe in crew.work.results(crew.added_up(stripes)):
+        stripe.add_to(out[None])
 
 
 # ---------------------------------------------------------------------- kernels.normal
 def filter_patches(derivatives: Afar, boxes: Index, offsets: Index, valid: Image, weights: Image) -> None:
     """As `kernels.normal.filter_patches`."""
     crew, count = derivatives.walked_by, len(derivatives.pieces)
-    factor = crew.shelf.kept_images(valid)
+    factor = crew.shelf.kept_images(valid[None])
     found = crew.work.persist(derivatives.each(pieces.filtered, factor=[factor] * count, kernel=[weights] * count))
     derivatives.fill(found, derivatives.split, derivatives.offsets, (*derivatives.kept, factor))
-
-
-def gradients(derivatives: Afar, boxes: Index, offsets: Index, images: Image | Afar, out: Float) -> None:
-    """As `kernels.normal.gradients`."""
-    crew, count = derivatives.walked_by, len(derivatives.pieces)
-    assert derivatives.split is not None
-    if isinstance(images, Afar):
-        found = crew.work.results(derivatives.each(pieces.gradients, images.pieces[0]))
-    else:
-        with crew.shelf.lent((images,)) as lent:
-            found = crew.work.results(derivatives.each(pieces.gradients_of_shelved, images=lent * count))
-    for patches, part in zip(derivatives.split.patches, found, strict=True):
-        out[patches] = part
-
-
-def spread(
-    derivatives: Afar, boxes: Index, offsets: Index, order: Index, first: Index, increments: Float, images: Afar
-) -> None:  # fmt: skip
-    """As `kernels.normal.spread`; the sum stays with the workers."""
-    crew, like = derivatives.walked_by, (images.shape[0], images.shape[2], np.dtype(images.dtype))
-    assert derivatives.split is not None
-    own = [increments[rows] for rows in derivatives.split.grains]
-    stripes = derivatives.each(pieces.spread, increments=own, like=[like] * len(own))
-    images.fill(crew.work.persist(crew.added_up(stripes, 1)), None, images.offsets, derivatives.kept)
 
 
 def blocks(derivatives: Afar, boxes: Index, offsets: Index, pairs: Index, first: Index, out: Float) -> None:
@@ -301,5 +353,5 @@ def _ends(sizes: Index) -> Index:
     return np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
 
 
-def _take(shelved: Shelved) -> Any:
-    return shelved.take()
+def _take(shelved: ShelvedImages) -> Image:
+    return shelved.all()
