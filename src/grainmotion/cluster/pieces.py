@@ -145,10 +145,13 @@ def _stacks(images: Images, some: Some, precision: np.dtype[np.floating]) -> tup
     if isinstance(images, ShelvedImages):
         return images.rows(first, end), some.below(first)
     k, views, _, columns = images[0].images.shape
-    out = np.zeros((k, views, max(end - first, 0), columns))
-    for part in images:
-        part.add_to(out, first)
-    return out.astype(precision, copy=False), some.below(first)
+    out = np.empty((k, views, max(end - first, 0), columns), precision)
+    for stack in range(k):  # one after the other, while its numbers are at hand
+        total = np.zeros((1, *out.shape[1:]))
+        for part in images:
+            Stripe(part.first, part.images[stack : stack + 1]).add_to(total, first)
+        out[stack] = total[0]
+    return out, some.below(first)
 
 
 # ---------------------------------------------------------------------- derivatives
