@@ -33,10 +33,10 @@ class Device:
         """An array where the device can walk it: itself, or a copy that stays on the card."""
         return array if self.name == "cpu" else _cuda("arrays").hold(array)
 
-    def hold_voxels(self, images: Any, starts: Any, size: float) -> Any:
+    def hold_voxels(self, images: Any, starts: Any, heights: Any, size: float) -> Any:
         """The same for voxels of grains, one grain after the other from ``starts (n,)`` on.
 
-        ``size`` is theirs over that of the reference's voxels.
+        ``heights (n,)`` are the grains' z, ``size`` is that of their voxels over the reference's.
         """
         return self.hold(images)
 

@@ -100,7 +100,8 @@ class PackedGrains:
         """The same grains where a device walks them."""
         if device == CPU:
             return replace(self, held=None)
-        return replace(self, held=device.hold_voxels(self.images, self.starts, self.voxel_size / self.unit))
+        what = self.images, self.starts, self.centers[:, 2], self.voxel_size / self.unit
+        return replace(self, held=device.hold_voxels(*what))
 
     @classmethod
     def of(cls, grains: GrainSet, fine: bool = False) -> PackedGrains:

@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -58,19 +57,27 @@ class Crew(Device):
         """The array: only voxels are shared out, and what comes of them."""
         return array
 
-    def hold_voxels(self, images: Any, starts: Any, size: float) -> Any:
-        """See `Device`; workers load their pieces from the shelf.  What is not worth it stays here."""
+    def hold_voxels(self, images: Any, starts: Any, heights: Any, size: float) -> Any:
+        """See `Device`; workers load their pieces from the shelf.  What is not worth it stays here.
+
+        Grains of a piece are neighbours along z, so that they shade few rows of the radiographs.
+        """
         if len(images) * min(size, 1.0) ** 3 < WORTH:
             return images
-        begins = np.unique(starts)
-        count = min(len(begins), max(self.work.hands, -(-len(images) // LARGEST)))
+        begins, rows = np.unique(starts, return_index=True)
         ends = np.append(begins[1:], len(images))
-        middles = (begins + ends) / 2
-        piece = np.minimum((middles / len(images) * count).astype(int), count - 1)
-        cuts = np.append(begins[np.unique(piece, return_index=True)[1]], len(images))
-        kept = [self.shelf.kept_images(images[a:b]) for a, b in pairwise(cuts)]
+        order = np.argsort(heights[rows], kind="stable")
+        count = min(len(begins), max(self.work.hands, -(-len(images) // LARGEST)))
+        sizes = (ends - begins)[order]
+        share = (np.cumsum(sizes) - sizes / 2) / len(images)
+        members = np.split(order, np.searchsorted(share, np.arange(1, count) / count))
+        owner, local = np.zeros(len(begins), np.int64), np.zeros(len(begins), np.int64)
+        kept = []
+        for mine in filter(len, members):
+            owner[mine], local[mine] = len(kept), _ends((ends - begins)[mine])[:-1]
+            kept.append(self.shelf.kept_images(np.concatenate([images[begins[k] : ends[k]] for k in mine])))
         held = self.work.placed([self.work.task(_take, shelved=k) for k in kept])
-        return Voxels(self, images.dtype, cuts, held, kept)
+        return Voxels(self, images.dtype, begins, owner, local, held, kept)
 
     def zeros(self, shape: tuple[int, ...], dtype: Any) -> Any:
         """An array that a kernel is to fill."""
@@ -109,14 +116,14 @@ class Crew(Device):
     ) -> Any:
         """See `Device`: a task for each piece."""
         voxels: Voxels = grains.walked
-        owner = voxels.owners(grains.starts)
+        owner, begins = voxels.places(grains.starts)
         rows = [np.flatnonzero(owner == k) for k in range(len(voxels.pieces))]
         asked = [k for k, own in enumerate(rows) if len(own)]
         with self.shelf.lent((np.stack(images),)) as (lent,):
             told, tasks = [], []
             for k in asked:
                 own = grains.select(rows[k])
-                without = replace(own, images=own.images[:0], starts=own.starts - voxels.cuts[k], held=None)
+                without = replace(own, images=own.images[:0], starts=begins[rows[k]], held=None)
                 here = pose.moved(pose.translations[rows[k]], pose.matrices[rows[k]])
                 told.append(self.shelf.put((without, here, how)))
                 tasks.append(
@@ -138,18 +145,23 @@ class Crew(Device):
 
 @dataclass(frozen=True, eq=False)
 class Voxels:
-    """Voxels of grains, cut between grains at ``cuts``; ``kept`` are the files from which workers have them."""
+    """Voxels of grains; ``kept`` are the files from which workers have them.
+
+    What begins at ``begins[k]`` of all voxels lies in piece ``owner[k]``, from ``local[k]`` on.
+    """
 
     walked_by: Crew
     dtype: Any
-    cuts: Index
+    begins: Index
+    owner: Index
+    local: Index
     pieces: list[Delayed]
     kept: list[ShelvedImages]
 
-    def owners(self, starts: Index) -> Index:
-        """The piece of each grain."""
-        found: Index = np.searchsorted(self.cuts, starts, side="right") - 1
-        return found
+    def places(self, starts: Index) -> tuple[Index, Index]:
+        """The piece of each grain, and where it begins there."""
+        at = np.searchsorted(self.begins, starts)
+        return self.owner[at], self.local[at]
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,14 +288,14 @@ def project(
 ) -> None:  # fmt: skip
     """As `kernels.grains.project`, and with derivatives."""
     crew = voxels.walked_by
-    split = Split.of(voxels.owners(starts), len(voxels.pieces), boxes, offsets)
+    owner, local = voxels.places(starts)
+    split = Split.of(owner, len(voxels.pieces), boxes, offsets)
     patch_owner, patch_row = split.owners
     found = []
     for k, (own, some, piece) in enumerate(zip(split.grains, split.some, voxels.pieces, strict=True)):
         mine = jobs[patch_owner[jobs[:, 0]] == k]
         mine[:, 0] = patch_row[mine[:, 0]]
-        begins = starts[own] - voxels.cuts[k]
-        grains = (begins, shapes[own], corners[own], extents[own], voxel, positions[own], matrices[own])
+        grains = (local[own], shapes[own], corners[own], extents[own], voxel, positions[own], matrices[own])
         rays = Rays(grains, (vectors, cone, panel), mine, exact)
         walk = pieces.project if derivatives is None else pieces.differentiate
         found.append(crew.work.task(walk, piece, rays=rays, some=some))
