@@ -60,7 +60,9 @@ class Device:
             stacks.append(images.astype(derivatives.dtype, copy=False) if self.name == "cpu" else images)
         return stacks
 
-    def for_grains(self, function: Callable[..., Any], grains: Any, pose: Any, images: tuple[Any, ...], how: Any) -> Any:
+    def for_grains(
+        self, function: Callable[..., Any], grains: Any, pose: Any, images: tuple[Any, ...], how: Any
+    ) -> Any:
         """``function(grains, pose, *images, how)``, an array of a row a grain, done where their voxels are."""
         return function(grains, pose, *images, how)
 

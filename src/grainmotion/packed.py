@@ -211,7 +211,7 @@ def _line_ends(array: Image) -> Float:
 
 
 def _extents(points: Float) -> Image:
-    """The planes along `walks.DIRECTIONS` between which a grain's voxels count, ``(2, directions)``; see `_line_ends`."""
+    """The planes along `walks.DIRECTIONS` between which a grain's voxels count, ``(2, directions)``."""
     if len(points) == 0:
         return np.zeros((2, len(walks.DIRECTIONS)), np.float32)
     places = points @ walks.DIRECTIONS.T.astype(float)

@@ -17,7 +17,6 @@ from grainmotion.tracking.residual import StateProblem
 from inline_work import InlineWork
 
 
-
 def single(volume):
     return replace(volume, array=volume.array.astype(np.float32))
 

@@ -8,7 +8,7 @@ from grainmotion.cluster.crew import Crew
 from grainmotion.cluster.shelf import Shelf
 from grainmotion.cluster.workplace import Workplace, at_work
 from grainmotion.geometry import Geometry
-from grainmotion.grains import GrainSet, grains_from_labels
+from grainmotion.grains import grains_from_labels
 from grainmotion.motions import Motions
 from grainmotion.project import simulate_radiographs
 from grainmotion.scan import Scan
@@ -35,7 +35,9 @@ def crowd():
     for label, corner in enumerate(np.ndindex(SIDE, SIDE, SIDE), start=1):
         normals = rng.normal(size=(8, 3))
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        outside = np.maximum((points @ normals.T - rng.uniform(1.5, 3, 8)).max(axis=-1), np.abs(points).max(axis=-1) - 3)
+        outside = np.maximum(
+            (points @ normals.T - rng.uniform(1.5, 3, 8)).max(axis=-1), np.abs(points).max(axis=-1) - 3
+        )
         here = tuple(slice(ACROSS * k, ACROSS * (k + 1)) for k in corner)
         volume[here] = np.clip(0.5 - outside, 0, 1)
         labels[here] = np.where(volume[here] > 0.3, label, 0)
@@ -52,7 +54,8 @@ def crowd():
 def alone():
     """The crowd, and what one process makes of it."""
     grains, scan = crowd()
-    assert len(grains) > 100 and isinstance(grains, GrainSet) and grains.precision == np.float32
+    assert len(grains) > 100
+    assert grains.precision == np.float32
     return grains, scan, track(grains, scan, settings=QUICK)
 
 

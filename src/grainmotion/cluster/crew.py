@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion.cluster import pieces
+from grainmotion.cluster.afar import Afar, Split, Sums, Voxels, ends_of
 from grainmotion.cluster.pieces import Index, Rays, Some
 from grainmotion.cluster.shelf import Shelf, ShelvedImages
 from grainmotion.cluster.work import Work
@@ -72,9 +72,9 @@ class Crew(Device):
         share = (np.cumsum(sizes) - sizes / 2) / len(images)
         members = np.split(order, np.searchsorted(share, np.arange(1, count) / count))
         owner, local = np.zeros(len(begins), np.int64), np.zeros(len(begins), np.int64)
-        kept = []
+        kept: list[ShelvedImages] = []
         for mine in filter(len, members):
-            owner[mine], local[mine] = len(kept), _ends((ends - begins)[mine])[:-1]
+            owner[mine], local[mine] = len(kept), ends_of((ends - begins)[mine])[:-1]
             kept.append(self.shelf.kept_images(np.concatenate([images[begins[k] : ends[k]] for k in mine])))
         held = self.work.placed([self.work.task(_take, shelved=k) for k in kept])
         return Voxels(self, images.dtype, begins, owner, local, held, kept)
@@ -93,7 +93,12 @@ class Crew(Device):
         """See `Device`."""
         assert derivatives.split is not None
         if isinstance(stacks, Sums):
-            found = self.work.results(derivatives.each(pieces.gradients, *stacks.parts))
+            found = self.work.results(
+                [
+                    self.work.task(pieces.gradients, piece, *stacks.meeting(some.rows), some=some)
+                    for piece, some in zip(derivatives.pieces, derivatives.split.some, strict=True)
+                ]
+            )
         else:
             with self.shelf.lent((np.stack(stacks),)) as lent:
                 asked = derivatives.each(pieces.gradients, images=lent * len(derivatives.pieces))
@@ -109,7 +114,8 @@ class Crew(Device):
         own = [increments[:, rows] for rows in derivatives.split.grains]
         like = [(panels[0], panels[2])] * len(own)
         stripes = derivatives.each(pieces.spread, increments=own, like=like)
-        return Sums(self, self.added_up(stripes), (len(increments), *panels), derivatives.dtype)
+        rows = [some.rows for some in derivatives.split.some]
+        return Sums(self, stripes, rows, (len(increments), *panels), derivatives.dtype)
 
     def for_grains(
         self, function: Callable[..., Any], grains: PackedGrains, pose: Pose, images: tuple[Image, ...], how: Any
@@ -141,143 +147,6 @@ class Crew(Device):
             groups = [stripes[k : k + AT_ONCE] for k in range(0, len(stripes), AT_ONCE)]
             stripes = [self.work.task(pieces.merge, *group) if len(group) > 1 else group[0] for group in groups]
         return stripes
-
-
-@dataclass(frozen=True, eq=False)
-class Voxels:
-    """Voxels of grains; ``kept`` are the files from which workers have them.
-
-    What begins at ``begins[k]`` of all voxels lies in piece ``owner[k]``, from ``local[k]`` on.
-    """
-
-    walked_by: Crew
-    dtype: Any
-    begins: Index
-    owner: Index
-    local: Index
-    pieces: list[Delayed]
-    kept: list[ShelvedImages]
-
-    def places(self, starts: Index) -> tuple[Index, Index]:
-        """The piece of each grain, and where it begins there."""
-        at = np.searchsorted(self.begins, starts)
-        return self.owner[at], self.local[at]
-
-
-@dataclass(frozen=True, eq=False)
-class Sums:
-    """Stacks of radiographs ``(k, views, rows, columns)`` that workers hold, in parts that add up to them."""
-
-    walked_by: Crew
-    parts: list[Delayed]
-    shape: tuple[int, ...]
-    dtype: Any
-
-    @cached_property
-    def host(self) -> Image:
-        """The same numbers here."""
-        out = np.zeros(self.shape)
-        for part in self.walked_by.work.results(self.parts):
-            part.add_to(out)
-        return out.astype(self.dtype)
-
-    def __len__(self) -> int:
-        return self.shape[0]
-
-    def __getitem__(self, index: Any) -> Image:
-        found: Image = self.host[index]
-        return found
-
-
-@dataclass(frozen=True, eq=False)
-class Split:
-    """Patches of the sample, piece by piece: ``patches`` and ``grains`` of each in the sample, and its own ``some``."""
-
-    patches: list[Index]
-    grains: list[Index]
-    some: list[Some]
-
-    @classmethod
-    def of(cls, owner: Index, count: int, boxes: Index, offsets: Index) -> Split:
-        """``owner`` is each grain's piece."""
-        sizes, place = np.diff(offsets), np.zeros(len(owner), np.int64)
-        split = cls([], [], [])
-        for k in range(count):
-            own, rows = np.flatnonzero(owner == k), np.flatnonzero(owner[boxes[:, 0]] == k)
-            place[own] = np.arange(len(own))
-            mine = boxes[rows]
-            mine[:, 0] = place[mine[:, 0]]
-            split.patches.append(rows)
-            split.grains.append(own)
-            split.some.append(Some(mine, _ends(sizes[rows])))
-        return split
-
-    @cached_property
-    def owners(self) -> tuple[Index, Index]:
-        """Piece of each patch, and its row there."""
-        total = sum(map(len, self.patches))
-        owner, row = np.zeros(total, np.int64), np.zeros(total, np.int64)
-        for k, patches in enumerate(self.patches):
-            owner[patches], row[patches] = k, np.arange(len(patches))
-        return owner, row
-
-
-class Afar:
-    """An array held by workers; indices and numpy's functions see its copy here, made when first asked for.
-
-    It is flat over all patches, ``(…, pixels)`` in the order of ``offsets``; ``part`` takes it from what pieces are.
-    """
-
-    def __init__(self, crew: Crew, shape: tuple[int, ...], dtype: Any) -> None:
-        self.walked_by, self.shape, self.dtype = crew, shape, dtype
-        self.split: Split | None = None
-        self.part = pieces.values_of if len(shape) == 1 else pieces.derivatives_of
-        self.offsets: Index = np.zeros(1, np.int64)
-        self.pieces: list[Delayed] = []
-        self.kept: tuple[Any, ...] = ()
-
-    def fill(self, found: list[Delayed], split: Split | None, offsets: Index, kept: tuple[Any, ...]) -> None:
-        """Take what workers made; ``kept`` owns the files from which it would be made again."""
-        self.pieces, self.split, self.offsets, self.kept = found, split, offsets, kept
-        self.__dict__.pop("host", None)
-
-    @cached_property
-    def host(self) -> Image:
-        """The same numbers here."""
-        out = np.zeros(self.shape, self.dtype)
-        if self.split is None:
-            return out
-        work = self.walked_by.work
-        found = work.results([work.task(self.part, piece) for piece in self.pieces])
-        for patches, some, piece in zip(self.split.patches, self.split.some, found, strict=True):
-            sizes = np.diff(some.offsets)
-            at = np.repeat(self.offsets[patches] - some.offsets[:-1], sizes) + np.arange(some.offsets[-1])
-            out[..., at] = piece
-        return out
-
-    def copy(self) -> Afar:
-        """Another array with the same numbers."""
-        again = Afar(self.walked_by, self.shape, self.dtype)
-        again.fill(self.pieces, self.split, self.offsets, self.kept)
-        return again
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Image:
-        return self.host.astype(dtype or self.dtype, copy=bool(copy))
-
-    def __getitem__(self, index: Any) -> Any:
-        return self.host[index]
-
-    def __len__(self) -> int:
-        return self.shape[0]
-
-    def each(self, function: Callable[..., Any], *images: Delayed, **more: list[Any]) -> list[Delayed]:
-        """A task for each piece, with its patches and its own of what else there is a list of."""
-        assert self.split is not None
-        task = self.walked_by.work.task
-        return [
-            task(function, piece, *images, some=some, **{name: each[k] for name, each in more.items()})
-            for k, (piece, some) in enumerate(zip(self.pieces, self.split.some, strict=True))
-        ]
 
 
 # ---------------------------------------------------------------------- kernels.grains
@@ -341,7 +210,7 @@ def blocks(derivatives: Afar, boxes: Index, offsets: Index, pairs: Index, first:
         if not len(mine):
             continue
         counts = first[mine + 1] - first[mine]
-        wanted = pairs[np.repeat(first[mine] - _ends(counts)[:-1], counts) + np.arange(counts.sum())]
+        wanted = pairs[np.repeat(first[mine] - ends_of(counts)[:-1], counts) + np.arange(counts.sum())]
         foreign = np.unique(wanted[owner[wanted] != k])
         foreign = foreign[np.argsort(owner[foreign], kind="stable")]
         loans = [
@@ -353,16 +222,14 @@ def blocks(derivatives: Afar, boxes: Index, offsets: Index, pairs: Index, first:
         present = np.concatenate([split.patches[k], foreign])
         place = np.zeros(len(boxes), np.int64)
         place[present] = np.arange(len(present))
-        some = Some(boxes[present], _ends(sizes[present]))
-        tasks.append(crew.work.task(pieces.blocks, piece, *loans, some=some, pairs=place[wanted], first=_ends(counts)))
+        some = Some(boxes[present], ends_of(sizes[present]))
+        tasks.append(
+            crew.work.task(pieces.blocks, piece, *loans, some=some, pairs=place[wanted], first=ends_of(counts))
+        )
         asked.append(mine)
     out[:] = 0
     for mine, found in zip(asked, crew.work.results(tasks), strict=True):
         out[mine] = found
-
-
-def _ends(sizes: Index) -> Index:
-    return np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
 
 
 def _take(shelved: ShelvedImages) -> Image:

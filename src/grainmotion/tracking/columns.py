@@ -69,7 +69,9 @@ class Columns:
         """JᵀC, ``(6n, m)``, for filtered derivatives in patches."""
         grain, view = patches.boxes[:, 0], patches.boxes[:, 1]
         blocks = []
-        found = gradients(derivatives, patches.boxes, patches.offsets, self.stacks) if self.stacks else []
+        found: list[Float] = []
+        if self.stacks:
+            found = list(gradients(derivatives, patches.boxes, patches.offsets, self.stacks))
         for parts, shared in zip(found, self.shared, strict=True):
             block = np.zeros((grains, 1 if shared else self.views, 6))
             np.add.at(block, (grain, np.zeros_like(view) if shared else view), parts)

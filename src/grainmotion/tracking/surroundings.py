@@ -110,9 +110,7 @@ def corrected(geometry: Geometry, at: Surroundings | None) -> Geometry:
     return replace(geometry, vectors=blocks.reshape(-1, 12))
 
 
-def view_images(
-    path: Image, slopes: Any, grains: PackedGrains, pose: Pose, patches: Patches
-) -> list[Image]:
+def view_images(path: Image, slopes: Any, grains: PackedGrains, pose: Pose, patches: Patches) -> list[Image]:
     """Derivatives of the line integrals ``(views, rows, columns)`` by each view's own shift u, v and angle.
 
     Shifts by central differences of the simulated radiograph; the angle, which turns the sample by as much the
