@@ -6,8 +6,8 @@ import pickle
 class InlineWork:
     """Each task's literals travel as they would, and its result is kept apart from what it was made of."""
 
-    def __init__(self):
-        self.done = []
+    def __init__(self, hands=2):
+        self.done, self.hands = [], hands
 
     def task(self, function, /, *tasks, **literals):
         self.done.append(function.__name__)

@@ -1,7 +1,7 @@
-"""What a cluster sends and how long it takes, as formulas; every number is of one evaluation or one update.
+"""What a cluster sends and how long it takes, as formulas; every number is of one evaluation, product or update.
 
-Tracking: B blocks of neighbours along z, each shading h = R/B + d rows of a panel of R rows (d rows a grain), on W
-workers that hold neighbouring blocks.  Reconstruction: S slabs, and subsets of m views.
+Tracking: as many pieces as workers, W, neighbours along z, each shading h = (R − p)/W + p rows of R (p rows a patch).
+Reconstruction: S slabs, and subsets of m views.
 """
 
 from __future__ import annotations
@@ -53,7 +53,8 @@ class Cost:
 
 @dataclass(frozen=True)
 class Sample:
-    """Grains, views of a state, panel, grain size (pixels), filter's reach; volume, views of its scan; CPU seconds."""
+    """Grains, views of a state, rows and columns of the panel that they shade, grain size (pixels), filter's reach;
+    volume, views of its scan; CPU seconds of an evaluation, a product with the normal matrix, an update."""
 
     grains: int
     views: int
@@ -64,50 +65,67 @@ class Sample:
     planes: int
     subset: int
     evaluation: float
+    product: float
     update: float
 
     @classmethod
     def of_benchmark(cls, grains: int, shape: tuple[int, int, int]) -> Sample:
         """The case of ``benchmarks/cluster.py``."""
-        return cls(grains, 4, shape[0], shape[1], 33.0, 3, shape[0], 352 // 44, 0.0, 0.0)
+        return cls(grains, 4, shape[0], shape[1], 33.0, 3, shape[0], 352 // 44, 0.0, 0.0, 0.0)
 
     @classmethod
     def large(cls) -> Sample:
-        """10,000 grains on 2,000³ voxels; 1 µs a ray and 50 voxels with derivatives, 13 ns a voxel's ray step."""
-        rays = 10_000 * 4 * 96.0**2
-        return cls(10_000, 4, 2_000, 2_000, 96.0, 3, 2_000, 68, rays * 1e-6 * 96 / 50, 68 * 2_000.0**3 * 3e-9)
-
-    @property
-    def blocks(self) -> int:
-        """As `cluster.blocks.block_rows`."""
-        return min(self.grains, max(2, round(self.grains / max(6.0, math.sqrt(self.grains) / 2))))
+        """10,000 grains on 2,000³ voxels; 1 µs a ray and 50 voxels with derivatives, 10 ns a patch's pixel in a
+        product (measured: 5.6 ms for 200 grains of 24 voxels), 13 ns a voxel's ray step."""
+        rays, pixels = 10_000 * 4 * 96.0**2, 10_000 * 4 * 102.0**2
+        return cls(
+            10_000, 4, 2_000, 2_000, 96.0, 3, 2_000, 68, rays * 1e-6 * 96 / 50, pixels * 10e-9, 68 * 2_000.0**3 * 3e-9
+        )
 
     @property
     def patch(self) -> float:
-        """Pixels of a grain's patch."""
-        return (self.diameter + 2 * self.margin) ** 2
+        """Rows of a grain's patch, and its columns."""
+        return self.diameter + 2 * self.margin
+
+    def stripe(self, pieces: int) -> float:
+        """Rows that a piece shades."""
+        return (self.rows - self.patch) / pieces + self.patch
+
+    def meetings(self, pieces: int) -> int:
+        """Ordered pairs of pieces that share rows."""
+        band = max((self.rows - self.patch) / pieces, 1e-9)
+        reach = math.ceil(self.stripe(pieces) / band) - 1
+        return sum(min(pieces - 1, k + reach) - max(0, k - reach) for k in range(pieces))
+
+
+AT_ONCE = 4
+"""Parts of the radiographs that one task adds up."""
 
 
 def tracking(of: Sample, workers: int) -> Cost:
-    """One evaluation of the residual with its normal equations."""
-    blocks, away = of.blocks, min(workers, of.blocks) - 1
-    rows = min(of.rows, of.rows / blocks + of.diameter + 2 * of.margin)
-    stack = of.views * of.columns
-    levels = max(0, math.ceil(math.log(blocks, 4)) - 1)
-    # the last few parts, and the rows where blocks of two workers meet, travel; a worker adds its own up itself
-    summed = DOUBLE * stack * (of.rows * (1 - 1 / workers) + away * rows * min(levels, 1))
-    images = SINGLE * (2 + COLUMNS) * stack
-    sent = images * (of.rows * away if blocks <= 16 else rows * blocks * (1 - 1 / workers))
-    lent = away * of.grains * min(0.5, (of.diameter + 2 * of.margin) / of.rows) * of.views * of.patch * 6 * SINGLE
-    partners = min(blocks - 1, rows * blocks / of.rows)
-    pairs = (
-        of.grains
-        * min(of.grains, 2 * of.grains * of.diameter / of.rows)
-        * min(1.0, of.views * of.diameter / of.columns)
+    """One evaluation of the residual with its gradient and the blocks on the diagonal; up to 100 grains, all blocks."""
+    stack, height = of.views * of.columns, of.stripe(workers)
+    parts, across, tasks, hops = workers, 0.0, 5 * workers, 6
+    while parts > AT_ONCE:  # the tree: of each group all but one travel
+        groups = math.ceil(parts / AT_ONCE)
+        across += (parts - groups) * DOUBLE * stack * min(of.rows, of.stripe(parts))
+        parts, tasks, hops = groups, tasks + groups, hops + 1
+    home = parts * DOUBLE * stack * min(of.rows, of.stripe(parts)) + of.grains * (
+        of.views * 6 * DOUBLE * (1 + COLUMNS) + BLOCK
     )
-    tasks = int(blocks * (3 + (blocks > 16) + partners) + blocks / 3)
-    client = BLOCK * pairs / 2 + of.grains * 6 * 8 * (1 + COLUMNS + COLUMNS)
-    return Cost(of.evaluation, blocks, workers, tasks, 6 + levels, summed + sent + lent, sent, client)
+    stored = SINGLE * (2 + COLUMNS) * stack * height * workers
+    if 6 * of.grains <= 600:
+        met = of.grains * min(1.0, of.patch / of.rows) * (workers - 1)  # grains whose patches reach into another piece
+        across += met / 2 * of.views * of.patch**2 * 6 * SINGLE
+        home += of.grains**2 / 4 * BLOCK
+    return Cost(of.evaluation, workers, workers, tasks, hops, across + stored, home, home)
+
+
+def product(of: Sample, workers: int, columns: int = 1) -> Cost:
+    """One product of the normal matrix with so many columns."""
+    stripe = DOUBLE * columns * of.views * of.columns * of.stripe(workers)
+    home = of.grains * of.views * 6 * DOUBLE * columns
+    return Cost(columns * of.product, workers, workers, 2 * workers, 4, of.meetings(workers) * stripe, home, home)
 
 
 def reconstruction(of: Sample, workers: int) -> Cost:

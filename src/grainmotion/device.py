@@ -8,6 +8,7 @@ arguments.
 from __future__ import annotations
 
 import importlib
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
@@ -32,13 +33,38 @@ class Device:
         """An array where the device can walk it: itself, or a copy that stays on the card."""
         return array if self.name == "cpu" else _cuda("arrays").hold(array)
 
-    def hold_voxels(self, images: Any, starts: Any) -> Any:
-        """The same for voxels of grains, one grain after the other from ``starts (n,)`` on."""
+    def hold_voxels(self, images: Any, starts: Any, heights: Any, size: float) -> Any:
+        """The same for voxels of grains, one grain after the other from ``starts (n,)`` on.
+
+        ``heights (n,)`` are the grains' z, ``size`` is that of their voxels over the reference's.
+        """
         return self.hold(images)
 
     def zeros(self, shape: tuple[int, ...], dtype: Any) -> Any:
         """Zeros where the device can walk them."""
         return np.zeros(shape, dtype) if self.name == "cpu" else _cuda("arrays").zeros(shape, dtype)
+
+    def gradients(self, derivatives: Any, boxes: Any, offsets: Any, stacks: Any, out: Any) -> None:
+        """Fill ``out (k, patches, 6)``, see `patchwork.gradients`."""
+        for images, found in zip(stacks, out, strict=True):
+            self.kernels("normal").gradients(derivatives, boxes, offsets, images, found)
+
+    def spread(
+        self, derivatives: Any, boxes: Any, offsets: Any, order: Any, first: Any, increments: Any, panels: Any
+    ) -> Any:
+        """k stacks, see `patchwork.spread`."""
+        stacks = []
+        for each in increments:
+            images = self.zeros(panels, float if self.name == "cpu" else derivatives.dtype)
+            self.kernels("normal").spread(derivatives, boxes, offsets, order, first, each, images)
+            stacks.append(images.astype(derivatives.dtype, copy=False) if self.name == "cpu" else images)
+        return stacks
+
+    def for_grains(
+        self, function: Callable[..., Any], grains: Any, pose: Any, images: tuple[Any, ...], how: Any
+    ) -> Any:
+        """``function(grains, pose, *images, how)``, an array of a row a grain, done where their voxels are."""
+        return function(grains, pose, *images, how)
 
     def kernels(self, name: str) -> Any:
         """A room of `kernels` by its name, or its counterpart on the card."""

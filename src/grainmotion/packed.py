@@ -98,7 +98,10 @@ class PackedGrains:
 
     def on(self, device: Device) -> PackedGrains:
         """The same grains where a device walks them."""
-        return replace(self, held=None if device == CPU else device.hold_voxels(self.images, self.starts))
+        if device == CPU:
+            return replace(self, held=None)
+        what = self.images, self.starts, self.centers[:, 2], self.voxel_size / self.unit
+        return replace(self, held=device.hold_voxels(*what))
 
     @classmethod
     def of(cls, grains: GrainSet, fine: bool = False) -> PackedGrains:
@@ -113,15 +116,16 @@ class PackedGrains:
             )
         corners = np.array([v.origin - g.center for v, g in zip(volumes, grains.grains, strict=True)]).reshape(-1, 3)
         h = volumes[0].voxel_size
-        hulls = np.array([_extreme_points(a) * h + corner for a, corner in zip(arrays, corners, strict=True)])
+        ends = [_line_ends(a) for a in arrays]
+        hulls = [_extreme_points(p, a) * h + corner for p, a, corner in zip(ends, arrays, corners, strict=True)]
         return cls(
             images=_end_to_end(arrays),
             starts=np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64),
             shapes=np.array([a.shape for a in arrays], dtype=np.int64),
             corners=corners,
-            extents=np.array([_extents(a) for a in arrays]),
+            extents=np.array([_extents(points) for points in ends]),
             centers=grains.centers,
-            hulls=hulls,
+            hulls=np.array(hulls),
             radii=np.array([_radius(g) for g in grains.grains]),
             voxel_size=h,
             unit=grains.voxel_size,
@@ -152,7 +156,7 @@ class PackedGrains:
         shift = self.voxel_size * ((factor - 1) / 2 - PADDING * factor)
         return PackedGrains(
             np.concatenate([i.ravel() for i in images]), np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64),
-            np.array(shapes, dtype=np.int64), self.corners + shift, np.array([_extents(i) for i in images]),
+            np.array(shapes, dtype=np.int64), self.corners + shift, np.array([_extents(_line_ends(i)) for i in images]),
             self.centers, self.hulls, self.radii, self.voxel_size * factor, self.unit,
         )  # fmt: skip
 
@@ -206,18 +210,16 @@ def _line_ends(array: Image) -> Float:
     return np.column_stack([ends, np.tile(y, 2), np.tile(z, 2)]).astype(float)
 
 
-def _extents(array: Image) -> Image:
-    """The planes along `walks.DIRECTIONS` between which the grain's voxels count, ``(2, directions)``."""
-    points = _line_ends(array)
+def _extents(points: Float) -> Image:
+    """The planes along `walks.DIRECTIONS` between which a grain's voxels count, ``(2, directions)``."""
     if len(points) == 0:
         return np.zeros((2, len(walks.DIRECTIONS)), np.float32)
     places = points @ walks.DIRECTIONS.T.astype(float)
     return np.array([places.min(axis=0) - walks.REACH, places.max(axis=0) + walks.REACH], np.float32)
 
 
-def _extreme_points(array: Image) -> Float:
+def _extreme_points(points: Float, array: Image) -> Float:
     """Voxels (x y z indices) of the grain that reach furthest in many directions: its convex hull, nearly."""
-    points = _line_ends(array)
     if len(points) == 0:
         return np.full((_DIRECTIONS, 3), (np.array(array.shape[::-1]) - 1) / 2)
     return points[np.argmax(ball_directions() @ points.T, axis=1)]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from grainmotion.device import CPU, Device, place, zeros_beside
+from grainmotion.device import CPU, Device, place
 
 Image = NDArray[np.floating]
 Index = NDArray[np.int64]
@@ -27,26 +27,22 @@ def filter_patches(derivatives: Any, boxes: Index, offsets: Index, valid: Image,
     place(derivatives).kernels("normal").filter_patches(derivatives, boxes, offsets, valid, weights)
 
 
-def gradients(derivatives: Any, boxes: Any, offsets: Any, images: Any, out: Float) -> None:
-    """Dot products ``out (patches, 6)`` of patches with ``images (views, rows, columns)``."""
-    place(derivatives).kernels("normal").gradients(derivatives, boxes, offsets, images, out)
+def gradients(derivatives: Any, boxes: Any, offsets: Any, stacks: Any) -> Float:
+    """Dot products ``(k, patches, 6)`` of patches with each of k ``stacks (views, rows, columns)``."""
+    out = np.zeros((len(stacks), len(boxes), 6))
+    place(derivatives).gradients(derivatives, boxes, offsets, stacks, out)
+    return out
 
 
 def spread(
     derivatives: Any, boxes: Any, offsets: Any, order: Any, first: Any, increments: Float, panels: tuple[int, int, int]
 ) -> Any:
-    """The images ``(views, rows, columns)`` that ``increments (n, 6)`` make, where the derivatives lie."""
-    images = zeros_beside(derivatives, panels)
-    spread_into(images, derivatives, boxes, offsets, order, first, increments)
-    return images
+    """The k stacks ``(views, rows, columns)`` that ``increments (k, n, 6)`` make, where the derivatives lie.
 
-
-def spread_into(
-    images: Any, derivatives: Any, boxes: Any, offsets: Any, order: Any, first: Any, increments: Float
-) -> None:
-    """The same, filling images that lie where the derivatives do."""
-    where = place(derivatives).kernels("normal")
-    where.spread(derivatives, boxes, offsets, order, first, np.ascontiguousarray(increments), images)
+    They are added up in double, as `project.assemble` does, and in the derivatives' precision.
+    """
+    increments = np.ascontiguousarray(increments)
+    return place(derivatives).spread(derivatives, boxes, offsets, order, first, increments, panels)
 
 
 def blocks(derivatives: Any, boxes: Index, offsets: Index, pairs: Index, first: Index, out: Float) -> None:

@@ -219,8 +219,8 @@ def eliminated(at: Linearization, damping: float) -> tuple[Callable[[Array], Arr
     few = np.linalg.pinv(at.corner, hermitian=True).astype(float) if len(at.corner) else np.zeros((0, 0))
     matrix, lifted, blocks = _lifted(at.hessian, damping)
 
-    def product(x: Array) -> Array:
-        return matrix @ x + lifted * x - at.border @ (few @ (at.border.T @ x))
+    def product(x: Array) -> Array:  # of a vector, or of columns
+        return matrix @ x + (lifted * x.T).T - at.border @ (few @ (at.border.T @ x))
 
     return product, few, blocks
 

@@ -39,6 +39,12 @@ QUICK = TrackSettings(search=False, fields=False, view_corrections="never")
 VOXEL = GRAINS.voxel_size
 
 
+@pytest.fixture(autouse=True)
+def shared(monkeypatch):
+    """Workers walk samples however small."""
+    monkeypatch.setattr("grainmotion.cluster.crew.WORTH", 0)
+
+
 class Workers:
     """Worker processes without anybody who starts them again."""
 

@@ -86,8 +86,7 @@ def patches(device: Device, precision: type, projector: str) -> dict:
     again = derivatives.copy()
     filter_patches(derivatives, seen.boxes, seen.offsets, valid, kernel)
     filter_patches(again, seen.boxes, seen.offsets, valid, np.ones(1, precision))
-    dots = np.zeros((len(seen.boxes), 6))
-    gradients(derivatives, seen.boxes, seen.offsets, images, dots)
+    (dots,) = gradients(derivatives, seen.boxes, seen.offsets, [images])
     return {
         "values alone": project_patches(packed, at, views, seen, projector),
         "values": np.array(values),
@@ -96,7 +95,7 @@ def patches(device: Device, precision: type, projector: str) -> dict:
         "masked": np.array(again),
         "radiographs": radiographs,
         "gradients": dots,
-        "spread": np.asarray(spread(derivatives, seen, rng.normal(size=(2, 6)), images.shape)),
+        "spread": spread(derivatives, seen, rng.normal(size=(1, 2, 6)), images.shape)[0],
         "product": PatchNormal(derivatives, seen, 2, images.shape) @ rng.normal(size=12),
         "blocks": normal_matrix(derivatives, seen, 2).toarray(),
     }

@@ -43,7 +43,7 @@ def test_it_is_the_matrix(seen, product):
 def test_both_passes_are_adjoint(seen):
     rng = np.random.default_rng(1)
     x, y = rng.normal(size=(N, 6)), rng.normal(size=seen.residual.shape)
-    images = spread(seen.derivatives, seen.patches, x, y.shape)
+    (images,) = spread(seen.derivatives, seen.patches, x[None], y.shape)
     assert np.vdot(images, y) == pytest.approx(np.vdot(x, gathered(seen.derivatives, seen.patches, N, y)), rel=1e-9)
 
 

@@ -58,7 +58,7 @@ class TestViews:
         patches = shadows(PACKED, POSE, views)
         path, slopes = differentiate_patches(PACKED, POSE, views, patches, "trilinear")
         path = assemble(path, patches, views)
-        found = view_images(path, slopes, PACKED, POSE, patches, views)[column]
+        found = view_images(path, slopes, PACKED, POSE, patches)[column]
         difference = np.stack(
             [
                 (radiographs(views, only(k, column, step)) - radiographs(views, only(k, column, -step)))[k] / (2 * step)
@@ -79,7 +79,7 @@ class TestViews:
         there = corrected(BEAMS["cone"], at)
         patches = shadows(PACKED, POSE, there)
         path, slopes = differentiate_patches(PACKED, POSE, there, patches, "trilinear")
-        turned = view_images(assemble(path, patches, there), slopes, PACKED, POSE, patches, there)[2]
+        turned = view_images(assemble(path, patches, there), slopes, PACKED, POSE, patches)[2]
         ends = []
         for sign in (1, -1):
             views = at.views.copy()

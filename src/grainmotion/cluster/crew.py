@@ -2,16 +2,16 @@
 
 As with the card, what they hold says by itself that they walk it, and `Crew.kernels` gives kernels of the same names
 and arguments as the processor's.  Each is a graph of pure functions (`pieces`) over what is held, so what dies with a
-worker is made again by others, and one that joins gets work.  How grains are cut into pieces follows from the grains
-alone.  The client sends poses and radiographs, and gets radiographs, gradients and 6×6 blocks.
+worker is made again by others.  How grains are cut into pieces never shows: a patch is worked on whole, by whomever,
+and sums over patches are taken in double precision, which is exact for single numbers.  So there are as many pieces
+as workers, for a task costs some milliseconds whatever it does.  The client sends poses and radiographs, and gets
+radiographs, gradients and 6×6 blocks.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cached_property
-from itertools import pairwise
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -19,20 +19,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion.cluster import pieces
+from grainmotion.cluster.afar import Afar, Split, Sums, Voxels, ends_of
 from grainmotion.cluster.pieces import Index, Rays, Some
-from grainmotion.cluster.shelf import Shelf, Shelved
+from grainmotion.cluster.shelf import Shelf, ShelvedImages
 from grainmotion.cluster.work import Work
 from grainmotion.device import Device
 from grainmotion.kernels import normal
-from grainmotion.packed import Image
+from grainmotion.packed import Image, PackedGrains, Pose
 
 if TYPE_CHECKING:
     from dask.delayed import Delayed
 
 Float = NDArray[np.float64]
 
-FEWEST = 6
-"""Grains of a piece, where there are enough of them: a task of fewer costs less than to hand it out."""
+WORTH = 6e6
+"""Voxels of the reference's size below which grains are walked by the client: an evaluation then takes about as long
+as handing its tasks out (measured, see decision 0019)."""
+LARGEST = 1 << 27
+"""Voxels of a piece: a worker holds two pieces, or more, one at a time."""
 AT_ONCE = 4
 """Parts of the radiographs that one task adds up."""
 
@@ -53,18 +57,27 @@ class Crew(Device):
         """The array: only voxels are shared out, and what comes of them."""
         return array
 
-    def hold_voxels(self, images: Any, starts: Any) -> Voxels:
-        """See `Device`; workers load their pieces from the shelf."""
-        begins = np.unique(starts)
-        count = min(len(begins), max(2, round(len(begins) / max(FEWEST, np.sqrt(len(begins))))))
+    def hold_voxels(self, images: Any, starts: Any, heights: Any, size: float) -> Any:
+        """See `Device`; workers load their pieces from the shelf.  What is not worth it stays here.
+
+        Grains of a piece are neighbours along z, so that they shade few rows of the radiographs.
+        """
+        if len(images) * min(size, 1.0) ** 3 < WORTH:
+            return images
+        begins, rows = np.unique(starts, return_index=True)
         ends = np.append(begins[1:], len(images))
-        middles = (begins + ends) / 2
-        piece = np.minimum((middles / len(images) * count).astype(int), count - 1)
-        cuts = np.append(begins[np.unique(piece, return_index=True)[1]], len(images))
-        voxels = Voxels(self, images.dtype, cuts)
-        kept = [self.shelf.keep(images[a:b].copy(), voxels) for a, b in pairwise(cuts)]
-        voxels.pieces = self.work.placed([self.work.task(_take, shelved=k) for k in kept])
-        return voxels
+        order = np.argsort(heights[rows], kind="stable")
+        count = min(len(begins), max(self.work.hands, -(-len(images) // LARGEST)))
+        sizes = (ends - begins)[order]
+        share = (np.cumsum(sizes) - sizes / 2) / len(images)
+        members = np.split(order, np.searchsorted(share, np.arange(1, count) / count))
+        owner, local = np.zeros(len(begins), np.int64), np.zeros(len(begins), np.int64)
+        kept: list[ShelvedImages] = []
+        for mine in filter(len, members):
+            owner[mine], local[mine] = len(kept), ends_of((ends - begins)[mine])[:-1]
+            kept.append(self.shelf.kept_images(np.concatenate([images[begins[k] : ends[k]] for k in mine])))
+        held = self.work.placed([self.work.task(_take, shelved=k) for k in kept])
+        return Voxels(self, images.dtype, begins, owner, local, held, kept)
 
     def zeros(self, shape: tuple[int, ...], dtype: Any) -> Any:
         """An array that a kernel is to fill."""
@@ -73,118 +86,67 @@ class Crew(Device):
     def kernels(self, name: str) -> Any:
         """See `Device`."""
         rooms: dict[str, tuple[Any, ...]] = {"grains": (project, project_with_derivatives, add_patches)}
-        rooms["normal"] = (normal.filter_images, filter_patches, gradients, spread, blocks)
+        rooms["normal"] = (normal.filter_images, filter_patches, blocks)
         return SimpleNamespace(**{kernel.__name__: kernel for kernel in rooms[name]})
 
-    def added_up(self, stripes: list[Delayed], most: int) -> list[Delayed]:
-        """At most so many parts of the sum of radiographs, neighbours added first."""
-        while len(stripes) > most:
+    def gradients(self, derivatives: Afar, boxes: Any, offsets: Any, stacks: Any, out: Float) -> None:
+        """See `Device`."""
+        assert derivatives.split is not None
+        if isinstance(stacks, Sums):
+            found = self.work.results(
+                [
+                    self.work.task(pieces.gradients, piece, *stacks.meeting(some.rows), some=some)
+                    for piece, some in zip(derivatives.pieces, derivatives.split.some, strict=True)
+                ]
+            )
+        else:
+            with self.shelf.lent((np.stack(stacks),)) as lent:
+                asked = derivatives.each(pieces.gradients, images=lent * len(derivatives.pieces))
+                found = self.work.results(asked)
+        for patches, part in zip(derivatives.split.patches, found, strict=True):
+            out[:, patches] = part
+
+    def spread(
+        self, derivatives: Afar, boxes: Any, offsets: Any, order: Any, first: Any, increments: Float, panels: Any
+    ) -> Sums:
+        """See `Device`; the sums stay with the workers."""
+        assert derivatives.split is not None
+        own = [increments[:, rows] for rows in derivatives.split.grains]
+        like = [(panels[0], panels[2])] * len(own)
+        stripes = derivatives.each(pieces.spread, increments=own, like=like)
+        rows = [some.rows for some in derivatives.split.some]
+        return Sums(self, stripes, rows, (len(increments), *panels), derivatives.dtype)
+
+    def for_grains(
+        self, function: Callable[..., Any], grains: PackedGrains, pose: Pose, images: tuple[Image, ...], how: Any
+    ) -> Any:
+        """See `Device`: a task for each piece."""
+        voxels: Voxels = grains.walked
+        owner, begins = voxels.places(grains.starts)
+        rows = [np.flatnonzero(owner == k) for k in range(len(voxels.pieces))]
+        asked = [k for k, own in enumerate(rows) if len(own)]
+        with self.shelf.lent((np.stack(images),)) as (lent,):
+            told, tasks = [], []
+            for k in asked:
+                own = grains.select(rows[k])
+                without = replace(own, images=own.images[:0], starts=begins[rows[k]], held=None)
+                here = pose.moved(pose.translations[rows[k]], pose.matrices[rows[k]])
+                told.append(self.shelf.put((without, here, how)))
+                tasks.append(
+                    self.work.task(pieces.for_grains, voxels.pieces[k], function=function, told=told[-1], images=lent)
+                )
+            found = self.work.results(tasks)
+        out = np.zeros((len(grains), *found[0].shape[1:]), found[0].dtype)
+        for k, part in zip(asked, found, strict=True):
+            out[rows[k]] = part
+        return out
+
+    def added_up(self, stripes: list[Delayed]) -> list[Delayed]:
+        """A few parts of the sum of radiographs, neighbours added first."""
+        while len(stripes) > AT_ONCE:
             groups = [stripes[k : k + AT_ONCE] for k in range(0, len(stripes), AT_ONCE)]
             stripes = [self.work.task(pieces.merge, *group) if len(group) > 1 else group[0] for group in groups]
         return stripes
-
-
-@dataclass(eq=False)
-class Voxels:
-    """Voxels of grains, cut between grains at ``cuts``."""
-
-    walked_by: Crew
-    dtype: Any
-    cuts: Index
-
-    def __post_init__(self) -> None:
-        self.pieces: list[Delayed] = []
-
-
-@dataclass(frozen=True, eq=False)
-class Split:
-    """Patches of the sample, piece by piece: ``patches`` and ``grains`` of each in the sample, and its own ``some``."""
-
-    patches: list[Index]
-    grains: list[Index]
-    some: list[Some]
-
-    @classmethod
-    def of(cls, owner: Index, count: int, boxes: Index, offsets: Index) -> Split:
-        """``owner`` is each grain's piece."""
-        sizes, place = np.diff(offsets), np.zeros(len(owner), np.int64)
-        split = cls([], [], [])
-        for k in range(count):
-            own, rows = np.flatnonzero(owner == k), np.flatnonzero(owner[boxes[:, 0]] == k)
-            place[own] = np.arange(len(own))
-            mine = boxes[rows]
-            mine[:, 0] = place[mine[:, 0]]
-            split.patches.append(rows)
-            split.grains.append(own)
-            split.some.append(Some(mine, _ends(sizes[rows])))
-        return split
-
-    @cached_property
-    def owners(self) -> tuple[Index, Index]:
-        """Piece of each patch, and its row there."""
-        total = sum(map(len, self.patches))
-        owner, row = np.zeros(total, np.int64), np.zeros(total, np.int64)
-        for k, patches in enumerate(self.patches):
-            owner[patches], row[patches] = k, np.arange(len(patches))
-        return owner, row
-
-
-class Afar:
-    """An array held by workers; indices and numpy's functions see its copy here, made when first asked for.
-
-    It is flat over all patches, ``(…, pixels)`` in the order of ``offsets``, or radiographs in one piece.
-    """
-
-    def __init__(self, crew: Crew, shape: tuple[int, ...], dtype: Any) -> None:
-        self.walked_by, self.shape, self.dtype = crew, shape, dtype
-        self.split: Split | None = None
-        self.offsets: Index = np.zeros(1, np.int64)
-        self.pieces: list[Delayed] = []
-        self.kept: tuple[Any, ...] = ()
-
-    def fill(self, found: list[Delayed], split: Split | None, offsets: Index, kept: tuple[Any, ...]) -> None:
-        """Take what workers made; ``kept`` owns the files from which it would be made again."""
-        self.pieces, self.split, self.offsets, self.kept = found, split, offsets, kept
-        self.__dict__.pop("host", None)
-
-    @cached_property
-    def host(self) -> Image:
-        """The same numbers here."""
-        out = np.zeros(self.shape, self.dtype)
-        found = self.walked_by.work.results(self.pieces)
-        if self.split is None:
-            for stripe in found:
-                stripe.add_to(out)
-            return out
-        for patches, some, piece in zip(self.split.patches, self.split.some, found, strict=True):
-            sizes = np.diff(some.offsets)
-            at = np.repeat(self.offsets[patches] - some.offsets[:-1], sizes) + np.arange(some.offsets[-1])
-            out[..., at] = piece
-        return out
-
-    def copy(self) -> Afar:
-        """Another array with the same numbers."""
-        again = Afar(self.walked_by, self.shape, self.dtype)
-        again.fill(self.pieces, self.split, self.offsets, self.kept)
-        return again
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Image:
-        return self.host.astype(dtype or self.dtype, copy=bool(copy))
-
-    def __getitem__(self, index: Any) -> Any:
-        return self.host[index]
-
-    def __len__(self) -> int:
-        return self.shape[0]
-
-    def each(self, function: Callable[..., Any], *images: Delayed, **more: list[Any]) -> list[Delayed]:
-        """A task for each piece, with its patches and its own of what else there is a list of."""
-        assert self.split is not None
-        task = self.walked_by.work.task
-        return [
-            task(function, piece, *images, some=some, **{name: each[k] for name, each in more.items()})
-            for k, (piece, some) in enumerate(zip(self.pieces, self.split.some, strict=True))
-        ]
 
 
 # ---------------------------------------------------------------------- kernels.grains
@@ -195,25 +157,21 @@ def project(
 ) -> None:  # fmt: skip
     """As `kernels.grains.project`, and with derivatives."""
     crew = voxels.walked_by
-    owner = np.searchsorted(voxels.cuts, starts, side="right") - 1
+    owner, local = voxels.places(starts)
     split = Split.of(owner, len(voxels.pieces), boxes, offsets)
     patch_owner, patch_row = split.owners
     found = []
     for k, (own, some, piece) in enumerate(zip(split.grains, split.some, voxels.pieces, strict=True)):
         mine = jobs[patch_owner[jobs[:, 0]] == k]
         mine[:, 0] = patch_row[mine[:, 0]]
-        begins = starts[own] - voxels.cuts[k]
-        grains = (begins, shapes[own], corners[own], extents[own], voxel, positions[own], matrices[own])
+        grains = (local[own], shapes[own], corners[own], extents[own], voxel, positions[own], matrices[own])
         rays = Rays(grains, (vectors, cone, panel), mine, exact)
         walk = pieces.project if derivatives is None else pieces.differentiate
         found.append(crew.work.task(walk, piece, rays=rays, some=some))
-    if derivatives is None:
-        values.fill(crew.work.persist(found), split, offsets, (voxels,))
-        return
-    both = [crew.work.task(which, pair) for which in (pieces.first_of, pieces.second_of) for pair in found]
-    both = crew.work.persist(both)
-    values.fill(both[: len(found)], split, offsets, (voxels,))
-    derivatives.fill(both[len(found) :], split, offsets, (voxels,))
+    found = crew.work.persist(found)
+    values.fill(found, split, offsets, (voxels,))
+    if derivatives is not None:
+        derivatives.fill(found, split, offsets, (voxels,))
 
 
 def project_with_derivatives(*arguments: Any) -> None:
@@ -223,44 +181,19 @@ def project_with_derivatives(*arguments: Any) -> None:
 
 def add_patches(values: Afar, boxes: Index, offsets: Index, out: Image) -> None:
     """As `kernels.grains.add_patches`."""
-    crew, like = values.walked_by, (out.shape[0], out.shape[2], out.dtype)
+    crew, like = values.walked_by, (out.shape[0], out.shape[2])
     stripes = values.each(pieces.add_up, like=[like] * len(values.pieces))
-    for stripe in crew.work.results(crew.added_up(stripes, AT_ONCE)):
-        if stripe.images.size:
-            stripe.add_to(out)
+    for stripe in crew.work.results(crew.added_up(stripes)):
+        stripe.add_to(out[None])
 
 
 # ---------------------------------------------------------------------- kernels.normal
 def filter_patches(derivatives: Afar, boxes: Index, offsets: Index, valid: Image, weights: Image) -> None:
     """As `kernels.normal.filter_patches`."""
     crew, count = derivatives.walked_by, len(derivatives.pieces)
-    factor = crew.shelf.kept_images(valid)
+    factor = crew.shelf.kept_images(valid[None])
     found = crew.work.persist(derivatives.each(pieces.filtered, factor=[factor] * count, kernel=[weights] * count))
     derivatives.fill(found, derivatives.split, derivatives.offsets, (*derivatives.kept, factor))
-
-
-def gradients(derivatives: Afar, boxes: Index, offsets: Index, images: Image | Afar, out: Float) -> None:
-    """As `kernels.normal.gradients`."""
-    crew, count = derivatives.walked_by, len(derivatives.pieces)
-    assert derivatives.split is not None
-    if isinstance(images, Afar):
-        found = crew.work.results(derivatives.each(pieces.gradients, images.pieces[0]))
-    else:
-        with crew.shelf.lent((images,)) as lent:
-            found = crew.work.results(derivatives.each(pieces.gradients_of_shelved, images=lent * count))
-    for patches, part in zip(derivatives.split.patches, found, strict=True):
-        out[patches] = part
-
-
-def spread(
-    derivatives: Afar, boxes: Index, offsets: Index, order: Index, first: Index, increments: Float, images: Afar
-) -> None:  # fmt: skip
-    """As `kernels.normal.spread`; the sum stays with the workers."""
-    crew, like = derivatives.walked_by, (images.shape[0], images.shape[2], np.dtype(images.dtype))
-    assert derivatives.split is not None
-    own = [increments[rows] for rows in derivatives.split.grains]
-    stripes = derivatives.each(pieces.spread, increments=own, like=[like] * len(own))
-    images.fill(crew.work.persist(crew.added_up(stripes, 1)), None, images.offsets, derivatives.kept)
 
 
 def blocks(derivatives: Afar, boxes: Index, offsets: Index, pairs: Index, first: Index, out: Float) -> None:
@@ -277,7 +210,7 @@ def blocks(derivatives: Afar, boxes: Index, offsets: Index, pairs: Index, first:
         if not len(mine):
             continue
         counts = first[mine + 1] - first[mine]
-        wanted = pairs[np.repeat(first[mine] - _ends(counts)[:-1], counts) + np.arange(counts.sum())]
+        wanted = pairs[np.repeat(first[mine] - ends_of(counts)[:-1], counts) + np.arange(counts.sum())]
         foreign = np.unique(wanted[owner[wanted] != k])
         foreign = foreign[np.argsort(owner[foreign], kind="stable")]
         loans = [
@@ -289,17 +222,15 @@ def blocks(derivatives: Afar, boxes: Index, offsets: Index, pairs: Index, first:
         present = np.concatenate([split.patches[k], foreign])
         place = np.zeros(len(boxes), np.int64)
         place[present] = np.arange(len(present))
-        some = Some(boxes[present], _ends(sizes[present]))
-        tasks.append(crew.work.task(pieces.blocks, piece, *loans, some=some, pairs=place[wanted], first=_ends(counts)))
+        some = Some(boxes[present], ends_of(sizes[present]))
+        tasks.append(
+            crew.work.task(pieces.blocks, piece, *loans, some=some, pairs=place[wanted], first=ends_of(counts))
+        )
         asked.append(mine)
     out[:] = 0
     for mine, found in zip(asked, crew.work.results(tasks), strict=True):
         out[mine] = found
 
 
-def _ends(sizes: Index) -> Index:
-    return np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-
-
-def _take(shelved: Shelved) -> Any:
-    return shelved.take()
+def _take(shelved: ShelvedImages) -> Image:
+    return shelved.all()

@@ -5,12 +5,14 @@ Boxes and offsets are those of `project.Patches`, of a piece's own patches; grai
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from grainmotion.cluster.shelf import ShelvedImages
+from grainmotion.cluster.shelf import Shelved, ShelvedImages
 from grainmotion.cluster.threads import own_threads
 from grainmotion.kernels import grains, normal
 from grainmotion.packed import Image
@@ -49,21 +51,30 @@ class Rays:
 
 
 @dataclass(frozen=True, eq=False)
+class Walked:
+    """Line integrals of all patches, flat, and their derivatives ``(6, pixels)``."""
+
+    values: Image
+    derivatives: Image
+
+
+@dataclass(frozen=True, eq=False)
 class Stripe:
-    """Radiographs ``(views, rows, columns)`` from row ``first`` on; elsewhere they are 0."""
+    """k stacks of radiographs ``(k, views, rows, columns)`` from row ``first`` on; elsewhere they are 0."""
 
     first: int
-    images: Image
+    images: Float
 
-    def add_to(self, images: Image, origin: int = 0) -> None:
-        """Add them to radiographs that begin at row ``origin``."""
+    def add_to(self, images: Float, origin: int = 0) -> None:
+        """Add them to radiographs ``(k, views, rows, columns)`` that begin at row ``origin``, where these have rows."""
         at = self.first - origin
-        images[:, at : at + self.images.shape[1]] += self.images
+        low, high = max(at, 0), min(at + self.images.shape[2], images.shape[2])
+        if low < high:
+            images[:, :, low:high] += self.images[:, :, low - at : high - at]
 
 
-Shape = tuple[int, int, np.dtype[np.floating]]
-"""Views and columns of radiographs, and their precision."""
-Images = Stripe | ShelvedImages
+Images = tuple[Stripe, ...] | ShelvedImages
+"""Parts that add up to radiographs, or k stacks of them, one above the other."""
 
 
 # ---------------------------------------------------------------------- walks
@@ -75,101 +86,112 @@ def project(voxels: Image, rays: Rays, some: Some) -> Image:
     return values
 
 
-def differentiate(voxels: Image, rays: Rays, some: Some) -> tuple[Image, Image]:
-    """These and their derivatives ``(6, pixels)``."""
+def differentiate(voxels: Image, rays: Rays, some: Some) -> Walked:
+    """These and their derivatives."""
     values, derivatives = (np.zeros((*k, some.offsets[-1]), voxels.dtype) for k in ((), (6,)))
     with own_threads():
         grains.project_with_derivatives(
             voxels, *rays.grains, *rays.views, some.boxes, some.offsets, rays.jobs, rays.exact, values, derivatives
         )
-    return values, derivatives
+    return Walked(values, derivatives)
 
 
-def first_of(pair: tuple[Image, Image]) -> Image:
+def values_of(piece: Image | Walked) -> Image:
     """Line integrals."""
-    return pair[0]
+    return piece.values if isinstance(piece, Walked) else piece
 
 
-def second_of(pair: tuple[Image, Image]) -> Image:
-    """Derivatives."""
-    return pair[1]
+def derivatives_of(piece: Image | Walked) -> Image:
+    """Derivatives, not yet filtered or filtered."""
+    return piece.derivatives if isinstance(piece, Walked) else piece
 
 
 # ---------------------------------------------------------------------- radiographs
-def add_up(values: Image, some: Some, like: Shape) -> Stripe:
-    """Sum of the patches."""
+def add_up(piece: Image | Walked, some: Some, like: tuple[int, int]) -> Stripe:
+    """Sum of the patches, in radiographs of so many views and columns."""
     first, end = some.rows
-    views, columns, precision = like
-    images = np.zeros((views, max(end - first, 0), columns), precision)
-    grains.add_patches(values, some.below(first).boxes, some.offsets, images)
+    images = np.zeros((1, like[0], max(end - first, 0), like[1]))
+    grains.add_patches(values_of(piece), some.below(first).boxes, some.offsets, images[0])
     return Stripe(first, images)
 
 
-def spread(derivatives: Image, some: Some, increments: Float, like: Shape) -> Stripe:
-    """What increments ``(n, 6)`` of the grains change in the radiographs."""
+def spread(piece: Image | Walked, some: Some, increments: Float, like: tuple[int, int]) -> Stripe:
+    """What increments ``(k, n, 6)`` of the grains change in the radiographs."""
     first, end = some.rows
-    views, columns, precision = like
-    images = np.zeros((views, max(end - first, 0), columns), precision)
+    views, columns = like
+    images = np.zeros((len(increments), views, max(end - first, 0), columns))
     order = np.argsort(some.boxes[:, 1], kind="stable")
-    starts = np.searchsorted(some.boxes[order, 1], np.arange(views + 1))
+    starts, boxes = np.searchsorted(some.boxes[order, 1], np.arange(views + 1)), some.below(first).boxes
     with own_threads():
-        normal.spread(derivatives, some.below(first).boxes, some.offsets, order, starts, increments, images)
+        for each, found in zip(increments, images, strict=True):
+            normal.spread(derivatives_of(piece), boxes, some.offsets, order, starts, each, found)
     return Stripe(first, images)
 
 
 def merge(*stripes: Stripe) -> Stripe:
     """Sum of radiographs."""
     filled = [s for s in stripes if s.images.size] or [stripes[0]]
-    first, end = min(s.first for s in filled), max(s.first + s.images.shape[1] for s in filled)
-    views, _, columns = stripes[0].images.shape
-    out = np.zeros((views, max(end - first, 0), columns), stripes[0].images.dtype)
+    first, end = min(s.first for s in filled), max(s.first + s.images.shape[2] for s in filled)
+    k, views, _, columns = stripes[0].images.shape
+    out = np.zeros((k, views, max(end - first, 0), columns))
     for stripe in filled:
         stripe.add_to(out, first)
     return Stripe(first, out)
 
 
-def _rows(images: Images, some: Some) -> tuple[Image, Some]:
-    """The rows of radiographs that patches touch, and the patches counted from there."""
+def _stacks(images: Images, some: Some, precision: np.dtype[np.floating]) -> tuple[Image, Some]:
+    """The rows of k stacks of radiographs that patches touch, and the patches counted from there."""
     first, end = some.rows
     if isinstance(images, ShelvedImages):
         return images.rows(first, end), some.below(first)
-    return images.images, some.below(images.first)
+    k, views, _, columns = images[0].images.shape
+    out = np.empty((k, views, max(end - first, 0), columns), precision)
+    for stack in range(k):  # one after the other, while its numbers are at hand
+        total = np.zeros((1, *out.shape[1:]))
+        for part in images:
+            Stripe(part.first, part.images[stack : stack + 1]).add_to(total, first)
+        out[stack] = total[0]
+    return out, some.below(first)
 
 
 # ---------------------------------------------------------------------- derivatives
-def filtered(derivatives: Image, some: Some, factor: ShelvedImages, kernel: Image) -> Image:
+def filtered(piece: Image | Walked, some: Some, factor: ShelvedImages, kernel: Image) -> Image:
     """Derivatives times a factor of each pixel, then filtered patch by patch."""
-    out = derivatives.copy()
-    images, here = _rows(factor, some)
+    out = derivatives_of(piece).copy()
+    ((images,), here) = _stacks(factor, some, out.dtype)
     with own_threads():
         normal.filter_patches(out, here.boxes, here.offsets, images, kernel)
     return out
 
 
-def gradients(derivatives: Image, images: Images, some: Some) -> Float:
-    """Dot products of each patch's derivatives with radiographs, ``(patches, 6)``."""
-    part, here = _rows(images, some)
-    out = np.zeros((len(some.boxes), 6))
+def gradients(piece: Image | Walked, *parts: Stripe, some: Some, images: ShelvedImages | None = None) -> Float:
+    """Dot products ``(k, patches, 6)`` of each patch's derivatives with radiographs, in parts or from the shelf."""
+    derivatives = derivatives_of(piece)
+    stacks, here = _stacks(images or parts, some, derivatives.dtype)
+    out = np.zeros((len(stacks), len(some.boxes), 6))
     with own_threads():
-        normal.gradients(derivatives, here.boxes, here.offsets, part, out)
+        for stack, found in zip(stacks, out, strict=True):
+            normal.gradients(derivatives, here.boxes, here.offsets, stack, found)
     return out
 
 
-def gradients_of_shelved(derivatives: Image, some: Some, images: ShelvedImages) -> Float:
-    """The same with radiographs from the shelf."""
-    return gradients(derivatives, images, some)
-
-
-def lend(derivatives: Image, some: Some, patches: Index) -> Image:
+def lend(piece: Image | Walked, some: Some, patches: Index) -> Image:
     """Derivatives of some of the patches, one after the other."""
     cuts = [slice(a, b) for a, b in zip(some.offsets[patches], some.offsets[patches + 1], strict=True)]
-    return np.concatenate([derivatives[:, cut] for cut in cuts], axis=1)
+    return np.concatenate([derivatives_of(piece)[:, cut] for cut in cuts], axis=1)
 
 
-def blocks(derivatives: Image, *loans: Image, some: Some, pairs: Index, first: Index) -> Float:
+def blocks(piece: Image | Walked, *loans: Image, some: Some, pairs: Index, first: Index) -> Float:
     """6×6 blocks of JᵀJ; ``some`` are the piece's own patches and the borrowed ones after them."""
-    out = np.zeros((len(first) - 1, 6, 6))
-    together = np.concatenate([derivatives, *loans], axis=1) if loans else derivatives
+    out, own = np.zeros((len(first) - 1, 6, 6)), derivatives_of(piece)
+    together = np.concatenate([own, *loans], axis=1) if loans else own
     with own_threads():
         normal.blocks(together, some.boxes, some.offsets, pairs, first, out)
     return out
+
+
+def for_grains(voxels: Image, function: Callable[..., Any], told: Shelved, images: ShelvedImages) -> Any:
+    """A function of the piece's grains, see `Device.for_grains`."""
+    without, pose, how = told.take()
+    with own_threads():
+        return function(replace(without, images=voxels), pose, *images.all(), how)

@@ -38,13 +38,13 @@ class Shelved:
 
 @dataclass(frozen=True)
 class ShelvedImages:
-    """A stack of radiographs on the shelf, ``(views, rows, columns)``."""
+    """An array on the shelf, as stacks of radiographs ``(…, rows, columns)``."""
 
     path: Path
 
     def rows(self, first: int, end: int) -> NDArray[Any]:
         """Some rows of all views."""
-        return np.array(np.load(self.path, mmap_mode="r")[:, first:end])
+        return np.array(np.load(self.path, mmap_mode="r")[..., first:end, :])
 
     def all(self) -> NDArray[Any]:
         """All of it."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
-from grainmotion.cluster.pieces import Some, Stripe
+from grainmotion.cluster.pieces import Some, Stripe, Walked
 from grainmotion.cluster.slabs import Corrections, Slab, Strip
 from grainmotion.geometry import Geometry
 from grainmotion.operators import VolumeOperator
@@ -16,7 +16,7 @@ from grainmotion.volume import Volume
 if TYPE_CHECKING:
     from distributed import Client
 
-NOUNS = (Corrections, Geometry, Imaging, Scan, Slab, Some, Strip, Stripe, Volume, VolumeOperator)
+NOUNS = (Corrections, Geometry, Imaging, Scan, Slab, Some, Strip, Stripe, Volume, VolumeOperator, Walked)
 
 
 def tell_sizes(client: Client) -> None:

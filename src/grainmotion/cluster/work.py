@@ -20,6 +20,11 @@ class Work:
 
     client: Client
 
+    @property
+    def hands(self) -> int:
+        """How many workers there are now."""
+        return max(1, len(self.client.scheduler_info(n_workers=-1)["workers"]))
+
     def task(self, function: Callable[..., Any], /, *tasks: Any, **literals: Any) -> Delayed:
         """``function(*tasks, **literals)``, to be done by a worker; literals go as they are."""
         from dask.delayed import delayed

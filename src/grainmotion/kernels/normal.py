@@ -102,8 +102,8 @@ BAND = 32  # rows of an image that one thread fills
 def spread(derivatives, boxes, offsets, order, first, increments, images):
     """Fill ``images (views, rows, columns)`` with what ``increments (n, 6)`` of the grains change in all patches.
 
-    ``order[first[i]:first[i + 1]]`` are the patches of view i.  Threads share bands of rows, so sums are always
-    taken in one order.
+    ``order[first[i]:first[i + 1]]`` are the patches of view i.  Each patch is worked out in the derivatives' precision;
+    images in double precision add single numbers up exactly, so that no order of sums shows.
     """
     views, rows, _ = images.shape
     bands = (rows + BAND - 1) // BAND
@@ -115,7 +115,7 @@ def spread(derivatives, boxes, offsets, order, first, increments, images):
             p = order[e]
             g, r0, r1, c0, c1 = boxes[p, 0], boxes[p, 2], boxes[p, 3], boxes[p, 4], boxes[p, 5]
             width = c1 - c0
-            f = images.dtype.type
+            f = derivatives.dtype.type
             v0, v1, v2 = f(increments[g, 0]), f(increments[g, 1]), f(increments[g, 2])
             v3, v4, v5 = f(increments[g, 3]), f(increments[g, 4]), f(increments[g, 5])
             for r in range(max(r0, low), min(r1, high)):

@@ -69,9 +69,10 @@ class Columns:
         """JᵀC, ``(6n, m)``, for filtered derivatives in patches."""
         grain, view = patches.boxes[:, 0], patches.boxes[:, 1]
         blocks = []
-        for stack, shared in zip(self.stacks, self.shared, strict=True):
-            parts = np.zeros((len(grain), 6))
-            gradients(derivatives, patches.boxes, patches.offsets, stack, parts)
+        found: list[Float] = []
+        if self.stacks:
+            found = list(gradients(derivatives, patches.boxes, patches.offsets, self.stacks))
+        for parts, shared in zip(found, self.shared, strict=True):
             block = np.zeros((grains, 1 if shared else self.views, 6))
             np.add.at(block, (grain, np.zeros_like(view) if shared else view), parts)
             blocks.append(block.transpose(0, 2, 1).reshape(6 * grains, -1))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from grainmotion import patchwork
-from grainmotion.device import CARD, place
+from grainmotion.device import place
 from grainmotion.packed import Image
 from grainmotion.project import Patches
 from grainmotion.solve import DENSE_UP_TO
@@ -52,14 +52,15 @@ class PatchNormal:
         return np.diagonal(self.blocks(), axis1=1, axis2=2).ravel()
 
     def __matmul__(self, x: Float) -> Float:
+        """JᵀJ x of ``(6n,)`` or of columns ``(6n, k)``."""
         boxes, offsets, order, first = self._tables
-        images = patchwork.spread(self.derivatives, boxes, offsets, order, first, x.reshape(-1, 6), self.panels)
-        parts = np.zeros((len(boxes), 6))
-        patchwork.gradients(self.derivatives, boxes, offsets, images, parts)
-        out = _by_grain(parts, self.patches, self.grains)
+        each = x.reshape(self.grains, 6, -1).transpose(2, 0, 1)
+        stacks = patchwork.spread(self.derivatives, boxes, offsets, order, first, each, self.panels)
+        parts = patchwork.gradients(self.derivatives, boxes, offsets, stacks)
+        out = np.stack([_by_grain(part, self.patches, self.grains) for part in parts])
         if self.raised is not None:
-            out += np.einsum("nij,nj->ni", self.raised, x.reshape(-1, 6))
-        return out.ravel()
+            out += np.einsum("nij,knj->kni", self.raised, each)
+        return out.transpose(1, 2, 0).reshape(x.shape)
 
     def lifted(self, blocks: Float) -> PatchNormal:
         """The same with 6×6 blocks ``(n, 6, 6)`` added on the diagonal."""
@@ -90,18 +91,15 @@ def normal_of(
     return PatchNormal(derivatives, patches, n, panels)
 
 
-def spread(derivatives: Any, patches: Patches, increments: Float, panels: tuple[int, int, int]) -> Image:
-    """J x: the images that increments ``(n, 6)`` make, added up as `project.assemble` does."""
-    device = place(derivatives)
-    images = device.zeros(panels, derivatives.dtype if device == CARD else float)
-    patchwork.spread_into(images, derivatives, patches.boxes, patches.offsets, *patches.by_view, increments)
-    return np.asarray(images).astype(derivatives.dtype, copy=False)
+def spread(derivatives: Any, patches: Patches, increments: Float, panels: tuple[int, int, int]) -> list[Image]:
+    """J x: the k stacks of images that increments ``(k, n, 6)`` make."""
+    stacks = patchwork.spread(derivatives, patches.boxes, patches.offsets, *patches.by_view, increments, panels)
+    return [np.asarray(images) for images in stacks]
 
 
 def gathered(derivatives: Any, patches: Patches, n: int, images: Image) -> Float:
     """Jᵀ y of images, ``(n, 6)``."""
-    parts = np.zeros((len(patches.boxes), 6))
-    patchwork.gradients(derivatives, patches.boxes, patches.offsets, images, parts)
+    (parts,) = patchwork.gradients(derivatives, patches.boxes, patches.offsets, [images])
     return _by_grain(parts, patches, n)
 
 

@@ -69,7 +69,10 @@ class Course:
         target = self.filter(width, freedom)
         factor = coarsening(self.grains, target, target.sigma, least)
         if factor not in self.levels:
-            self.levels[factor] = self.grains.coarsened(factor), coarsened(self.target, factor)
+            grains = self.grains.coarsened(factor)
+            if self.target.device.name == "workers" and factor > 1:
+                grains = grains.on(self.target.device)
+            self.levels[factor] = grains, coarsened(self.target, factor)
         grains, coarse = self.levels[factor]
         return grains, replace(coarse, sigma=target.sigma / factor, freedom=target.freedom)
 

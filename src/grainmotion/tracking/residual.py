@@ -32,7 +32,7 @@ from grainmotion.response import Response
 from grainmotion.solve import Linearization
 from grainmotion.tracking import surroundings
 from grainmotion.tracking.columns import Columns
-from grainmotion.tracking.coupling import PatchNormal, gathered, normal_of, spread
+from grainmotion.tracking.coupling import PatchNormal, normal_of, spread
 from grainmotion.tracking.freedom import eliminated, powers
 from grainmotion.tracking.target import Target
 
@@ -149,7 +149,7 @@ class StateProblem:
         slope = at.response.slope(at.path)
         moving = Columns()
         if loose.views:
-            images = surroundings.view_images(at.path, derivatives, self.grains, pose, at.patches, geometry)
+            images = surroundings.view_images(at.path, derivatives, self.grains, pose, at.patches)
             if target.body is not None:
                 images[2] = images[2] + surroundings.turned_background(target.body, pose.surroundings, stacks)
             for image in images:
@@ -189,8 +189,8 @@ class StateProblem:
         seen, n = self.look(state), len(self.grains)
         columns = seen.linear + seen.loose
         hessian = normal_of(seen.derivatives, seen.patches, n, seen.residual.shape)
-        gradient = -gathered(seen.derivatives, seen.patches, n, seen.residual).ravel()
-        border, corner = columns.border(seen.derivatives, seen.patches, n), columns.gram()
+        both = (Columns([seen.residual], [True]) + columns).border(seen.derivatives, seen.patches, n)
+        gradient, border, corner = -both[:, 0], np.ascontiguousarray(both[:, 1:]), columns.gram()
         slope = self._with_surroundings(state, corner, -seen.loose.dot(seen.residual))
         if self.prior is not None:
             gradient = gradient + self.prior.pull(state).ravel()
@@ -206,8 +206,7 @@ class StateProblem:
         seen, stacks = self._compare(state, geometry, patches, values)
         slope = seen.response.slope(seen.path)
         tied = Columns()
-        for column in tie.T:
-            image = spread(derivatives, patches, column.reshape(n, 6), seen.path.shape)
+        for image in spread(derivatives, patches, tie.T.reshape(few, n, 6), seen.path.shape):
             tied.add(target.filtered(slope * image), shared=True)
         loose = self._moving(seen, state, geometry, derivatives, stacks)
         gram = (tied + seen.linear + loose).gram()

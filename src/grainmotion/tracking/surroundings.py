@@ -7,6 +7,7 @@ equations (`solve.Linearization`), beside the linear unknowns of the response.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from grainmotion import motion
 from grainmotion.geometry import Geometry
 from grainmotion.packed import Image, PackedGrains, Pose, Surroundings
 from grainmotion.project import Patches, Projector, assemble, differentiate_patches, project_patches, shadows
+from grainmotion.tracking.coupling import spread
 
 Float = NDArray[np.float64]
 
@@ -108,9 +110,7 @@ def corrected(geometry: Geometry, at: Surroundings | None) -> Geometry:
     return replace(geometry, vectors=blocks.reshape(-1, 12))
 
 
-def view_images(
-    path: Image, slopes: Image, grains: PackedGrains, pose: Pose, patches: Patches, geometry: Geometry
-) -> list[Image]:
+def view_images(path: Image, slopes: Any, grains: PackedGrains, pose: Pose, patches: Patches) -> list[Image]:
     """Derivatives of the line integrals ``(views, rows, columns)`` by each view's own shift u, v and angle.
 
     Shifts by central differences of the simulated radiograph; the angle, which turns the sample by as much the
@@ -119,11 +119,10 @@ def view_images(
     """
     along = np.gradient(path, axis=2) if path.shape[2] > 1 else np.zeros_like(path)
     up = np.gradient(path, axis=1) if path.shape[1] > 1 else np.zeros_like(path)
-    places = (grains.centers + pose.translations)[patches.boxes[:, 0]]
-    sizes = np.diff(patches.offsets)
-    x, y = (np.repeat(places[:, k], sizes).astype(slopes.dtype) for k in (0, 1))
-    turned = by_angle(x, y, slopes)
-    return [along.astype(path.dtype), up.astype(path.dtype), assemble(turned, patches, geometry)]
+    places = grains.centers + pose.translations
+    increments = np.zeros((1, len(places), 6))
+    increments[0, :, 0], increments[0, :, 1], increments[0, :, 5] = places[:, 1], -places[:, 0], -1.0  # see `by_angle`
+    return [along.astype(path.dtype), up.astype(path.dtype), *spread(slopes, patches, increments, path.shape)]
 
 
 def turned_background(body: PackedGrains, at: Surroundings | None, slopes: list[Image]) -> Image:

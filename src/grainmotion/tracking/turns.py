@@ -23,8 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion import motion
+from grainmotion.device import place
 from grainmotion.geometry import Geometry
 from grainmotion.kernels import normal
+from grainmotion.operators import Projector
 from grainmotion.packed import Image, PackedGrains, Pose
 from grainmotion.project import Patches, differentiate_patches, project_patches, shadows
 from grainmotion.tracking.coupling import gathered
@@ -40,28 +42,45 @@ ANY_TURN = np.pi**2 / 3  # variance of an angle of which nothing is known
 
 
 def unconfirmed(problem: StateProblem, pose: Pose, seen: Glance) -> Float:
-    """Covariance ``(n, 3, 3)``, rad², of the turns that the radiographs do not confirm; zero where they do.
+    """Covariance ``(n, 3, 3)``, rad², of the turns that the radiographs do not confirm; zero where they do."""
+    target, grains = problem.target, problem.grains
+    factor = target.roots * seen.response.slope(seen.path)
+    how = _How(corrected(target.scan.geometry, pose.surroundings), target.projector, target.kernel)
+    images = factor, seen.residual
+    found: Float = place(grains.walked).for_grains(_unconfirmed_in_lots, grains, pose, images, how)
+    return found
 
-    Grains are taken in lots, so that memory does not grow with their number.
-    """
-    n = len(problem.grains)
-    factor = problem.target.roots * seen.response.slope(seen.path)
+
+@dataclass(frozen=True, eq=False)
+class _How:
+    """How grains are seen."""
+
+    geometry: Geometry
+    projector: Projector
+    kernel: Image
+
+
+def _unconfirmed_in_lots(grains: PackedGrains, pose: Pose, factor: Image, residual: Image, how: _How) -> Float:
+    """Of some grains, in lots, so that memory does not grow with their number."""
+    n = len(grains)
     lots = [np.arange(k, min(k + LOT, n)) for k in range(0, n, LOT)]
-    return np.concatenate([_unconfirmed(problem, pose, seen, factor, rows) for rows in lots])
+    return np.concatenate([_unconfirmed(grains, pose, factor, residual, how, rows) for rows in lots])
 
 
-def _unconfirmed(problem: StateProblem, pose: Pose, seen: Glance, factor: Image, rows: NDArray[np.int64]) -> Float:
+def _unconfirmed(
+    grains: PackedGrains, pose: Pose, factor: Image, residual: Image, how: _How, rows: NDArray[np.int64]
+) -> Float:
     """Of some grains.  Most are told by turns to one side; both are tried where that leaves a doubt."""
-    sides = _Sides.of(problem, pose, seen, factor, rows)
-    squares, dots = sides.turned(1)
+    sides = _Sides.of(grains, pose, factor, how, rows)
+    squares, dots = sides.turned(1, residual)
     with np.errstate(divide="ignore", invalid="ignore"):
         clear = (1 - 2 * dots / squares >= CLEAR).all(axis=1)
     doubtful = np.nonzero(~clear)[0]
     out = np.zeros((len(rows), 3, 3))
     if not len(doubtful):
         return out
-    both = _Sides.of(problem, pose, seen, factor, rows[doubtful]) if len(doubtful) < len(rows) else sides
-    others = both.turned(-1)
+    both = _Sides.of(grains, pose, factor, how, rows[doubtful]) if len(doubtful) < len(rows) else sides
+    others = both.turned(-1, residual)
     squares, dots = squares[doubtful] + others[0], dots[doubtful] + others[1]
     with np.errstate(divide="ignore", invalid="ignore"):
         confirmed = 1 - 2 * dots / squares
@@ -78,10 +97,8 @@ class _Sides:
     ``slopes`` are their filtered derivatives in ``patches``, ``information (n, 3)`` is H about the axes.
     """
 
-    problem: StateProblem
-    seen: Glance
+    how: _How
     factor: Image
-    geometry: Geometry
     grains: PackedGrains
     pose: Pose
     angles: Float
@@ -92,31 +109,28 @@ class _Sides:
     information: Float
 
     @classmethod
-    def of(cls, problem: StateProblem, pose: Pose, seen: Glance, factor: Image, rows: NDArray[np.int64]) -> _Sides:
-        target, grains = problem.target, problem.grains.select(rows)
+    def of(cls, all_grains: PackedGrains, pose: Pose, factor: Image, how: _How, rows: NDArray[np.int64]) -> _Sides:
+        grains = all_grains.select(rows)
         here = pose.moved(pose.translations[rows], pose.matrices[rows])
-        geometry = corrected(target.scan.geometry, pose.surroundings)
         angles = np.minimum(RIM * grains.unit / grains.radii, LARGEST)
-        patches = shadows(_swollen(grains, angles), here, geometry, margin=len(target.kernel) - 1)
-        values, slopes = differentiate_patches(grains, here, geometry, patches, target.projector)
-        normal.filter_patches(slopes, patches.boxes, patches.offsets, factor, target.kernel)
+        patches = shadows(_swollen(grains, angles), here, how.geometry, margin=len(how.kernel) - 1)
+        values, slopes = differentiate_patches(grains, here, how.geometry, patches, how.projector)
+        normal.filter_patches(slopes, patches.boxes, patches.offsets, factor, how.kernel)
         information, axes = np.linalg.eigh(_rotations(_products(slopes, slopes, patches, len(rows))))
-        return cls(
-            problem, seen, factor, geometry, grains, here, angles, patches, values, slopes, axes, information
-        )  # fmt: skip
+        return cls(how, factor, grains, here, angles, patches, values, slopes, axes, information)
 
-    def turned(self, sign: int) -> tuple[Float, Float]:
+    def turned(self, sign: int, residual: Image) -> tuple[Float, Float]:
         """D and r·ΔP of turns about each axis to one side, ``(n, 3)`` each."""
-        target, patches, n = self.problem.target, self.patches, len(self.grains)
+        how, patches, n = self.how, self.patches, len(self.grains)
         changes = np.zeros_like(self.slopes)  # three of six, for the kernels' sake
         for axis in range(3):
             turns = motion.exp(sign * self.angles[:, None] * self.axes[:, :, axis])
             pose = self.pose.moved(self.pose.translations, turns @ self.pose.matrices)
-            changes[axis] = project_patches(self.grains, pose, self.geometry, patches, target.projector) - self.values
-        normal.filter_patches(changes[:3], patches.boxes, patches.offsets, self.factor, target.kernel)
+            changes[axis] = project_patches(self.grains, pose, how.geometry, patches, how.projector) - self.values
+        normal.filter_patches(changes[:3], patches.boxes, patches.offsets, self.factor, how.kernel)
         _fit_out(changes[:3], self.slopes, patches, n)
         squares = np.diagonal(_products(changes[:3], changes[:3], patches, n), axis1=1, axis2=2)
-        return squares, gathered(changes, patches, n, self.seen.residual)[:, :3]
+        return squares, gathered(changes, patches, n, residual)[:, :3]
 
 
 def _swollen(grains: PackedGrains, angles: Float) -> PackedGrains:
