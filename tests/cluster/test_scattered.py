@@ -12,7 +12,7 @@ from grainmotion.experiment.inputs import find_inputs
 from grainmotion.experiment.scans import ScanInput
 from grainmotion.geometry import Geometry, Panel
 from grainmotion.io.stacks import find_stack
-from grainmotion.io.tiff import write_tiff
+from grainmotion.io.tiff import read_tiff, write_tiff
 from grainmotion.project import project
 from grainmotion.reconstruct import ReconstructSettings, reconstruct
 from grainmotion.reconstructing import slabs
@@ -73,14 +73,20 @@ def test_same_bits(inputs, shelf, settings):
 
 
 @pytest.mark.usefixtures("thickness")
-def test_masked_and_chosen_views(tmp_path, shelf):
-    """Some of the views, a panel with dead pixels, more subsets than views."""
-    flats = np.full((1, *PANEL), 50_100, np.uint16)
-    flats[:, 10:13, 20:23] = 0
+@pytest.mark.parametrize("everywhere", [True, False])
+def test_masked_and_chosen_views(tmp_path, shelf, everywhere):
+    """Some of the views, dead pixels in all or a saturated one in one of them, more subsets than views."""
     path = write_tiny(
         tmp_path / "tiny", TOML.replace('kind = "counts"', "").replace("[volume]", 'views = "1:"\n[volume]')
     )
-    write_tiff(path.parent / "flats.tif", flats)
+    if everywhere:
+        flats = np.full((1, *PANEL), 50_100, np.uint16)
+        flats[:, 10:13, 20:23] = 0
+        write_tiff(path.parent / "flats.tif", flats)
+    else:
+        image = read_tiff(path.parent / "reference" / "8.tif")[0]
+        image[11, 20] = 65_535
+        write_tiff(path.parent / "reference" / "8.tif", image)
     source = find_inputs(read_experiment(path)).reference
     grid = find_inputs(read_experiment(path)).grid
     settings = ReconstructSettings(method="accelerated")

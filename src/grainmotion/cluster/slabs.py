@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from grainmotion.cluster.spare import copied
 from grainmotion.cluster.threads import own_threads
 from grainmotion.experiment.scans import ScanInput
 from grainmotion.geometry import Geometry
@@ -106,8 +107,8 @@ def advance(slab: Slab, corrections: Corrections, views: Views, momentum: float)
     """The slab after an update; the one given stays as it is, for its line integrals may be asked for again."""
     before = slab.before
     if momentum:
-        before = (slab.image if before is None else before).copy()
-    slab = replace(slab, image=slab.image.copy(), before=before)
+        before = copied(slab.image if before is None else before)
+    slab = replace(slab, image=copied(slab.image), before=before)
     with own_threads():
         slabs.advance(slab, corrections, views, momentum)
     return slab
