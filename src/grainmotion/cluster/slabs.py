@@ -62,16 +62,18 @@ def joined(scans: list[Scan]) -> Scan:
 # ---------------------------------------------------------------------- slabs
 def new_slab(layout: Layout, number: int) -> Slab:
     """A slab of zeros."""
-    first, end = layout.slabs[number]
-    return slabs.new_slab(layout, number, np.zeros((end - first, *layout.shape[1:]), np.float32))
+    return slabs.new_slab(layout, number, _zeros(layout, number))
 
 
 def slab_from(layout: Layout, rough: Image, number: int) -> Slab:
     """A slab of a coarse start."""
-    slab = new_slab(layout, number)
     with own_threads():
-        slabs.start_from(slab, rough, layout, number)
-    return slab
+        return slabs.slab_from(layout, number, _zeros(layout, number), rough)
+
+
+def _zeros(layout: Layout, number: int) -> Image:
+    first, end = layout.slabs[number]
+    return np.zeros((end - first, *layout.shape[1:]), np.float32)
 
 
 def forward(slab: Slab, views: Views) -> Strip:
@@ -125,9 +127,9 @@ def store(slab: Slab, path: Path) -> None:
 
 def restored(layout: Layout, number: int, path: Path, momentum: float) -> Slab:
     """A slab that was stored, with or without momentum."""
+    imaging = slabs.imaging_of(layout, number, _zeros(layout, number))
     with path.open("rb") as file:
-        slab = new_slab(layout, number)
-        return replace(slab, image=np.load(file), before=np.load(file) if momentum else None)
+        return Slab(imaging, layout.shaded[number][0], np.load(file), np.load(file) if momentum else None)
 
 
 def store_planes(slab: Slab, path: Path) -> None:

@@ -38,8 +38,8 @@ class Held:
 
     def start_from(self, rough: Image) -> None:
         """Go on from values ``[z, y, x]`` on coarser voxels, as far as they are allowed."""
-        for number, slab in enumerate(self.slabs):
-            slabs.start_from(slab, rough, self.layout, number)
+        for k, slab in enumerate(self.slabs):
+            self.slabs[k] = slabs.slab_from(self.layout, k, slab.imaging.grid.array, rough)
 
     def update(self, views: Views, relaxation: float, momentum: float = 0.0) -> Float:
         """See `Iterate`."""

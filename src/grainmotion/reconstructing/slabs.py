@@ -176,16 +176,23 @@ class Corrections:
 
 def new_slab(layout: Layout, number: int, array: Image) -> Slab:
     """A slab of the values ``[z, y, x]`` of its planes."""
+    imaging = imaging_of(layout, number, array)
+    return Slab(imaging, layout.shaded[number][0], imaging.start())
+
+
+def slab_from(layout: Layout, number: int, array: Image, rough: Image) -> Slab:
+    """A slab of the values ``[z, y, x]`` of the whole on coarser voxels, as far as they are allowed."""
+    imaging = imaging_of(layout, number, array)
+    image = imaging.operator.laid(finer(rough, layout.shape, slice(*layout.slabs[number])))
+    imaging.constrain(image)
+    return Slab(imaging, layout.shaded[number][0], image)
+
+
+def imaging_of(layout: Layout, number: int, array: Image) -> Imaging:
+    """How the rows that a slab shades see it, whose values are ``array``."""
     first, end = layout.shaded[number]
     window = layout.geometry.window((first, 0), (end - first, layout.geometry.shape[1]))
-    imaging = Imaging(window, Volume(array, layout.voxel_size, layout.center_of(number)), layout.settings)
-    return Slab(imaging, first, imaging.start())
-
-
-def start_from(slab: Slab, rough: Image, layout: Layout, number: int) -> None:
-    """Give a slab the values of coarser voxels ``[z, y, x]``, as far as they are allowed, in place."""
-    slab.image[:] = slab.imaging.operator.laid(finer(rough, layout.shape, slice(*layout.slabs[number])))
-    slab.imaging.constrain(slab.image)
+    return Imaging(window, Volume(array, layout.voxel_size, layout.center_of(number)), layout.settings)
 
 
 def forward(slab: Slab, views: Views) -> Strip:
