@@ -17,7 +17,7 @@ from grainmotion.reconstructing.accelerated import accelerated, has_coarse_start
 from grainmotion.reconstructing.equations import Views, column_sums, golden_order
 from grainmotion.reconstructing.sart import plain_sart
 from grainmotion.reconstructing.settings import ReconstructSettings
-from grainmotion.reconstructing.slabs import Layout
+from grainmotion.reconstructing.slabs import Layout, Rows, total
 from grainmotion.volume import Volume
 
 if TYPE_CHECKING:
@@ -33,18 +33,23 @@ STORED = 160
 
 @dataclass(eq=False)
 class Owed:
-    """Two sums of squares that a worker will have made."""
+    """Two sums of squares that the workers will have made, each of the rows that it compares."""
 
     work: Work
-    task: Delayed
+    tasks: list[Delayed]
+    rows: tuple[Rows, ...]
     known: Float | None = None
     __array_ufunc__ = None  # an array that these are added to waits for them
 
     def __radd__(self, other: Float) -> Float:
         if self.known is None:
-            self.known = self.work.results([self.task])[0]
-        found: Float = other + self.known
-        return found
+            self.settle(self.work.results(self.tasks))
+        assert self.known is not None
+        return other + self.known
+
+    def settle(self, found: list[Float]) -> None:
+        """Take what the tasks have found."""
+        self.known = total(found, self.rows)
 
 
 class Scattered:
@@ -100,8 +105,9 @@ class Scattered:
             task(slabs.advance, s, c, views=views, momentum=momentum)
             for s, c in zip(self._slabs, corrections, strict=True)
         ]
-        *self._slabs, squares = self.work.persist([*advanced, task(slabs.squares_of, *corrections)])
-        owed = Owed(self.work, squares)
+        found = self.work.persist([*advanced, *(task(slabs.squares_of, c) for c in corrections)])
+        self._slabs = found[: len(advanced)]
+        owed = Owed(self.work, found[len(advanced) :], self.layout.watched)
         self._owed = [*(o for o in self._owed if o.known is None), owed]
         self._updates += 1
         self._walked += len(views)
@@ -125,9 +131,9 @@ class Scattered:
         task, folder = self.work.task, self.shelf.folder
         paths = [folder / f"slab-{k}-{self._updates}.npy" for k in range(len(self._slabs))]
         stored = [task(slabs.store, s, path=p) for s, p in zip(self._slabs, paths, strict=True)]
-        found = self.work.results([*stored, *(owed.task for owed in self._owed)])
-        for owed, squares in zip(self._owed, found[len(stored) :], strict=True):
-            owed.known = squares
+        found = self.work.results([*stored, *(t for owed in self._owed for t in owed.tasks)])[len(stored) :]
+        for k, owed in enumerate(self._owed):
+            owed.settle(found[k * len(stored) : (k + 1) * len(stored)])
         self._owed = []
         self._slabs = self.work.placed(
             [task(slabs.restored, self._where, number=k, path=p, momentum=momentum) for k, p in enumerate(paths)]

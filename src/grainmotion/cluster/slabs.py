@@ -99,10 +99,9 @@ def compare(
         return slabs.compare(layout, views, parts, Seen(groups[0].first, images, valid), step)
 
 
-def squares_of(*corrections: Corrections) -> Float:
-    """The two sums of squares before an update, of all rows."""
-    found = [c.squares for c in corrections]
-    return slabs.total(found, [(c.first, c.first + len(c.squares)) for c in corrections])
+def squares_of(corrections: Corrections) -> Float:
+    """The two sums of squares of each row before an update."""
+    return corrections.squares
 
 
 def advance(slab: Slab, corrections: Corrections, views: Views, momentum: float) -> Slab:
