@@ -18,5 +18,8 @@ class InlineWork:
 
     placed = persist
 
+    def placed_together(self, groups):
+        return [list(group) for group in groups]
+
     def results(self, tasks):
         return pickle.loads(pickle.dumps(list(tasks)))

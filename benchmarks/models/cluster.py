@@ -129,10 +129,9 @@ def product(of: Sample, workers: int, columns: int = 1) -> Cost:
 
 
 def reconstruction(of: Sample, workers: int) -> Cost:
-    """One update by a subset of views."""
+    """One update by a subset of views: forward, compare, advance, one after the other in every slab."""
     slabs = min(of.planes, max(2, round(of.planes / 128)))
-    away = 1 - 1 / min(workers, slabs)
-    stack = SINGLE * of.subset * of.columns
-    strips = stack * of.rows * away
-    corrections = stack * of.rows * (min(workers, slabs) - 1)
-    return Cost(of.update, slabs, min(workers, slabs), 4 * slabs + 2, 4, strips + corrections, corrections, 16.0)
+    borders = min(workers, slabs) - 1  # where the rows of two workers' slabs meet, each gets the other's strip
+    strips = borders * 2 * SINGLE * of.subset * of.columns * of.rows / slabs
+    squares = 2 * DOUBLE * of.rows
+    return Cost(of.update, slabs, min(workers, slabs), 4 * slabs, 3, strips, 0.0, squares)

@@ -10,7 +10,8 @@ from collections.abc import Callable
 from pydantic.dataclasses import dataclass
 
 from grainmotion.reconstructing.accelerated import accelerated, started
-from grainmotion.reconstructing.held import Held
+from grainmotion.reconstructing.equations import Iterate
+from grainmotion.reconstructing.held import held
 from grainmotion.reconstructing.sart import plain_sart
 from grainmotion.reconstructing.settings import ReconstructSettings
 from grainmotion.scan import Scan
@@ -63,9 +64,9 @@ def reconstruct(
     """
     settings = settings or ReconstructSettings()
     if settings.plain(len(scan)):
-        held = Held.of(scan, grid, settings)
-        history = plain_sart(held, len(scan), settings, progress)
+        iterate: Iterate = held(scan, grid, settings)
+        history = plain_sart(iterate, len(scan), settings, progress)
     else:
-        held = started(scan, grid, settings)
-        history = accelerated(held, len(scan), progress)
-    return Reconstruction(held.volume(), tuple(history))
+        iterate = started(scan, grid, settings)
+        history = accelerated(iterate, len(scan), progress)
+    return Reconstruction(iterate.volume(), tuple(history))

@@ -43,10 +43,10 @@ def test_list_keeps_its_order(folder):
     np.testing.assert_array_equal(images, np.concatenate([STACK[3:4], STACK, STACK[3:4]]))
 
 
-@pytest.mark.parametrize("spec", ["stack.TIFF", "data.h5::scan/images", ["one.npy", "stack.npy"]])
-def test_chosen_images(folder, spec):
-    stack = find_stack(spec, folder)
-    chosen = np.array([7, 0, 3])
+@pytest.mark.parametrize("spec", ["stack.TIFF", "stack.npy", "data.h5::scan/images", ["one.npy", "stack.npy"]])
+@pytest.mark.parametrize("chosen", [[7, 0, 3], [2], [0, 0, 5, 5]])
+def test_chosen_images(folder, spec, chosen):
+    stack, chosen = find_stack(spec, folder), np.array(chosen)
     np.testing.assert_array_equal(stack.read(chosen), stack.read()[chosen])
 
 

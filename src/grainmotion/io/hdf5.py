@@ -37,10 +37,11 @@ def dataset_info(path: str | Path, inner: str) -> tuple[tuple[int, ...], np.dtyp
         return tuple(data.shape), data.dtype
 
 
-def read_dataset(path: str | Path, inner: str) -> NDArray[Any]:
-    """The dataset ``inner`` of an HDF5 file."""
+def read_dataset(path: str | Path, inner: str, chosen: NDArray[np.int64] | None = None) -> NDArray[Any]:
+    """The dataset ``inner`` of an HDF5 file, or what is ``chosen`` along its first axis."""
     with opened(path) as file:
-        return np.asarray(_dataset(file, path, inner)[()])
+        data = _dataset(file, path, inner)
+        return np.asarray(data[()]) if chosen is None else np.stack([data[int(k)] for k in chosen])
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,9 +78,10 @@ class NXtomo:
         """Number of frames of one kind."""
         return int((self.keys == key).sum())
 
-    def read(self, key: int) -> NDArray[Any]:
-        """Frames of one kind, ``(frames, rows, columns)``, in the file's order."""
+    def read(self, key: int, some: NDArray[np.int64] | None = None) -> NDArray[Any]:
+        """Frames of one kind, ``(frames, rows, columns)``, in the file's order, or some of them in theirs."""
         chosen = np.flatnonzero(self.keys == key)
+        chosen = chosen if some is None else chosen[some]
         out = np.empty((len(chosen), *self.shape), self.dtype)
         with opened(self.path) as file:
             data = _dataset(file, self.path, self.data)

@@ -10,6 +10,7 @@ import glob
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -79,12 +80,26 @@ class Stack:
         return arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
 
     def _read_chosen(self, chosen: NDArray[np.int64]) -> NDArray[Any]:
-        """Read only the files that hold a chosen image."""
-        ends = np.cumsum([_info(p)[0][0] for p in self.parts])
-        owners = np.searchsorted(ends, chosen, side="right")
-        arrays = {int(k): _read(self.parts[k]) for k in np.unique(owners)}
-        self._check_sizes([a.shape for a in arrays.values()])
-        return np.stack([arrays[int(k)][i - ends[k]] for k, i in zip(owners, chosen)])
+        """Read only the files that hold a chosen image, and of .npy and HDF5 only those images."""
+        owners = np.searchsorted(self._ends, chosen, side="right")
+        arrays, order = [], []
+        for k in np.unique(owners):
+            own = np.flatnonzero(owners == k)
+            start = self._ends[k - 1] if k > 0 else 0
+            arrays.append(_read_some(self.parts[k], chosen[own] - start))
+            order.append(own)
+        self._check_sizes([a.shape for a in arrays])
+        if len(arrays) == 1:
+            return arrays[0]
+        found = np.empty((len(chosen), *arrays[0].shape[1:]), np.result_type(*arrays))
+        for own, array in zip(order, arrays, strict=True):
+            found[own] = array
+        return found
+
+    @cached_property
+    def _ends(self) -> NDArray[np.int64]:
+        """Number of images up to the end of each part."""
+        return np.cumsum([_info(p)[0][0] for p in self.parts])
 
     def _check_sizes(self, shapes: Sequence[tuple[int, ...]]) -> None:
         if sum(shape[0] for shape in shapes) == 0:
@@ -163,6 +178,21 @@ def _read(part: Part) -> NDArray[Any]:
         return hdf5.read_nxtomo(part.path).read(part.key)
     array = _load_npy(part.path, None) if part.inner is None else hdf5.read_dataset(part.path, part.inner)
     return array.reshape(_stack_shape(part, array.shape))
+
+
+def _read_some(part: Part, images: NDArray[np.int64]) -> NDArray[Any]:
+    """Some images of a part."""
+    if part.path.suffix.lower() in TIFF:
+        return tiff.read_tiff(part.path)[images]
+    if part.key is not None:
+        return hdf5.read_nxtomo(part.path).read(part.key, images)
+    if part.inner is not None:
+        shape = _stack_shape(part, hdf5.dataset_info(part.path, part.inner)[0])
+        if shape[0] > 1:
+            return hdf5.read_dataset(part.path, part.inner, images)
+        return hdf5.read_dataset(part.path, part.inner).reshape(shape)[images]
+    array = _load_npy(part.path, "r")
+    return np.array(array.reshape(_stack_shape(part, array.shape))[images])
 
 
 def _stack_shape(part: Part, shape: tuple[int, ...]) -> tuple[int, int, int]:

@@ -28,8 +28,8 @@ def chord(ox, oy, oz, dx, dy, dz, nx, ny, nz, radius):
 
 
 @nb.njit(parallel=True, cache=True, error_model="numpy")
-def compare(images, measured, valid, origin, voxel, size, radius, views, cone, squares):
-    """(b − A x)/(A 1) in place of A x in ``images (views, rows, columns)``.
+def compare(images, measured, valid, origin, voxel, size, radius, views, cone, first, height, squares):
+    """(b − A x)/(A 1) in place of A x in ``images (views, rows, columns)``, rows ``first …`` of panels of ``height``.
 
     ``size`` is the image's (nz, ny, nx), ``squares (views · rows, 2)`` get Σ(b − A x)² and Σb² of each row.
     A 1, the row sums, are the rays' lengths inside the field of view, at least 4 voxels so that rays
@@ -42,7 +42,7 @@ def compare(images, measured, valid, origin, voxel, size, radius, views, cone, s
         i, r = job // rows, job % rows
         misfit, norm = 0.0, 0.0
         for c in range(columns):
-            px, py, pz, dx, dy, dz = pixel_ray(views[i], cone, r - (rows - 1) / 2, c - (columns - 1) / 2)
+            px, py, pz, dx, dy, dz = pixel_ray(views[i], cone, first + r - (height - 1) / 2, c - (columns - 1) / 2)
             ox, oy, oz = (px - origin[0]) * h, (py - origin[1]) * h, (pz - origin[2]) * h
             length = chord(ox, oy, oz, dx * h, dy * h, dz * h, nx, ny, nz, radius)
             if length == 0.0 or not valid[i, r, c]:

@@ -15,10 +15,13 @@ from typing import Any
 import numpy as np
 
 from grainmotion.packed import Image
+from grainmotion.reconstructing.coarser import COARSER
 from grainmotion.reconstructing.equations import Iterate, Views, golden_order, relative
-from grainmotion.reconstructing.held import Held
+from grainmotion.reconstructing.held import Held, HeldOnCard, held
 from grainmotion.reconstructing.sart import plain_sart
 from grainmotion.reconstructing.settings import ReconstructSettings
+from grainmotion.reconstructing.slabs import Layout
+from grainmotion.reconstructing.updates import updated
 from grainmotion.scan import Scan, binned
 from grainmotion.volume import Volume
 
@@ -29,7 +32,6 @@ FEWEST = 8
 """Views of a subset; fewer disagree too much for this momentum."""
 PHASES = ((44, 1, 1.5, 0.7), (8, 2, 1.0, 0.5))
 """In turn: updates, size of their subsets over that of the first, relaxation at the start and at the end."""
-COARSER = 2
 SMALLEST = 24
 """Voxels along the grid's shortest edge and pixels along the panel's, below which there is no coarse start."""
 
@@ -38,16 +40,15 @@ def accelerated(iterate: Iterate, views: int, progress: Progress | None) -> list
     """Update an image by a scan of so many views; ε of each phase, each subset just before its update."""
     history: list[float] = []
     phases = subsets(views)
-    total, done = sum(len(part) for phase in phases for part, _ in phase), 0
+    total, before = sum(len(part) for phase in phases for part, _ in phase), 0
     for number, phase in enumerate(phases, start=1):
-        squares: Any = np.zeros(2)
-        for part, relaxation in phase:
-            squares = squares + iterate.add_update(part, relaxation)
-            iterate.constrain_and_extrapolate(MOMENTUM)
-            done += len(part)
+
+        def tell(squares: Any, done: int, name: str = f"phase {number}/{len(phases)}", before: int = before) -> None:
             if progress is not None:
-                progress(f"phase {number}/{len(phases)}, ε = {relative(squares):.4f}", done, total)
-        history.append(relative(squares))
+                progress(f"{name}, ε = {relative(squares):.4f}", before + done, total)
+
+        history.append(relative(updated(iterate, phase, MOMENTUM, tell)))
+        before += sum(len(part) for part, _ in phase)
     return history
 
 
@@ -67,37 +68,19 @@ def has_coarse_start(shape: tuple[int, ...], panel: tuple[int, int]) -> bool:
     return min(*shape, *panel) >= SMALLEST
 
 
-def coarse_start(rough: Scan, grid: Volume, settings: ReconstructSettings) -> Image:
+def coarse_start(rough: Scan, grid: Volume | Layout, settings: ReconstructSettings) -> Image:
     """A sweep of plain SART on coarser voxels; ``rough`` is the scan `binned` by as much."""
     shape = tuple(-(-n // COARSER) for n in grid.shape)
     coarse = Volume(np.zeros(shape, np.float32), grid.voxel_size * COARSER, grid.center)
     once = replace(settings, method="sart", sweeps=1)
-    held = Held.of(rough, coarse, once)
-    plain_sart(held, len(rough), once, None)
-    return held.volume().array
+    iterate = held(rough, coarse, once)
+    plain_sart(iterate, len(rough), once, None)
+    return iterate.volume().array
 
 
-def started(scan: Scan, grid: Volume, settings: ReconstructSettings) -> Held:
+def started(scan: Scan, grid: Volume, settings: ReconstructSettings) -> Held | HeldOnCard:
     """From the grid's own values if it has any, or from a coarse start."""
-    held = Held.of(scan, grid, settings)
+    iterate = held(scan, grid, settings)
     if not grid.array.any() and has_coarse_start(grid.shape, scan.geometry.shape):
-        held.start_from(finer(coarse_start(binned(scan, COARSER), grid, settings), grid.shape))
-    held.before = held.image.copy()
-    return held
-
-
-def finer(array: Image, shape: tuple[int, ...], planes: slice = slice(None)) -> Image:
-    """Trilinear values at the middles of voxels half as large, ``shape`` of them around the same middle.
-
-    ``planes`` picks some of them along z.
-    """
-    for axis, count in enumerate(shape):
-        lines = np.moveaxis(array, axis, 0)
-        # of an odd number of fine voxels the middle one lies on a coarse one's edge or middle
-        at = (np.arange(count) - (count - 1) / 2) / COARSER + (len(lines) - 1) / 2
-        at = at[planes] if axis == 0 else at
-        low = np.clip(np.floor(at).astype(int), 0, max(len(lines) - 2, 0))
-        weight = np.clip(at - low, 0, 1).astype(array.dtype).reshape(-1, 1, 1)
-        high = np.minimum(low + 1, len(lines) - 1)
-        array = np.moveaxis((1 - weight) * lines[low] + weight * lines[high], 0, axis)
-    return np.ascontiguousarray(array)
+        iterate.start_from(coarse_start(binned(scan, COARSER), grid, settings))
+    return iterate

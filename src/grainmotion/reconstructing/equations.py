@@ -1,4 +1,4 @@
-"""A scan on a grid as the equations A x = b, and one update of x by some of their views.
+"""A scan on a grid as the equations A x = b, and updates of x by some of their views.
 
     x ← x + λ / Σᵢ Cᵢ · Σᵢ Aᵢᵀ [(bᵢ − Aᵢ x)/(Aᵢ 1)],   i over some views
 
@@ -21,7 +21,6 @@ from grainmotion.kernels import sart
 from grainmotion.operators import VolumeOperator, padded_origin
 from grainmotion.packed import Image
 from grainmotion.reconstructing.settings import ReconstructSettings
-from grainmotion.scan import Scan
 from grainmotion.volume import Volume
 
 Views = NDArray[np.int64]
@@ -33,19 +32,15 @@ NO_LIMIT = np.float32(np.finfo(np.float32).min)
 class Iterate(Protocol):
     """An image under way, wherever it is held."""
 
-    def add_update(self, views: Views, relaxation: float) -> Any:
-        """Update it by some views, without constraints; Σ(b − A x)² and Σb² before it, ``(2,)``.
+    ahead: int
+    """Updates to ask for before the squares of the first are looked at, so that whoever makes them never waits."""
 
-        They may be known later only (`cardoperator.Later`), but can be added up at once.
+    def update(self, views: Views, relaxation: float, momentum: float = 0.0) -> Any:
+        """Update it by some views, and constrain it: zero beyond its cylinder and not negative (see the settings).
+
+        With momentum it goes on from what is constrained, x, to x + momentum · (x − the x of the time before).
+        Returns Σ(b − A x)² and Σb² before the update, ``(2,)``; they may be known later only, but can be added up.
         """
-        ...
-
-    def constrain(self) -> None:
-        """Clip it at zero, inside its cylinder (see the settings)."""
-        ...
-
-    def constrain_and_extrapolate(self, momentum: float) -> None:
-        """Constrain it, x, then go on: x + momentum · (x − the x of the time before)."""
         ...
 
     def volume(self) -> Volume:
@@ -67,16 +62,6 @@ class Frame:
         """That of a whole grid."""
         radius = min(grid.shape[1:]) / 2 if settings.circular else 0.0
         return cls(tuple(n + 2 * PADDING for n in grid.shape), padded_origin(grid), grid.voxel_size, radius)
-
-    def compare(self, images: Image, scan: Scan) -> Float:
-        """(b − A x)/(A 1) in place of A x in ``images (views, rows, columns)``; Σ(b − A x)² and Σb²."""
-        squares = np.empty((len(scan) * images.shape[1], 2))
-        valid = np.ones(images.shape, np.bool_) if scan.valid is None else scan.valid
-        sart.compare(
-            images, scan.line_integrals.astype(np.float32, copy=False), valid, self.origin, self.voxel_size, self.size,
-            self.radius, scan.geometry.vectors, scan.geometry.beam == "cone", squares,
-        )  # fmt: skip
-        return squares.sum(axis=0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,11 +88,6 @@ class Imaging:
         """The least attenuation that is allowed."""
         return np.float32(0) if self.settings.non_negative else NO_LIMIT
 
-    @cached_property
-    def column_sums(self) -> Float:
-        """C of each view."""
-        return column_sums(self.geometry, self.grid)
-
     def start(self) -> Image:
         """The grid's own values, laid."""
         return self.operator.laid(self.operator.grid.array)
@@ -122,53 +102,6 @@ class Imaging:
             self.operator.by_height(image), self.operator.by_height(before), PADDING, self.radius, self.lowest,
             np.float32(momentum),
         )  # fmt: skip
-
-    def volume(self, image: Image) -> Volume:
-        """A laid image on the grid."""
-        return Volume(self.operator.unlaid(image), self.grid.voxel_size, self.grid.center)
-
-
-@dataclass(frozen=True, eq=False)
-class Equations:
-    """A scan on a grid, in single precision; volumes are laid as `operator` lays them."""
-
-    scan: Scan
-    grid: Volume
-    settings: ReconstructSettings
-
-    @cached_property
-    def imaging(self) -> Imaging:
-        """How the grid is seen."""
-        return Imaging(self.scan.geometry, self.grid, self.settings)
-
-    @property
-    def operator(self) -> VolumeOperator:
-        """A."""
-        return self.imaging.operator
-
-    def start(self) -> Image:
-        """The grid's own values, laid."""
-        return self.imaging.start()
-
-    def add_update(self, image: Image, views: Views, relaxation: float) -> Float:
-        """Update an image by some views in place, without constraints; Σ(b − A x)² and Σb² before it, ``(2,)``."""
-        corrections = self.operator.forward(image, views)
-        squares = Frame.of(self.grid, self.settings).compare(corrections, self.scan.select(views))
-        corrections *= np.float32(relaxation / self.imaging.column_sums[views].sum())
-        self.operator.add_adjoint(corrections, image, views)
-        return squares
-
-    def constrain(self, image: Image) -> None:
-        """See `Imaging`."""
-        self.imaging.constrain(image)
-
-    def constrain_and_extrapolate(self, image: Image, before: Image, momentum: float) -> None:
-        """See `Imaging`."""
-        self.imaging.constrain_and_extrapolate(image, before, momentum)
-
-    def volume(self, image: Image) -> Volume:
-        """A laid image on the grid."""
-        return self.imaging.volume(image)
 
 
 def column_sums(geometry: Geometry, grid: Volume) -> Float:

@@ -2,51 +2,103 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from grainmotion.device import chosen
+from grainmotion.packed import Image
+from grainmotion.reconstructing import slabs
 from grainmotion.reconstructing.card import CardEquations
-from grainmotion.reconstructing.equations import Equations, Views
+from grainmotion.reconstructing.coarser import finer
+from grainmotion.reconstructing.equations import Float, Views, column_sums
 from grainmotion.reconstructing.settings import ReconstructSettings
+from grainmotion.reconstructing.slabs import Layout, Seen, Slab
 from grainmotion.scan import Scan
 from grainmotion.volume import Volume
 
 
 @dataclass(eq=False)
 class Held:
-    """An image (`equations.Iterate`), laid as its equations lay it, with the scan that it is to agree with."""
+    """An image (`equations.Iterate`) in slabs, with the scan that it is to agree with."""
 
-    equations: Equations | CardEquations
-    image: Any
-    before: Any = None
+    scan: Scan
+    layout: Layout
+    sums: Float
+    slabs: list[Slab]
+    ahead = 0
 
     @classmethod
     def of(cls, scan: Scan, grid: Volume, settings: ReconstructSettings) -> Held:
         """From the grid's own values."""
-        on_card = chosen(settings.device).name == "cuda"
-        equations = CardEquations(scan, grid, settings) if on_card else Equations(scan, grid, settings)
+        layout, array = Layout.of(grid, scan.geometry, settings), grid.array.astype(np.float32, copy=False)
+        parts = [slabs.new_slab(layout, k, array[slice(*planes)]) for k, planes in enumerate(layout.slabs)]
+        return cls(scan, layout, column_sums(scan.geometry, grid), parts)
+
+    def start_from(self, rough: Image) -> None:
+        """Go on from values ``[z, y, x]`` on coarser voxels, as far as they are allowed."""
+        for k, slab in enumerate(self.slabs):
+            self.slabs[k] = slabs.slab_from(self.layout, k, slab.imaging.grid.array, rough)
+
+    def update(self, views: Views, relaxation: float, momentum: float = 0.0) -> Float:
+        """See `Iterate`."""
+        if momentum and self.slabs[0].before is None:
+            self.slabs = [replace(slab, before=slab.image.copy()) for slab in self.slabs]
+        strips = [slabs.forward(slab, views) for slab in self.slabs]
+        scan = self.scan.select(views)
+        seen = Seen(0, scan.line_integrals.astype(np.float32, copy=False), scan.valid)
+        step = float(relaxation / self.sums[views].sum())
+        corrections = slabs.compare(self.layout, views, strips, seen, step)
+        for slab in self.slabs:
+            slabs.advance(slab, corrections, views, momentum)
+        return slabs.total([corrections.squares], [(0, len(corrections.squares))])
+
+    def volume(self) -> Volume:
+        """See `Iterate`."""
+        array = np.empty(self.layout.shape, np.float32)
+        for slab, planes in zip(self.slabs, self.layout.slabs, strict=True):
+            array[slice(*planes)] = slab.planes
+        return Volume(array, self.layout.voxel_size, self.layout.center)
+
+
+@dataclass(eq=False)
+class HeldOnCard:
+    """An image (`equations.Iterate`), laid as its equations lay it, on an NVIDIA card."""
+
+    equations: CardEquations
+    image: Any
+    before: Any = None
+    ahead = 0
+
+    @classmethod
+    def of(cls, scan: Scan, grid: Volume, settings: ReconstructSettings) -> HeldOnCard:
+        """From the grid's own values."""
+        equations = CardEquations(scan, grid, settings)
         return cls(equations, equations.start())
 
-    def start_from(self, array: Any) -> None:
-        """Go on from other values ``[z, y, x]``, as far as they are allowed."""
-        self.image = self.equations.operator.laid(array)
-        self.constrain()
-
-    def add_update(self, views: Views, relaxation: float) -> Any:
-        """See `Iterate`."""
-        return self.equations.add_update(self.image, views, relaxation)
-
-    def constrain(self) -> None:
-        """See `Iterate`."""
+    def start_from(self, rough: Image) -> None:
+        """See `Held`."""
+        self.image = self.equations.operator.laid(finer(rough, self.equations.grid.shape))
         self.equations.constrain(self.image)
 
-    def constrain_and_extrapolate(self, momentum: float) -> None:
+    def update(self, views: Views, relaxation: float, momentum: float = 0.0) -> Any:
         """See `Iterate`."""
+        if momentum and self.before is None:
+            self.before = self.image.copy()
+        squares = self.equations.add_update(self.image, views, relaxation)
         if self.before is None:
-            raise ValueError("no image of the time before: set `before`")
-        self.equations.constrain_and_extrapolate(self.image, self.before, momentum)
+            self.equations.constrain(self.image)
+        else:
+            self.equations.constrain_and_extrapolate(self.image, self.before, momentum)
+        return squares
 
     def volume(self) -> Volume:
         """See `Iterate`."""
         return self.equations.volume(self.image if self.before is None else self.before)
+
+
+def held(scan: Scan, grid: Volume, settings: ReconstructSettings) -> Held | HeldOnCard:
+    """An image on the device of the settings, from the grid's own values."""
+    kind: type[Held | HeldOnCard] = HeldOnCard if chosen(settings.device).name == "cuda" else Held
+    return kind.of(scan, grid, settings)

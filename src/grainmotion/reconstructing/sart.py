@@ -9,6 +9,7 @@ import numpy as np
 
 from grainmotion.reconstructing.equations import Iterate, golden_order, relative
 from grainmotion.reconstructing.settings import ReconstructSettings
+from grainmotion.reconstructing.updates import updated
 
 Progress = Callable[[str, int, int], None]
 
@@ -24,14 +25,14 @@ def plain_sart(iterate: Iterate, views: int, settings: ReconstructSettings, prog
     order = golden_order(views)
     history: list[float] = []
     for sweep in range(sweeps):
-        squares: Any = np.zeros(2)
-        for done, view in enumerate(order, start=1):
-            squares = squares + iterate.add_update(np.array([view]), first * decay**sweep)
-            iterate.constrain()
+
+        def tell(squares: Any, done: int, sweep: int = sweep) -> None:
             if progress is not None:
                 message = f"SART sweep {sweep + 1}/{sweeps}, ε = {relative(squares):.4f}"
                 progress(message, sweep * len(order) + done, sweeps * len(order))
-        history.append(relative(squares))
+
+        one_by_one = [(np.array([view]), first * decay**sweep) for view in order]
+        history.append(relative(updated(iterate, one_by_one, 0.0, tell)))
         if _settled(history, settings):
             break
     return history
