@@ -93,11 +93,12 @@ def misfits(problem: StateProblem, seen: Glance) -> Misfits:
     Pixels are weighted by the grain's own line integral, so that its core counts and its rim does not.
     """
     n = len(problem.grains)
-    squares = assemble(seen.values**2, seen.patches, problem.target.scan.geometry)
+    values = np.asarray(seen.values)
+    squares = assemble(values**2, seen.patches, problem.target.scan.geometry)
     sums = np.zeros((n, 4))
     for p, (grain, view, r0, r1, c0, c1) in enumerate(seen.patches.boxes):
         start, end = seen.patches.offsets[p : p + 2]
-        own = seen.values[start:end].astype(float)
+        own = values[start:end].astype(float)
         residual, all_there = (images[view, r0:r1, c0:c1].ravel().astype(float) for images in (seen.raw, squares))
         weight = np.abs(own) * problem.target.valid[view, r0:r1, c0:c1].ravel()
         sums[grain] += weight.sum(), weight @ residual**2, weight @ own**2, weight @ all_there
