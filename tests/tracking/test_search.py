@@ -6,7 +6,6 @@ import pytest
 from few_grains import errors, grain_set, motions, radiographs
 from grainmotion.motions import Status
 from grainmotion.track import TrackSettings, track
-from grainmotion.tracking import search
 from paper import images
 
 GRAINS = grain_set()
@@ -43,37 +42,6 @@ class TestInSpace:
         measured = track(GRAINS, scan)
         assert len(attempts(measured)) <= 4
         assert not measured.ok.any()
-
-
-class TestSecondOpinion:
-    """Where pixels are few for the unknowns, a start that is shaken must lead to the same place."""
-
-    TRUTH = motions(GRAINS, 0.05, 2.0)
-    SCAN = radiographs(GRAINS, TRUTH)
-
-    @pytest.fixture(autouse=True)
-    def few_pixels(self, monkeypatch):
-        monkeypatch.setattr(search, "THIN", np.inf)
-
-    def test_the_same_place_is_trusted(self):
-        measured = track(GRAINS, self.SCAN)
-        assert any(stage.startswith("second opinion") for stage, _ in measured.fit.costs)
-        assert measured.ok.all(), measured.reasons
-        u, _ = errors(measured, self.TRUTH)
-        assert np.abs(u).max() < 0.05
-
-    def test_a_grain_that_it_puts_elsewhere_is_doubtful(self, monkeypatch):
-        def one_flung(base, best):
-            translations = best.pose.translations.copy()
-            translations[2] += 5 * 2 * best.problem.grains.radii[2]
-            return best.pose.moved(translations, best.pose.matrices)
-
-        monkeypatch.setattr(search, "_shaken", one_flung)
-        measured = track(GRAINS, self.SCAN)
-        assert measured.statuses[2] == Status.NOT_CONVERGED.value
-        assert "another search put it elsewhere" in measured.reasons[2]
-        u, _ = errors(measured, self.TRUTH)
-        assert np.abs(u).max() < 0.05  # the better of both is kept
 
 
 class TestInAPlane:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from grainmotion.packed import PackedGrains, Pose
+from grainmotion.packed import PackedGrains, Pose, planar
 from grainmotion.solve import Solution, Stopping, gauss_newton
 from grainmotion.tracking.coarse import ALONE, coarsened, coarsening
 from grainmotion.tracking.freedom import Freedom
@@ -135,3 +135,8 @@ def lit_pixels(target: Target) -> int:
     """Good pixels on which something is seen."""
     images = np.abs(target.scan.line_integrals)
     return int(((images > SEEN * images.max(initial=0.0)) & (target.valid > 0)).sum())
+
+
+def pixels_an_unknown(grains: PackedGrains, target: Target) -> float:
+    """Good pixels on which something is seen, over the number of unknowns."""
+    return lit_pixels(target) / ((3 if planar(grains, target.scan.geometry) else 6) * len(grains))

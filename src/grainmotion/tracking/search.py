@@ -1,10 +1,9 @@
 """Grains in a wrong place: annealed, then all free again, attempt after attempt.
 
 Whether a grain fits badly shows in its residual where the radiographs hold far more pixels than there are
-unknowns.  Where they do not, wrong placements can fit nearly as well as the true one: in a slice, seen in a few lines
-of pixels, those of many grains; in a volume those of a few, neighbours that make up for each other.  There a
-placement is trusted if nothing is left of the residual, or once an attempt of its own comes to the same: annealed
-with other random numbers in a slice, from a shaken start in a volume.
+unknowns.  Where they do not (a slice, seen in a few lines of pixels), wrong placements of many grains can fit
+nearly as well as the true one.  There a placement is trusted if nothing is left of the residual, or once an
+attempt of its own, with other random numbers, comes to the same.
 """
 
 from __future__ import annotations
@@ -19,16 +18,14 @@ from grainmotion import motion
 from grainmotion.packed import Pose, planar
 from grainmotion.solve import Solution
 from grainmotion.tracking.anneal import Ranges, anneal
-from grainmotion.tracking.course import Course, lit_pixels
+from grainmotion.tracking.course import Course, pixels_an_unknown
 from grainmotion.tracking.misfit import evened, lost_grains
 from grainmotion.tracking.residual import StateProblem
 from grainmotion.tracking.surroundings import background_images
 
-Float = NDArray[np.float64]
-
 MANY = 0.3  # share of badly fitting grains from which all are annealed, and the fitted gain is not trusted
-THIN = 13.0  # pixels an unknown below which a good fit alone is no proof (volumes: decision 0015)
-LEAST_SHAKE = 0.5  # voxels at a grain's surface that a shake is taken to undo at least
+THIN = 20.0  # pixels an unknown below which a good fit alone is no proof (see `judge.SPARSE` for large samples)
+CONFIRMED_UP_TO = 100  # grains of a volume; of more, the few in wrong places are not worth annealing all of them
 NOTHING = 1e-3  # relative residual that proves a placement all the same
 SAME = 0.2  # voxels between the surfaces of a grain in two placements that are one
 ROUGH = 0.01  # voxels: tolerance of attempts
@@ -82,7 +79,7 @@ def search(course: Course, base: Pose, problem: StateProblem, solution: Solution
         The best of all attempts.
     """
     flat = planar(course.grains, course.target.scan.geometry)
-    thin = flat
+    thin = flat or (len(course.grains) <= CONFIRMED_UP_TO and pixels_an_unknown(course.grains, course.target) < THIN)
     plan = PLANAR if flat else SPATIAL
     widest = max(ranges.angle for ranges in plan)
     best = _End(problem, solution)
@@ -106,11 +103,6 @@ def search(course: Course, base: Pose, problem: StateProblem, solution: Solution
     if thin and not best.proven:
         doubtful = ~best.agrees(confirming)
         doubtful |= doubtful.mean() > 1 - MAJORITY
-    if not flat and not best.proven and _pixels_an_unknown(course) < THIN:
-        tried += 1
-        end = _End(*course.free(_shaken(base, best), "second opinion", course.settings.filters, rough))
-        doubtful = ~best.agrees([end])
-        best = end if end.cost < best.cost else best
     if tried:
         best = _End(*course.free(best.pose, "all", course.settings.filters[-1:]))
     return Found(best.problem, best.solution, doubtful)
@@ -161,27 +153,3 @@ def _annealed(course: Course, base: Pose, best: _End, rows: NDArray[np.bool_], r
         images, _ = background_images(target.body, start.surroundings, scan.geometry, target.projector, False)
         target = replace(target, fixed=images)
     return anneal(course.grains, target, start, np.nonzero(rows)[0], ranges, seed)
-
-
-def _shaken(base: Pose, best: _End) -> Pose:
-    """Half as far from the best placement as that is from where the smooth field put the grains, at random.
-
-    As far again would lose most grains of a sample that is thin, and so tell nothing.
-    """
-    rng, grains = np.random.default_rng(0), best.problem.grains
-    shifts = best.pose.translations - base.translations
-    turns = motion.log(best.pose.matrices @ np.swapaxes(base.matrices, 1, 2))
-    least = LEAST_SHAKE * grains.unit
-    shift = max(_rms(shifts), least) / 2 * rng.standard_normal(shifts.shape)
-    turn = max(_rms(turns), least / float(np.median(grains.radii))) / 2 * rng.standard_normal(turns.shape)
-    return best.pose.moved(best.pose.translations + shift, motion.exp(turn) @ best.pose.matrices)
-
-
-def _rms(each: Float) -> float:
-    return float(np.sqrt((each**2).mean()))
-
-
-def _pixels_an_unknown(course: Course) -> float:
-    """Good pixels on which something is seen, over the number of unknowns."""
-    flat = planar(course.grains, course.target.scan.geometry)
-    return lit_pixels(course.target) / ((3 if flat else 6) * len(course.grains))
