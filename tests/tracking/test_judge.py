@@ -92,6 +92,14 @@ class TestStatuses:
         found = judged(radiographs(GRAINS, TRUTH, views=views, noise=0.0), posed(TRUTH))
         assert set(found.statuses) == {Status.POORLY_DETERMINED.value}
 
+    def test_few_pixels_for_each_unknown_are_told(self):
+        scan = radiographs(GRAINS, TRUTH)
+        assert not any("for each unknown" in note for note in judged(scan, posed(TRUTH)).fit.notes)
+        few = np.zeros(scan.line_integrals.shape, bool)
+        few[:, ::6, ::2] = True
+        told = judged(replace(scan, valid=few), posed(TRUTH)).fit.notes
+        assert any("pixels for each unknown are few" in note for note in told)
+
     def test_still_moving_when_iterations_ran_out(self):
         step = np.zeros(30)
         step[6 * 3] = 0.2 * VOXEL
