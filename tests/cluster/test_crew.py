@@ -105,7 +105,7 @@ def test_same_look(crew):
 
 
 def test_same_turns_left_open(crew):
-    """Also of a ball, whose turns nothing confirms: the last digit of a sum must not depend on a patch's neighbours."""
+    """Also of a ball, whose turns nothing confirms: its patches must be the same whoever lies in its piece."""
     grains = GrainSet(tuple(replace(g, volume=single(g.volume), fine=None) for g in grain_set(sphere=2).grains))
     course = _course(grains, radiographs(grains, small_motions(grains)), TrackSettings(), None)
     problem = StateProblem(course.grains, replace(course.target, sigma=0.7))

@@ -45,7 +45,8 @@ def unconfirmed(problem: StateProblem, pose: Pose, seen: Glance) -> Float:
     """Covariance ``(n, 3, 3)``, rad², of the turns that the radiographs do not confirm; zero where they do."""
     target, grains = problem.target, problem.grains
     factor = target.roots * seen.response.slope(seen.path)
-    how = _How(corrected(target.scan.geometry, pose.surroundings), target.projector, target.kernel)
+    views = corrected(target.scan.geometry, pose.surroundings)
+    how = _How(views, target.projector, target.kernel, grains.centers.mean(axis=0))
     images = factor, seen.residual
     found: Float = place(grains.walked).for_grains(_unconfirmed_in_lots, grains, pose, images, how)
     return found
@@ -53,11 +54,12 @@ def unconfirmed(problem: StateProblem, pose: Pose, seen: Glance) -> Float:
 
 @dataclass(frozen=True, eq=False)
 class _How:
-    """How grains are seen."""
+    """How grains are seen; ``middle (3,)`` is that of all of them, so that a patch is the same in any lot."""
 
     geometry: Geometry
     projector: Projector
     kernel: Image
+    middle: Float
 
 
 def _unconfirmed_in_lots(grains: PackedGrains, pose: Pose, factor: Image, residual: Image, how: _How) -> Float:
@@ -113,10 +115,10 @@ class _Sides:
         grains = all_grains.select(rows)
         here = pose.moved(pose.translations[rows], pose.matrices[rows])
         angles = np.minimum(RIM * grains.unit / grains.radii, LARGEST)
-        patches = shadows(_swollen(grains, angles), here, how.geometry, margin=len(how.kernel) - 1)
+        patches = shadows(_swollen(grains, angles), here, how.geometry, len(how.kernel) - 1, how.middle)
         values, slopes = differentiate_patches(grains, here, how.geometry, patches, how.projector)
         normal.filter_patches(slopes, patches.boxes, patches.offsets, factor, how.kernel)
-        information, axes = np.linalg.eigh(_rotations(_products(slopes, patches, len(rows))))
+        information, axes = np.linalg.eigh(_rotations(_products(slopes, slopes, patches, len(rows))))
         return cls(how, factor, grains, here, angles, patches, values, slopes, axes, information)
 
     def turned(self, sign: int, residual: Image) -> tuple[Float, Float]:
@@ -129,7 +131,7 @@ class _Sides:
             changes[axis] = project_patches(self.grains, pose, how.geometry, patches, how.projector) - self.values
         normal.filter_patches(changes[:3], patches.boxes, patches.offsets, self.factor, how.kernel)
         _fit_out(changes[:3], self.slopes, patches, n)
-        squares = np.diagonal(_products(changes, patches, n), axis1=1, axis2=2)[:, :3]
+        squares = np.diagonal(_products(changes[:3], changes[:3], patches, n), axis1=1, axis2=2)
         return squares, gathered(changes, patches, n, residual)[:, :3]
 
 
@@ -146,16 +148,9 @@ def _pixels(patches: Patches, n: int) -> list[slice]:
     return [slice(a, b) for a, b in pairwise(ends)]
 
 
-def _products(images: Image, patches: Patches, n: int) -> Float:
-    """Sums over each grain's own patches of products of six images, ``(n, 6, 6)``, whatever others lie beside it.
-
-    Matrix products of numpy will not do: their last digit depends on where in memory a patch lies.
-    """
-    pairs = np.repeat(np.arange(len(patches.boxes)), 2).reshape(-1, 2)  # patches follow their grains
-    first = np.searchsorted(patches.boxes[:, 0], np.arange(n + 1))
-    out = np.zeros((n, 6, 6))
-    normal.blocks(images, patches.boxes, patches.offsets, pairs, first, out)
-    return out
+def _products(left: Image, right: Image, patches: Patches, n: int) -> Float:
+    """Sums over each grain's own patches of left · rightᵀ, ``(n, k, m)``."""
+    return np.array([left[:, mine] @ right[:, mine].T for mine in _pixels(patches, n)], dtype=float)
 
 
 def _rotations(matrices: Float) -> Float:
@@ -167,8 +162,7 @@ def _rotations(matrices: Float) -> Float:
 
 def _fit_out(changes: Image, slopes: Image, patches: Patches, n: int) -> None:
     """Take from the changes, in place, what translations of the grain would do."""
-    all_six = _products(np.concatenate([slopes[:3], changes]), patches, n)
-    shifts = np.linalg.pinv(all_six[:, :3, :3], hermitian=True) @ all_six[:, :3, 3:]
-    for shift, mine in zip(shifts.astype(slopes.dtype), _pixels(patches, n), strict=True):
-        for k, change in enumerate(changes):
-            change[mine] -= shift[0, k] * slopes[0, mine] + shift[1, k] * slopes[1, mine] + shift[2, k] * slopes[2, mine]
+    own = _products(slopes[:3], slopes[:3], patches, n)
+    shifts = np.linalg.pinv(own, hermitian=True) @ _products(slopes[:3], changes, patches, n)
+    for shift, mine in zip(shifts, _pixels(patches, n), strict=True):
+        changes[:, mine] -= shift.T.astype(slopes.dtype) @ slopes[:3, mine]
