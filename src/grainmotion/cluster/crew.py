@@ -34,7 +34,7 @@ Float = NDArray[np.float64]
 
 WORTH = 6e6
 """Voxels of the reference's size below which grains are walked by the client: an evaluation then takes about as long
-as handing its tasks out (measured, see decision 0019)."""
+as handing its tasks out (measured, decision 0013)."""
 LARGEST = 1 << 27
 """Voxels of a piece: a worker holds two pieces, or more, one at a time."""
 AT_ONCE = 4
