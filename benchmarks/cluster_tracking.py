@@ -26,7 +26,6 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
-import dask
 import distributed
 import numpy as np
 from crowd import ACROSS, Crowd, crowd
@@ -142,7 +141,6 @@ def measured(case: Crowd, small: Crowd, workers: int, repeat: int) -> tuple[Took
             runs.append(Took(time.perf_counter() - clock, used() - cpu, (), 0, 0.0, 0.0, 0))
         return min(runs, key=lambda r: r.path), found
     with (
-        dask.config.set({"distributed.scheduler.work-stealing": False}),  # else pieces wander: `docs/cluster.md`
         distributed.LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as cluster,
         distributed.Client(cluster) as client,
         tempfile.TemporaryDirectory() as folder,
