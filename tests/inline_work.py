@@ -13,6 +13,12 @@ class InlineWork:
         self.done.append(function.__name__)
         return function(*tasks, **pickle.loads(pickle.dumps(literals)))
 
+    def spots(self, count):
+        return [""] * count
+
+    def task_at(self, spot, function, /, *tasks, **literals):
+        return self.task(function, *tasks, **literals)
+
     def persist(self, tasks):
         return list(tasks)
 

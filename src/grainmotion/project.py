@@ -88,8 +88,13 @@ class Patches:
         return order, np.searchsorted(views[order], np.arange(self.seen.shape[1] + 1))
 
 
-def shadows(grains: PackedGrains, pose: Pose, geometry: Geometry, margin: int = 0) -> Patches:
-    """Patches that the grains shade in each view, widened by ``margin`` pixels, cut at the panel's edges."""
+def shadows(
+    grains: PackedGrains, pose: Pose, geometry: Geometry, margin: int = 0, middle: Float | None = None
+) -> Patches:
+    """Patches that the grains shade in each view, widened by ``margin`` pixels, cut at the panel's edges.
+
+    The size of a pixel is taken at ``middle (3,)``, by default the middle of the grains.
+    """
     directions = outlines.DIRECTIONS
     found = np.empty((len(grains), len(geometry), len(directions), 2))
     inverses, origins = _frames(geometry)
@@ -99,7 +104,8 @@ def shadows(grains: PackedGrains, pose: Pose, geometry: Geometry, margin: int = 
     )  # fmt: skip
     # a voxel's image reaches up to √3 voxels beyond its centre, and the hull's points leave a ball's rim between them
     reach = np.linalg.norm(grains.hulls, axis=2).max(axis=1)
-    slack = 0.25 + (1.75 * grains.voxel_size + RIM * reach) / geometry.pixel_at(grains.centers.mean(axis=0))
+    middle = grains.centers.mean(axis=0) if middle is None else middle
+    slack = 0.25 + (1.75 * grains.voxel_size + RIM * reach) / geometry.pixel_at(middle)
     ends = np.nan_to_num(found[:, :, [0, len(directions) // 2]], nan=-1e9)  # along rows, along columns
     low = np.ceil(ends[..., 0] - slack[:, None, None]).astype(np.int64)
     high = np.floor(ends[..., 1] + slack[:, None, None]).astype(np.int64) + 1

@@ -14,6 +14,7 @@ from grainmotion.project import assemble, differentiate_in_place, project_in_pla
 from grainmotion.track import TrackSettings, _course, track
 from grainmotion.tracking.coupling import PatchNormal, gathered, normal_matrix, spread
 from grainmotion.tracking.residual import StateProblem
+from grainmotion.tracking.turns import unconfirmed
 from inline_work import InlineWork
 
 
@@ -101,6 +102,18 @@ def test_same_look(crew):
     assert there.cost == here.cost
     np.testing.assert_array_equal(there.gradient, here.gradient)
     np.testing.assert_array_equal(there.hessian.toarray(), here.hessian.toarray())
+
+
+def test_same_turns_left_open(crew):
+    """Also of a ball, whose turns nothing confirms: its patches must be the same whoever lies in its piece."""
+    grains = GrainSet(tuple(replace(g, volume=single(g.volume), fine=None) for g in grain_set(sphere=2).grains))
+    course = _course(grains, radiographs(grains, small_motions(grains)), TrackSettings(), None)
+    problem = StateProblem(course.grains, replace(course.target, sigma=0.7))
+    seen = problem.look(STILL)
+    far = replace(problem, grains=problem.grains.on(crew))
+    one = unconfirmed(problem, STILL, seen)
+    assert one[1].any()
+    np.testing.assert_array_equal(unconfirmed(far, STILL, seen), one)
 
 
 @pytest.mark.parametrize("search", [False, pytest.param(True, marks=pytest.mark.slow)])

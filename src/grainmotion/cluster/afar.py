@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Voxels:
-    """Voxels of grains; ``kept`` are the files from which workers have them.
+    """Voxels of grains; ``kept`` are the files from which workers have them, ``spots`` the addresses of these.
 
     What begins at ``begins[k]`` of all voxels lies in piece ``owner[k]``, from ``local[k]`` on.
     """
@@ -33,6 +33,7 @@ class Voxels:
     owner: Index
     local: Index
     pieces: list[Delayed]
+    spots: list[str]
     kept: list[ShelvedImages]
 
     def places(self, starts: Index) -> tuple[Index, Index]:
@@ -77,18 +78,22 @@ class Sums:
 
 @dataclass(frozen=True, eq=False)
 class Split:
-    """Patches of the sample, piece by piece: ``patches`` and ``grains`` of each in the sample, and its own ``some``."""
+    """Patches of the sample, piece by piece: ``patches`` and ``grains`` of each in the sample, and its own ``some``.
+
+    ``spots`` are the addresses of the workers that have them.
+    """
 
     patches: list[Index]
     grains: list[Index]
     some: list[Some]
+    spots: list[str]
 
     @classmethod
-    def of(cls, owner: Index, count: int, boxes: Index, offsets: Index) -> Split:
+    def of(cls, owner: Index, spots: list[str], boxes: Index, offsets: Index) -> Split:
         """``owner`` is each grain's piece."""
         sizes, place = np.diff(offsets), np.zeros(len(owner), np.int64)
-        split = cls([], [], [])
-        for k in range(count):
+        split = cls([], [], [], spots)
+        for k in range(len(spots)):
             own, rows = np.flatnonzero(owner == k), np.flatnonzero(owner[boxes[:, 0]] == k)
             place[own] = np.arange(len(own))
             mine = boxes[rows]
@@ -134,7 +139,7 @@ class Afar:
         if self.split is None:
             return out
         work = self.walked_by.work
-        found = work.results([work.task(self.part, piece) for piece in self.pieces])
+        found = work.results([work.task_at(spot, self.part, piece) for spot, piece, _ in self.sides])
         for patches, some, piece in zip(self.split.patches, self.split.some, found, strict=True):
             sizes = np.diff(some.offsets)
             at = np.repeat(self.offsets[patches] - some.offsets[:-1], sizes) + np.arange(some.offsets[-1])
@@ -158,12 +163,21 @@ class Afar:
 
     def each(self, function: Callable[..., Any], *images: Delayed, **more: list[Any]) -> list[Delayed]:
         """A task for each piece, with its patches and its own of what else there is a list of."""
-        assert self.split is not None
-        task = self.walked_by.work.task
         return [
-            task(function, piece, *images, some=some, **{name: each[k] for name, each in more.items()})
-            for k, (piece, some) in enumerate(zip(self.pieces, self.split.some, strict=True))
+            self.at(k, function, *images, **{name: each[k] for name, each in more.items()})
+            for k in range(len(self.pieces))
         ]
+
+    def at(self, k: int, function: Callable[..., Any], *images: Delayed, **literals: Any) -> Delayed:
+        """A task for piece k, done where it is."""
+        spot, piece, some = self.sides[k]
+        return self.walked_by.work.task_at(spot, function, piece, *images, some=some, **literals)
+
+    @property
+    def sides(self) -> list[tuple[str, Delayed, Some]]:
+        """Of each piece who has it, the piece and its patches."""
+        assert self.split is not None
+        return list(zip(self.split.spots, self.pieces, self.split.some, strict=True))
 
 
 def ends_of(sizes: Index) -> Index:

@@ -34,7 +34,7 @@ Float = NDArray[np.float64]
 
 WORTH = 6e6
 """Voxels of the reference's size below which grains are walked by the client: an evaluation then takes about as long
-as handing its tasks out (measured, see decision 0019)."""
+as handing its tasks out (measured, decision 0013)."""
 LARGEST = 1 << 27
 """Voxels of a piece: a worker holds two pieces, or more, one at a time."""
 AT_ONCE = 4
@@ -76,8 +76,9 @@ class Crew(Device):
         for mine in filter(len, members):
             owner[mine], local[mine] = len(kept), ends_of((ends - begins)[mine])[:-1]
             kept.append(self.shelf.kept_images(np.concatenate([images[begins[k] : ends[k]] for k in mine])))
-        held = self.work.placed([self.work.task(_take, shelved=k) for k in kept])
-        return Voxels(self, images.dtype, begins, owner, local, held, kept)
+        spots = self.work.spots(len(kept))
+        held = [self.work.task_at(spot, _take, shelved=k) for spot, k in zip(spots, kept, strict=True)]
+        return Voxels(self, images.dtype, begins, owner, local, self.work.persist(held), spots, kept)
 
     def zeros(self, shape: tuple[int, ...], dtype: Any) -> Any:
         """An array that a kernel is to fill."""
@@ -95,8 +96,8 @@ class Crew(Device):
         if isinstance(stacks, Sums):
             found = self.work.results(
                 [
-                    self.work.task(pieces.gradients, piece, *stacks.meeting(some.rows), some=some)
-                    for piece, some in zip(derivatives.pieces, derivatives.split.some, strict=True)
+                    self.work.task_at(spot, pieces.gradients, piece, *stacks.meeting(some.rows), some=some)
+                    for spot, piece, some in derivatives.sides
                 ]
             )
         else:
@@ -132,9 +133,8 @@ class Crew(Device):
                 without = replace(own, images=own.images[:0], starts=begins[rows[k]], held=None)
                 here = pose.moved(pose.translations[rows[k]], pose.matrices[rows[k]])
                 told.append(self.shelf.put((without, here, how)))
-                tasks.append(
-                    self.work.task(pieces.for_grains, voxels.pieces[k], function=function, told=told[-1], images=lent)
-                )
+                literals = {"function": function, "told": told[-1], "images": lent}
+                tasks.append(self.work.task_at(voxels.spots[k], pieces.for_grains, voxels.pieces[k], **literals))
             found = self.work.results(tasks)
         out = np.zeros((len(grains), *found[0].shape[1:]), found[0].dtype)
         for k, part in zip(asked, found, strict=True):
@@ -158,7 +158,7 @@ def project(
     """As `kernels.grains.project`, and with derivatives."""
     crew = voxels.walked_by
     owner, local = voxels.places(starts)
-    split = Split.of(owner, len(voxels.pieces), boxes, offsets)
+    split = Split.of(owner, voxels.spots, boxes, offsets)
     patch_owner, patch_row = split.owners
     found = []
     for k, (own, some, piece) in enumerate(zip(split.grains, split.some, voxels.pieces, strict=True)):
@@ -167,7 +167,7 @@ def project(
         grains = (local[own], shapes[own], corners[own], extents[own], voxel, positions[own], matrices[own])
         rays = Rays(grains, (vectors, cone, panel), mine, exact)
         walk = pieces.project if derivatives is None else pieces.differentiate
-        found.append(crew.work.task(walk, piece, rays=rays, some=some))
+        found.append(crew.work.task_at(split.spots[k], walk, piece, rays=rays, some=some))
     found = crew.work.persist(found)
     values.fill(found, split, offsets, (voxels,))
     if derivatives is not None:
@@ -214,17 +214,16 @@ def blocks(derivatives: Afar, boxes: Index, offsets: Index, pairs: Index, first:
         foreign = np.unique(wanted[owner[wanted] != k])
         foreign = foreign[np.argsort(owner[foreign], kind="stable")]
         loans = [
-            crew.work.task(
-                pieces.lend, derivatives.pieces[m], some=split.some[m], patches=row[foreign[owner[foreign] == m]]
-            )
-            for m in np.unique(owner[foreign])
+            derivatives.at(m, pieces.lend, patches=row[foreign[owner[foreign] == m]]) for m in np.unique(owner[foreign])
         ]
         present = np.concatenate([split.patches[k], foreign])
         place = np.zeros(len(boxes), np.int64)
         place[present] = np.arange(len(present))
         some = Some(boxes[present], ends_of(sizes[present]))
         tasks.append(
-            crew.work.task(pieces.blocks, piece, *loans, some=some, pairs=place[wanted], first=ends_of(counts))
+            crew.work.task_at(
+                split.spots[k], pieces.blocks, piece, *loans, some=some, pairs=place[wanted], first=ends_of(counts)
+            )
         )
         asked.append(mine)
     out[:] = 0

@@ -31,6 +31,18 @@ class Work:
 
         return delayed(partial(function, **literals), pure=False, traverse=False)(*tasks)
 
+    def task_at(self, spot: str, function: Callable[..., Any], /, *tasks: Any, **literals: Any) -> Delayed:
+        """The same, to be done by the worker of an address for as long as it lives."""
+        import dask
+
+        with dask.annotate(workers=[spot], allow_other_workers=True):
+            return self.task(function, *tasks, **literals)
+
+    def spots(self, count: int) -> list[str]:
+        """Addresses of workers for so many tasks: neighbours on one worker, and all workers alike."""
+        workers = sorted(self.client.scheduler_info(n_workers=-1)["workers"])
+        return [workers[k * len(workers) // count] for k in range(count)]
+
     def persist(self, tasks: Sequence[Delayed]) -> list[Delayed]:
         """Have tasks done, their results held by the workers for as long as somebody here refers to them."""
         return list(self.client.persist(list(tasks), optimize_graph=False))

@@ -45,7 +45,8 @@ def unconfirmed(problem: StateProblem, pose: Pose, seen: Glance) -> Float:
     """Covariance ``(n, 3, 3)``, rad², of the turns that the radiographs do not confirm; zero where they do."""
     target, grains = problem.target, problem.grains
     factor = target.roots * seen.response.slope(seen.path)
-    how = _How(corrected(target.scan.geometry, pose.surroundings), target.projector, target.kernel)
+    views = corrected(target.scan.geometry, pose.surroundings)
+    how = _How(views, target.projector, target.kernel, grains.centers.mean(axis=0))
     images = factor, seen.residual
     found: Float = place(grains.walked).for_grains(_unconfirmed_in_lots, grains, pose, images, how)
     return found
@@ -53,11 +54,12 @@ def unconfirmed(problem: StateProblem, pose: Pose, seen: Glance) -> Float:
 
 @dataclass(frozen=True, eq=False)
 class _How:
-    """How grains are seen."""
+    """How grains are seen; ``middle (3,)`` is that of all of them, so that a patch is the same in any lot."""
 
     geometry: Geometry
     projector: Projector
     kernel: Image
+    middle: Float
 
 
 def _unconfirmed_in_lots(grains: PackedGrains, pose: Pose, factor: Image, residual: Image, how: _How) -> Float:
@@ -113,7 +115,7 @@ class _Sides:
         grains = all_grains.select(rows)
         here = pose.moved(pose.translations[rows], pose.matrices[rows])
         angles = np.minimum(RIM * grains.unit / grains.radii, LARGEST)
-        patches = shadows(_swollen(grains, angles), here, how.geometry, margin=len(how.kernel) - 1)
+        patches = shadows(_swollen(grains, angles), here, how.geometry, len(how.kernel) - 1, how.middle)
         values, slopes = differentiate_patches(grains, here, how.geometry, patches, how.projector)
         normal.filter_patches(slopes, patches.boxes, patches.offsets, factor, how.kernel)
         information, axes = np.linalg.eigh(_rotations(_products(slopes, slopes, patches, len(rows))))
