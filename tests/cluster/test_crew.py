@@ -1,5 +1,6 @@
 """Grains walked by others: what a device of workers gives is what the processor gives."""
 
+import gc
 from dataclasses import replace
 
 import numpy as np
@@ -56,6 +57,23 @@ def test_every_grain_is_in_one_piece(crew):
     held = PackedGrains.of(GRAINS).on(crew).walked
     assert len(held.pieces) == crew.work.hands
     assert sum(map(len, held.pieces)) == len(PackedGrains.of(GRAINS).images)
+
+
+def test_voxels_are_handed_out_once(crew):
+    """For all states, as long as as many workers are there; and not for longer than they live."""
+    one = PackedGrains.of(GRAINS)
+    held = one.on(crew).walked
+    assert one.on(crew).walked is held
+    crew.work.hands += 1
+    assert one.on(crew).walked is not held
+    lasting = crew.shelf.lasting
+    before = len(lasting)
+    other = one.coarsened(2)
+    assert other.on(crew).walked is not held
+    assert len(lasting) == before + 1
+    del other
+    gc.collect()
+    assert len(lasting) == before
 
 
 def test_same_walks(both):

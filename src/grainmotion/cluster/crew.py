@@ -10,6 +10,7 @@ radiographs, gradients and 6×6 blocks.
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
@@ -58,12 +59,21 @@ class Crew(Device):
         return array
 
     def hold_voxels(self, images: Any, starts: Any, heights: Any, size: float) -> Any:
-        """See `Device`; workers load their pieces from the shelf.  What is not worth it stays here.
+        """See `Device`; what is not worth it stays here.
 
-        Grains of a piece are neighbours along z, so that they shade few rows of the radiographs.
+        The same voxels are handed out once for all states, while as many workers are there.
         """
         if len(images) * min(size, 1.0) ** 3 < WORTH:
             return images
+        base = images if images.base is None else images.base
+        key = images.ctypes.data, starts.tobytes(), self.work.hands
+        if key not in self.shelf.lasting:
+            self.shelf.lasting[key] = self._shared_out(images, starts, heights)
+            weakref.finalize(base, self.shelf.lasting.pop, key, None)
+        return self.shelf.lasting[key]
+
+    def _shared_out(self, images: Image, starts: Index, heights: Float) -> Voxels:
+        """Pieces of neighbours along z, which shade few rows of the radiographs; workers load them from the shelf."""
         begins, rows = np.unique(starts, return_index=True)
         ends = np.append(begins[1:], len(images))
         order = np.argsort(heights[rows], kind="stable")

@@ -61,6 +61,8 @@ class Shelf:
         self.folder = Path(tempfile.mkdtemp(prefix=".shelf-", dir=folder.resolve()))
         self._known: dict[int, tuple[weakref.ref[NDArray[Any]], str]] = {}
         self._count = 0
+        self.lasting: dict[object, Any] = {}
+        """What is shared out for as long as what it was made of lives."""
 
     def put(self, thing: object) -> Shelved:
         """Put something here; an array that is here already is not written again."""
@@ -108,6 +110,7 @@ class Shelf:
 
     def close(self) -> None:
         """Remove everything."""
+        self.lasting.clear()
         shutil.rmtree(self.folder, ignore_errors=True)
         if self._made:
             with suppress(OSError):  # results are in it
