@@ -200,7 +200,6 @@ def patch_rows(case: Case | Crowd, options: argparse.Namespace, copy: float) -> 
     values, derivatives = differentiate_in_place(packed, pose, views, patches, "trilinear")
     pixels, walked = derivatives.shape[1], int((patches.jobs[:, 3] - patches.jobs[:, 2]).sum())
     crossed = float(np.median(packed.shapes[:, 0] - 2 * PADDING)) * walked  # about the planes of a grain a ray
-    dots = np.zeros((len(patches.boxes), 6))
     taps = 2 * len(kernel) - 1
     found = {
         "values and derivatives": (
@@ -214,7 +213,7 @@ def patch_rows(case: Case | Crowd, options: argparse.Namespace, copy: float) -> 
             6 * (8 * taps + 20) * pixels,
         ),
         "gradient": (
-            lambda: gradients(derivatives, patches.boxes, patches.offsets, images, dots),
+            lambda: gradients(derivatives, patches.boxes, patches.offsets, images[None]),
             28 * pixels,
         ),
     }
