@@ -158,7 +158,9 @@ def measure(path: Path, out: Path, workers: int) -> tuple[Took, Motions]:
     try:
         place = HERE
         if workers:
-            cluster = distributed.LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None)
+            cluster = distributed.LocalCluster(
+                n_workers=workers, threads_per_worker=1, dashboard_address=None, env={"NUMBA_NUM_THREADS": "1"}
+            )
             client = distributed.Client(cluster)
             client.run(_warm)
             place = Workplace(cluster.scheduler_address)

@@ -128,6 +128,7 @@ def _local(place: Workplace) -> Iterator[Client]:
             n_workers=place.workers,
             threads_per_worker=threads,
             memory_limit=place.memory or "auto",
+            env={"NUMBA_NUM_THREADS": str(threads)},  # more than it may use would wait for each other all the same
             dashboard_address=None,
             silence_logs="CRITICAL",
         ) as cluster,
