@@ -168,7 +168,8 @@ class TestRun:
             yield
 
     @pytest.fixture(scope="class")
-    def once(self, tmp_path_factory):
+    @classmethod
+    def once(cls, tmp_path_factory):
         """The experiment and what one process made of it: a copy of the results before tracking, and all of them."""
         path = write_tiny(
             tmp_path_factory.mktemp("once"), TOML.replace("search = false", "search = false\niterations = 3")
@@ -179,7 +180,8 @@ class TestRun:
         return path, begun, run(read_experiment(path), out=path.parent / "alone", until="track")
 
     @pytest.fixture(scope="class")
-    def many(self, once, tmp_path_factory):
+    @classmethod
+    def many(cls, once, tmp_path_factory):
         """Results of two workers, from the radiographs on."""
         out = tmp_path_factory.mktemp("many") / "out"
         found = CliRunner().invoke(app, ["run", str(once[0]), "--workers", "2", "--out", str(out), "-q"])
