@@ -162,7 +162,8 @@ class TestRun:
     """The whole job on disk, by one process and by two workers."""
 
     @pytest.fixture(scope="class", autouse=True)
-    def two_slabs(self):
+    @classmethod
+    def two_slabs(cls):
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(slabs, "THICKNESS", 14)
             yield
