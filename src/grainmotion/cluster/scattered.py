@@ -75,6 +75,7 @@ class Scattered:
             rough = task(slabs.coarse, self._source, self._where)
             slabs_ = [task(slabs.slab_from, self._where, rough, number=k) for k in numbers]
         self._slabs = work.placed(slabs_)
+        self._spots = work.spots(len(slabs_))
         order = golden_order(count)
         self._place = np.argsort(order)  # of each view in that order, in which views are held together
         self._seen = self._radiographs([order[k : k + TOGETHER] for k in range(0, count, TOGETHER)])
@@ -91,21 +92,22 @@ class Scattered:
 
     def update(self, views: Views, relaxation: float, momentum: float = 0.0) -> Owed:
         """See `Iterate`."""
-        task, places = self.work.task, self._place[views]
+        task, places = self.work.task_at, self._place[views]  # else slabs are moved to whoever is idle
         groups = places // TOGETHER
         cuts = np.flatnonzero(np.diff(groups)) + 1  # a subset follows that order, so a group comes in one piece
         told = {"views": views, "picks": np.split(places % TOGETHER, cuts)}
         told["step"] = float(relaxation / self.sums[views].sum())
-        strips = [task(slabs.forward, s, views=views) for s in self._slabs]
+        strips = [task(spot, slabs.forward, s, views=views) for spot, s in zip(self._spots, self._slabs, strict=True)]
         corrections = []
-        for k, seen in enumerate(self._seen):
+        for k, (spot, seen) in enumerate(zip(self._spots, self._seen, strict=True)):
             parts, scans = [strips[j] for j in self.layout.beside(k)], [seen[g] for g in groups[np.r_[0, cuts]]]
-            corrections.append(task(slabs.compare, self._where, parts, scans, **told))
+            corrections.append(task(spot, slabs.compare, self._where, parts, scans, **told))
         advanced = [
-            task(slabs.advance, s, c, views=views, momentum=momentum)
-            for s, c in zip(self._slabs, corrections, strict=True)
+            task(spot, slabs.advance, s, c, views=views, momentum=momentum)
+            for spot, s, c in zip(self._spots, self._slabs, corrections, strict=True)
         ]
-        found = self.work.persist([*advanced, *(task(slabs.squares_of, c) for c in corrections)])
+        squares = [task(spot, slabs.squares_of, c) for spot, c in zip(self._spots, corrections, strict=True)]
+        found = self.work.persist([*advanced, *squares])
         self._slabs = found[: len(advanced)]
         owed = Owed(self.work, found[len(advanced) :], self.layout.watched)
         self._owed = [*(o for o in self._owed if o.known is None), owed]
@@ -138,6 +140,7 @@ class Scattered:
         self._slabs = self.work.placed(
             [task(slabs.restored, self._where, number=k, path=p, momentum=momentum) for k, p in enumerate(paths)]
         )
+        self._spots = self.work.spots(len(paths))
         for path in set(folder.glob("slab-*.npy")) - set(paths):  # nobody asks for those
             path.unlink()
 
