@@ -73,7 +73,7 @@ def sparse(problem: StateProblem) -> tuple[str, ...]:
         return ()
     return (
         f"{each:.0f} pixels for each unknown are few: neighbours can make up for a grain in a wrong place, and its fit "
-        "then looks good (5 of 10,000 grains in a trial with 4 views, 8 of 1,000 with 2); take more views to be sure",
+        "then looks good (5 of 10,000 grains in a trial with 4 views, 7 of 1,000 with 2); take more views to be sure",
     )
 
 
