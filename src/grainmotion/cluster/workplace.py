@@ -139,12 +139,14 @@ def _local(place: Workplace) -> Iterator[Client]:
 
 def _client(address: str) -> Client:
     import distributed
+    from distributed.comm import resolve_address
 
     try:
         if address.endswith(".json"):
             if not Path(address).is_file():  # else the client would wait for it
                 raise OSError("no such scheduler file")
             return distributed.Client(scheduler_file=address, timeout=PATIENCE)
+        resolve_address(address)  # a client that refuses it stays half open, and can block Dask when it is collected
         return distributed.Client(address, timeout=PATIENCE)
     except (OSError, ValueError, TimeoutError) as error:
         fact = f"no Dask scheduler answers there ({' '.join(str(error).split())[:120]})"
