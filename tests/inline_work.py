@@ -22,10 +22,5 @@ class InlineWork:
     def persist(self, tasks):
         return list(tasks)
 
-    placed = persist
-
-    def placed_together(self, groups):
-        return [list(group) for group in groups]
-
     def results(self, tasks):
         return pickle.loads(pickle.dumps(list(tasks)))

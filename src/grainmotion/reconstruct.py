@@ -9,7 +9,8 @@ from collections.abc import Callable
 
 from pydantic.dataclasses import dataclass
 
-from grainmotion.reconstructing.accelerated import accelerated, started
+from grainmotion.reconstructing.accelerated import accelerated
+from grainmotion.reconstructing.coarser import started
 from grainmotion.reconstructing.equations import Iterate
 from grainmotion.reconstructing.held import held
 from grainmotion.reconstructing.sart import plain_sart

@@ -64,16 +64,23 @@ class Scan:
         valid = None if self.valid is None else self.valid[views]
         return Scan(self.line_integrals[views], self.geometry[views], valid, self.open_beam)
 
+    def rows(self, first: int, end: int) -> Scan:
+        """The scan of some rows of pixels."""
+        geometry = self.geometry.window((first, 0), (end - first, self.geometry.shape[1]))
+        valid = None if self.valid is None else self.valid[:, first:end]
+        open_beam = None if self.open_beam is None else self.open_beam[first:end]
+        return Scan(self.line_integrals[:, first:end], geometry, valid, open_beam)
+
     def __repr__(self) -> str:
         return f"<Scan of {len(self)} {self.geometry.beam}-beam radiographs, {self.geometry.shape}>"
 
 
-def binned(scan: Scan, factor: int) -> Scan:
-    """Radiographs of larger pixels, and no more views than these need; masked pixels do not count."""
+def binned(scan: Scan, factor: int, views: NDArray[np.int64] | None = None) -> Scan:
+    """Radiographs of larger pixels, by default of no more views than these need; masked pixels do not count."""
     old = scan.geometry.shape
     rows, columns = (n // factor for n in old)
     r0, c0 = ((n - m * factor) // 2 for n, m in zip(old, (rows, columns), strict=True))
-    views = views_for(len(scan), columns)
+    views = views_for(len(scan), columns) if views is None else views
     cut = (views[:, None, None], np.arange(r0, r0 + rows * factor)[:, None], np.arange(c0, c0 + columns * factor))
     blocks = (len(views), rows, factor, columns, factor)
     geometry = scan.geometry[views].window((r0, c0), (rows * factor, columns * factor)).binned(factor)

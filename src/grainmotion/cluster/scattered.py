@@ -13,11 +13,13 @@ from grainmotion.cluster.shelf import Shelf, Shelved
 from grainmotion.cluster.work import Work
 from grainmotion.experiment.scans import ScanInput
 from grainmotion.reconstruct import Progress, Reconstruction
-from grainmotion.reconstructing.accelerated import accelerated, has_coarse_start
+from grainmotion.reconstructing.accelerated import accelerated
+from grainmotion.reconstructing.coarser import COARSER, has_coarse_start, pieces_of
 from grainmotion.reconstructing.equations import Views, column_sums, golden_order
 from grainmotion.reconstructing.sart import plain_sart
 from grainmotion.reconstructing.settings import ReconstructSettings
 from grainmotion.reconstructing.slabs import Layout, Rows, total
+from grainmotion.scan import views_for
 from grainmotion.volume import Volume
 
 if TYPE_CHECKING:
@@ -68,54 +70,69 @@ class Scattered:
         self._source, self._where = work.persist(
             [task(_take, shelved=shelf.put(source)), task(_take, shelved=shelf.put(self.layout))]
         )
-        numbers = range(len(self.layout.slabs))
-        if settings.plain(count) or not has_coarse_start(grid.shape, source.geometry.shape):
-            slabs_ = [task(slabs.new_slab, self._where, number=k) for k in numbers]
-        else:
-            rough = task(slabs.coarse, self._source, self._where)
-            slabs_ = [task(slabs.slab_from, self._where, rough, number=k) for k in numbers]
-        self._slabs = work.placed(slabs_)
-        self._spots = work.spots(len(slabs_))
+        self._spots = work.spots(len(self.layout.slabs))
         order = golden_order(count)
         self._place = np.argsort(order)  # of each view in that order, in which views are held together
-        self._seen = self._radiographs([order[k : k + TOGETHER] for k in range(0, count, TOGETHER)])
+        groups = [order[k : k + TOGETHER] for k in range(0, count, TOGETHER)]
+        readers = zip(work.spots(len(groups)), groups, strict=True)
+        scans = [work.task_at(spot, slabs.load_views, self._source, views=group) for spot, group in readers]
+        self._seen = [
+            [work.task_at(spot, slabs.rows_of, scan, rows=rows) for scan in scans]
+            for spot, rows in zip(self._spots, self.layout.watched, strict=True)
+        ]
+        if settings.plain(count) or not has_coarse_start(grid.shape, source.geometry.shape):
+            started = [work.task_at(s, slabs.new_slab, self._where, number=k) for k, s in enumerate(self._spots)]
+        else:
+            started = self._coarse_start(groups, scans)
+        number = len(started)
+        # all at once, so that no radiographs are read before there is room for what is made of them
+        found = work.persist([*started, *(rows for seen in self._seen for rows in seen)])
+        self._slabs = found[:number]
+        self._seen = [found[number + k * len(scans) :][: len(scans)] for k in range(number)]
         self._walked = self._updates = 0
         self._owed: list[Owed] = []
 
-    def _radiographs(self, groups: list[Views]) -> list[list[Delayed]]:
-        """Of each slab the rows that it watches, with who holds it, group by group of views."""
-        task = self.work.task
-        scans = self.work.persist([task(slabs.load_views, self._source, views=g) for g in groups])
-        return self.work.placed_together(
-            [[task(slabs.rows_of, scan, rows=rows) for scan in scans] for rows in self.layout.watched]
-        )
+    def _coarse_start(self, groups: list[Views], scans: list[Delayed]) -> list[Delayed]:
+        """Slabs of a coarse start, which whoever is to hold them makes of some of the views that are read."""
+        task_at, found = self.work.task_at, []
+        wanted = views_for(len(self._place), self.layout.geometry.shape[1] // COARSER)
+        picks = [np.flatnonzero(np.isin(group, wanted)) for group in groups]
+        order = np.argsort(np.concatenate([group[pick] for group, pick in zip(groups, picks, strict=True)]))
+        for piece in pieces_of(self.layout):
+            spot = self._spots[piece.slabs[0]]
+            parts = [
+                task_at(spot, slabs.rough_of, scan, picks=pick, rows=piece.rows)
+                for scan, pick in zip(scans, picks, strict=True)
+                if len(pick)
+            ]
+            rough = task_at(spot, slabs.rough_piece, self._where, parts, order=order, piece=piece)
+            found += [
+                task_at(self._spots[k], slabs.slab_from, self._where, rough, number=k, piece=piece) for k in piece.slabs
+            ]
+        return found
 
     def update(self, views: Views, relaxation: float, momentum: float = 0.0) -> Owed:
         """See `Iterate`."""
+        if self._walked >= STORED:
+            self._walked = 0
+            self._store(momentum)
         task, places = self.work.task_at, self._place[views]  # else slabs are moved to whoever is idle
         groups = places // TOGETHER
         cuts = np.flatnonzero(np.diff(groups)) + 1  # a subset follows that order, so a group comes in one piece
-        told = {"views": views, "picks": np.split(places % TOGETHER, cuts)}
-        told["step"] = float(relaxation / self.sums[views].sum())
+        picks, held = np.split(places % TOGETHER, cuts), groups[np.r_[0, cuts]]
+        asked = slabs.Update(views, picks, float(relaxation / self.sums[views].sum()), momentum)
         strips = [task(spot, slabs.forward, s, views=views) for spot, s in zip(self._spots, self._slabs, strict=True)]
-        corrections = []
-        for k, (spot, seen) in enumerate(zip(self._spots, self._seen, strict=True)):
-            parts, scans = [strips[j] for j in self.layout.beside(k)], [seen[g] for g in groups[np.r_[0, cuts]]]
-            corrections.append(task(spot, slabs.compare, self._where, parts, scans, **told))
-        advanced = [
-            task(spot, slabs.advance, s, c, views=views, momentum=momentum)
-            for spot, s, c in zip(self._spots, self._slabs, corrections, strict=True)
-        ]
-        squares = [task(spot, slabs.squares_of, c) for spot, c in zip(self._spots, corrections, strict=True)]
+        advanced = []
+        for k, (spot, slab, seen) in enumerate(zip(self._spots, self._slabs, self._seen, strict=True)):
+            parts, scans = [strips[j] for j in self.layout.beside(k)], [seen[g] for g in held]
+            advanced.append(task(spot, slabs.advance, self._where, slab, parts, scans, update=asked))
+        squares = [task(spot, slabs.squares_of, s) for spot, s in zip(self._spots, advanced, strict=True)]
         found = self.work.persist([*advanced, *squares])
         self._slabs = found[: len(advanced)]
         owed = Owed(self.work, found[len(advanced) :], self.layout.watched)
         self._owed = [*(o for o in self._owed if o.known is None), owed]
         self._updates += 1
         self._walked += len(views)
-        if self._walked >= STORED:
-            self._walked = 0
-            self._store(momentum)
         return owed
 
     def volume(self) -> Volume:
@@ -137,10 +154,13 @@ class Scattered:
         for k, owed in enumerate(self._owed):
             owed.settle(found[k * len(stored) : (k + 1) * len(stored)])
         self._owed = []
-        self._slabs = self.work.placed(
-            [task(slabs.restored, self._where, number=k, path=p, momentum=momentum) for k, p in enumerate(paths)]
-        )
         self._spots = self.work.spots(len(paths))
+        self._slabs = self.work.persist(
+            [
+                self.work.task_at(spot, slabs.restored, self._where, number=k, path=path, momentum=momentum)
+                for k, (spot, path) in enumerate(zip(self._spots, paths, strict=True))
+            ]
+        )
         for path in set(folder.glob("slab-*.npy")) - set(paths):  # nobody asks for those
             path.unlink()
 

@@ -6,17 +6,18 @@ from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
 from grainmotion.cluster.pieces import Some, Stripe, Walked
+from grainmotion.cluster.slabs import Kept
 from grainmotion.geometry import Geometry
 from grainmotion.operators import VolumeOperator
 from grainmotion.reconstructing.equations import Imaging
-from grainmotion.reconstructing.slabs import Corrections, Seen, Slab, Strip
+from grainmotion.reconstructing.slabs import Seen, Slab, Strip
 from grainmotion.scan import Scan
 from grainmotion.volume import Volume
 
 if TYPE_CHECKING:
     from distributed import Client
 
-NOUNS = (Corrections, Geometry, Imaging, Scan, Seen, Slab, Some, Strip, Stripe, Volume, VolumeOperator, Walked)
+NOUNS = (Geometry, Imaging, Kept, Scan, Seen, Slab, Some, Strip, Stripe, Volume, VolumeOperator, Walked)
 
 
 def tell_sizes(client: Client) -> None:

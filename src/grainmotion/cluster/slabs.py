@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from weakref import WeakValueDictionary
 
 import numpy as np
 
@@ -13,14 +14,30 @@ from grainmotion.experiment.scans import ScanInput
 from grainmotion.geometry import Geometry
 from grainmotion.packed import Image
 from grainmotion.reconstructing import slabs
-from grainmotion.reconstructing.accelerated import coarse_start
-from grainmotion.reconstructing.coarser import COARSER
+from grainmotion.reconstructing.coarser import COARSER, Piece, coarse_start, finer_slab
 from grainmotion.reconstructing.equations import Float, Views
-from grainmotion.reconstructing.slabs import Corrections, Layout, Rows, Seen, Slab, Strip
-from grainmotion.scan import Scan, binned, views_for
+from grainmotion.reconstructing.slabs import Layout, Rows, Seen, Slab, Strip
+from grainmotion.scan import Scan, binned
 
-AT_ONCE = 32
-"""Views that are read at once for a coarse start."""
+
+@dataclass(frozen=True, eq=False)
+class Update:
+    """What is asked of an update.
+
+    Attributes
+    ----------
+    views : int array
+    picks : list of int arrays
+        Where they are in each of the groups of views that are held together.
+    step : float
+        Relaxation over the column sums of these views.
+    momentum : float
+    """
+
+    views: Views
+    picks: list[Views]
+    step: float
+    momentum: float
 
 
 # ---------------------------------------------------------------------- radiographs
@@ -35,18 +52,15 @@ def rows_of(scan: Scan, rows: Rows) -> Seen:
     return Seen(rows[0], images, None if scan.valid is None else scan.valid[:, slice(*rows)].copy())
 
 
-def coarse(source: ScanInput, layout: Layout) -> Image:
-    """A start on coarser voxels (see `accelerated`), from the files."""
-    columns = layout.geometry.shape[1] // COARSER
-    chosen = views_for(len(layout.geometry), columns)
-    parts = [chosen[k : k + AT_ONCE] for k in range(0, len(chosen), AT_ONCE)]
+def rough_of(scan: Scan, picks: Views, rows: Rows) -> Scan:
+    """Some rows of coarse pixels of some of the views."""
+    return binned(scan.rows(COARSER * rows[0], COARSER * rows[1]), COARSER, picks)
+
+
+def rough_piece(layout: Layout, parts: list[Scan], order: Views, piece: Piece) -> Image:
+    """A piece of a coarse start (see `coarser`), from all views of it in some other order."""
     with own_threads():
-        return coarse_start(joined([binned_alone(load_views(source, part)) for part in parts]), layout, layout.settings)
-
-
-def binned_alone(scan: Scan) -> Scan:
-    """`binned`, each view by itself, none left out."""
-    return joined([binned(scan.select([k]), COARSER) for k in range(len(scan))])
+        return coarse_start(joined(parts).select(order), layout, piece)
 
 
 def joined(scans: list[Scan]) -> Scan:
@@ -60,15 +74,24 @@ def joined(scans: list[Scan]) -> Scan:
 
 
 # ---------------------------------------------------------------------- slabs
-def new_slab(layout: Layout, number: int) -> Slab:
+@dataclass(frozen=True, eq=False)
+class Kept:
+    """A slab under way, and the two sums of squares of each row before the update that made it."""
+
+    slab: Slab
+    squares: Float | None = None
+
+
+def new_slab(layout: Layout, number: int) -> Kept:
     """A slab of zeros."""
-    return slabs.new_slab(layout, number, _zeros(layout, number))
+    return Kept(slabs.new_slab(layout, number, _zeros(layout, number)))
 
 
-def slab_from(layout: Layout, rough: Image, number: int) -> Slab:
+def slab_from(layout: Layout, rough: Image, number: int, piece: Piece) -> Kept:
     """A slab of a coarse start."""
     with own_threads():
-        return slabs.slab_from(layout, number, _zeros(layout, number), rough)
+        planes = finer_slab(rough, layout, piece, number)
+        return Kept(slabs.slab_from(layout, number, _zeros(layout, number), planes))
 
 
 def _zeros(layout: Layout, number: int) -> Image:
@@ -76,16 +99,26 @@ def _zeros(layout: Layout, number: int) -> Image:
     return np.zeros((end - first, *layout.shape[1:]), np.float32)
 
 
-def forward(slab: Slab, views: Views) -> Strip:
+def forward(kept: Kept, views: Views) -> Strip:
     """Its line integrals in some views."""
     with own_threads():
-        return slabs.forward(slab, views)
+        return slabs.forward(kept.slab, views)
 
 
-def compare(
-    layout: Layout, parts: list[Strip], groups: list[Seen], views: Views, picks: list[Views], step: float
-) -> Corrections:
-    """Corrections of some views: ``picks`` of each of the groups, in their order, times ``step``."""
+def advance(layout: Layout, kept: Kept, parts: list[Strip], groups: list[Seen], update: Update) -> Kept:
+    """The slab after an update; the one given stays as it is, for its line integrals may be asked for again."""
+    slab, before = kept.slab, kept.slab.before
+    if update.momentum:
+        before = copied(slab.image if before is None else before)
+    slab = replace(slab, image=copied(slab.image), before=before)
+    with own_threads():
+        corrections = slabs.compare(layout, update.views, parts, picked(groups, update.picks), update.step)
+        slabs.advance(slab, corrections, update.views, update.momentum)
+    return Kept(slab, corrections.squares)
+
+
+def picked(groups: list[Seen], picks: list[Views]) -> Seen:
+    """``picks`` of each of the groups, in their order."""
     images = np.concatenate([group.images[pick] for group, pick in zip(groups, picks, strict=True)])
     valid = None
     if any(group.valid is not None for group in groups):
@@ -95,42 +128,39 @@ def compare(
                 for group, pick in zip(groups, picks, strict=True)
             ]
         )
-    with own_threads():
-        return slabs.compare(layout, views, parts, Seen(groups[0].first, images, valid), step)
+    return Seen(groups[0].first, images, valid)
 
 
-def squares_of(corrections: Corrections) -> Float:
-    """The two sums of squares of each row before an update."""
-    return corrections.squares
-
-
-def advance(slab: Slab, corrections: Corrections, views: Views, momentum: float) -> Slab:
-    """The slab after an update; the one given stays as it is, for its line integrals may be asked for again."""
-    before = slab.before
-    if momentum:
-        before = copied(slab.image if before is None else before)
-    slab = replace(slab, image=copied(slab.image), before=before)
-    with own_threads():
-        slabs.advance(slab, corrections, views, momentum)
-    return slab
+def squares_of(kept: Kept) -> Float:
+    """The two sums of squares of each row before the last update."""
+    assert kept.squares is not None
+    return kept.squares
 
 
 # ---------------------------------------------------------------------- to storage and back
-def store(slab: Slab, path: Path) -> None:
+_STORED: WeakValueDictionary[Path, Kept] = WeakValueDictionary()  # what this process has stored and still holds
+
+
+def store(kept: Kept, path: Path) -> None:
     """Put what a slab holds into a file."""
+    _STORED[path] = kept
     with path.open("wb") as file:
-        for image in (slab.image, slab.before):
+        for image in (kept.slab.image, kept.slab.before):
             if image is not None:
                 np.save(file, image)
 
 
-def restored(layout: Layout, number: int, path: Path, momentum: float) -> Slab:
-    """A slab that was stored, with or without momentum."""
+def restored(layout: Layout, number: int, path: Path, momentum: float) -> Kept:
+    """A slab that was stored, with or without momentum; from the file, unless this process holds it."""
+    kept = _STORED.get(path)
+    if kept is not None and (kept.slab.before is not None) == bool(momentum):
+        return replace(kept, squares=None)
     imaging = slabs.imaging_of(layout, number, _zeros(layout, number))
     with path.open("rb") as file:
-        return Slab(imaging, layout.shaded[number][0], np.load(file), np.load(file) if momentum else None)
+        image, before = np.load(file), np.load(file) if momentum else None
+    return Kept(Slab(imaging, layout.shaded[number][0], image, before))
 
 
-def store_planes(slab: Slab, path: Path) -> None:
+def store_planes(kept: Kept, path: Path) -> None:
     """Put the planes as they were last constrained into a file, ``[z, y, x]``."""
-    np.save(path, np.ascontiguousarray(slab.planes))
+    np.save(path, np.ascontiguousarray(kept.slab.planes))

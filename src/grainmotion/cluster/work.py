@@ -47,21 +47,6 @@ class Work:
         """Have tasks done, their results held by the workers for as long as somebody here refers to them."""
         return list(self.client.persist(list(tasks), optimize_graph=False))
 
-    def placed(self, tasks: Sequence[Delayed]) -> list[Delayed]:
-        """`persist`, neighbours on one worker and all workers alike, as far as these live."""
-        return [found for (found,) in self.placed_together([[task] for task in tasks])]
-
-    def placed_together(self, groups: Sequence[Sequence[Delayed]]) -> list[list[Delayed]]:
-        """`placed`, the tasks of a group on one worker."""
-        workers = sorted(self.client.scheduler_info(n_workers=-1)["workers"])
-        found = []
-        for k, group in enumerate(groups):
-            chosen = workers[k * len(workers) // len(groups) : k * len(workers) // len(groups) + 1]
-            found.append(
-                list(self.client.persist(list(group), optimize_graph=False, workers=chosen, allow_other_workers=True))
-            )
-        return found
-
     def results(self, tasks: Sequence[Delayed]) -> list[Any]:
         """Have tasks done; their results, which should be small.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,7 +12,6 @@ from grainmotion.device import chosen
 from grainmotion.packed import Image
 from grainmotion.reconstructing import slabs
 from grainmotion.reconstructing.card import CardEquations
-from grainmotion.reconstructing.coarser import finer
 from grainmotion.reconstructing.equations import Float, Views, column_sums
 from grainmotion.reconstructing.settings import ReconstructSettings
 from grainmotion.reconstructing.slabs import Layout, Seen, Slab
@@ -36,10 +36,10 @@ class Held:
         parts = [slabs.new_slab(layout, k, array[slice(*planes)]) for k, planes in enumerate(layout.slabs)]
         return cls(scan, layout, column_sums(scan.geometry, grid), parts)
 
-    def start_from(self, rough: Image) -> None:
-        """Go on from values ``[z, y, x]`` on coarser voxels, as far as they are allowed."""
-        for k, slab in enumerate(self.slabs):
-            self.slabs[k] = slabs.slab_from(self.layout, k, slab.imaging.grid.array, rough)
+    def start_from(self, planes: Iterator[Image]) -> None:
+        """Go on from the values ``[z, y, x]`` of each slab's planes in turn, as far as they are allowed."""
+        for k, (slab, array) in enumerate(zip(self.slabs, planes, strict=True)):
+            self.slabs[k] = slabs.slab_from(self.layout, k, slab.imaging.grid.array, array)
 
     def update(self, views: Views, relaxation: float, momentum: float = 0.0) -> Float:
         """See `Iterate`."""
@@ -77,9 +77,9 @@ class HeldOnCard:
         equations = CardEquations(scan, grid, settings)
         return cls(equations, equations.start())
 
-    def start_from(self, rough: Image) -> None:
+    def start_from(self, planes: Iterator[Image]) -> None:
         """See `Held`."""
-        self.image = self.equations.operator.laid(finer(rough, self.equations.grid.shape))
+        self.image = self.equations.operator.laid(np.concatenate(list(planes)))
         self.equations.constrain(self.image)
 
     def update(self, views: Views, relaxation: float, momentum: float = 0.0) -> Any:

@@ -23,7 +23,6 @@ from grainmotion.geometry import Geometry
 from grainmotion.grains import PADDING
 from grainmotion.kernels import sart
 from grainmotion.packed import Image
-from grainmotion.reconstructing.coarser import finer
 from grainmotion.reconstructing.equations import Float, Frame, Imaging, Views
 from grainmotion.reconstructing.settings import ReconstructSettings
 from grainmotion.volume import Volume
@@ -97,11 +96,15 @@ class Layout:
         first, end = self.watched[number]
         return [k for k, (a, b) in enumerate(self.shaded) if a < end and b > first]
 
-    def _shaded_by(self, number: int) -> Rows:
+    @property
+    def radius(self) -> float:
+        """Radius of the upright cylinder beyond which nothing counts, mm."""
         _, ny, nx = self.shape
+        return float((min(nx, ny) if self.settings.circular else np.hypot(nx, ny)) / 2 + 1.5) * self.voxel_size
+
+    def _shaded_by(self, number: int) -> Rows:
         turn = 2 * np.pi * np.arange(RING) / RING
-        radius = (min(nx, ny) if self.settings.circular else np.hypot(nx, ny)) / 2 + 1.5
-        ring = radius / np.cos(np.pi / RING) * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+        ring = self.radius / self.voxel_size / np.cos(np.pi / RING) * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
         height = (self.slabs[number][1] - self.slabs[number][0]) / 2 + MARGIN
         rim = np.concatenate([np.c_[ring, np.full(RING, side * height)] for side in (-1, 1)])
         spots = self.geometry.project_points(rim * self.voxel_size + self.center_of(number))[..., 0]
@@ -180,10 +183,10 @@ def new_slab(layout: Layout, number: int, array: Image) -> Slab:
     return Slab(imaging, layout.shaded[number][0], imaging.start())
 
 
-def slab_from(layout: Layout, number: int, array: Image, rough: Image) -> Slab:
-    """A slab of the values ``[z, y, x]`` of the whole on coarser voxels, as far as they are allowed."""
+def slab_from(layout: Layout, number: int, array: Image, planes: Image) -> Slab:
+    """A slab of the values ``[z, y, x]`` of its planes, as far as they are allowed; ``array`` is the grid's own."""
     imaging = imaging_of(layout, number, array)
-    image = imaging.operator.laid(finer(rough, layout.shape, slice(*layout.slabs[number])))
+    image = imaging.operator.laid(planes)
     imaging.constrain(image)
     return Slab(imaging, layout.shaded[number][0], image)
 
