@@ -11,7 +11,7 @@ from grainmotion.errors import InputError
 
 if TYPE_CHECKING:
     from dask.delayed import Delayed
-    from distributed import Client
+    from distributed import Client, Future
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,8 +57,20 @@ class Work:
         """
         from distributed.scheduler import KilledWorker
 
+        held = [_held(task) for task in tasks]
+        asked = self.client.compute([t for t, f in zip(tasks, held, strict=True) if f is None], optimize_graph=False)
+        more = iter(asked)
         try:
-            return list(self.client.gather(self.client.compute(list(tasks), optimize_graph=False)))
+            return list(self.client.gather([next(more) if future is None else future for future in held]))
         except KilledWorker as error:
             fact = f"workers died over {str(error.task).split('-')[0]}"
             raise InputError("cluster", fact, "give each worker more memory, or the run fewer voxels") from error
+
+
+def _held(task: Delayed) -> Future | None:
+    """What stands for the result of a task that is persisted: nothing more need be asked of the scheduler for it."""
+    from distributed import Future
+
+    graph = task.__dask_graph__()
+    found = graph.get(task.key) if len(graph) == 1 else None
+    return found if isinstance(found, Future) else None
