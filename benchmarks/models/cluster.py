@@ -69,9 +69,9 @@ class Sample:
     update: float
 
     @classmethod
-    def of_benchmark(cls, grains: int, shape: tuple[int, int, int]) -> Sample:
+    def of_benchmark(cls, grains: int, shape: tuple[int, int, int], views: int) -> Sample:
         """The case of ``benchmarks/cluster.py``."""
-        return cls(grains, 4, shape[0], shape[1], 33.0, 3, shape[0], 352 // 44, 0.0, 0.0, 0.0)
+        return cls(grains, 4, shape[0], shape[1], 33.0, 3, shape[0], views // 44, 0.0, 0.0, 0.0)
 
     @classmethod
     def large(cls) -> Sample:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
 from types import ModuleType
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -28,6 +28,8 @@ class Device:
     """Where kernels run."""
 
     name: Literal["cpu", "cuda", "workers"]
+    walks_coarse: ClassVar[bool] = False
+    """Whether grains on coarser voxels are handed to it, too; else the processor walks them."""
 
     def hold(self, array: Any) -> Any:
         """An array where the device can walk it: itself, or a copy that stays on the card."""

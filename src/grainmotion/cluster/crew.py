@@ -48,6 +48,7 @@ class Crew(Device):
 
     work: Work
     shelf: Shelf
+    walks_coarse = True
 
     @classmethod
     def of(cls, work: Work, shelf: Shelf) -> Crew:

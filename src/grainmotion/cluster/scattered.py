@@ -74,16 +74,22 @@ class Scattered:
         order = golden_order(count)
         self._place = np.argsort(order)  # of each view in that order, in which views are held together
         groups = [order[k : k + TOGETHER] for k in range(0, count, TOGETHER)]
-        readers = zip(work.spots(len(groups)), groups, strict=True)
-        scans = [work.task_at(spot, slabs.load_views, self._source, views=group) for spot, group in readers]
+        readers = work.spots(len(groups))  # they hand on no more of what they read than is asked for
+        scans = [
+            work.task_at(reader, slabs.load_views, self._source, views=group)
+            for reader, group in zip(readers, groups, strict=True)
+        ]
         self._seen = [
-            [work.task_at(spot, slabs.rows_of, scan, rows=rows) for scan in scans]
+            [
+                work.task_at(spot, slabs.handed, work.task_at(reader, slabs.rows_of, scan, rows=rows))
+                for reader, scan in zip(readers, scans, strict=True)
+            ]
             for spot, rows in zip(self._spots, self.layout.watched, strict=True)
         ]
         if settings.plain(count) or not has_coarse_start(grid.shape, source.geometry.shape):
             started = [work.task_at(s, slabs.new_slab, self._where, number=k) for k, s in enumerate(self._spots)]
         else:
-            started = self._coarse_start(groups, scans)
+            started = self._coarse_start(groups, list(zip(readers, scans, strict=True)))
         number = len(started)
         # all at once, so that no radiographs are read before there is room for what is made of them
         found = work.persist([*started, *(rows for seen in self._seen for rows in seen)])
@@ -92,8 +98,8 @@ class Scattered:
         self._walked = self._updates = 0
         self._owed: list[Owed] = []
 
-    def _coarse_start(self, groups: list[Views], scans: list[Delayed]) -> list[Delayed]:
-        """Slabs of a coarse start, which whoever is to hold them makes of some of the views that are read."""
+    def _coarse_start(self, groups: list[Views], scans: list[tuple[str, Delayed]]) -> list[Delayed]:
+        """Slabs of a coarse start, which whoever is to hold them makes of some of the views that others read."""
         task_at, found = self.work.task_at, []
         wanted = views_for(len(self._place), self.layout.geometry.shape[1] // COARSER)
         picks = [np.flatnonzero(np.isin(group, wanted)) for group in groups]
@@ -101,8 +107,8 @@ class Scattered:
         for piece in pieces_of(self.layout):
             spot = self._spots[piece.slabs[0]]
             parts = [
-                task_at(spot, slabs.rough_of, scan, picks=pick, rows=piece.rows)
-                for scan, pick in zip(scans, picks, strict=True)
+                task_at(reader, slabs.rough_of, scan, picks=pick, rows=piece.rows)
+                for (reader, scan), pick in zip(scans, picks, strict=True)
                 if len(pick)
             ]
             rough = task_at(spot, slabs.rough_piece, self._where, parts, order=order, piece=piece)

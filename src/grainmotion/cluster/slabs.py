@@ -52,6 +52,11 @@ def rows_of(scan: Scan, rows: Rows) -> Seen:
     return Seen(rows[0], images, None if scan.valid is None else scan.valid[:, slice(*rows)].copy())
 
 
+def handed(rows: Seen) -> Seen:
+    """The same, for a worker that did not read them."""
+    return rows
+
+
 def rough_of(scan: Scan, picks: Views, rows: Rows) -> Scan:
     """Some rows of coarse pixels of some of the views."""
     return binned(scan.rows(COARSER * rows[0], COARSER * rows[1]), COARSER, picks)

@@ -101,11 +101,14 @@ def at_work(place: Workplace, folder: Path) -> Iterator[Cluster | None]:
         yield None
         return
     try:
+        import dask
         import distributed  # noqa: F401
     except ImportError:
         where = "--workers" if place.scheduler is None else "--scheduler"
         raise InputError(where, "Dask is not installed", "pip install 'grainmotion[cluster]'") from None
     with ExitStack() as stack:
+        # ten thousand grains' poses and outlines travel with their tasks, which Dask would warn of
+        stack.enter_context(dask.config.set({"distributed.admin.large-graph-warning-threshold": "1GB"}))
         if place.scheduler is not None:
             client, where = stack.enter_context(_client(place.scheduler)), f"--scheduler {place.scheduler}"
         else:

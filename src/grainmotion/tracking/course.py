@@ -70,7 +70,7 @@ class Course:
         factor = coarsening(self.grains, target, target.sigma, least)
         if factor not in self.levels:
             grains = self.grains.coarsened(factor)
-            if self.target.device.name == "workers" and factor > 1:
+            if self.target.device.walks_coarse and factor > 1:
                 grains = grains.on(self.target.device)
             self.levels[factor] = grains, coarsened(self.target, factor)
         grains, coarse = self.levels[factor]

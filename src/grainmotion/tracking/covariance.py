@@ -12,15 +12,13 @@ Of many grains no inverse is taken: noise is drawn from the pixels' variances an
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
 from grainmotion.packed import Pose
 from grainmotion.patchwork import filter_images, filter_patches
-from grainmotion.solve import MOST, Hessian, Linearization, diagonal_blocks, eliminated, inverse
+from grainmotion.solve import Hessian, Linearization, conjugate_gradients, diagonal_blocks, eliminated, inverse
 from grainmotion.tracking.columns import Columns
 from grainmotion.tracking.coupling import normal_matrix
 from grainmotion.tracking.residual import Seen, StateProblem
@@ -91,7 +89,7 @@ def sampled(target: Target, seen: Seen, columns: Columns, at: Linearization, var
         noise.add(target.filtered(drawn.astype(target.precision)), shared=True)
     slopes = np.array([columns.dot(images) for images in noise.stacks]).T
     pulls = noise.border(seen.derivatives, seen.patches, n) - at.border @ (few @ slopes)
-    found = _side_by_side(product, blocks, pulls)
+    found = conjugate_gradients(product, blocks, pulls, DRAWN_TO)
     own = found.T.reshape(DRAWS, n, 6)
     beside = (few @ (slopes - at.border.T @ found))[len(slopes) - free :].T
     informations = diagonal_blocks(at.hessian)
@@ -100,30 +98,6 @@ def sampled(target: Target, seen: Seen, columns: Columns, at: Linearization, var
     shape = size[:, None, None] * np.array(alone)
     out = (np.einsum("kni,knj->nij", own, own) + SHAPE * shape) / (DRAWS + SHAPE)
     return out + float(np.mean(variances)) * np.array(unseen), beside.T @ beside / DRAWS
-
-
-def _side_by_side(product: Callable[[Float], Float], blocks: Float, pulls: Float) -> Float:
-    """Conjugate gradients of `solve.conjugate_gradients` for all columns ``(6n, k)`` at once, to `DRAWN_TO`.
-
-    A product with many columns costs workers far less than as many products.
-    """
-    inverses = np.linalg.inv(blocks)
-    found, rest = np.zeros_like(pulls), pulls.copy()
-    directions, before = np.zeros_like(pulls), np.ones(pulls.shape[1])
-    enough = DRAWN_TO * np.linalg.norm(pulls, axis=0)
-    for step in range(MOST):
-        still = np.flatnonzero(np.linalg.norm(rest, axis=0) > enough)
-        if not len(still):
-            break
-        near = np.einsum("nij,njk->nik", inverses, rest[:, still].reshape(-1, 6, len(still))).reshape(-1, len(still))
-        now = (rest[:, still] * near).sum(axis=0)
-        along = near + directions[:, still] * (now / before[still] if step else 0.0)
-        across = product(along)
-        length = now / (along * across).sum(axis=0)
-        found[:, still] += length * along
-        rest[:, still] -= length * across
-        directions[:, still], before[still] = along, now
-    return found
 
 
 def _dense(matrix: Hessian) -> Float:
