@@ -141,9 +141,7 @@ def measured(case: Crowd, small: Crowd, workers: int, repeat: int) -> tuple[Took
             runs.append(Took(time.perf_counter() - clock, used() - cpu, (), 0, 0.0, 0.0, 0))
         return min(runs, key=lambda r: r.path), found
     with (
-        distributed.LocalCluster(
-            n_workers=workers, threads_per_worker=1, dashboard_address=None, env={"NUMBA_NUM_THREADS": "1"}
-        ) as cluster,
+        distributed.LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as cluster,
         distributed.Client(cluster) as client,
         tempfile.TemporaryDirectory() as folder,
         at_work(Workplace(cluster.scheduler_address), Path(folder)) as reached,

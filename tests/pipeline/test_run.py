@@ -41,7 +41,7 @@ def quick_track(copied, monkeypatch):
         starts.append(start)
         return motions
 
-    monkeypatch.setattr(pipeline, "track", known)
+    monkeypatch.setattr("grainmotion.experiment.states.track", known)
     return starts
 
 
@@ -160,7 +160,7 @@ class TestResume:
                 raise KeyboardInterrupt
             return kept
 
-        monkeypatch.setattr(pipeline, "track", killed)
+        monkeypatch.setattr("grainmotion.experiment.states.track", killed)
         with pytest.raises(KeyboardInterrupt):
             run(copied)
         assert not (copied.parent / "results" / "two").exists()

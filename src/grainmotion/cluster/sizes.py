@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from grainmotion.cluster.pieces import Some, Stripe, Walked
 from grainmotion.cluster.slabs import Kept
@@ -14,23 +14,7 @@ from grainmotion.reconstructing.slabs import Seen, Slab, Strip
 from grainmotion.scan import Scan
 from grainmotion.volume import Volume
 
-if TYPE_CHECKING:
-    from distributed import Client
-
 NOUNS = (Geometry, Imaging, Kept, Scan, Seen, Slab, Some, Strip, Stripe, Volume, VolumeOperator, Walked)
-
-
-def tell_sizes(client: Client) -> None:
-    """Tell every worker, also one that joins late, how large nouns are."""
-    from distributed import WorkerPlugin
-
-    class Sizes(WorkerPlugin):
-        name = "grainmotion-sizes"
-
-        def setup(self, worker: Any) -> None:
-            register()
-
-    client.register_plugin(Sizes())
 
 
 def register() -> None:

@@ -2,15 +2,29 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 
 import numba
+from numba.core import config
 from threadpoolctl import ThreadpoolController
 
 _TURN = threading.Lock()  # numba's own threads are one pool, which two tasks must not enter at once
+
+
+def settle(count: int) -> None:
+    """Start kernels with so many threads in this process, unless they have started: all are waited for, idle or not.
+
+    Numba asks the environment whenever it compiles, and fails if that says another number than has started.
+    """
+    os.environ["NUMBA_NUM_THREADS"] = str(count)
+    try:
+        config.reload_config()
+    except RuntimeError:
+        os.environ["NUMBA_NUM_THREADS"] = str(numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]
 
 
 @contextmanager

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -55,16 +56,34 @@ class Work:
         InputError
             If one and the same task took several workers down, as it does where memory is too small for it.
         """
-        from distributed.scheduler import KilledWorker
-
         held = [_held(task) for task in tasks]
         asked = self.client.compute([t for t, f in zip(tasks, held, strict=True) if f is None], optimize_graph=False)
         more = iter(asked)
-        try:
+        with _deaths_told():
             return list(self.client.gather([next(more) if future is None else future for future in held]))
-        except KilledWorker as error:
-            fact = f"workers died over {str(error.task).split('-')[0]}"
-            raise InputError("cluster", fact, "give each worker more memory, or the run fewer voxels") from error
+
+    def as_done(self, tasks: dict[str, Delayed]) -> Iterator[tuple[str, Any]]:
+        """Have tasks done; their names and results, whichever is there first.  Raises as `results` does."""
+        from distributed import as_completed
+
+        futures = self.client.compute(list(tasks.values()), optimize_graph=False)
+        names = {future.key: name for future, name in zip(futures, tasks, strict=True)}
+        for future in as_completed(futures):
+            with _deaths_told():
+                found = future.result()
+            yield names[future.key], found
+
+
+@contextmanager
+def _deaths_told() -> Iterator[None]:
+    """Say what it means that a task took several workers down."""
+    from distributed.scheduler import KilledWorker
+
+    try:
+        yield
+    except KilledWorker as error:
+        fact = f"workers died over {str(error.task).split('-')[0]}"
+        raise InputError("cluster", fact, "give each worker more memory, or the run fewer voxels") from error
 
 
 def _held(task: Delayed) -> Future | None:

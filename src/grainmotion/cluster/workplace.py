@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -13,16 +13,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from grainmotion.cluster.crew import Crew
+from grainmotion.cluster.crew import Crew, worth_sharing
 from grainmotion.cluster.cutting import cut_scattered
+from grainmotion.cluster.ready import make_ready
 from grainmotion.cluster.scattered import reconstruct_scattered
 from grainmotion.cluster.shelf import Shelf, Shelved
-from grainmotion.cluster.sizes import tell_sizes
+from grainmotion.cluster.states import State, track_scattered
 from grainmotion.cluster.work import Work
 from grainmotion.errors import InputError
 from grainmotion.experiment.scans import ScanInput
+from grainmotion.grains import GrainSet
+from grainmotion.motions import Motions
 from grainmotion.partition import Boxed
 from grainmotion.reconstruct import Progress, Reconstruction, ReconstructSettings
+from grainmotion.track import TrackSettings
 from grainmotion.volume import Volume
 
 if TYPE_CHECKING:
@@ -43,6 +47,16 @@ class Cluster:
     def crew(self) -> Crew:
         """The workers as the device that tracks grains."""
         return Crew.of(self.work, self.shelf)
+
+    def walks_states(self, grains: GrainSet) -> bool:
+        """Whether grains are so few that one worker tracks a state sooner than several could together."""
+        return not worth_sharing(sum(grain.volume.array.size for grain in grains.grains))
+
+    def track(
+        self, grains: GrainSet, states: Sequence[State], settings: TrackSettings
+    ) -> Iterator[tuple[str, Motions]]:
+        """Track states side by side; names and motions, whichever is there first."""
+        return track_scattered(self.work, self.shelf, grains, states, settings)
 
     def cut(
         self, volume: Volume, labels: NDArray[np.integer], wanted: list[Boxed], factor: int, reach: float
@@ -117,7 +131,7 @@ def at_work(place: Workplace, folder: Path) -> Iterator[Cluster | None]:
         shelf = Shelf(folder)
         stack.callback(shelf.close)
         _check(client, shelf, where)
-        tell_sizes(client)
+        make_ready(client)
         yield Cluster(Work(client), shelf)
 
 
@@ -125,13 +139,11 @@ def at_work(place: Workplace, folder: Path) -> Iterator[Cluster | None]:
 def _local(place: Workplace) -> Iterator[Client]:
     import distributed
 
-    threads = max(1, (os.cpu_count() or 1) // (place.workers or 1))
     with (
         distributed.LocalCluster(
             n_workers=place.workers,
-            threads_per_worker=threads,
+            threads_per_worker=max(1, (os.cpu_count() or 1) // (place.workers or 1)),
             memory_limit=place.memory or "auto",
-            env={"NUMBA_NUM_THREADS": str(threads)},  # more than it may use would wait for each other all the same
             dashboard_address=None,
             silence_logs="CRITICAL",
         ) as cluster,

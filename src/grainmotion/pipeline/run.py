@@ -25,15 +25,14 @@ from grainmotion.experiment.scans import ScanInput
 from grainmotion.io.calibration_json import write_calibration
 from grainmotion.io.files import checked_folder
 from grainmotion.io.ledger import Ledger
-from grainmotion.io.motions_csv import write_motions
-from grainmotion.io.results import Reference, read_motions_h5, write_motions_h5, write_reference
+from grainmotion.io.results import Reference, write_reference
 from grainmotion.motions import Motions
 from grainmotion.pipeline import outputs
-from grainmotion.pipeline.job import CALIBRATION, CHECKPOINT, REFERENCE, Job, Progress, kept
+from grainmotion.pipeline.job import CALIBRATION, CHECKPOINT, REFERENCE, Job, Progress
 from grainmotion.pipeline.machine import calibrate_machine
+from grainmotion.pipeline.states import track_states
 from grainmotion.reconstruct import reconstruct
 from grainmotion.segment import border_labels, segment
-from grainmotion.track import track
 
 Until = Literal["reconstruct", "segment", "track", "report"]
 
@@ -113,9 +112,7 @@ def _run(job: Job, until: Until) -> RunResult:
     if until != "reconstruct":
         _segment(job)
     if until in ("track", "report"):
-        previous = None
-        for scan, table in zip(job.corrected.states, experiment.tables.states):
-            previous = motions[table.name] = _track(job, scan, table, previous)
+        motions = track_states(job)
     if until == "report":
         _export_reference(job)
         for scan, table in zip(job.corrected.states, experiment.tables.states):
@@ -191,26 +188,6 @@ def _segment(job: Job) -> None:
         (job.folder / CHECKPOINT).unlink(missing_ok=True)
 
 
-def _track(job: Job, scan: ScanInput, table: StateTable, previous: Motions | None) -> Motions:
-    stage, fingerprint = f"{table.name}/track", job.track_prints[table.name]
-    folder = job.folder / table.name
-    full, short = folder / "motions.h5", folder / "motions.csv"
-    if job.has(stage, fingerprint):
-        return kept(read_motions_h5, full)
-    start = previous if table.initial == "previous" else job.inputs.starts[_index(job, table)]
-    radiographs, _ = scan.read()
-    try:
-        motions = track(job.grains(), radiographs, start, job.tables.track, job.listener(table.name), job.walkers)
-    except InputError as error:
-        where = f"states.{table.name}.{error.where.replace('start', f'initial ({table.initial})')}"
-        raise InputError(where, error.fact, error.remedy) from error
-    job.ledger.strike(stage)
-    write_motions_h5(full, motions)
-    write_motions(short, motions)
-    job.finish(stage, fingerprint, [full, short])
-    return motions
-
-
 def _after(job: Job, scan: ScanInput, table: StateTable, motions: Motions) -> None:
     """What follows from a state's motions: residual radiographs, the rebuilt sample, exports."""
     folder, upstream = job.folder / table.name, [job.track_prints[table.name]]
@@ -263,7 +240,3 @@ def _check_overwriting(inputs: Inputs, folder: Path) -> None:
         if file.resolve().parent in folders and file.name in WRITTEN:
             fact = f"{file} is an input and would be overwritten"
             raise InputError("output.directory", fact, "choose another folder for the results")
-
-
-def _index(job: Job, table: StateTable) -> int:
-    return [t.name for t in job.tables.states].index(table.name)
