@@ -6,9 +6,10 @@
 
 A lattice of stones, projected by the package's own operator (what is measured here is speed), is written as an
 experiment: a full scan, labels, some later states of 4 views, each started from the reference.  One process, one
-worker of one thread and two workers of one thread each do it; the clock counts, the least of the repetitions is taken, and the answers must agree to 1e-6
-voxel.  On a machine that others use the clock says little, so what the processes' CPU times would allow on an idle
-one is told beside it.  Bytes between workers are Dask's own counters, beside the model of ``docs/cluster.md``.
+worker of one thread and two workers of one thread each do it; the clock counts, the least of the repetitions is taken,
+and the answers must agree to 1e-6 voxel.  On a machine that others use the clock says little, so what the processes'
+CPU times would allow on an idle one is told beside it.  Bytes between workers are Dask's own counters, beside the
+model of ``docs/cluster.md``.
 Writes ``benchmarks/results/cluster.md``, or a page of its own for another scale; ends with code 1 if the answers
 differ or two workers are not 1.7 times one.
 """
@@ -24,7 +25,6 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import wraps
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +34,6 @@ from models.cluster import Network, Sample, reconstruction, tracking
 from peers.environment import machine
 
 from grainmotion import motion
-from grainmotion.cluster import crew
 from grainmotion.cluster.ready import make_ready
 from grainmotion.cluster.workplace import HERE, Workplace
 from grainmotion.experiment.file import read_experiment
@@ -156,8 +155,6 @@ class Took:
     client: float = 0.0
     workers: tuple[float, ...] = ()
     sent: dict[str, int] = field(default_factory=dict)
-    evaluations: int = 0
-    updates: int = 0
 
     @property
     def shared(self) -> float:
@@ -184,10 +181,6 @@ def sent(dask_worker: Any) -> int:
 def measure(path: Path, out: Path, workers: int) -> tuple[Took, list[Motions]]:
     """Do the whole run with so many workers, 0 for none; kernels are compiled."""
     took, experiment = Took(), read_experiment(path)
-    calls = {"add_patches": 0}  # once an evaluation
-    kept = {name: getattr(crew, name) for name in calls}
-    for name, function in kept.items():
-        setattr(crew, name, _counted(function, name, calls))
     cluster = client = None
     try:
         place = HERE
@@ -210,11 +203,8 @@ def measure(path: Path, out: Path, workers: int) -> tuple[Took, list[Motions]]:
             took.clock["cut"] = sum(cut)
         took.client = used() - own
         took.workers = tuple(np.subtract(list(client.run(used).values()), before)) if client else ()
-        took.evaluations = sum(calls.values())
         return took, [result.motions[name] for name in STATES]
     finally:
-        for name, function in kept.items():
-            setattr(crew, name, function)
         for thing in (client, cluster):
             if thing is not None:
                 thing.close()
@@ -238,15 +228,6 @@ def timed_cut() -> Iterator[list[float]]:
         yield seconds
     finally:
         job.grains_from_labels = function
-
-
-def _counted(function: Any, name: str, calls: dict[str, int]) -> Any:
-    @wraps(function)
-    def counted(*args: Any) -> Any:
-        calls[name] += 1
-        return function(*args)
-
-    return counted
 
 
 def _warm() -> None:
@@ -321,15 +302,15 @@ def table(
     sample = Sample.of_benchmark(len(truth[0]), case.shape, case.views)
     two = best[2]
     between = {s: two.sent[s] - best[1].sent[s] for s in STAGES}  # what one worker sends goes to the client
-    modelled = scattered(case, sample), two.evaluations * tracking(sample, 2).between_workers
+    modelled = scattered(case, sample)
     passed = gain >= BAR and max(differ.values()) < 1e-6
     lines = [
         "# Two workers against one",
         "",
-        f"{len(truth[0])} stones on {' × '.join(map(str, case.shape))} voxels, {case.views} views, {len(STATES)} states of",
-        "4 views that start at the reference;",
-        "workers of one thread; seconds by the clock, the least of the repetitions, and CPU seconds of the client with",
-        "the scheduler and of each worker. Of the cutting of grains, workers do the finer voxels.",
+        f"{len(truth[0])} stones on {' × '.join(map(str, case.shape))} voxels, {case.views} views;",
+        f"{len(STATES)} states of 4 views that start at the reference; workers of one thread; seconds by the clock,",
+        "the least of the repetitions, and CPU seconds of the client with the scheduler and of each worker. Of the",
+        "cutting of grains, workers do the finer voxels.",
         "",
         "| | " + " | ".join(stages) + " | client, CPU | workers, CPU |",
         "|---" * (len(stages) + 3) + "|",
@@ -347,9 +328,7 @@ def table(
         "",
         "| | measured, MB | modelled, MB |",
         "|---|---|---|",
-        f"| reconstruction | {between['reconstruct'] / 1e6:.0f} | {modelled[0] / 1e6:.0f} |",
-        f"| tracking, {two.evaluations} evaluations by workers, products aside | {between['track'] / 1e6:.0f} "
-        f"| {modelled[1] / 1e6:.0f} |",
+        f"| reconstruction | {between['reconstruct'] / 1e6:.0f} | {modelled / 1e6:.0f} |",
         "",
         "## On paper: 10,000 grains, four views of 2,000 × 2,000 pixels; 2,000³ voxels, 3,000 views",
         "",

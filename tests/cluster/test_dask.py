@@ -200,6 +200,26 @@ class TestRun:
         for name, motions in alone.motions.items():
             same(motions, read_motions_h5(begun / name / "motions.h5"))
 
+    def test_same_motions_of_states_side_by_side(self, once, monkeypatch, tmp_path):
+        """Each tracked by one worker, for the sample is small; both start at the reference."""
+        monkeypatch.setattr("grainmotion.cluster.crew.WORTH", 1e9)
+        shutil.copytree(once[0].parent, tmp_path / "tiny")
+        path = tmp_path / "tiny" / "experiment.toml"
+        path.write_text(
+            path.read_text().replace('radiographs = "two.npy"', 'radiographs = "two.npy"\ninitial = "reference"')
+        )
+        begun, told = path.parent / "begun", []
+        alone = run(read_experiment(path), out=path.parent / "alone", until="track")
+        for name in alone.motions:
+            shutil.rmtree(begun / name, ignore_errors=True)
+        many = run(
+            read_experiment(path), out=begun, until="track", workplace=Workplace(workers=2),
+            progress=lambda message, done, total: told.append(message),
+        )  # fmt: skip
+        assert {"tracking states side by side: one done", "tracking states side by side: two done"} <= set(told)
+        for name, motions in alone.motions.items():
+            same(motions, many.motions[name])
+
     @pytest.mark.slow
     def test_same_motions_from_the_radiographs_on(self, once, many):
         for name, motions in once[2].motions.items():
