@@ -7,7 +7,7 @@ import pytest
 
 from grainmotion.geometry import Geometry, Panel
 from grainmotion.project import project
-from grainmotion.reconstruct import ReconstructSettings
+from grainmotion.reconstruct import ReconstructSettings, reconstruct
 from grainmotion.reconstructing import coarser, slabs
 from grainmotion.reconstructing.coarser import coarse_start, finer, finer_slab, pieces_of
 from grainmotion.scan import Scan, binned
@@ -68,6 +68,20 @@ def test_pieces_hold_all_slabs_and_little_twice(layout):
     for piece in pieces:
         assert piece.planes[0] <= layout.slabs[piece.slabs[0]][0] / 2
         assert piece.planes[1] >= layout.slabs[piece.slabs[-1]][1] / 2
+
+
+def test_slabs_that_the_panel_does_not_see(monkeypatch):
+    """A grid taller than a panel of an odd number of rows: every piece has some row."""
+    monkeypatch.setattr(coarser, "EXTRA", 2.0)  # however much twice
+    panel = GEOMETRIES["parallel, upside down"].window((29, 0), (27, 40))
+    layout = in_slabs(panel, monkeypatch)
+    assert (26, 27) in layout.shaded
+    assert all(0 <= first < end <= 13 for first, end in (piece.rows for piece in pieces_of(layout)))
+    images = project(Volume(stones(), VOXEL, layout.center), panel)
+    settings = ReconstructSettings(method="accelerated")
+    found = reconstruct(Scan(images, panel), Volume.zeros(SHAPE, VOXEL, layout.center), settings).volume.array
+    seen = np.s_[30:50, 10:20, 10:20]
+    assert np.linalg.norm((found - stones())[seen]) < 0.1 * np.linalg.norm(stones()[seen])
 
 
 def test_steep_rays_are_of_one_piece(monkeypatch):

@@ -121,9 +121,9 @@ def halved(count: int) -> int:
 
 def _piece(layout: Layout, slabs: range) -> Piece:
     """Slabs, the rows that see them, and the planes that these see."""
-    shaded = [layout.shaded[k] for k in slabs]
-    first = min(row for row, _ in shaded) // COARSER
-    end = min(halved(max(row for _, row in shaded)), layout.geometry.shape[0] // COARSER)
+    shaded, rows = [layout.shaded[k] for k in slabs], layout.geometry.shape[0] // COARSER
+    first = min(min(row for row, _ in shaded) // COARSER, rows - 1)  # an odd panel's last row is of no coarse one
+    end = max(first + 1, min(halved(max(row for _, row in shaded)), rows))
     lowest, highest = _crossed(layout, (COARSER * first, COARSER * end))
     lowest, highest = min(lowest, layout.slabs[slabs[0]][0]), max(highest, layout.slabs[slabs[-1]][1])
     whole = halved(layout.shape[0])
