@@ -27,8 +27,8 @@ from grainmotion.reconstructing.equations import Float, Frame, Imaging, Views
 from grainmotion.reconstructing.settings import ReconstructSettings
 from grainmotion.volume import Volume
 
-THICKNESS = 128
-"""Planes of a slab, about: thinner ones see many rows of pixels in common."""
+THICKNESS = 160
+"""Planes of a slab, within a factor √2: thinner ones see many rows of pixels in common."""
 LARGE = 1 << 22
 """Voxels from which a grid is cut in two at least: smaller ones are done sooner than they are shared out."""
 MARGIN = 0.55
@@ -116,9 +116,9 @@ class Layout:
 
 
 def cut(shape: tuple[int, int, int]) -> tuple[tuple[int, int], ...]:
-    """First plane of each slab of a grid, and the plane after its last."""
+    """First plane of each slab of a grid, and the plane after its last; a power of two of them, to be shared evenly."""
     fewest = 2 if np.prod(shape, dtype=float) >= LARGE else 1
-    count = min(shape[0], max(fewest, round(shape[0] / THICKNESS)))
+    count = min(shape[0], max(fewest, 2 ** round(np.log2(max(shape[0] / THICKNESS, 1)))))
     ends = np.round(np.linspace(0, shape[0], count + 1)).astype(int)
     return tuple((int(a), int(b)) for a, b in pairwise(ends))
 
