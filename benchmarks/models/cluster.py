@@ -9,6 +9,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from grainmotion.reconstructing.slabs import cut
+
 SINGLE, DOUBLE, BLOCK = 4, 8, 6 * 6 * 8
 COLUMNS = 2
 """Unknowns of the response, as images: gain and offset."""
@@ -130,8 +132,8 @@ def product(of: Sample, workers: int, columns: int = 1) -> Cost:
 
 def reconstruction(of: Sample, workers: int) -> Cost:
     """One update by a subset of views: forward, compare, advance, one after the other in every slab."""
-    slabs = min(of.planes, max(2, round(of.planes / 128)))
+    slabs = len(cut((of.planes, of.columns, of.columns)))
     borders = min(workers, slabs) - 1  # where the rows of two workers' slabs meet, each gets the other's strip
     strips = borders * 2 * SINGLE * of.subset * of.columns * of.rows / slabs
     squares = 2 * DOUBLE * of.rows
-    return Cost(of.update, slabs, min(workers, slabs), 4 * slabs, 3, strips, 0.0, squares)
+    return Cost(of.update, slabs, min(workers, slabs), 3 * slabs, 2, strips, 0.0, squares)
