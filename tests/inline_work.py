@@ -25,5 +25,6 @@ class InlineWork:
     def results(self, tasks):
         return pickle.loads(pickle.dumps(list(tasks)))
 
-    def as_done(self, tasks):
-        yield from pickle.loads(pickle.dumps(tasks)).items()
+    def as_done(self, more):
+        while (asked := more()) is not None:
+            yield pickle.loads(pickle.dumps(asked))

@@ -131,7 +131,7 @@ def product(of: Sample, workers: int, columns: int = 1) -> Cost:
 
 
 def reconstruction(of: Sample, workers: int) -> Cost:
-    """One update by a subset of views: forward, compare, advance, one after the other in every slab."""
+    """One update by a subset of views: line integrals, then compare and advance, in every slab."""
     slabs = len(cut((of.planes, of.columns, of.columns)))
     borders = min(workers, slabs) - 1  # where the rows of two workers' slabs meet, each gets the other's strip
     strips = borders * 2 * SINGLE * of.subset * of.columns * of.rows / slabs

@@ -64,26 +64,26 @@ class Scan:
         valid = None if self.valid is None else self.valid[views]
         return Scan(self.line_integrals[views], self.geometry[views], valid, self.open_beam)
 
-    def rows(self, first: int, end: int) -> Scan:
-        """The scan of some rows of pixels."""
-        geometry = self.geometry.window((first, 0), (end - first, self.geometry.shape[1]))
-        valid = None if self.valid is None else self.valid[:, first:end]
-        open_beam = None if self.open_beam is None else self.open_beam[first:end]
-        return Scan(self.line_integrals[:, first:end], geometry, valid, open_beam)
-
     def __repr__(self) -> str:
         return f"<Scan of {len(self)} {self.geometry.beam}-beam radiographs, {self.geometry.shape}>"
 
 
-def binned(scan: Scan, factor: int, views: NDArray[np.int64] | None = None) -> Scan:
-    """Radiographs of larger pixels, by default of no more views than these need; masked pixels do not count."""
-    old = scan.geometry.shape
-    rows, columns = (n // factor for n in old)
-    r0, c0 = ((n - m * factor) // 2 for n, m in zip(old, (rows, columns), strict=True))
+def binned(
+    scan: Scan, factor: int, views: NDArray[np.int64] | None = None, rows: tuple[int, int] | None = None
+) -> Scan:
+    """Radiographs of larger pixels; masked pixels do not count.
+
+    By default of no more views than these need, and of all rows; ``rows`` are the first of the larger ones and the
+    one after the last.
+    """
+    height, columns = (n // factor for n in scan.geometry.shape)
+    r0, c0 = ((n - m * factor) // 2 for n, m in zip(scan.geometry.shape, (height, columns), strict=True))
     views = views_for(len(scan), columns) if views is None else views
-    cut = (views[:, None, None], np.arange(r0, r0 + rows * factor)[:, None], np.arange(c0, c0 + columns * factor))
-    blocks = (len(views), rows, factor, columns, factor)
-    geometry = scan.geometry[views].window((r0, c0), (rows * factor, columns * factor)).binned(factor)
+    first, end = (0, height) if rows is None else rows
+    r0, height = r0 + first * factor, end - first
+    cut = (views[:, None, None], np.arange(r0, r0 + height * factor)[:, None], np.arange(c0, c0 + columns * factor))
+    blocks = (len(views), height, factor, columns, factor)
+    geometry = scan.geometry[views].window((r0, c0), (height * factor, columns * factor)).binned(factor)
     images = scan.line_integrals[cut].reshape(blocks)
     if scan.valid is None:
         return Scan(images.mean(axis=(2, 4)), geometry)

@@ -18,6 +18,7 @@ from grainmotion.io.tiff import read_tiff, write_tiff
 from grainmotion.project import project
 from grainmotion.reconstruct import ReconstructSettings, reconstruct
 from grainmotion.reconstructing import slabs
+from grainmotion.reconstructing.coarser import pieces_of
 from grainmotion.volume import Volume
 from inline_work import InlineWork
 from tiny_experiment import PANEL, TOML, write_tiny
@@ -110,6 +111,22 @@ def test_same_bits_of_any_view(tmp_path, shelf, monkeypatch, geometry, method):
     np.save(tmp_path / "scan.npy", rng.random((len(geometry), *geometry.shape), np.float32))
     source = ScanInput("scan", find_stack(tmp_path / "scan.npy"), None, None, "line-integrals", geometry)
     grid, settings = Volume.zeros((31, 27, 29), 0.1, (0.2, -0.1, 0.3)), ReconstructSettings(method=method)
+    one = reconstruct(source.read()[0], grid, settings)
+    many = reconstruct_scattered(InlineWork(), shelf, source, grid, settings, None)
+    np.testing.assert_array_equal(many.volume.array, one.volume.array)
+    assert many.residuals == one.residuals
+
+
+def test_same_bits_of_a_coarse_start_in_pieces(tmp_path, shelf, monkeypatch):
+    """A tilted panel of an odd number of pixels, far away."""
+    monkeypatch.setattr(slabs, "THICKNESS", 20)
+    panel = Panel(tilts_deg=(1.0, 0.5, 0.5), offset=(0.3, -0.5))
+    far = {"source_to_axis": 600, "source_to_detector": 1200, "panel": panel}
+    geometry = Geometry.cone(np.arange(0, 360, 10), (165, 61), 0.2, **far)
+    np.save(tmp_path / "scan.npy", np.random.default_rng(0).random((36, 165, 61), np.float32))
+    source = ScanInput("scan", find_stack(tmp_path / "scan.npy"), None, None, "line-integrals", geometry)
+    grid, settings = Volume.zeros((80, 40, 40), 0.1), ReconstructSettings(method="accelerated")
+    assert len(pieces_of(slabs.Layout.of(grid, geometry, settings))) > 1
     one = reconstruct(source.read()[0], grid, settings)
     many = reconstruct_scattered(InlineWork(), shelf, source, grid, settings, None)
     np.testing.assert_array_equal(many.volume.array, one.volume.array)

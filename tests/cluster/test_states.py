@@ -1,14 +1,18 @@
 """States side by side: what one process finds, whoever tracks them and in whatever order they are done."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from few_grains import grain_set
 from grainmotion.cluster.shelf import Shelf
 from grainmotion.cluster.states import State, track_scattered
+from grainmotion.device import CPU
 from grainmotion.errors import InputError
 from grainmotion.experiment.file import read_experiment
 from grainmotion.experiment.inputs import find_inputs
+from grainmotion.grains import GrainSet, lay_together
 from grainmotion.io.ledger import Ledger
 from grainmotion.motions import Motions
 from grainmotion.partition import fine_grains
@@ -16,6 +20,7 @@ from grainmotion.pipeline.job import Job
 from grainmotion.pipeline.run import run
 from grainmotion.pipeline.states import track_states
 from grainmotion.track import TrackSettings
+from grainmotion.volume import Volume
 from inline_work import InlineWork
 from tiny_experiment import TOML, write_tiny
 
@@ -117,3 +122,50 @@ def test_an_error_names_the_state(tmp_path):
     shelf, states = Shelf(tmp_path / "shelf"), [State("a", source, "wrong.csv", wrong)]
     with pytest.raises(InputError, match=r"states\.a\.initial \(wrong\.csv\)"):
         list(track_scattered(InlineWork(), shelf, grain_set(), states, TrackSettings()))
+
+
+def test_the_sample_arrives_whole(tmp_path, monkeypatch):
+    """With its background, on the processor, its voxels end to end and in one file."""
+    arrived = []
+
+    def told(source, initial, grains, start, settings, device):
+        arrived.append((grains, device))
+        return Motions.identity(grains.labels, grains.centers)
+
+    monkeypatch.setattr("grainmotion.cluster.states.track_state", told)
+    laid = [replace(grain, fine=None) for grain in grain_set().grains]
+    lay_together(laid)
+    whole = GrainSet(tuple(laid), background=Volume(np.ones((40, 40, 40)), 0.1), background_moves=True)
+    source = find_inputs(tiny(tmp_path, a="reference")).states[0]
+    shelf = Shelf(tmp_path / "shelf")
+    list(track_scattered(InlineWork(), shelf, whole, [State("a", source, "reference", None)], TrackSettings()))
+    ((grains, device),) = arrived
+    assert device == CPU
+    assert grains.background_moves
+    np.testing.assert_array_equal(grains.background.array, whole.background.array)
+    for one, other in zip(grains.grains, laid, strict=True):
+        np.testing.assert_array_equal(one.volume.array, other.volume.array)
+    assert len({id(grain.volume.array.base) for grain in grains.grains}) == 1
+
+
+def test_no_more_at_once_than_there_are_workers(tmp_path):
+    """A state that waits is passed over until the one it starts from is there."""
+    asked = []
+
+    class Busy(InlineWork):
+        def as_done(self, more):
+            first, second, third = more(), more(), more()
+            asked.append([name and name[0] for name in (first, second, third)])
+            yield second
+            asked.append([more(), more()])
+            yield first
+            after = more()
+            asked.append([after[0], more()])
+            yield after
+
+    source = find_inputs(tiny(tmp_path, a="reference")).states[0]
+    states = [State("a", source, "reference", None), State("b", source, "previous", "a")]
+    states.append(State("c", source, "reference", None))
+    found = track_scattered(Busy(), Shelf(tmp_path / "shelf"), grain_set(), states, TrackSettings(search=False))
+    assert [name for name, _ in found] == ["c", "a", "b"]
+    assert asked == [["a", "c", None], [None, None], ["b", None]]

@@ -9,7 +9,7 @@ import pytest
 LATE = """
 import os, sys
 import numba, numpy as np
-from grainmotion.cluster.threads import settle
+from grainmotion.cluster.threads import own_threads, settle
 
 @numba.njit(parallel=True)
 def kernel(a):
@@ -21,21 +21,17 @@ if started:
     kernel(np.zeros(100))
 os.environ["NUMBA_NUM_THREADS"] = str(told)  # as Dask does, once numba is there
 settle(told)
-kernel(np.zeros(100, np.float32))  # compiles again
+with own_threads():
+    kernel(np.zeros(100, np.float32))  # compiles again
 print(numba.config.NUMBA_NUM_THREADS)
 """
 
 
-@pytest.mark.parametrize("started", [True, False])
-def test_threads_that_have_started_stay(started):
-    """A worker whose numba was imported, and perhaps used, before it knew how many threads it has."""
-    environment = {k: v for k, v in os.environ.items() if not k.startswith("NUMBA_")} | {"NUMBA_DISABLE_JIT": "0"}
-    here = subprocess.run(
-        [sys.executable, "-c", "import numba; print(numba.config.NUMBA_NUM_THREADS)"],
-        env=environment, capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    most = int(here.stdout)
-    command = [sys.executable, "-c", LATE, str(started), str(most + 1)]
+@pytest.mark.parametrize(("started", "told", "threads"), [(True, 1, 2), (False, 1, 1), (True, 3, 2), (False, 3, 2)])
+def test_compiling_and_walking_go_on(started, told, threads):
+    """A worker whose numba was imported, and perhaps used, with 2 threads before it knew how many it is to have."""
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("NUMBA_")} | {"NUMBA_NUM_THREADS": "2"}
+    command = [sys.executable, "-c", LATE, str(started), str(told)]
     found = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert found.returncode == 0, found.stderr
-    assert int(found.stdout) == (most if started else most + 1)
+    assert int(found.stdout) == threads

@@ -94,12 +94,12 @@ def test_pieces_give_what_the_whole_would(layout, monkeypatch):
     """Up to the noise: with any number of slabs in a piece."""
     array = stones()
     images = project(Volume(array, VOXEL, layout.center), layout.geometry)
-    rough = binned(Scan(images, layout.geometry), 2)
+    scan = Scan(images, layout.geometry)
     (whole,) = one = pieces_of_all(layout, monkeypatch)
     assert len(pieces_of(layout)) > len(one)
-    full = finer(coarse_start(rough.rows(*whole.rows), layout, whole), SHAPE)
+    full = finer(coarse_start(binned(scan, 2, rows=whole.rows), layout, whole), SHAPE)
     parts = [
-        finer_slab(coarse_start(rough.rows(*piece.rows), layout, piece), layout, piece, k)
+        finer_slab(coarse_start(binned(scan, 2, rows=piece.rows), layout, piece), layout, piece, k)
         for piece in pieces_of(layout)
         for k in piece.slabs
     ]

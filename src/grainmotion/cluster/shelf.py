@@ -1,12 +1,14 @@
 """Shelf: large arrays on storage that all workers see, so that they load them and nobody sends them.
 
-What is shelved is a pickle whose large arrays are files of their own.  A worker that takes it reads those; one
+What is shelved is a pickle whose large arrays are files of their own; those laid end to end are one, and are so again
+when they are taken.  A worker that takes it reads those; one
 that takes over from another that died reads them again.
 """
 
 from __future__ import annotations
 
 import io
+import math
 import pickle
 import shutil
 import tempfile
@@ -122,19 +124,29 @@ class _Putting(pickle.Pickler):
         super().__init__(file, protocol=pickle.HIGHEST_PROTOCOL)
         self._shelf = shelf
 
-    def persistent_id(self, obj: Any) -> str | None:
-        large = type(obj) is np.ndarray and obj.nbytes >= LARGE and not obj.dtype.hasobject
-        return self._shelf.name_of(obj) if large else None
+    def persistent_id(self, obj: Any) -> tuple[str, int, tuple[int, ...]] | None:
+        if type(obj) is not np.ndarray or obj.dtype.hasobject:
+            return None
+        whole, first = obj, 0
+        if type(obj.base) is np.ndarray and obj.base.ndim == 1 and obj.flags.c_contiguous:  # one of many, end to end
+            whole = obj.base
+            first = (obj.ctypes.data - whole.ctypes.data) // obj.itemsize
+        return (self._shelf.name_of(whole), first, obj.shape) if whole.nbytes >= LARGE else None
 
 
 class _Taking(pickle.Unpickler):
     def __init__(self, file: io.BytesIO, folder: Path) -> None:
         super().__init__(file)
-        self._folder = folder
+        self._folder, self._read = folder, dict[str, NDArray[Any]]()
 
-    def persistent_load(self, pid: str) -> NDArray[Any]:
-        array: NDArray[Any] = np.load(self._folder / pid)
-        return array
+    def persistent_load(self, pid: tuple[str, int, tuple[int, ...]]) -> NDArray[Any]:
+        name, first, shape = pid
+        if name not in self._read:
+            self._read[name] = np.load(self._folder / name)
+        whole = self._read[name]
+        if whole.shape == shape:
+            return whole
+        return whole[first : first + math.prod(shape)].reshape(shape)
 
 
 def _name(count: int) -> str:

@@ -59,7 +59,7 @@ def handed(rows: Seen) -> Seen:
 
 def rough_of(scan: Scan, picks: Views, rows: Rows) -> Scan:
     """Some rows of coarse pixels of some of the views."""
-    return binned(scan.rows(COARSER * rows[0], COARSER * rows[1]), COARSER, picks)
+    return binned(scan, COARSER, picks, rows)
 
 
 def rough_piece(layout: Layout, parts: list[Scan], order: Views, piece: Piece) -> Image:

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING
 from grainmotion.cluster.shelf import Shelf, Shelved
 from grainmotion.cluster.threads import own_threads
 from grainmotion.cluster.work import Work
+from grainmotion.device import CPU
 from grainmotion.experiment.scans import ScanInput
 from grainmotion.experiment.states import track_state
-from grainmotion.grains import GrainSet, lay_together
+from grainmotion.grains import GrainSet
 from grainmotion.motions import Motions
 from grainmotion.track import TrackSettings
 
@@ -47,18 +48,25 @@ class State:
 def track_scattered(
     work: Work, shelf: Shelf, grains: GrainSet, states: Sequence[State], settings: TrackSettings
 ) -> Iterator[tuple[str, Motions]]:
-    """Names of the states and their motions, whichever is there first."""
-    shelved, tasks = shelf.put(grains), dict[str, "Delayed"]()
-    for state in states:
-        before = [tasks[state.start]] if isinstance(state.start, str) else []
-        told = shelf.put((state.source, state.initial, None if before else state.start, settings))
-        tasks[state.name] = work.task(_track, *before, grains=shelved, told=told)
-    yield from work.as_done(tasks)
+    """Names of the states and their motions, whichever is there first; no more at once than there are workers."""
+    shelved, waiting, found = shelf.put(grains), list(states), dict[str, Motions]()
+
+    def more() -> tuple[str, Delayed] | None:
+        for state in waiting:
+            start = found.get(state.start) if isinstance(state.start, str) else state.start
+            if isinstance(state.start, str) and start is None:
+                continue
+            waiting.remove(state)
+            told = shelf.put((state.source, state.initial, start, settings))
+            return state.name, work.task(_track, grains=shelved, told=told)
+        return None
+
+    for name, motions in work.as_done(more):
+        found[name] = motions
+        yield name, motions
 
 
-def _track(*before: Motions, grains: Shelved, told: Shelved) -> Motions:
-    source, initial, start, settings = told.take()
-    laid = list(grains.take().grains)
-    lay_together(laid)
-    with own_threads():
-        return track_state(source, initial, GrainSet(tuple(laid)), before[0] if before else start, settings)
+def _track(grains: Shelved, told: Shelved) -> Motions:
+    with own_threads():  # one state at a time, so that the grains are here once
+        source, initial, start, settings = told.take()
+        return track_state(source, initial, grains.take(), start, settings, device=CPU)

@@ -16,11 +16,12 @@ _TURN = threading.Lock()  # numba's own threads are one pool, which two tasks mu
 
 
 def settle(count: int) -> None:
-    """Start kernels with so many threads in this process, unless they have started: all are waited for, idle or not.
+    """Start kernels with no more threads than these in this process, unless they have started: idle ones cost, too.
 
-    Numba asks the environment whenever it compiles, and fails if that says another number than has started.
+    Numba asks the environment whenever it compiles, and fails if that says another number than has started; nor can
+    there be more than it found when it was imported.
     """
-    os.environ["NUMBA_NUM_THREADS"] = str(count)
+    os.environ["NUMBA_NUM_THREADS"] = str(min(count, numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
     try:
         config.reload_config()
     except RuntimeError:

@@ -41,7 +41,8 @@ class Work:
 
     def spots(self, count: int) -> list[str]:
         """Addresses of workers for so many tasks: neighbours on one worker, and all workers alike."""
-        workers = sorted(self.client.scheduler_info(n_workers=-1)["workers"])
+        while not (workers := sorted(self.client.scheduler_info(n_workers=-1)["workers"])):
+            self.client.wait_for_workers(1)  # a queue may be about to send some
         return [workers[k * len(workers) // count] for k in range(count)]
 
     def persist(self, tasks: Sequence[Delayed]) -> list[Delayed]:
@@ -62,16 +63,25 @@ class Work:
         with _deaths_told():
             return list(self.client.gather([next(more) if future is None else future for future in held]))
 
-    def as_done(self, tasks: dict[str, Delayed]) -> Iterator[tuple[str, Any]]:
-        """Have tasks done; their names and results, whichever is there first.  Raises as `results` does."""
+    def as_done(self, more: Callable[[], tuple[str, Delayed] | None]) -> Iterator[tuple[str, Any]]:
+        """Have tasks done, as many at once as there are workers; their names and results, whichever is there first.
+
+        ``more()`` is asked for the next one after each; None is none for now.  Raises as `results` does.
+        """
         from distributed import as_completed
 
-        futures = self.client.compute(list(tasks.values()), optimize_graph=False)
-        names = {future.key: name for future, name in zip(futures, tasks, strict=True)}
-        for future in as_completed(futures):
+        done, names = as_completed(loop=self.client.loop), dict[str, str]()
+        while True:
+            while len(names) < self.hands and (asked := more()) is not None:
+                future = self.client.compute(asked[1], optimize_graph=False)
+                names[future.key] = asked[0]
+                done.add(future)
+            if not names:
+                return
+            future = next(done)
             with _deaths_told():
                 found = future.result()
-            yield names[future.key], found
+            yield names.pop(future.key), found
 
 
 @contextmanager

@@ -70,14 +70,14 @@ def started(scan: Scan, grid: Volume, settings: ReconstructSettings) -> Held | H
     """An image from the grid's own values if it has any, or from a coarse start."""
     iterate = held(scan, grid, settings)
     if not grid.array.any() and has_coarse_start(grid.shape, scan.geometry.shape):
-        iterate.start_from(_starts(binned(scan, COARSER), Layout.of(grid, scan.geometry, settings)))
+        iterate.start_from(_starts(scan, Layout.of(grid, scan.geometry, settings)))
     return iterate
 
 
-def _starts(rough: Scan, layout: Layout) -> Iterator[Image]:
+def _starts(scan: Scan, layout: Layout) -> Iterator[Image]:
     """Of each slab in turn the values of its planes."""
     for piece in pieces_of(layout):
-        array = coarse_start(rough.rows(*piece.rows), layout, piece)
+        array = coarse_start(binned(scan, COARSER, rows=piece.rows), layout, piece)
         yield from (finer_slab(array, layout, piece, number) for number in piece.slabs)
 
 

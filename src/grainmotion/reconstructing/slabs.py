@@ -28,7 +28,7 @@ from grainmotion.reconstructing.settings import ReconstructSettings
 from grainmotion.volume import Volume
 
 THICKNESS = 160
-"""Planes of a slab, within a factor √2: thinner ones see many rows of pixels in common."""
+"""Planes of a slab, within a factor √2 (but see `LARGE`): thinner ones see many rows of pixels in common."""
 LARGE = 1 << 22
 """Voxels from which a grid is cut in two at least: smaller ones are done sooner than they are shared out."""
 MARGIN = 0.55
