@@ -32,7 +32,7 @@ from grainmotion.project import (
     simulate_radiographs,
 )
 from grainmotion.reconstruct import ReconstructSettings, reconstruct
-from grainmotion.reconstructing import accelerated
+from grainmotion.reconstructing import accelerated, coarser
 from grainmotion.scan import Scan
 from grainmotion.track import TrackSettings, track
 from grainmotion.tracking.coupling import PatchNormal, normal_matrix, spread
@@ -183,8 +183,8 @@ def reconstructed(device: Device, method: str) -> dict:
     settings = ReconstructSettings(method="sart", sweeps=2, tolerance=0.0, device=device.name)
     if method == "accelerated":
         settings = ReconstructSettings(method="accelerated", device=device.name)
-    few = {"PHASES": ((3, 1, 1.5, 0.7), (1, 2, 1.0, 0.5)), "FEWEST": 2, "SMALLEST": 4}
-    with patch.multiple(accelerated, **few):
+    few = {"PHASES": ((3, 1, 1.5, 0.7), (1, 2, 1.0, 0.5)), "FEWEST": 2}
+    with patch.multiple(accelerated, **few), patch.object(coarser, "SMALLEST", 4):
         found = reconstruct(seen, Volume.zeros(truth.shape, VOXEL), settings)
     return {"volume": found.volume.array, "residuals": np.array(found.residuals)}
 
