@@ -51,7 +51,9 @@ format: $(STAMP) ## format the code
 	$(BIN)/ruff check --fix .
 
 bench: $(STAMP)  ## run the benchmarks against their peers
-	for script in $(filter-out benchmarks/gpu.py,$(wildcard benchmarks/*.py)); do $(BIN)/python $$script || exit 1; done
+	failed=; for script in $(filter-out benchmarks/gpu.py,$(wildcard benchmarks/*.py)); do \
+		$(BIN)/python $$script || failed="$$failed $$script"; done; \
+		test -z "$$failed" || { echo "bar missed or failed:$$failed"; exit 1; }
 
 bench-gpu: $(STAMP) ## benchmark an NVIDIA card against the processor (needs the card)
 	$(BIN)/python -m pip install --quiet -e '.[gpu]'
