@@ -334,7 +334,7 @@ def table(
         "",
         *paper(),
         "",
-        f"{machine()}.  Made by `python benchmarks/cluster.py`.",
+        f"{machine()}.  Made by `python benchmarks/cluster.py --repeat {len(loads) // 3}`.",
         "",
     ]  # fmt: skip
     return "\n".join(lines), passed

@@ -43,13 +43,30 @@ def test_another_array_at_the_same_place_is_another(tmp_path):
         del array
 
 
-def test_kept_for_its_owner(tmp_path):
-    class Owner:
-        pass
+def test_arrays_end_to_end_are_one_file(tmp_path):
+    shelf, laid = Shelf(tmp_path), np.arange(2 * LARGE)
+    parts = [laid[:LARGE].reshape(-1, 8), laid[LARGE:]]
+    taken = shelf.put(parts).take()
+    for one, other in zip(taken, parts, strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert len(files(shelf)) == 1
+    assert taken[0].base is taken[1].base
 
-    shelf, owner = Shelf(tmp_path), Owner()
-    np.testing.assert_array_equal(shelf.keep(BIG.copy(), owner).take(), BIG)
-    del owner
+
+def test_a_view_as_another_type_stays_one(tmp_path):
+    laid = np.arange(2.0 * LARGE)
+    view = laid.view(np.uint32)[LARGE:]
+    taken = Shelf(tmp_path).put(view).take()
+    assert taken.dtype == np.uint32
+    np.testing.assert_array_equal(taken, view)
+
+
+def test_kept_for_its_owner(tmp_path):
+    shelf = Shelf(tmp_path)
+    kept = shelf.kept_images(BIG[None])
+    assert len(files(shelf)) == 1
+    np.testing.assert_array_equal(kept.rows(0, len(BIG))[0], BIG)
+    del kept
     gc.collect()
     assert files(shelf) == []
 

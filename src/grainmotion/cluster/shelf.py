@@ -1,8 +1,7 @@
 """Shelf: large arrays on storage that all workers see, so that they load them and nobody sends them.
 
 What is shelved is a pickle whose large arrays are files of their own; those laid end to end are one, and are so again
-when they are taken.  A worker that takes it reads those; one
-that takes over from another that died reads them again.
+when they are taken.  A worker that takes it reads those; one that takes over from another that died reads them again.
 """
 
 from __future__ import annotations
@@ -72,13 +71,6 @@ class Shelf:
         _Putting(buffer, self).dump(thing)
         return Shelved(self.folder, buffer.getvalue())
 
-    def keep(self, thing: object, owner: object) -> Shelved:
-        """Put something here for as long as its owner lives; nothing else may share its arrays."""
-        before = self._count
-        shelved = self.put(thing)
-        weakref.finalize(owner, _remove, [self.folder / _name(k) for k in range(before, self._count)])
-        return shelved
-
     @contextmanager
     def lent(self, images: tuple[NDArray[Any], ...]) -> Iterator[list[ShelvedImages]]:
         """Stacks of radiographs, here for a moment."""
@@ -97,7 +89,7 @@ class Shelf:
 
     def write(self, array: NDArray[Any]) -> str:
         """Write an array; the name of its file."""
-        name = _name(self._count)
+        name = f"{self._count}.npy"
         self._count += 1
         np.save(self.folder / name, array)
         return name
@@ -127,9 +119,10 @@ class _Putting(pickle.Pickler):
     def persistent_id(self, obj: Any) -> tuple[str, int, tuple[int, ...]] | None:
         if type(obj) is not np.ndarray or obj.dtype.hasobject:
             return None
-        whole, first = obj, 0
-        if type(obj.base) is np.ndarray and obj.base.ndim == 1 and obj.flags.c_contiguous:  # one of many, end to end
-            whole = obj.base
+        whole, first, base = obj, 0, obj.base
+        flat = type(base) is np.ndarray and base.ndim == 1 and base.dtype == obj.dtype
+        if base is not None and flat and obj.flags.c_contiguous:  # one of many, end to end
+            whole = base
             first = (obj.ctypes.data - whole.ctypes.data) // obj.itemsize
         return (self._shelf.name_of(whole), first, obj.shape) if whole.nbytes >= LARGE else None
 
@@ -147,10 +140,6 @@ class _Taking(pickle.Unpickler):
         if whole.shape == shape:
             return whole
         return whole[first : first + math.prod(shape)].reshape(shape)
-
-
-def _name(count: int) -> str:
-    return f"{count}.npy"
 
 
 def _remove(paths: list[Path]) -> None:

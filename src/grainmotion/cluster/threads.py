@@ -21,11 +21,11 @@ def settle(count: int) -> None:
     Numba asks the environment whenever it compiles, and fails if that says another number than has started; nor can
     there be more than it found when it was imported.
     """
-    os.environ["NUMBA_NUM_THREADS"] = str(min(count, numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
+    os.environ["NUMBA_NUM_THREADS"] = str(min(count, _most()))
     try:
         config.reload_config()
     except RuntimeError:
-        os.environ["NUMBA_NUM_THREADS"] = str(numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]
+        os.environ["NUMBA_NUM_THREADS"] = str(_most())
 
 
 @contextmanager
@@ -33,19 +33,24 @@ def own_threads() -> Iterator[None]:
     """Let kernels use the threads that this worker was given, one task at a time."""
     from distributed import get_worker
 
-    most: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
     try:
         count = get_worker().state.nthreads
     except ValueError:  # no worker: a test, or a debugger
-        count = most
+        count = _most()
     with _TURN:
         before = numba.get_num_threads()
-        numba.set_num_threads(max(1, min(count, most)))
+        numba.set_num_threads(max(1, min(count, _most())))
         try:
             with _libraries().limit(limits=1, user_api="blas"):  # as `track` does: sums depend on it
                 yield
         finally:
             numba.set_num_threads(before)
+
+
+def _most() -> int:
+    """Threads that kernels can have in this process."""
+    most: int = vars(config)["NUMBA_NUM_THREADS"]
+    return most
 
 
 @cache

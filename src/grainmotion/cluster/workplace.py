@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -114,12 +115,11 @@ def at_work(place: Workplace, folder: Path) -> Iterator[Cluster | None]:
     if place.scheduler is None and place.workers is None:
         yield None
         return
-    try:
-        import dask
-        import distributed  # noqa: F401
-    except ImportError:
+    if find_spec("distributed") is None:
         where = "--workers" if place.scheduler is None else "--scheduler"
-        raise InputError(where, "Dask is not installed", "pip install 'grainmotion[cluster]'") from None
+        raise InputError(where, "Dask is not installed", "pip install 'grainmotion[cluster]'")
+    import dask
+
     with ExitStack() as stack:
         # ten thousand grains' poses and outlines travel with their tasks, which Dask would warn of
         stack.enter_context(dask.config.set({"distributed.admin.large-graph-warning-threshold": "1GB"}))
