@@ -21,6 +21,7 @@ import math
 import numba as nb
 import numpy as np
 
+from grainmotion.kernels.compilation import CACHE
 from grainmotion.kernels.walks import (
     between,
     exact_path,
@@ -31,7 +32,7 @@ from grainmotion.kernels.walks import (
     smooth_value,
 )
 
-_inlined = nb.njit(cache=True, error_model="numpy", forceinline=True)  # calls would cost a tenth of the whole
+_inlined = nb.njit(cache=CACHE, error_model="numpy", forceinline=True)  # calls would cost a tenth of the whole
 
 
 @_inlined
@@ -80,7 +81,7 @@ def slopes_at(image, shape, corner, o, d, low, high, m, voxel, exact):
     return length * total, shift, turn
 
 
-@nb.njit(parallel=True, cache=True, error_model="numpy")
+@nb.njit(parallel=True, cache=CACHE, error_model="numpy")
 def project(images, starts, shapes, corners, extents, voxel, positions, matrices, views, cone, panel, boxes, offsets,
             jobs, exact, values):  # fmt: skip
     """Line integrals of every patch."""
@@ -105,7 +106,7 @@ def project(images, starts, shapes, corners, extents, voxel, positions, matrices
             values[at + c] = value_at(image, shapes[g], o, d, low, high, voxel, exact)
 
 
-@nb.njit(parallel=True, cache=True, error_model="numpy")
+@nb.njit(parallel=True, cache=CACHE, error_model="numpy")
 def project_with_derivatives(images, starts, shapes, corners, extents, voxel, positions, matrices, views, cone, panel,
                              boxes, offsets, jobs, exact, values, derivatives):  # fmt: skip
     """Line integrals and their derivatives ``(6, pixels)`` by u (mm) and δ (radians)."""
@@ -136,7 +137,7 @@ def project_with_derivatives(images, starts, shapes, corners, extents, voxel, po
             derivatives[3, at + c], derivatives[4, at + c], derivatives[5, at + c] = turn
 
 
-@nb.njit(cache=True, error_model="numpy")
+@nb.njit(cache=CACHE, error_model="numpy")
 def add_patches(values, boxes, offsets, out):
     """Add patches to the radiographs ``out (views, rows, columns)``."""
     for p in range(len(boxes)):

@@ -9,6 +9,8 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
+from grainmotion.kernels.compilation import CACHE
+
 _ANGLES = np.arange(8) * np.pi / 8
 DIRECTIONS = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
 """Unit vectors (row, column), the first along rows, the fifth along columns."""
@@ -17,7 +19,7 @@ BEHIND = 1e-12
 """Depth over the source's distance below which a point is not in front of the source."""
 
 
-@nb.njit(parallel=True, cache=True, error_model="numpy")
+@nb.njit(parallel=True, cache=CACHE, error_model="numpy")
 def extents(hulls, positions, matrices, inverses, origins, cone, panel, directions, out):
     """Least and largest a·row + b·column of each grain's hull, ``out (n, views, directions, 2)``.
 
@@ -52,7 +54,7 @@ def extents(hulls, positions, matrices, inverses, origins, cone, panel, directio
                     out[g, i, d, 1] = max(out[g, i, d, 1], along)
 
 
-@nb.njit(cache=True, error_model="numpy")
+@nb.njit(cache=CACHE, error_model="numpy")
 def lines(found, boxes, directions, slack, out):
     """Shaded pixels of each patch's rows, as jobs (patch, row, first column, end column); returns how many.
 

@@ -19,10 +19,12 @@ import math
 import numba as nb
 import numpy as np
 
-_jit = nb.njit(fastmath=True, inline="never", cache=True, error_model="numpy")
+from grainmotion.kernels.compilation import CACHE
+
+_jit = nb.njit(fastmath=True, inline="never", cache=CACHE, error_model="numpy")
 
 
-@nb.njit(cache=True, error_model="numpy")
+@nb.njit(cache=CACHE, error_model="numpy")
 def clip_range(o, d, n, low, high):
     """Narrow the interval [low, high] of s to where  edge <= o + s d <= n − 1 − edge."""
     edge = 1e-3
@@ -37,7 +39,7 @@ def clip_range(o, d, n, low, high):
     return max(low, s0), min(high, s1)
 
 
-@nb.njit(cache=True, error_model="numpy")
+@nb.njit(cache=CACHE, error_model="numpy")
 def enter(ox, oy, oz, dx, dy, dz, nx, ny, nz, exact):
     """The walk of a ray through an image of nx × ny × nz voxels, in the order its path functions take it.
 
@@ -66,7 +68,7 @@ def enter(ox, oy, oz, dx, dy, dz, nx, ny, nz, exact):
     return axis, first, count, oa, ob, oc, da, db, dc, sa, sb, sc
 
 
-@nb.njit(cache=True, error_model="numpy")
+@nb.njit(cache=CACHE, error_model="numpy")
 def pixel_ray(view, cone, row, column):
     """A point on the ray through a pixel (counted from the panel's centre) and its unit direction, mm."""
     px = view[3] + column * view[6] + row * view[9]
@@ -131,7 +133,7 @@ def exact_value(image, first, count, oa, ob, oc, da, db, dc, sa, sb, sc):
     return total / abs(da)
 
 
-@nb.njit(cache=True, error_model="numpy", forceinline=True)
+@nb.njit(cache=CACHE, error_model="numpy", forceinline=True)
 def line_integral(image, shape, o, d, exact):
     """I of the ray o + s d through an image of ``shape`` (z, y, x)."""
     _, first, count, oa, ob, oc, da, db, dc, sa, sb, sc = enter(

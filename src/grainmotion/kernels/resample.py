@@ -11,12 +11,14 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from grainmotion.kernels.compilation import CACHE
+
 Image = NDArray[np.float32]
 Floats = NDArray[np.float64]
 Counts = NDArray[np.int64]
 
 
-@nb.njit(cache=True, error_model="numpy")
+@nb.njit(cache=CACHE, error_model="numpy")
 def sample(source: Image, x: float, y: float, z: float) -> float:
     """Trilinear value of ``source (nz, ny, nx)`` at (x, y, z) in voxels, zero outside."""
     nz, ny, nx = source.shape
@@ -40,7 +42,7 @@ def sample(source: Image, x: float, y: float, z: float) -> float:
     return total
 
 
-@nb.njit(parallel=True, cache=True, error_model="numpy")
+@nb.njit(parallel=True, cache=CACHE, error_model="numpy")
 def add_moved(source: Image, matrix: Floats, offset: Floats, low: Counts, high: Counts, total: Image) -> None:
     """Add ``source`` sampled at A (x, y, z) + b to the voxels low … high − 1 (x y z) of ``total``."""
     for z in nb.prange(low[2], high[2]):
@@ -52,7 +54,7 @@ def add_moved(source: Image, matrix: Floats, offset: Floats, low: Counts, high: 
                 total[z, y, x] += sample(source, qx, qy, qz)
 
 
-@nb.njit(parallel=True, cache=True, error_model="numpy")
+@nb.njit(parallel=True, cache=CACHE, error_model="numpy")
 def add_moved_label(
     source: Image,
     matrix: Floats,

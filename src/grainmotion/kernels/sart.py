@@ -7,10 +7,11 @@ import math
 import numba as nb
 import numpy as np
 
+from grainmotion.kernels.compilation import CACHE
 from grainmotion.kernels.rays import clip_range, pixel_ray
 
 
-@nb.njit(cache=True, error_model="numpy")
+@nb.njit(cache=CACHE, error_model="numpy")
 def chord(ox, oy, oz, dx, dy, dz, nx, ny, nz, radius):
     """Length in s of a ray inside the image, and inside its upright cylinder of ``radius`` voxels if > 0."""
     low, high = clip_range(ox, dx, nx, -np.inf, np.inf)
@@ -27,7 +28,7 @@ def chord(ox, oy, oz, dx, dy, dz, nx, ny, nz, radius):
     return max(0.0, high - low)
 
 
-@nb.njit(parallel=True, cache=True, error_model="numpy")
+@nb.njit(parallel=True, cache=CACHE, error_model="numpy")
 def compare(images, measured, valid, origin, voxel, size, radius, views, cone, first, height, squares):
     """(b − A x)/(A 1) in place of A x in ``images (views, rows, columns)``, rows ``first …`` of panels of ``height``.
 
@@ -56,7 +57,7 @@ def compare(images, measured, valid, origin, voxel, size, radius, views, cone, f
         squares[job, 1] = norm
 
 
-@nb.njit(cache=True, error_model="numpy")
+@nb.njit(cache=CACHE, error_model="numpy")
 def _inside(x, y, nx, ny, padding, radius):
     """Whether a line of voxels along z lies within the padding and the upright cylinder (if ``radius`` > 0)."""
     if min(x, y) < padding or max(x - nx, y - ny) >= -padding:
@@ -65,7 +66,7 @@ def _inside(x, y, nx, ny, padding, radius):
     return radius == 0 or dx * dx + dy * dy <= radius * radius
 
 
-@nb.njit(parallel=True, cache=True, error_model="numpy")
+@nb.njit(parallel=True, cache=CACHE, error_model="numpy")
 def constrain(image, padding, radius, lowest):
     """Zero the padding and what lies beyond the cylinder of ``image [y, x, z]``; raise the rest to ``lowest``."""
     ny, nx, nz = image.shape
@@ -81,7 +82,7 @@ def constrain(image, padding, radius, lowest):
                 line[z] = max(line[z], lowest)
 
 
-@nb.njit(parallel=True, cache=True, error_model="numpy")
+@nb.njit(parallel=True, cache=CACHE, error_model="numpy")
 def constrain_and_extrapolate(image, before, padding, radius, lowest, momentum):
     """`constrain` an image x, then go on: x + momentum · (x − before), with x left in ``before``."""
     ny, nx, nz = image.shape

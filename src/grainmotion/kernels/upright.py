@@ -19,12 +19,14 @@ import math
 import numba as nb
 import numpy as np
 
+from grainmotion.kernels.compilation import CACHE
+
 CHUNKS = 8  # slices of the dominant axis that the adjoint hands to threads
 BLOCK = 16  # columns that a thread takes in turn, in the same memory
 TILE = 512  # rows that the forward projection takes at once: their blended lines stay in the second cache
 
 
-@nb.njit(cache=True, error_model="numpy")
+@nb.njit(cache=CACHE, error_model="numpy")
 def _column_ray(view, cone, column, rows, origin, h):
     """Where a column's rays start and their directions to its first row, voxels; z of the next row's adds v_z."""
     row = -(rows - 1) / 2
@@ -37,7 +39,7 @@ def _column_ray(view, cone, column, rows, origin, h):
     return px, py, pz, view[0], view[1], view[2]
 
 
-@nb.njit(cache=True, error_model="numpy")
+@nb.njit(cache=CACHE, error_model="numpy")
 def _planes(sa, sb, slope, na, n_b, radius):
     """The planes first … end − 1 of a on which the column lies inside the image, and inside its cylinder."""
     low, high, edge = 1.0, na - 2.0, 1e-3
@@ -58,19 +60,19 @@ def _planes(sa, sb, slope, na, n_b, radius):
     return first, max(first, math.floor(high) + 1)
 
 
-@nb.njit(cache=True, error_model="numpy")
+@nb.njit(cache=CACHE, error_model="numpy")
 def _length(voxel, slope, dz, da):
     """Length of a ray between two planes, mm."""
     return voxel * math.sqrt(1.0 + slope * slope + (dz / da) ** 2)
 
 
-@nb.njit(cache=True, fastmath=True, error_model="numpy")
+@nb.njit(cache=CACHE, fastmath=True, error_model="numpy")
 def _blend(line, near, far, weight):
     for z in range(len(line)):
         line[z] = near[z] + weight * (far[z] - near[z])
 
 
-@nb.njit(cache=True, fastmath=True, error_model="numpy")
+@nb.njit(cache=CACHE, fastmath=True, error_model="numpy")
 def _spread_line(line, near, far, weight):
     """The adjoint of `_blend`."""
     for z in range(len(line)):
@@ -79,7 +81,7 @@ def _spread_line(line, near, far, weight):
         far[z] += part
 
 
-@nb.njit(cache=True, fastmath=True, error_model="numpy")
+@nb.njit(cache=CACHE, fastmath=True, error_model="numpy")
 def _walk(lines, width, starts, steps, row):
     """Sum over planes k of lines k at height starts[k] + row · steps[k]."""
     f = lines.dtype.type
@@ -94,7 +96,7 @@ def _walk(lines, width, starts, steps, row):
     return total
 
 
-@nb.njit(cache=True, error_model="numpy")
+@nb.njit(cache=CACHE, error_model="numpy")
 def _scatter(lines, width, starts, steps, row, value):
     """The adjoint of `_walk`."""
     f = lines.dtype.type
@@ -108,7 +110,7 @@ def _scatter(lines, width, starts, steps, row, value):
         lines[at + np.uint32(1)] += above
 
 
-@nb.njit(parallel=True, cache=True, error_model="numpy")
+@nb.njit(parallel=True, cache=CACHE, error_model="numpy")
 def forward(image, origin, voxel, views, cone, radius, out):
     """Line integrals ``out (views, rows, columns)`` of ``image``."""
     ny, nx, nz = image.shape
@@ -158,7 +160,7 @@ def forward(image, origin, voxel, views, cone, radius, out):
                     out[i, r, c] = total * f(_length(voxel, slope, dz + r * vz if cone else dz, da))
 
 
-@nb.njit(parallel=True, cache=True, error_model="numpy")
+@nb.njit(parallel=True, cache=CACHE, error_model="numpy")
 def adjoint(images, origin, voxel, views, cone, radius, out):
     """Add the exact adjoint of `forward` applied to ``images`` to ``out (ny, nx, nz)``."""
     ny, nx, nz = out.shape

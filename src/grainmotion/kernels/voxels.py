@@ -10,12 +10,13 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
+from grainmotion.kernels.compilation import CACHE
 from grainmotion.kernels.rays import enter, line_integral, pixel_ray
 
 CHUNKS = 4  # slices of the dominant axis that the adjoint hands to threads
 
 
-@nb.njit(parallel=True, cache=True, error_model="numpy")
+@nb.njit(parallel=True, cache=CACHE, error_model="numpy")
 def forward(image, origin, voxel, views, cone, exact, out):
     """Line integrals ``out (views, rows, columns)`` of ``image``."""
     flat = image.ravel()
@@ -29,13 +30,13 @@ def forward(image, origin, voxel, views, cone, exact, out):
             out[i, r, c] = line_integral(flat, image.shape, (ox, oy, oz), (dx * h, dy * h, dz * h), exact)
 
 
-@nb.njit(cache=True, error_model="numpy", forceinline=True)
+@nb.njit(cache=CACHE, error_model="numpy", forceinline=True)
 def add_to(image, index, value):
     """Add to a voxel; on a card, where threads share voxels, another function has this name."""
     image[index] += value
 
 
-@nb.njit(cache=True, error_model="numpy")
+@nb.njit(cache=CACHE, error_model="numpy")
 def scatter_smooth(image, value, first, count, oa, ob, oc, da, db, dc, sa, sb, sc):
     """The transpose of `rays.smooth_value`: spread a ray's value over the voxels that it samples."""
     f = image.dtype.type
@@ -59,7 +60,7 @@ def scatter_smooth(image, value, first, count, oa, ob, oc, da, db, dc, sa, sb, s
         add_to(image, base + sb + sc, far_b)
 
 
-@nb.njit(cache=True, error_model="numpy")
+@nb.njit(cache=CACHE, error_model="numpy")
 def scatter_exact(image, value, first, count, oa, ob, oc, da, db, dc, sa, sb, sc):
     """The transpose of `rays.exact_value`."""
     f = image.dtype.type
@@ -85,7 +86,7 @@ def scatter_exact(image, value, first, count, oa, ob, oc, da, db, dc, sa, sb, sc
         add_to(image, base + np.uint32(xb) * sb + np.uint32(xc) * sc, weight * (f(1) - t1))
 
 
-@nb.njit(parallel=True, cache=True, error_model="numpy")
+@nb.njit(parallel=True, cache=CACHE, error_model="numpy")
 def adjoint(images, origin, voxel, views, cone, exact, out):
     """Add the exact adjoint of `forward` applied to ``images`` to ``out (nz, ny, nx)``."""
     nz, ny, nx = out.shape

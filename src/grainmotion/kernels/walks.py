@@ -21,9 +21,11 @@ import math
 import numba as nb
 import numpy as np
 
-_jit = nb.njit(fastmath=True, inline="never", cache=True, error_model="numpy")
-_plain = nb.njit(cache=True, error_model="numpy")
-_inlined = nb.njit(fastmath=True, cache=True, error_model="numpy", forceinline=True)
+from grainmotion.kernels.compilation import CACHE
+
+_jit = nb.njit(fastmath=True, inline="never", cache=CACHE, error_model="numpy")
+_plain = nb.njit(cache=CACHE, error_model="numpy")
+_inlined = nb.njit(fastmath=True, cache=CACHE, error_model="numpy", forceinline=True)
 
 DIRECTIONS = np.array(
     [
@@ -86,7 +88,7 @@ def _turned_back(m, x, y, z, h):
     )
 
 
-@nb.njit(fastmath=True, cache=True, error_model="numpy")
+@nb.njit(fastmath=True, cache=CACHE, error_model="numpy")
 def between(extents, o0, o1, d0, d1, start, span):
     """Where the rays of a row lie between all pairs of planes: ``span (2, columns)`` gets the interval of t.
 

@@ -20,8 +20,10 @@ import math
 import numba
 import numpy as np
 
+from grainmotion.kernels.compilation import CACHE
 
-@numba.njit(cache=True)
+
+@numba.njit(cache=CACHE)
 def _crossing(xa, ya, xb, yb, row):
     """Where an edge crosses a row, from its lower to its upper end: the same to the last bit either way."""
     if ya > yb:
@@ -29,7 +31,7 @@ def _crossing(xa, ya, xb, yb, row):
     return xa + (row - ya) * (xb - xa) / (yb - ya)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=CACHE)
 def _add_triangle(image, q, seen, a, b, c, weight, cone, per_pixel):
     """Add ± weight · λ of one triangle to ``image`` (rows·k, columns·k), where k = ``per_pixel``.
 
@@ -71,7 +73,7 @@ def _add_triangle(image, q, seen, a, b, c, weight, cone, per_pixel):
             image[row, column] += signed * min(max(depth, low), high)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=CACHE)
 def _interval(o, d, radius, z0, z1):
     """λ range of the ray o + λ d inside an upright cylinder on the origin, cut at z0 and z1."""
     a = d[0] * d[0] + d[1] * d[1]
@@ -89,7 +91,7 @@ def _interval(o, d, radius, z0, z1):
     return enter, max(enter, leave)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=CACHE)
 def _ray(view, cone, x, y, o, d):
     """Origin and direction of the ray through panel position (column x, row y) counted from its centre."""
     for i in range(3):
@@ -98,7 +100,7 @@ def _ray(view, cone, x, y, o, d):
         d[i] = point - view[i] if cone else view[i]
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=CACHE)
 def _add_ellipsoid(image, view, cone, per_pixel, box, center, whitening, weight):
     """Add weight × chord (in λ) of an ellipsoid in ``box``: first and last row, first and last column."""
     rows, columns = image.shape[0] // per_pixel, image.shape[1] // per_pixel
@@ -119,7 +121,7 @@ def _add_ellipsoid(image, view, cone, per_pixel, box, center, whitening, weight)
                 image[row, column] += weight * 2.0 * math.sqrt(disc) / a
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=CACHE)
 def _in_frame(o, d, frame, p, e):
     """Origin and direction (p, e) of a ray (o, d) in a frame: its origin (3), then its axes as rows (3 × 3)."""
     for i in range(3):
@@ -129,7 +131,7 @@ def _in_frame(o, d, frame, p, e):
             e[i] += frame[3 + 3 * i + j] * d[j]
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=CACHE)
 def _finish(image, view, cone, per_pixel, tube, attenuation, by_intensity, weights, ratios, out):
     """λ → mm, add the tube, and average each pixel's samples into its transmission."""
     rows, columns = out.shape
@@ -163,7 +165,7 @@ def _finish(image, view, cone, per_pixel, tube, attenuation, by_intensity, weigh
                     out[row, column] += weights[k] * math.exp(-ratios[k] * mean)
 
 
-@numba.njit(cache=True, parallel=True)
+@numba.njit(cache=CACHE, parallel=True)
 def transmission(
     views, cone, vertices, faces, face_weights, centers, whitenings, weights, boxes, inverses, origins,
     signs, tube, tube_attenuation, per_pixel, by_intensity, spectrum, ratios, out,

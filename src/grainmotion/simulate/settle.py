@@ -13,13 +13,14 @@ import math
 import numba
 import numpy as np
 
+from grainmotion.kernels.compilation import CACHE
 from grainmotion.simulate.walk import cell, distance
 
 REMEMBERED = 8  # probes that blocked the last moves
 
 
 # ---------------------------------------------------------------------- overlap
-@numba.njit(cache=True)
+@numba.njit(cache=CACHE)
 def turn_matrix(w):
     """Rotation matrix of a rotation vector (Rodrigues)."""
     angle = math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
@@ -34,7 +35,7 @@ def turn_matrix(w):
     return out
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=CACHE)
 def _times(a, b):
     out = np.zeros((3, 3))
     for i in range(3):
@@ -44,7 +45,7 @@ def _times(a, b):
     return out
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=CACHE)
 def _carried(t, x, p):
     """The point t p + x."""
     return (
@@ -54,7 +55,7 @@ def _carried(t, x, p):
     )
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=CACHE)
 def _relative(xi, ti, xj, tj):
     """The pose of frame i in frame j."""
     s, m = np.zeros(3), np.zeros((3, 3))
@@ -66,12 +67,12 @@ def _relative(xi, ti, xj, tj):
     return s, m
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=CACHE)
 def _apart(a, b):
     return math.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=CACHE)
 def _probe_distance(x, y, z, j, reach, bodies):
     """Signed distance of a point in body j's frame to its surface; infinite if surely beyond ``reach``."""
     far = math.sqrt(x * x + y * y + z * z)
@@ -83,7 +84,7 @@ def _probe_distance(x, y, z, j, reach, bodies):
     )  # fmt: skip
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=CACHE)
 def nearest(i, j, xi, ti, xj, tj, first, last, stop, reach, bodies):
     """Least signed distance of probes of body i (clusters ``first`` to ``last``) to body j, and the probe.
 
@@ -107,7 +108,7 @@ def nearest(i, j, xi, ti, xj, tj, first, last, stop, reach, bodies):
     return best, which
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=CACHE)
 def _inside_cylinder(i, x, t, first, last, bodies, rules):
     """Whether probes of body i (clusters ``first`` to ``last``) are above the floor and within the wall."""
     for c in range(bodies.first[i] + first, bodies.first[i] + last):
@@ -122,13 +123,13 @@ def _inside_cylinder(i, x, t, first, last, bodies, rules):
     return True
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=CACHE)
 def _stage(i, fine, bodies):
     """First and last cluster of body i: its coarse probes, or the others."""
     return (bodies.coarse[i], bodies.first[i + 1] - bodies.first[i]) if fine else (0, bodies.coarse[i])
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=CACHE)
 def _free(i, count, x, t, poses, bodies, rules, blockers):
     """Whether body i at (x, t) keeps the gap to the first ``count`` bodies, the floor z = 0 and the wall."""
     reach = 3.0 * rules.gap
@@ -164,7 +165,7 @@ def _free(i, count, x, t, poses, bodies, rules, blockers):
 
 
 # ---------------------------------------------------------------------- motion
-@numba.njit(cache=True)
+@numba.njit(cache=CACHE)
 def _place(i, x, t, poses):
     for a in range(3):
         poses.positions[i, a] = x[a]
@@ -172,7 +173,7 @@ def _place(i, x, t, poses):
             poses.turns[i, a, b] = t[a, b]
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=CACHE)
 def fall(i, count, x, t, poses, bodies, rules):
     """Height at which body i, falling from (x, t), meets the first of ``count`` bodies or the floor."""
     blockers = np.full((REMEMBERED, 3), -1)
@@ -186,7 +187,7 @@ def fall(i, count, x, t, poses, bodies, rules):
     return x[2]
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=CACHE)
 def drop(i, poses, bodies, rules, drops, rng):
     """Let body i fall on those before it from random poses, and leave it at the lowest."""
     top = bodies.radii[i] + 2.0 * rules.gap
@@ -204,7 +205,7 @@ def drop(i, poses, bodies, rules, drops, rng):
             _place(i, x, t, poses)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=CACHE)
 def settle(i, count, poses, bodies, rules, moves, rng):
     """Small random moves that lower body i among the first ``count`` bodies."""
     step = 0.1
@@ -223,7 +224,7 @@ def settle(i, count, poses, bodies, rules, moves, rng):
             break
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=CACHE)
 def all_gaps(poses, bodies, reach, out):
     """Fill ``out`` (n, n) with the least signed distance of body i's probes to body j, up to ``reach``."""
     x, t = poses.positions, poses.turns

@@ -13,10 +13,12 @@ import math
 
 import numba
 
+from grainmotion.kernels.compilation import CACHE
+
 MAP = 64  # cells along one side of the octahedral map
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=CACHE)
 def cell(x, y, z):
     """Row and column of a direction in the octahedral map."""
     total = abs(x) + abs(y) + abs(z)
@@ -29,7 +31,7 @@ def cell(x, y, z):
     return min(max(row, 0), MAP - 1), min(max(column, 0), MAP - 1)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=CACHE)
 def _walk(x, y, z, vertices, faces, across, face):
     """The triangle whose cone from the origin holds (x, y, z), walking from ``face``."""
     for _ in range(4 * MAP + len(faces)):
@@ -50,7 +52,7 @@ def _walk(x, y, z, vertices, faces, across, face):
     return face
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=CACHE)
 def fill_map(vertices, faces, planes, across, start, reach):
     """A triangle for each cell's centre, and the largest radius at its corners, centre and vertices."""
     face = 0
@@ -73,7 +75,7 @@ def fill_map(vertices, faces, planes, across, start, reach):
         reach[i, j] = max(reach[i, j], math.sqrt(x * x + y * y + z * z))
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=CACHE)
 def distance(x, y, z, vertices, faces, planes, across, start):
     """Signed distance of one point to the plane of the triangle that it looks through."""
     row, column = cell(x, y, z)
@@ -81,14 +83,14 @@ def distance(x, y, z, vertices, faces, planes, across, start):
     return planes[f, 0] * x + planes[f, 1] * y + planes[f, 2] * z - planes[f, 3]
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=CACHE)
 def distances(points, vertices, faces, planes, across, start, out):
     """Fill ``out`` (m) with `distance` of points (m, 3)."""
     for i in range(len(points)):
         out[i] = distance(points[i, 0], points[i, 1], points[i, 2], vertices, faces, planes, across, start)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=CACHE)
 def hits(directions, vertices, faces, planes, across, start, out):
     """Fill ``out`` (m, 3) with where directions (m, 3) leave the mesh."""
     for i in range(len(directions)):
