@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from scipy import sparse
-from scipy.linalg import LinAlgError
 from scipy.optimize import least_squares
 
 from grainmotion import solve
@@ -326,12 +325,22 @@ class TestStep:
         double = Linearization(at.cost, at.gradient, at.hessian, J.T @ twice, twice.T @ twice)
         np.testing.assert_allclose(damped_step(double, 0.1), damped_step(at, 0.1), atol=1e-8)
 
-    def test_indefinite_matrix_is_an_error(self):
-        bad = Linearization(
-            1.0, np.ones(2), np.diag([1.0, -1.0]) + 5 - 5 * np.eye(2), np.zeros((2, 0)), np.zeros((0, 0))
-        )
-        with pytest.raises(LinAlgError, match="not positive"):
-            damped_step(bad, 0.0)
+    @pytest.mark.parametrize("damping", [0.0, 1e-4])
+    @pytest.mark.parametrize("dense", [600, 0])
+    def test_rounding_that_makes_a_matrix_indefinite_is_no_exception(self, monkeypatch, damping, dense):
+        """One grain of almost no shadow, whose block is rounded: the others step as they would without it."""
+        at, J, r, _ = blocks(3, 5)
+        J = J.copy()
+        J[:, 12:18] *= 1e-3
+        J[:, 17] = J[:, 16]
+        H = J.T @ J
+        without = damped_step(Linearization(1.0, J[:, :17].T @ r, H[:17, :17], at.border[:17], at.corner), damping)
+        H[16, 17] = H[17, 16] = H[16, 16] * (1 + 1e-4)
+        monkeypatch.setattr(solve, "DENSE_UP_TO", dense)
+        hessian = sparse.bsr_array(H, blocksize=(6, 6))
+        step = damped_step(Linearization(1.0, J.T @ r, hessian, np.zeros((18, 0)), at.corner), damping, 1e-9)
+        assert np.isfinite(step).all()
+        np.testing.assert_allclose(step[:12], without[:12], atol=1e-3)
 
 
 def test_an_unknown_that_is_all_but_unseen_stays():
@@ -397,16 +406,30 @@ class TestSteppingBorder:
         assert found.costs[-1] == pytest.approx(expected.cost, rel=1e-9)
         np.testing.assert_allclose(found.state, expected.x, atol=1e-5)
         assert len(found.last_step) == 6 + stepping
-        assert (np.diff(found.costs) < 0).all()
+        assert (np.diff(found.costs) < 1e-9 * found.costs[-1]).all()  # rounding does not refuse a last step
+
+    def test_damping_holds_all_that_steps(self):
+        """A stepping unknown in which the residual is far from linear: without damping it jumps to and fro."""
+
+        class Curved(LeastSquares):
+            def linearize(self, state: Array) -> Linearization:
+                r = np.array([state[0] - 1, 5 * np.tanh(state[1] - 2), 0.1])
+                C = np.array([[0.0], [5 / np.cosh(state[1] - 2) ** 2], [0.0]])
+                J = np.array([[1.0], [0.0], [0.0]])
+                return Linearization(0.5 * float(r @ r), J.T @ r, J.T @ J, J.T @ C, C.T @ C, C.T @ r)
+
+        found = gauss_newton(Curved(np.asarray, np.asarray), np.zeros(2), Stopping(iterations=60, step=1e-9))
+        np.testing.assert_allclose(found.state, [1.0, 2.0], atol=1e-6)
 
     @pytest.mark.parametrize("damping", [0.0, 0.1])
     def test_one_step_is_that_of_the_joint_equations(self, damping):
-        """Damped in x alone; eliminated unknowns have no slope, stepping ones have."""
+        """All that steps is damped; eliminated unknowns have no slope, stepping ones have."""
         at, J, r, C = blocks(5, border=3)
         first = C[:, :1]
         r = r - first @ np.linalg.lstsq(first, r, rcond=None)[0]
         damped = J.T @ J + damping * np.diag(np.diagonal(J.T @ J))
-        joint = np.block([[damped, J.T @ C], [C.T @ J, C.T @ C]])
+        stepping = np.diag([0.0, damping, damping] * np.diagonal(C.T @ C))
+        joint = np.block([[damped, J.T @ C], [C.T @ J, C.T @ C + stepping]])
         expected = np.linalg.solve(joint, -np.concatenate([J.T @ r, C.T @ r]))
         step = damped_step(Linearization(1.0, J.T @ r, at.hessian, at.border, at.corner, C[:, 1:].T @ r), damping)
         np.testing.assert_allclose(step, np.delete(expected, 30), atol=1e-9)

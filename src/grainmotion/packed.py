@@ -189,7 +189,10 @@ def _end_to_end(arrays: list[Image]) -> Image:
 
 
 def _radius(grain: Grain) -> float:
-    """Radius of the ball whose attenuation spreads as the grain's does: r² = 5/3 of the mean square distance."""
+    """Radius of the ball whose attenuation spreads as the grain's does: r² = 5/3 of the mean square distance.
+
+    At least that of the ball inscribed in a voxel, which a grain of one voxel has.
+    """
     array = np.abs(grain.volume.array)
     if not array.any():
         return grain.volume.voxel_size
@@ -198,7 +201,8 @@ def _radius(grain: Grain) -> float:
         for k in range(3)
     ]
     marginals = [array.sum(axis=tuple({0, 1, 2} - {2 - k}), dtype=float) for k in range(3)]
-    return float(np.sqrt(5 / 3 * sum((m @ a**2) / m.sum() for m, a in zip(marginals, axes, strict=True))))
+    radius = float(np.sqrt(5 / 3 * sum((m @ a**2) / m.sum() for m, a in zip(marginals, axes, strict=True))))
+    return max(radius, grain.volume.voxel_size / 2)
 
 
 def _line_ends(array: Image) -> Float:

@@ -7,12 +7,16 @@ ones that step with the others.  One damped step solves
     [H + λ diag H   B] [δ]     [g]
     [     Bᵀ        D] [ε] = − [h],     H = JᵀJ,  B = JᵀC,  D = CᵀC,  g = Jᵀr,  h = Cᵀr,
 
-with h zero for what was eliminated.  H is sparse in blocks; B has few columns, so the Schur complement on
-them is small and dense.  The damping follows Nielsen (1999).
+with h zero for what was eliminated, and λ diag D added to D for what was not, so that damping shortens every step.
+H is sparse in blocks; B has few columns, so the Schur complement on them is small and dense.  The damping follows
+Nielsen (1999).
 
 Small problems are solved by a dense Cholesky factor.  Large ones have an H that is a product only (`Normal`), and
 ε goes out first:  (H + λ diag H − B D⁺ Bᵀ) δ = −g + B D⁺ h  by conjugate gradients, preconditioned by the 6×6 blocks
 on the diagonal of H, as far as a Gauss–Newton step is worth (`FORCING`).  Decision 0015 holds the measurements.
+
+Directions that the data do not resolve are held (`semidefinite`), and a cost is compared only as far as its digits
+are significant (`SIGNIFICANT`), so that no result hangs on how a processor rounds.  Decision 0016 says why.
 """
 
 from __future__ import annotations
@@ -24,7 +28,8 @@ from typing import Generic, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
+
+from grainmotion.semidefinite import pseudo_inverse, solver, unresolved
 
 Array = NDArray[np.float64]
 State = TypeVar("State")
@@ -39,8 +44,14 @@ of a step, which is a good one long before what is hardly determined is solved f
 FIRM = 1e-2
 """Damping up to which a small decrease says that the minimum is near, not that the step was held back."""
 
-EMPTY = 1e-20
-"""Share of the largest diagonal entry below which an unknown counts as unseen, and stays where it is."""
+TRUSTED = 0.25
+"""A small decrease ends the iteration only if it is at least this share of what the quadratic model promised."""
+
+SLOWEST = 0.9
+"""Largest ratio of a step to the one before that is extrapolated: beyond it, steps hardly shrink."""
+
+SIGNIFICANT = 1e-6
+"""Relative change of the cost that means something: residuals in single precision give it to some 1e-7."""
 
 
 class Normal(Protocol):
@@ -166,6 +177,7 @@ def gauss_newton(
     costs = [here.cost]
     damping, growth = 1e-4, 2.0
     step = np.zeros(len(here.gradient) + len(here.slope))
+    before = np.inf, np.inf  # size and promised decrease of the step before
     ended = settled = False
     while len(costs) <= stopping.iterations and not ended:
         proposal = damped_step(here, damping, stopping.forcing)
@@ -173,24 +185,37 @@ def gauss_newton(
         sizes, predicted = problem.sizes(state, proposal), predicted_decrease(here, proposal, damping)
         far = float((sizes > stopping.reach).mean())
         small = stopping.decrease * here.cost if damping <= FIRM and far <= stopping.stragglers else 0.0
-        last = sizes.max() < stopping.step or predicted < small
+        left = _to_come(sizes.max(), before[0]), _to_come(predicted, before[1])
+        last = left[0] < stopping.step or left[1] < small
         there = None if last else problem.linearize(trial_state)
         cost = problem.cost(trial_state) if there is None else there.cost
-        if cost < here.cost:
+        as_good = last and predicted > 0 and damping <= FIRM and cost <= (1 + SIGNIFICANT) * here.cost
+        if cost < here.cost or as_good:
             ratio = (here.cost - cost) / predicted if predicted > 0 else 0.0
-            ended = last or here.cost - cost < small
+            ended = last or (here.cost - cost < small and ratio > TRUSTED)
             settled = ended and far == 0
             damping *= max(0.1, 1 - (2 * min(ratio, 1.5) - 1) ** 3)
             damping, growth = max(damping, 1e-9), 2.0
-            state, step = trial_state, proposal
+            state, step, before = trial_state, proposal, (sizes.max(), predicted)
             here = here if there is None else there
             costs.append(cost)
             if observe is not None:
                 observe(cost)
         else:
-            ended = settled = last or damping > 1e6
+            ended = last or damping > 1e6
+            settled = ended and bool(np.isfinite(here.cost))
             damping, growth = max(damping, 1e-4) * growth, growth * 2
     return Solution(state, tuple(costs), step, settled)
+
+
+def _to_come(now: float, before: float) -> float:
+    """What the steps after this one add up to, if they go on to shrink as this one did; at least this step itself.
+
+    With a ratio q of this step to the one before, that is q / (1 − q) times this step: where steps shrink slowly, a
+    small one is far from the last.
+    """
+    ratio = min(now / before, SLOWEST) if before > 0 else 0.0
+    return now * max(1.0, ratio / (1 - ratio))
 
 
 def damped_step(at: Linearization, damping: float, forcing: float = FORCING) -> Array:
@@ -202,10 +227,11 @@ def damped_step(at: Linearization, damping: float, forcing: float = FORCING) -> 
     if at.border.shape[1] == 0:
         return -plain
     across = solve(at.border)
-    small = at.corner - at.border.T @ across
-    slope = np.zeros(len(small))
-    slope[len(small) - len(at.slope) :] = at.slope
-    few = np.linalg.lstsq(small, at.border.T @ plain - slope, rcond=None)[0]
+    slope = np.zeros(len(at.corner))
+    slope[len(slope) - len(at.slope) :] = at.slope
+    corner = _damped_corner(at, damping)
+    left = pseudo_inverse(corner - at.border.T @ across, like=np.diagonal(corner))
+    few = left @ (at.border.T @ plain - slope)
     return np.concatenate([-(plain + across @ few), few[len(few) - len(at.slope) :]])
 
 
@@ -213,15 +239,19 @@ def _small(hessian: Hessian) -> bool:
     return hessian.shape[0] <= DENSE_UP_TO
 
 
+def _damped_corner(at: Linearization, damping: float) -> Array:
+    """D, with damping on what steps."""
+    first = len(at.corner) - len(at.slope)
+    corner = at.corner.copy()
+    corner[range(first, len(corner)), range(first, len(corner))] *= 1 + damping
+    return corner
+
+
 def eliminated(at: Linearization, damping: float) -> tuple[Callable[[Array], Array], Array, Array]:
     """x ↦ (H + λ diag H − B D⁺ Bᵀ) x, D⁺, and the blocks on the diagonal of H + λ diag H."""
-    few = np.linalg.pinv(at.corner, hermitian=True).astype(float) if len(at.corner) else np.zeros((0, 0))
-    matrix, lifted, blocks = _lifted(at.hessian, damping)
-
-    def product(x: Array) -> Array:  # of a vector, or of columns
-        return matrix @ x + (lifted * x.T).T - at.border @ (few @ (at.border.T @ x))
-
-    return product, few, blocks
+    few = pseudo_inverse(_damped_corner(at, damping))
+    product, blocks = _damped(at.hessian, damping)
+    return lambda x: product(x) - at.border @ (few @ (at.border.T @ x)), few, blocks
 
 
 def _iterated_step(at: Linearization, damping: float, forcing: float) -> Array:
@@ -236,23 +266,14 @@ def _iterated_step(at: Linearization, damping: float, forcing: float) -> Array:
 
 
 def inverse(hessian: Hessian, damping: float) -> Callable[[Array], Array]:
-    """Solver of (H + λ diag H) x = b for vectors or columns b; empty rows are kept at zero."""
-    matrix, lifted, blocks = _lifted(hessian, damping)
+    """Solver of (H + λ diag H) x = b for vectors or columns b; what the data do not resolve is held.
+
+    That is told from the whole matrix if it is small, else from each grain's own block.
+    """
     if _small(hessian):
-        dense = matrix.toarray() if sparse.issparse(matrix) else np.array(matrix)
-        dense[np.diag_indices_from(dense)] += lifted
-        for lift in (0.0, 1e-9, 1e-6, 1e-3):
-            try:
-                factor = cho_factor(dense + lift * np.diag(np.diagonal(dense)), check_finite=False)
-            except LinAlgError:
-                continue
-            return lambda b: cho_solve(factor, b, check_finite=False)
-        raise LinAlgError("normal matrix is not positive even when damped")
-
-    def solve(b: Array) -> Array:
-        return conjugate_gradients(lambda x: matrix @ x + (lifted * x.T).T, blocks, b, EXACTLY)
-
-    return solve
+        return solver(hessian.toarray() if isinstance(hessian, sparse.bsr_array) else np.asarray(hessian), damping)
+    product, blocks = _damped(hessian, damping)
+    return lambda b: conjugate_gradients(product, blocks, b, EXACTLY)
 
 
 def conjugate_gradients(
@@ -273,25 +294,26 @@ def conjugate_gradients(
         now = (rest[:, still] * near).sum(axis=0)
         ahead = near + along[:, still] * (now / before[still] if step else 0.0)
         across = product(ahead)
-        length = now / (ahead * across).sum(axis=0)
+        curvature = (ahead * across).sum(axis=0)
+        length = np.divide(now, curvature, out=np.zeros_like(now), where=curvature > 0)
         found[:, still] += length * ahead
         rest[:, still] -= length * across
         along[:, still], before[still] = ahead, now
     return found.reshape(b.shape)
 
 
-def _lifted(hessian: Hessian, damping: float) -> tuple[Hessian, Array, Array]:
-    """H fit for products, what is added to its diagonal, and the blocks on the diagonal of both, if H is large."""
-    diagonal = np.asarray(hessian.diagonal())
-    filled = diagonal > EMPTY * max(float(diagonal.max(initial=0.0)), 1e-300)
-    lifted = damping * diagonal + np.where(filled, 1e-12 * diagonal, 1.0)
-    if _small(hessian):
-        return hessian, lifted, np.zeros((0, 6, 6))
-    if isinstance(hessian, np.ndarray):
-        hessian = sparse.bsr_array(hessian, blocksize=(6, 6))
-    blocks = diagonal_blocks(hessian).copy()
-    blocks[:, range(6), range(6)] += lifted.reshape(-1, 6)
-    return hessian, lifted, blocks
+def _damped(hessian: Hessian, damping: float) -> tuple[Callable[[Array], Array], Array]:
+    """x ↦ (H + λ diag H) x for vectors or columns, unresolved directions held, and its blocks on the diagonal."""
+    matrix = sparse.bsr_array(hessian, blocksize=(6, 6)) if isinstance(hessian, np.ndarray) else hessian
+    blocks = diagonal_blocks(matrix)
+    added = unresolved(blocks)
+    added[:, range(6), range(6)] += damping * np.diagonal(blocks, axis1=1, axis2=2)
+
+    def product(x: Array) -> Array:
+        lift = added @ x.reshape(len(added), 6, -1)
+        return matrix @ x + lift.reshape(x.shape)
+
+    return product, blocks + added
 
 
 def diagonal_blocks(matrix: Hessian) -> Array:
@@ -310,6 +332,8 @@ def diagonal_blocks(matrix: Hessian) -> Array:
 
 def predicted_decrease(at: Linearization, step: Array, damping: float) -> float:
     """Decrease that the quadratic model promises for a ``step`` of `damped_step`."""
-    own = step[: len(at.gradient)]
-    slopes = float(at.gradient @ own) + float(at.slope @ step[len(own) :])
-    return 0.5 * (damping * float(own @ (np.asarray(at.hessian.diagonal()) * own)) - slopes)
+    own, few = step[: len(at.gradient)], step[len(at.gradient) :]
+    slopes = float(at.gradient @ own) + float(at.slope @ few)
+    metric = float(own @ (np.asarray(at.hessian.diagonal()) * own))
+    metric += float(few @ (np.diagonal(at.corner)[len(at.corner) - len(few) :] * few))
+    return 0.5 * (damping * metric - slopes)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
 pytest.importorskip("numba_cuda", reason="numba-cuda is not installed: pip install grainmotion[dev]")
@@ -30,7 +29,6 @@ def signatures(real: types.Type) -> dict[str, tuple]:
               YES, FLOAT, FLOAT, YES)  # fmt: skip
     flat, patch, stack = array(real, 1), array(real, 2), array(real, 3)
     laid = (INT, INT, INT, array(FLOAT, 1))
-    precision = np.dtype(str(real))
     return {
         "fill": (arrays._fill, flat, INT),
         "project": (grains._project, flat, *placed, flat),
@@ -39,9 +37,9 @@ def signatures(real: types.Type) -> dict[str, tuple]:
         "rows": (normal._along_rows, stack, stack, flat),
         "columns": (normal._along_columns, stack, stack, flat),
         "filter": (normal._filter_patches, patch, patch, tables, array(INT, 1), stack, flat),
-        "gradients": (normal._gradients(precision), patch, tables, array(INT, 1), stack, whole),
+        "gradients": (normal._gradients, patch, tables, array(INT, 1), stack, whole),
         "spread": (normal._spread, patch, tables, array(INT, 1), array(INT, 1), array(INT, 1), whole, stack),
-        "blocks": (normal._blocks(precision), patch, tables, array(INT, 1), tables, array(INT, 1), array(FLOAT, 3)),
+        "blocks": (normal._blocks, patch, tables, array(INT, 1), tables, array(INT, 1), array(FLOAT, 3)),
         "swap": (volumes._swap, stack, stack),
         "swap flags": (volumes._swap, array(YES, 3), array(YES, 3)),
         "forward": (volumes._forward, flat, *laid, FLOAT, whole, YES, YES, stack),

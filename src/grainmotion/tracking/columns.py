@@ -16,8 +16,6 @@ from grainmotion.patchwork import gradients
 from grainmotion.project import Patches
 
 Float = NDArray[np.float64]
-DEFICIENT = 1e-9
-"""Share of the largest eigenvalue below which the scaled Gram matrix says nothing."""
 
 
 @dataclass(eq=False)
@@ -48,16 +46,17 @@ class Columns:
 
     def dot(self, image: Image) -> Float:
         """Cᵀ image, ``(m,)``."""
-        parts = [_view_dots(stack, image) for stack in self.stacks]
+        parts = [_view_dots(stack, image.astype(float, copy=False)) for stack in self.stacks]
         return _folded(parts, self.shared)
 
     def gram(self) -> Float:
         """CᵀC, ``(m, m)``."""
         starts = np.cumsum([0, *(1 if s else self.views for s in self.shared)])
         out = np.zeros((starts[-1], starts[-1]))
-        for i, left in enumerate(self.stacks):
-            for j in range(i, len(self.stacks)):
-                dots = _view_dots(left, self.stacks[j])
+        doubles = [stack.astype(float, copy=False) for stack in self.stacks]
+        for i, left in enumerate(doubles):
+            for j in range(i, len(doubles)):
+                dots = _view_dots(left, doubles[j])
                 block = np.diag(dots)
                 block = block.sum(axis=0, keepdims=True) if self.shared[i] else block
                 block = block.sum(axis=1, keepdims=True) if self.shared[j] else block
@@ -89,18 +88,13 @@ class Columns:
         return out
 
 
-def minimum_norm(gram: Float, dots: Float) -> Float:
-    """Least squares solution of smallest norm, in units in which every column has length 1."""
-    scale = np.sqrt(np.diagonal(gram))
-    inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0)
-    values, vectors = np.linalg.eigh(gram * np.outer(inverse, inverse))
-    kept = values > DEFICIENT * max(float(values.max(initial=0.0)), DEFICIENT)
-    solved = vectors[:, kept] @ ((vectors[:, kept].T @ (inverse * dots)) / values[kept])
-    return inverse * solved
+def dot(left: Image, right: Image) -> float:
+    """Sum of the products of two images or stacks, added up in double precision."""
+    return float(np.vdot(left.astype(float, copy=False), right.astype(float, copy=False)))
 
 
 def _view_dots(left: Image, right: Image) -> Float:
-    return np.array([np.vdot(a, b) for a, b in zip(left, right, strict=True)], dtype=float)
+    return np.array([dot(a, b) for a, b in zip(left, right, strict=True)])
 
 
 def _folded(parts: list[Float], shared: list[bool]) -> Float:

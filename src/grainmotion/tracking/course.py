@@ -10,6 +10,7 @@ import numpy as np
 from grainmotion.packed import PackedGrains, Pose, planar
 from grainmotion.solve import Solution, Stopping, gauss_newton
 from grainmotion.tracking.coarse import ALONE, coarsened, coarsening
+from grainmotion.tracking.columns import dot
 from grainmotion.tracking.freedom import Freedom
 from grainmotion.tracking.residual import StateProblem
 from grainmotion.tracking.settings import TrackSettings
@@ -83,7 +84,7 @@ class Course:
 
     def solve(self, problem: StateProblem, pose: Pose, stopping: Stopping, name: str) -> Solution[Pose]:
         """Solve a problem, keeping and telling the costs."""
-        norm = float(np.vdot(problem.target.measured, problem.target.measured)) or 1.0
+        norm = dot(problem.target.measured, problem.target.measured) or 1.0
 
         def observe(cost: float) -> None:
             self.costs.append((name, float(np.sqrt(2 * cost / norm))))

@@ -18,6 +18,7 @@ from scipy import sparse
 
 from grainmotion.packed import Pose
 from grainmotion.patchwork import filter_images, filter_patches
+from grainmotion.semidefinite import pseudo_inverse
 from grainmotion.solve import Hessian, Linearization, conjugate_gradients, diagonal_blocks, eliminated, inverse
 from grainmotion.tracking.columns import Columns
 from grainmotion.tracking.coupling import normal_matrix
@@ -37,7 +38,8 @@ DRAWS, SHAPE = 16, 8.0
 DRAWN_TO = 3e-3
 """Relative residual to which each is solved."""
 ROUNDING = 1e-6
-"""Of the normal matrices, which are summed from single precision."""
+"""Eigenvalue of the scaled normal matrices up to which a direction is reported as unseen: its standard deviation is
+1,000 times the best one's.  The solver still steps along it, down to `semidefinite.RESOLVED`."""
 
 
 def covariances(problem: StateProblem, pose: Pose, seen: Seen, hessian: Hessian) -> tuple[Float, Float]:
@@ -59,7 +61,7 @@ def inverted(target: Target, seen: Seen, columns: Columns, at: Linearization, va
     own, both, few = carried(target, seen, columns, variances)
     n, free = len(at.gradient) // 6, len(at.slope)
     hessian, meat, border, corner = (np.asarray(m) for m in (_dense(at.hessian), _dense(own), at.border, at.corner))
-    across = np.linalg.pinv(corner, hermitian=True) @ border.T if len(corner) else np.zeros((0, 6 * n))
+    across = pseudo_inverse(corner) @ border.T
     mixed = both @ across
     meat = meat - mixed - mixed.T + across.T @ few @ across
     bread, unseen = regular_inverse(hessian - border @ across)

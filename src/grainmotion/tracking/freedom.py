@@ -12,7 +12,8 @@ import numpy as np
 
 from grainmotion.packed import Image
 from grainmotion.response import TREND_TERMS, Response, Trend
-from grainmotion.tracking.columns import Columns, minimum_norm
+from grainmotion.semidefinite import pseudo_inverse
+from grainmotion.tracking.columns import Columns
 
 Gain = Literal["none", "global", "view"]
 
@@ -89,7 +90,7 @@ def eliminated(freedom: Freedom, columns: Columns, gap: Image, views: int) -> tu
     polynomial[:, 0] = 1.0
     if not columns.stacks or (freedom.gain != "none" and not columns.stacks[0].any()):  # nothing is simulated
         return Response(polynomial, background), 0.0
-    found = minimum_norm(columns.gram(), columns.dot(gap))
+    found = pseudo_inverse(columns.gram()) @ columns.dot(gap)
     owners = columns.owners
     first = 0 if freedom.gain != "none" else 1
     many = freedom.degree - first

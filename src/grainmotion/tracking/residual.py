@@ -31,7 +31,7 @@ from grainmotion.project import (
 from grainmotion.response import Response
 from grainmotion.solve import Linearization
 from grainmotion.tracking import surroundings
-from grainmotion.tracking.columns import Columns
+from grainmotion.tracking.columns import Columns, dot
 from grainmotion.tracking.coupling import PatchNormal, normal_of, spread
 from grainmotion.tracking.freedom import eliminated, powers
 from grainmotion.tracking.target import Target
@@ -62,7 +62,7 @@ class Glance:
     @property
     def cost(self) -> float:
         """½‖r‖²."""
-        return 0.5 * float(np.vdot(self.residual, self.residual))
+        return 0.5 * dot(self.residual, self.residual)
 
 
 @dataclass(frozen=True, eq=False)

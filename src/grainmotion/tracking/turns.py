@@ -29,6 +29,7 @@ from grainmotion.kernels import normal
 from grainmotion.operators import Projector
 from grainmotion.packed import Image, PackedGrains, Pose
 from grainmotion.project import Patches, differentiate_patches, project_patches, shadows
+from grainmotion.semidefinite import pseudo_inverse
 from grainmotion.tracking.coupling import gathered
 from grainmotion.tracking.residual import Glance, StateProblem
 from grainmotion.tracking.surroundings import corrected
@@ -150,12 +151,12 @@ def _pixels(patches: Patches, n: int) -> list[slice]:
 
 def _products(left: Image, right: Image, patches: Patches, n: int) -> Float:
     """Sums over each grain's own patches of left · rightᵀ, ``(n, k, m)``."""
-    return np.array([left[:, mine] @ right[:, mine].T for mine in _pixels(patches, n)], dtype=float)
+    return np.array([left[:, mine].astype(float) @ right[:, mine].T for mine in _pixels(patches, n)])
 
 
 def _rotations(matrices: Float) -> Float:
     """What is left of each grain's 6×6 block for rotations once its translations are free, ``(n, 3, 3)``."""
-    across = np.linalg.pinv(matrices[:, :3, :3], hermitian=True) @ matrices[:, :3, 3:]
+    across = pseudo_inverse(matrices[:, :3, :3]) @ matrices[:, :3, 3:]
     left = matrices[:, 3:, 3:] - matrices[:, 3:, :3] @ across
     return (left + left.transpose(0, 2, 1)) / 2
 
@@ -163,6 +164,6 @@ def _rotations(matrices: Float) -> Float:
 def _fit_out(changes: Image, slopes: Image, patches: Patches, n: int) -> None:
     """Take from the changes, in place, what translations of the grain would do."""
     own = _products(slopes[:3], slopes[:3], patches, n)
-    shifts = np.linalg.pinv(own, hermitian=True) @ _products(slopes[:3], changes, patches, n)
+    shifts = pseudo_inverse(own) @ _products(slopes[:3], changes, patches, n)
     for shift, mine in zip(shifts, _pixels(patches, n), strict=True):
         changes[:, mine] -= shift.T.astype(slopes.dtype) @ slopes[:3, mine]

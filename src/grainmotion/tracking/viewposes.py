@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion.packed import Pose
+from grainmotion.semidefinite import pseudo_inverse
 from grainmotion.solve import Linearization, damped_step, inverse, predicted_decrease
+from grainmotion.tracking.columns import dot
 from grainmotion.tracking.misfit import lost_grains
 from grainmotion.tracking.residual import Glance, StateProblem
 from grainmotion.tracking.stages import rigid
@@ -23,6 +25,8 @@ Float = NDArray[np.float64]
 FEWEST_VIEWS = 3
 IMITATED = (0, 1, 2, 5)
 """Motions of the whole sample that corrections of all views imitate: its translations, and its turn about z."""
+DISTINCT = 1e-6
+"""Of the largest singular value: imitations that differ by less are one, as far as single precision tells."""
 KNOWN = 4.0
 """A combination of corrections is told if the views know it this many times better, in variance, than the prior."""
 CLEAR = 15.0
@@ -101,7 +105,7 @@ def common_motion(problem: StateProblem, pose: Pose, misplaced: Misplaced) -> Fl
     views = len(problem.target.scan)
     loose = problem.target.loose
     spread = np.repeat([misplaced.shift / loose.view_shift] * 2 + [misplaced.turn / loose.view_turn], views)
-    back = np.linalg.pinv(imitations(problem, pose)) * spread
+    back = np.linalg.pinv(imitations(problem, pose), DISTINCT) * spread
     n = len(problem.grains)
     tie = rigid(problem.grains, pose)[:, list(IMITATED)].reshape(n, 6, -1)
     return np.einsum("nia,ab,njb->nij", tie, back @ back.T, tie)
@@ -143,7 +147,7 @@ def imitations(problem: StateProblem, pose: Pose) -> Float:
     alike = seen.loose.border(seen.derivatives, seen.patches, len(problem.grains)) * deviations
     gram = seen.loose.gram() * np.outer(deviations, deviations)
     tie = rigid(problem.grains, pose)[:, list(IMITATED)]
-    found: Float = np.linalg.pinv(gram, hermitian=True) @ alike.T @ tie
+    found: Float = pseudo_inverse(gram) @ alike.T @ tie
     return found
 
 
@@ -164,7 +168,7 @@ def told_apart(problem: StateProblem, pose: Pose) -> tuple[int, int]:
 
 def mean_square(problem: StateProblem, seen: Glance) -> float:
     """Of the residuals of all pixels that count."""
-    return float(np.vdot(seen.raw, seen.raw)) / max(int((problem.target.valid > 0).sum()), 1)
+    return dot(seen.raw, seen.raw) / max(int((problem.target.valid > 0).sum()), 1)
 
 
 def _explained(trial: StateProblem, pose: Pose, at: Linearization) -> tuple[float, Float]:
@@ -186,5 +190,5 @@ def _information(trial: StateProblem, pose: Pose, at: Linearization) -> Float:
     few = len(left) - len(prior)
     own: Float = left[few:, few:] - prior
     if few:
-        own = own - left[few:, :few] @ np.linalg.pinv(left[:few, :few], hermitian=True) @ left[:few, few:]
+        own = own - left[few:, :few] @ pseudo_inverse(left[:few, :few]) @ left[:few, few:]
     return own

@@ -1,15 +1,13 @@
 """Filters and normal equations on the card; see `kernels.normal`.
 
-Sums over pixels are taken a thread's share in the patches' own precision, then in double precision over the
-threads by a tree, so that they are the same in every run.
+Sums over pixels are taken in double precision, a thread's share first and then over the threads by a tree, so that
+they are the same in every run.
 """
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
-from numba import cuda, float64, from_dtype
+from numba import cuda, float64
 
 from grainmotion.kernels.cuda.arrays import MOST, SQUARE, THREADS, TILE, bring, empty, on_card, squares
 
@@ -41,7 +39,7 @@ def gradients(derivatives, boxes, offsets, images, out):
     if not len(boxes):
         return
     found = empty(out.shape, np.float64).array
-    _gradients(derivatives.dtype)[len(boxes), TILE](
+    _gradients[len(boxes), TILE](
         derivatives.array,
         on_card(boxes),
         on_card(offsets),
@@ -57,7 +55,7 @@ def blocks(derivatives, boxes, offsets, pairs, first, out):
         return
     found = empty(out.shape, np.float64).array
     where = on_card(boxes), on_card(offsets), on_card(pairs), on_card(first)
-    _blocks(derivatives.dtype)[len(out), TILE](derivatives.array, *where, found)
+    _blocks[len(out), TILE](derivatives.array, *where, found)
     bring(found, out)
 
 
@@ -176,65 +174,53 @@ def _add_up(parts, count):
         half //= 2
 
 
-@cache
-def _gradients(dtype):
-    real = from_dtype(dtype)
+@cuda.jit
+def _gradients(derivatives, boxes, offsets, images, out):
+    p = cuda.blockIdx.x
+    i, r0, c0 = boxes[p, 1], boxes[p, 2], boxes[p, 4]
+    rows, columns = boxes[p, 3] - r0, boxes[p, 5] - c0
+    sums = cuda.local.array(6, float64)
+    for k in range(6):
+        sums[k] = 0
+    for r in range(cuda.threadIdx.y, rows, cuda.blockDim.y):
+        for c in range(cuda.threadIdx.x, columns, cuda.blockDim.x):
+            value = float64(images[i, r0 + r, c0 + c])
+            at = offsets[p] + r * columns + c
+            for k in range(6):
+                sums[k] += derivatives[k, at] * value
+    parts = cuda.shared.array((6, THREADS), float64)
+    me = cuda.threadIdx.y * cuda.blockDim.x + cuda.threadIdx.x
+    for k in range(6):
+        parts[k, me] = sums[k]
+    _add_up(parts, 6)
+    for k in range(me, 6, THREADS):
+        out[p, k] = parts[k, 0]
 
-    @cuda.jit
-    def gradients_(derivatives, boxes, offsets, images, out):
-        p = cuda.blockIdx.x
-        i, r0, c0 = boxes[p, 1], boxes[p, 2], boxes[p, 4]
-        rows, columns = boxes[p, 3] - r0, boxes[p, 5] - c0
-        sums = cuda.local.array(6, real)
-        for k in range(6):
-            sums[k] = 0
-        for r in range(cuda.threadIdx.y, rows, cuda.blockDim.y):
-            for c in range(cuda.threadIdx.x, columns, cuda.blockDim.x):
-                value = images[i, r0 + r, c0 + c]
-                at = offsets[p] + r * columns + c
+
+@cuda.jit
+def _blocks(derivatives, boxes, offsets, pairs, first, out):
+    q = cuda.blockIdx.x
+    sums, left, right = cuda.local.array(36, float64), cuda.local.array(6, float64), cuda.local.array(6, float64)
+    for k in range(36):
+        sums[k] = 0
+    for e in range(first[q], first[q + 1]):
+        p, t = pairs[e, 0], pairs[e, 1]
+        r0, r1 = max(boxes[p, 2], boxes[t, 2]), min(boxes[p, 3], boxes[t, 3])
+        c0, c1 = max(boxes[p, 4], boxes[t, 4]), min(boxes[p, 5], boxes[t, 5])
+        wide_p, wide_t = boxes[p, 5] - boxes[p, 4], boxes[t, 5] - boxes[t, 4]
+        for r in range(r0 + cuda.threadIdx.y, r1, cuda.blockDim.y):
+            row_p = offsets[p] + (r - boxes[p, 2]) * wide_p - boxes[p, 4]
+            row_t = offsets[t] + (r - boxes[t, 2]) * wide_t - boxes[t, 4]
+            for c in range(c0 + cuda.threadIdx.x, c1, cuda.blockDim.x):
                 for k in range(6):
-                    sums[k] += derivatives[k, at] * value
-        parts = cuda.shared.array((6, THREADS), float64)
-        me = cuda.threadIdx.y * cuda.blockDim.x + cuda.threadIdx.x
-        for k in range(6):
-            parts[k, me] = sums[k]
-        _add_up(parts, 6)
-        for k in range(me, 6, THREADS):
-            out[p, k] = parts[k, 0]
-
-    return gradients_
-
-
-@cache
-def _blocks(dtype):
-    real = from_dtype(dtype)
-
-    @cuda.jit
-    def blocks_(derivatives, boxes, offsets, pairs, first, out):
-        q = cuda.blockIdx.x
-        sums, left, right = cuda.local.array(36, real), cuda.local.array(6, real), cuda.local.array(6, real)
-        for k in range(36):
-            sums[k] = 0
-        for e in range(first[q], first[q + 1]):
-            p, t = pairs[e, 0], pairs[e, 1]
-            r0, r1 = max(boxes[p, 2], boxes[t, 2]), min(boxes[p, 3], boxes[t, 3])
-            c0, c1 = max(boxes[p, 4], boxes[t, 4]), min(boxes[p, 5], boxes[t, 5])
-            wide_p, wide_t = boxes[p, 5] - boxes[p, 4], boxes[t, 5] - boxes[t, 4]
-            for r in range(r0 + cuda.threadIdx.y, r1, cuda.blockDim.y):
-                row_p = offsets[p] + (r - boxes[p, 2]) * wide_p - boxes[p, 4]
-                row_t = offsets[t] + (r - boxes[t, 2]) * wide_t - boxes[t, 4]
-                for c in range(c0 + cuda.threadIdx.x, c1, cuda.blockDim.x):
-                    for k in range(6):
-                        left[k], right[k] = derivatives[k, row_p + c], derivatives[k, row_t + c]
-                    for k in range(6):
-                        for m in range(6):
-                            sums[6 * k + m] += left[k] * right[m]
-        parts = cuda.shared.array((36, THREADS), float64)
-        me = cuda.threadIdx.y * cuda.blockDim.x + cuda.threadIdx.x
-        for k in range(36):
-            parts[k, me] = sums[k]
-        _add_up(parts, 36)
-        for k in range(me, 36, THREADS):
-            out[q, k // 6, k % 6] = parts[k, 0]
-
-    return blocks_
+                    left[k], right[k] = derivatives[k, row_p + c], derivatives[k, row_t + c]
+                for k in range(6):
+                    for m in range(6):
+                        sums[6 * k + m] += left[k] * right[m]
+    parts = cuda.shared.array((36, THREADS), float64)
+    me = cuda.threadIdx.y * cuda.blockDim.x + cuda.threadIdx.x
+    for k in range(36):
+        parts[k, me] = sums[k]
+    _add_up(parts, 36)
+    for k in range(me, 36, THREADS):
+        out[q, k // 6, k % 6] = parts[k, 0]
