@@ -1,5 +1,6 @@
 """Tracking a few small grains: drift, starts, lost grains, progress; accuracy is for `physics/`."""
 
+import sys
 from dataclasses import replace
 from itertools import pairwise
 
@@ -22,9 +23,10 @@ from grainmotion import motion
 from grainmotion.compare import compare
 from grainmotion.errors import InputError
 from grainmotion.geometry import Geometry
-from grainmotion.grains import GrainSet
+from grainmotion.grains import Grain, GrainSet
 from grainmotion.motions import Motions, Status
 from grainmotion.scan import Scan
+from grainmotion.solve import SIGNIFICANT
 from grainmotion.track import PAPER, TrackSettings, track
 from grainmotion.tracking.starts import starting_pose
 from grainmotion.volume import Volume
@@ -344,6 +346,52 @@ class TestAbsurd:
         grains = GrainSet(tuple(replace(g, volume=negative(g.volume), fine=negative(g.fine)) for g in GRAINS.grains))
         assert_found(track(grains, radiographs(grains, TRUTH)), TRUTH)
 
+    @pytest.mark.parametrize("projector", ["trilinear", "exact"])
+    def test_a_grain_of_one_voxel(self, projector):
+        """It has no radius of its own, hardly a shadow and no turn: that is named, and shakes no other grain."""
+        others, how = grain_set(finer=1), TrackSettings(projector=projector)
+        array = np.zeros((5, 5, 5), np.float32)
+        array[2, 2, 2] = 0.02
+        speck = Volume(array, VOXEL, (-1.9, 1.7, -1.9))
+        grains = GrainSet((*others.grains, Grain(6, speck, np.array(speck.center))))
+        truth = small_motions(grains)
+        measured = track(grains, radiographs(grains, truth), settings=how)
+        assert measured.statuses[5] == Status.POORLY_DETERMINED.value
+        assert "rotation about any axis" in measured.reasons[5]
+        assert_honest(measured)
+        if projector == "trilinear":  # along the exact path grains of 14 voxels are poorly determined anyway
+            assert_found(measured, truth, among=slice(0, 5))
+
+    def test_equations_that_fail_are_a_status(self, monkeypatch):
+        """Whatever a library refuses to factor ends one state, not the run of all others."""
+
+        def fail(*_):
+            raise np.linalg.LinAlgError("SVD did not converge")
+
+        monkeypatch.setattr("grainmotion.solve.solver", fail)
+        measured = track(GRAINS, radiographs(GRAINS, TRUTH))
+        assert set(measured.statuses) == {Status.NOT_FITTED.value}
+        assert "SVD did not converge" in measured.reasons[0]
+        assert_honest(measured)
+
+    def test_an_attempt_that_fails_costs_nothing_that_was_found(self, monkeypatch):
+        """One grain is gone; the trials without single grains fail, and the first solution is kept."""
+        scan = radiographs(GrainSet(GRAINS.grains[1:]), motions(GrainSet(GRAINS.grains[1:]), 0.05, 2.0))
+        tried = []
+
+        def fail_later(*arguments):
+            tried.append(1)
+            if len(tried) > 1:
+                raise np.linalg.LinAlgError("singular")
+            return stages(*arguments)
+
+        module = sys.modules["grainmotion.track"]
+        stages = module._stages
+        monkeypatch.setattr(module, "_stages", fail_later)
+        measured = track(GRAINS, scan)
+        assert len(tried) > 1
+        assert Status.NOT_FITTED.value not in measured.statuses
+
     def test_no_noise_at_all(self):
         still = motions(GRAINS)
         measured = track(GRAINS, radiographs(GRAINS, still, noise=0.0))
@@ -365,7 +413,7 @@ class TestTelling:
         costs = track(GRAINS, radiographs(GRAINS, TRUTH)).fit.costs
         for (stage, cost), (next_stage, next_cost) in pairwise(costs):
             if stage == next_stage and "free" in stage:
-                assert next_cost < cost
+                assert next_cost < cost * (1 + SIGNIFICANT)
         assert costs[-1][1] < 0.05
 
     def test_the_same_whatever_the_run(self):

@@ -24,6 +24,7 @@ from grainmotion.scan import Scan
 from grainmotion.tracking.absent import ALL_TRIED, FEW, complete, improves, merit, shadows_held, suspects
 from grainmotion.tracking.appeared import may_have_appeared, place_of_surplus, started, with_stand_in, without_last
 from grainmotion.tracking.approach import approach
+from grainmotion.tracking.background import HELD, held_if_still
 from grainmotion.tracking.course import Course, Progress
 from grainmotion.tracking.judge import judge
 from grainmotion.tracking.polish import polish
@@ -77,6 +78,14 @@ def track(
         return _track(grains, scan, start, settings, progress, device)
 
 
+def _unsolved(grains: GrainSet, error: np.linalg.LinAlgError) -> Motions:
+    """No motion of any grain, and why: equations that a library refuses end one attempt, not the run."""
+    reason = f"the equations of this state could not be solved ({error}); please report it, with these radiographs"
+    nothing = np.full((len(grains), 3), np.nan)
+    still = Motions.identity(grains.labels, grains.centers)
+    return replace(still, translations=nothing, rotations=nothing.copy(), reasons=(reason,) * len(grains))
+
+
 def _track(
     grains: GrainSet,
     scan: Scan,
@@ -116,7 +125,10 @@ def _with_another(
     device: Device | None,
 ) -> Motions | None:
     """The grains beside one that stands in for another that appeared; None if there is no place for one."""
-    place = place_of_surplus(_course(grains, scan, settings, progress, device), starting_pose(grains, start))
+    try:
+        place = place_of_surplus(_course(grains, scan, settings, progress, device), starting_pose(grains, start))
+    except np.linalg.LinAlgError:
+        place = None
     if place is None:
         return None
     whole = with_stand_in(grains, place)
@@ -133,6 +145,20 @@ def _all_together(
     device: Device | None,
 ) -> tuple[Motions, Float]:
     """All stages for some grains, and how much of each grain's shadow the radiographs hold."""
+    try:
+        return _stages(grains, scan, start, settings, progress, device)
+    except np.linalg.LinAlgError as error:
+        return _unsolved(grains, error), np.ones(len(grains))
+
+
+def _stages(
+    grains: GrainSet,
+    scan: Scan,
+    start: Motions | None,
+    settings: TrackSettings,
+    progress: Progress | None,
+    device: Device | None,
+) -> tuple[Motions, Float]:
     course = _course(grains, scan, settings, progress, device)
     base, pose = approach(course, starting_pose(grains, start))
     done = 1 if settings.fields and len(settings.filters) > 1 else 0  # the approach ends with the first filter
@@ -140,10 +166,13 @@ def _all_together(
     found = Found(problem, solution, np.zeros(len(grains), dtype=bool))
     if settings.search:
         found = search(course, base, problem, solution)
+    problem, solution, held_back = held_if_still(course, found.problem, found.solution)
     course.tell("judging the grains", course.stages)
-    polished = polish(course, base, found.problem, found.solution)
+    polished = polish(course, base, problem, solution)
     limits = (settings.max_sd_voxel * grains.voxel_size, float(np.deg2rad(settings.max_sd_deg)))
     motions = judge(grains, polished, found.doubtful, limits, tuple(course.costs))
+    if held_back:
+        motions = replace(motions, fit=replace(motions.fit, background=np.zeros(6), notes=(*motions.fit.notes, HELD)))
     held = shadows_held(polished.problem, polished.solution.state)
     return motions, np.array([shadow.support for shadow in held])
 

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from few_grains import VOXEL, errors, geometry, grain_set, motions, small_motions
+from few_grains import VOXEL, errors, geometry, grain_set, motions, radiographs, small_motions
 from grainmotion import motion
 from grainmotion.grains import GrainSet
 from grainmotion.packed import Surroundings, packed_body
@@ -14,6 +14,7 @@ from grainmotion.scan import Scan
 from grainmotion.track import TrackSettings, track
 from grainmotion.tracking import search
 from grainmotion.tracking.anneal import anneal
+from grainmotion.tracking.background import HELD
 from grainmotion.tracking.surroundings import background_images
 from grainmotion.volume import Volume
 
@@ -75,9 +76,35 @@ class TestMovingBackground:
         images = simulate_radiographs(GrainSet(GRAINS.grains, wall()), still, WIDE)
         noisy = Scan(images + 0.01 * np.random.default_rng(3).standard_normal(images.shape), WIDE)
         measured = track(GrainSet(GRAINS.grains, wall(), True), noisy, settings=TrackSettings(search=False))
-        assert np.abs(measured.fit.background[:3]).max() < 0.03 * VOXEL
-        assert np.abs(np.rad2deg(measured.fit.background[3:])).max() < 0.1
+        np.testing.assert_array_equal(measured.fit.background, 0)
+        assert HELD in measured.fit.notes
         assert np.abs(errors(measured, still)[0]).max() < 0.06
+
+    def test_whatever_the_last_filter(self):
+        """A wide filter correlates pixels, which is no evidence of a motion."""
+        images = simulate_radiographs(GrainSet(GRAINS.grains, wall()), TRUTH, WIDE)
+        noisy = Scan(images + 0.01 * np.random.default_rng(3).standard_normal(images.shape), WIDE)
+        how = TrackSettings(search=False, filters=(8.0, 6.0))
+        assert HELD in track(GrainSet(GRAINS.grains, wall(), True), noisy, settings=how).fit.notes
+
+    @pytest.mark.parametrize("share", [0.05, 0.1])
+    def test_one_that_hardly_moved_moves(self, monkeypatch, share):
+        """A twentieth of the motion, 0.15 voxel, is far more than what noise feigns."""
+        monkeypatch.setattr(f"{__name__}.SHIFT", share * SHIFT)
+        monkeypatch.setattr(f"{__name__}.TURN", share * TURN)
+        measured = tracked(True, TrackSettings(search=False))
+        assert HELD not in measured.fit.notes
+        np.testing.assert_allclose(measured.fit.background[:3], SHIFT, atol=0.03 * VOXEL)
+
+    def test_noise_is_held(self):
+        """Free to move, a background of noise would find a valley somewhere and take the grains along."""
+        rng = np.random.default_rng(5)
+        noise = Volume((0.003 * rng.standard_normal((46, 44, 52))).astype(np.float32), VOXEL)
+        scan = radiographs(GRAINS, TRUTH)
+        free, fixed = (track(GrainSet(GRAINS.grains, noise, moves), scan) for moves in (True, False))
+        np.testing.assert_array_equal(free.fit.background, 0)
+        assert free.ok.all(), free.reasons
+        np.testing.assert_allclose(free.translations, fixed.translations, atol=2e-3 * VOXEL)
 
     def test_the_search_knows_where_it_went(self, monkeypatch):
         """Grains are sought on radiographs less the wall where it is now, not where it was."""
