@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 
 from few_grains import errors, grain_set, motions, radiographs
+from grainmotion import motion
 from grainmotion.motions import Status
+from grainmotion.packed import PackedGrains, Pose
 from grainmotion.track import TrackSettings, track
+from grainmotion.tracking.search import field_through
 from paper import images
 
 GRAINS = grain_set()
@@ -42,6 +45,28 @@ class TestInSpace:
         measured = track(GRAINS, scan)
         assert len(attempts(measured)) <= 4
         assert not measured.ok.any()
+
+
+class TestFieldThrough:
+    """A field through the grains that are in their places tells where the others are to be sought."""
+
+    GRAINS = PackedGrains.of(images.draw(0).grains())
+    BASE = Pose(np.zeros((30, 3)), np.tile(np.eye(3), (30, 1, 1)))
+    AFFINE = GRAINS.centers * (0.15, 0.1, 0.0) + (3.0, -2.0, 0.0)
+
+    def test_wrong_grains_count_little(self):
+        rng = np.random.default_rng(0)
+        places = self.AFFINE.copy()
+        wrong = rng.permutation(30)[:9]
+        places[wrong, :2] += rng.uniform(-12, 12, (9, 2))
+        found = field_through(Pose(places, motion.exp(rng.normal(size=(30, 3)))), self.GRAINS, self.BASE)
+        assert np.abs(found.translations - self.AFFINE).max() < 0.5
+        np.testing.assert_array_equal(found.matrices, self.BASE.matrices)
+
+    def test_few_grains_have_none(self):
+        few = self.GRAINS.select(range(5))
+        base = Pose(np.zeros((5, 3)), np.tile(np.eye(3), (5, 1, 1)))
+        assert field_through(Pose(self.AFFINE[:5], base.matrices), few, base) is base
 
 
 class TestInAPlane:

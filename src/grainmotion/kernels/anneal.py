@@ -12,35 +12,45 @@ where R·P for all shifts is one cross-correlation.  A visit draws a candidate w
 ``places (n, views)`` are patch numbers, −1 where a grain is out of sight.  Patch p has its first pixel at
 ``anchors[p]`` of the images and ``sizes[p]`` pixels, in ``tables[k, offsets[p]:]`` for turn k.  ``slopes (n,
 views, 2, 3)`` are pixels (row, column) per unit of shift.
+
+A chain of draws forgets nothing: one draw that falls otherwise leads elsewhere.  So that none is decided by how a
+processor rounds, images and tables hold **whole numbers** (of a quantum that the caller chooses), whose products and
+sums are exact in double precision in any order, and the arithmetic beside them is the plain one, without reordering.
 """
 
 from __future__ import annotations
 
+import math
+
 import numba as nb
 import numpy as np
 
-LOWEST = -1e30  # fast arithmetic knows no infinity
+from grainmotion.kernels.compilation import CACHE
+
+LOWEST = -1e300
+GRID = 1024.0
+"""Steps a unit to which the random part of a score is rounded: mathematics libraries differ in the last digits."""
 
 
-@nb.njit(cache=True, fastmath=True, error_model="numpy")
+@nb.njit(cache=CACHE, error_model="numpy")
 def _add(image, patch, row, column, sign):
-    """Add ``sign`` times a patch whose first pixel lies at a fractional (row, column), bilinearly."""
+    """Add ``sign`` times a patch whose first pixel lies at a fractional (row, column), bilinearly, in whole numbers."""
     r0, c0 = int(np.floor(row)), int(np.floor(column))
     below, right = row - r0, column - c0
-    for r in range(patch.shape[0]):
-        for k in range(2):
-            weight = sign * (below if k else 1 - below)
-            if weight == 0:
-                continue
-            target = image[r0 + r + k]
-            for c in range(patch.shape[1]):
-                target[c0 + c] += weight * (1 - right) * patch[r, c]
-            if right > 0:
-                for c in range(patch.shape[1]):
-                    target[c0 + c + 1] += weight * right * patch[r, c]
+    rows, columns = patch.shape
+    line = np.zeros(columns + 2)
+    for r in range(rows + (1 if below > 0 else 0)):
+        for c in range(columns):
+            line[c + 1] = (1 - below) * patch[r, c] if r < rows else 0.0
+        if r > 0 and below > 0:
+            for c in range(columns):
+                line[c + 1] += below * patch[r - 1, c]
+        target = image[r0 + r]
+        for c in range(columns + (1 if right > 0 else 0)):
+            target[c0 + c] += sign * np.rint((1 - right) * line[c + 1] + right * line[c])
 
 
-@nb.njit(cache=True, error_model="numpy")
+@nb.njit(cache=CACHE, error_model="numpy")
 def _put(images, tables, places, anchors, sizes, offsets, slopes, g, turn, shift, sign):
     """Add ``sign`` times grain g at a candidate to the images."""
     for v in range(len(images)):
@@ -54,7 +64,7 @@ def _put(images, tables, places, anchors, sizes, offsets, slopes, g, turn, shift
         _add(images[v], patch, anchors[p, 0] + down, anchors[p, 1] + right, sign)
 
 
-@nb.njit(parallel=True, cache=True, fastmath=True, error_model="numpy")
+@nb.njit(parallel=True, cache=CACHE, error_model="numpy")
 def _correlate(images, tables, energies, places, anchors, sizes, offsets, g, reach, some, out):
     """2 R·P − ‖P‖² of some turns in each view at all whole-pixel moves, ``out (views, turns, moves)``.
 
@@ -67,10 +77,10 @@ def _correlate(images, tables, energies, places, anchors, sizes, offsets, g, rea
             out[v] = 0
             continue
         rows, columns = sizes[p, 0], sizes[p, 1]
-        patches = np.empty((len(some), rows * columns), np.float32)
+        patches = np.empty((len(some), rows * columns))
         for m in range(len(some)):
             patches[m] = tables[some[m], offsets[p] : offsets[p] + rows * columns]
-        under = np.empty((rows * columns, down * right), np.float32)
+        under = np.empty((rows * columns, down * right))
         for r in range(rows):
             for c in range(columns):
                 for i in range(down):
@@ -83,7 +93,7 @@ def _correlate(images, tables, energies, places, anchors, sizes, offsets, g, rea
                 out[v, m, s] = 2 * found[m, s] - energies[some[m], p]
 
 
-@nb.njit(cache=True, fastmath=True, error_model="numpy")
+@nb.njit(cache=CACHE, error_model="numpy")
 def _draw(rng, scores, slopes, shifts, some, g, reach, heat):
     """A row of scores and a shift of ``some``: the best at heat 0, else drawn with probability ∝ exp(score / heat)."""
     right = 2 * reach[1] + 1
@@ -112,13 +122,13 @@ def _draw(rng, scores, slopes, shifts, some, g, reach, heat):
                 score += value
             top = max(top, score)
             if heat > 0:
-                score -= heat * np.log(-np.log(max(rng.random(), 1e-300)))
+                score -= heat * np.rint(GRID * math.log(-math.log(max(rng.random(), 1e-300)))) / GRID
             if score > best:
                 best, turn, row = score, k, t
     return turn, row
 
 
-@nb.njit(cache=True, error_model="numpy")
+@nb.njit(cache=CACHE, error_model="numpy")
 def _choose(rng, deck, count, present):
     """``count`` numbers of a deck (all different, shuffled in place) at random, the present one among them."""
     for i in range(count):
@@ -130,7 +140,7 @@ def _choose(rng, deck, count, present):
     return some
 
 
-@nb.njit(cache=True, error_model="numpy")
+@nb.njit(cache=CACHE, error_model="numpy")
 def anneal(rng, heats, batch, images, tables, energies, places, anchors, sizes, offsets, slopes, shifts, reach,
            turns, moves):  # fmt: skip
     """One sweep over all grains a heat, in random order, from and to ``turns (n,)`` and ``moves (n,)`` (rows).
@@ -141,7 +151,7 @@ def anneal(rng, heats, batch, images, tables, energies, places, anchors, sizes, 
     n = len(turns)
     count = min(batch[0], len(tables)), min(batch[1], len(shifts))
     turn_deck, shift_deck = np.arange(len(tables)), np.arange(len(shifts))
-    scores = np.empty((len(images), count[0], (2 * reach[0] + 1) * (2 * reach[1] + 1)), np.float32)
+    scores = np.empty((len(images), count[0], (2 * reach[0] + 1) * (2 * reach[1] + 1)))
     best, best_turns, best_moves = np.inf, turns.copy(), moves.copy()
     for heat in heats:
         for g in rng.permutation(n):

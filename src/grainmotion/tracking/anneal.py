@@ -47,6 +47,8 @@ class Ranges:
         Visits to each grain.
     heat : float
         Of the first sweep, as a share of the residual that a grain has at the start.
+    cooling : float
+        Last heat over the first.
     """
 
     angle: float
@@ -56,6 +58,7 @@ class Ranges:
     turn_step: float
     sweeps: int
     heat: float = 0.1
+    cooling: float = 1e-3
 
 
 BATCH = 256, 512
@@ -64,14 +67,21 @@ LARGEST_TABLE, FEWEST_TURNS = 2**27, 32
 """Numbers in the table of patches; turns in it however many grains there are."""
 BEYOND = 1.02
 """Of a ball's radius: how far out points on it must lie so that they hold it between them."""
-COOLING, LAST = 1e-3, 3
-"""Last heat over the first; sweeps without heat at the end."""
+LAST = 3
+"""Sweeps without heat at the end."""
+BITS = 12
+"""Binary digits to which residuals are significant: the largest number is 4,096 quanta.  Products with patches of up
+to 10⁴ times that, summed over a thousand pixels, are exact in double precision."""
+PLACES, TURNS, SLOPES = 16.0, 256.0, 2.0**20
+"""Steps to which a start is significant, of a voxel and of a radian (candidates lie further apart), and slopes are:
+shifts by half a pixel are then exactly that, and no rounding says to which side a pixel's half goes."""
 
 
 def anneal(
     grains: PackedGrains, target: Target, base: Pose, rows: NDArray[np.int64], ranges: Ranges, seed: int
 ) -> Pose:
     """The best pose that annealing finds for the grains of ``rows`` around ``base``; the others are held."""
+    base = _rounded(base, rows, grains.unit)
     flat = planar(grains, target.scan.geometry)
     diameter = 2 * float(np.median(grains.radii[rows]))
     pixel = target.scan.geometry.pixel_at((grains.centers + base.translations)[rows].mean(axis=0))
@@ -80,7 +90,7 @@ def anneal(
     h = coarse.voxel_size
     turns = _turns(ranges.angle, 2 * ranges.turn_step * h / diameter, flat)
     shifts = _shifts(ranges.reach * diameter, ranges.step * h, flat)
-    slopes = _slopes(target, coarse, base, rows) / factor
+    slopes = np.rint(_slopes(target, coarse, base, rows) / factor * SLOPES) / SLOPES
     moved = np.abs(np.einsum("nvij,tj->nvti", slopes, shifts)).max(axis=(0, 1, 2))
     reach = np.array([0 if flat else max(1, np.ceil(moved[0])), max(1, np.ceil(moved[1]))], dtype=np.int64)
     # Patches keep inside the images at any shift, and grains near the panel's edge keep whole patches.
@@ -88,14 +98,15 @@ def anneal(
     view = replace(coarsened(target, factor, margin), sigma=FILTER, freedom=KNOWN, loose=STILL, weights=None)
     chosen = coarse.select(rows)
     own = Pose(base.translations[rows], base.matrices[rows])
-    table = _Table.of(chosen, own, turns, view)
     images = _residual(coarse, base, view)
-    pad = reach + 1
-    images = np.pad(images, ((0, 0), (pad[0], pad[0]), (pad[1], pad[1]))).astype(np.float32)
     if not images.any():  # nothing that counts is to be explained
         return base
+    quantum = 2.0 ** (np.ceil(np.log2(float(np.abs(images).max()))) - BITS)
+    table = _Table.of(chosen, own, turns, view, quantum)
+    pad = reach + 1
+    images = np.pad(np.rint(images.astype(float) / quantum), ((0, 0), (pad[0], pad[0]), (pad[1], pad[1])))
     heat = ranges.heat * float(np.vdot(images, images)) / len(rows)
-    heats = np.concatenate([np.geomspace(heat, heat * COOLING, ranges.sweeps), np.zeros(LAST)])
+    heats = np.concatenate([np.geomspace(heat, heat * ranges.cooling, ranges.sweeps), np.zeros(LAST)])
     which = np.full(len(rows), _still(table.turns))
     moves = np.full(len(rows), int(np.argmin((shifts**2).sum(axis=1))))
     kernel.anneal(
@@ -111,17 +122,17 @@ def anneal(
 
 @dataclass(frozen=True, eq=False)
 class _Table:
-    """Filtered patches of all grains for all turns; see `kernels.anneal`."""
+    """Filtered patches of all grains for all turns, in whole quanta; see `kernels.anneal`."""
 
     turns: Float
     values: NDArray[np.float32]
-    energies: NDArray[np.float32]
+    energies: Float
     places: NDArray[np.int64]
     boxes: NDArray[np.int64]
     offsets: NDArray[np.int64]
 
     @classmethod
-    def of(cls, grains: PackedGrains, pose: Pose, turns: Float, target: Target) -> _Table:
+    def of(cls, grains: PackedGrains, pose: Pose, turns: Float, target: Target, quantum: float) -> _Table:
         geometry = target.scan.geometry
         reach = np.linalg.norm(grains.hulls, axis=2).max(axis=1)
         ball = replace(grains, hulls=reach[:, None, None] * BEYOND * ball_directions())
@@ -130,16 +141,17 @@ class _Table:
         most = max(FEWEST_TURNS, LARGEST_TABLE // max(pixels, 1))
         if len(turns) > most:  # evenly thinned: neighbours on the grid follow each other
             turns = turns[np.unique(np.append(np.linspace(0, len(turns) - 1, most).astype(int), _still(turns)))]
-        values = np.empty((len(turns), pixels), np.float32)
+        values, all_alike = np.empty((len(turns), pixels), np.float32), np.ones_like(target.valid)
         for k, turn in enumerate(turns):
             turned = Pose(pose.translations, turn @ pose.matrices)
-            values[k] = project_patches(grains, turned, geometry, patches, target.projector)
-        normal.filter_patches(values, patches.boxes, patches.offsets, np.ones_like(target.valid), target.kernel)
+            one = project_patches(grains, turned, geometry, patches, target.projector)[None]
+            normal.filter_patches(one, patches.boxes, patches.offsets, all_alike, target.kernel)
+            values[k] = np.rint(one[0] / one.dtype.type(quantum))
         places = np.full((len(grains), len(geometry)), -1, np.int64)
         places[patches.boxes[:, 0], patches.boxes[:, 1]] = np.arange(len(patches.boxes))
-        energies = np.empty((len(turns), len(patches.boxes)), np.float32)
+        energies = np.empty((len(turns), len(patches.boxes)))
         for p in range(len(patches.boxes)):
-            mine = values[:, patches.offsets[p] : patches.offsets[p + 1]]
+            mine = values[:, patches.offsets[p] : patches.offsets[p + 1]].astype(float)
             energies[:, p] = np.einsum("kp,kp->k", mine, mine)
         return cls(turns, values, energies, places, patches.boxes, patches.offsets)
 
@@ -147,6 +159,14 @@ class _Table:
 def _still(turns: Float) -> int:
     """The turn that is none."""
     return int(np.argmin(np.linalg.norm(turns - np.eye(3), axis=(1, 2))))
+
+
+def _rounded(pose: Pose, rows: NDArray[np.int64], voxel: float) -> Pose:
+    """The pose with the grains of ``rows`` put on a grid, so that starts that differ by rounding are one."""
+    translations, matrices = pose.translations.copy(), pose.matrices.copy()
+    translations[rows] = np.rint(translations[rows] / voxel * PLACES) * voxel / PLACES
+    matrices[rows] = motion.exp(np.rint(motion.log(matrices[rows]) * TURNS) / TURNS)
+    return pose.moved(translations, matrices)
 
 
 def _turns(largest: float, step: float, flat: bool) -> Float:

@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion import motion
-from grainmotion.packed import Pose, planar
+from grainmotion.packed import PackedGrains, Pose, planar
 from grainmotion.solve import Solution
 from grainmotion.tracking.anneal import Ranges, anneal
+from grainmotion.tracking.columns import dot
 from grainmotion.tracking.course import Course, pixels_an_unknown
 from grainmotion.tracking.misfit import evened, lost_grains
 from grainmotion.tracking.residual import StateProblem
@@ -30,6 +31,8 @@ NOTHING = 1e-3  # relative residual that proves a placement all the same
 SAME = 0.2  # voxels between the surfaces of a grain in two placements that are one
 ROUGH = 0.01  # voxels: tolerance of attempts
 PATIENCE = 2  # attempts without a better end after which to give up, where a good fit is proof
+FIELD_FROM = 8  # grains, twice the unknowns of a component of an affine field
+REWEIGHTED = 20  # solutions, after which such weights hardly change
 MAJORITY = 0.9  # share of confirmed grains below which none of a thin placement is trusted
 
 
@@ -41,10 +44,9 @@ def _spatial(angle: float, reach: float, sweeps: int) -> Ranges:
     return Ranges(math.radians(angle), reach, across=12.0, step=1.0, turn_step=1.6, sweeps=sweeps)
 
 
-_WIDE = _planar(180, 0.25)
+_WIDE, _NARROW = _planar(180, 0.25), replace(_planar(45, 0.1), heat=0.3, cooling=0.03)
 PLANAR = (
-    *[_planar(45, 0.1)] * 4, _WIDE, *[_planar(45, 0.1)] * 2, *[_planar(45, 0.25)] * 4, _WIDE,
-    *[_planar(180, 0.5)] * 3, _WIDE,
+    *[_NARROW] * 6, _WIDE, *[_NARROW] * 6, *[_planar(45, 0.25)] * 2, _WIDE, *[_planar(180, 0.5)] * 3, _WIDE,
 )  # fmt: skip
 SPATIAL = (_spatial(60, 0.5, 20), _spatial(90, 0.5, 40), _spatial(90, 1.0, 40), _spatial(90, 1.0, 60))
 """What attempts range over, one after the other; those over the largest angle can confirm a placement."""
@@ -93,7 +95,10 @@ def search(course: Course, base: Pose, problem: StateProblem, solution: Solution
             break
         tried += 1
         rows, ranges = (lost, ALONE) if few else (np.ones_like(lost), planned)
-        start = _annealed(course, base, best, rows, ranges, seed=tried)
+        around = base
+        if ranges.angle < widest and tried % 2 == 0:  # the widest ones confirm, and must be independent
+            around = field_through(best.pose, course.grains, base)
+        start = _annealed(course, around, best, rows, ranges, seed=tried)
         end = _End(*course.free(start, f"search {tried}", course.settings.filters, rough))
         vain = 0 if end.cost < 0.99 * best.cost else vain + 1
         best, other = (end, best) if end.cost < best.cost else (best, end)
@@ -127,7 +132,7 @@ class _End:
     def proven(self) -> bool:
         """Whether nothing is left to explain."""
         measured = self.problem.target.measured
-        return 2 * self.cost < NOTHING**2 * float(np.vdot(measured, measured))
+        return 2 * self.cost < NOTHING**2 * dot(measured, measured)
 
     def agrees(self, others: list[_End]) -> NDArray[np.bool_]:
         """Grains that one of the others put at the same place, ``(n,)``."""
@@ -139,6 +144,27 @@ class _End:
             apart += np.linalg.norm(turns, axis=1) * grains.radii
             same |= apart < SAME * grains.unit
         return same
+
+
+def field_through(pose: Pose, grains: PackedGrains, base: Pose) -> Pose:
+    """Where an affine field that fits most grains of a pose puts all of them, with the turns of ``base``.
+
+    For every second of the narrow attempts, which planar samples alone have in number.
+
+    The smooth field that brought the grains near is bent by those that it could not reach.  Once most grains are in
+    their places, theirs tells better where the others are to be sought; sums of distances, not of squares, are
+    minimised (by reweighting), so that those in wrong places count little.  Few grains have no field of their own.
+    """
+    if len(grains) < FIELD_FROM:
+        return base
+    places = np.column_stack([np.ones(len(grains)), grains.centers])
+    weights = np.ones(len(grains))
+    fitted = base.translations
+    for _ in range(REWEIGHTED):
+        roots = np.sqrt(weights)[:, None]
+        fitted = places @ np.linalg.lstsq(roots * places, roots * pose.translations, rcond=1e-9)[0]
+        weights = 1.0 / np.maximum(np.linalg.norm(pose.translations - fitted, axis=1), SAME * grains.unit)
+    return base.moved(fitted, base.matrices)
 
 
 def _annealed(course: Course, base: Pose, best: _End, rows: NDArray[np.bool_], ranges: Ranges, seed: int) -> Pose:
