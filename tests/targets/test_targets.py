@@ -1,0 +1,132 @@
+"""Results do not depend on the processor: the same cases compiled for several, their motions compared.
+
+Each target is a process of its own, with its own compiled kernels (in ``.targets``, so that a second run is quick).
+Motions of converged grains agree to 0.05 of their standard deviation or 1e-4 voxel, whichever is larger, rotations at
+the rim of a grain; statuses are the same.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from llvmlite import binding
+
+from grainmotion import motion
+
+pytestmark = pytest.mark.targets
+ROOT = Path(__file__).parents[2]
+KEPT, SOURCE = ROOT / ".targets", ROOT / "src" / "grainmotion"
+OF_SD, OF_VOXEL = 0.05, 1e-4
+SOLVER = ("test_solve.py", "test_semidefinite.py")
+AT_ONCE = 2  # processes, of one thread each
+
+AVX2 = frozenset({"avx2", "fma", "bmi2"})
+
+
+@cache
+def kernels() -> str:
+    """A short name for the source of all kernels: numba does not see that a kernel calls another that has changed."""
+    files = sorted(p for room in ("kernels", "simulate") for p in (SOURCE / room).rglob("*.py"))
+    return hashlib.sha256(b"".join(p.read_bytes() for p in files)).hexdigest()[:8]
+
+
+@dataclass(frozen=True)
+class Target:
+    """What kernels are compiled for, or whose kernels the BLAS takes; ``needs`` are instructions of the processor."""
+
+    name: str
+    variable: str = "NUMBA_CPU_NAME"
+    needs: frozenset[str] = frozenset()
+
+    @property
+    def can_run(self) -> bool:
+        """Whether this processor has the instructions."""
+        return all(binding.get_host_cpu_features().get(n) for n in self.needs)
+
+    def measured(self, folder: Path) -> Path:
+        """Do all cases, and the solver's tests; returns where the motions are kept."""
+        out = folder / f"{self.variable}-{self.name}.npz"
+        mine = {self.variable: self.name, "NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+        mine["PYTHONPATH"] = os.pathsep.join([str(ROOT / "tests"), str(ROOT)])
+        if self.variable == "NUMBA_CPU_NAME":  # only what that processor has, whatever more this one can do
+            mine |= {"NUMBA_CPU_FEATURES": "", "NUMBA_CACHE_DIR": str(KEPT / kernels() / self.name)}
+        left = {k: v for k, v in os.environ.items() if not k.startswith(("NUMBA_CPU", "OPENBLAS_CORETYPE"))}
+        solver = ["-m", "pytest", "-q", "-p", "no:cacheprovider", *(str(ROOT / "tests" / name) for name in SOLVER)]
+        for command in ([str(Path(__file__).with_name("cases.py")), str(out)], solver):
+            done = subprocess.run(
+                [sys.executable, *command], env=left | mine, cwd=folder, capture_output=True, text=True
+            )
+            assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-4000:]
+        return out
+
+
+HOST = Target("host", "GRAINMOTION_TARGET")
+TARGETS = (
+    Target("generic"),
+    Target("haswell", needs=AVX2),
+    Target("znver3", needs=AVX2 | {"sse4a", "vaes"}),
+    Target("skylake-avx512", needs=AVX2 | {"avx512f", "avx512vl", "avx512bw", "avx512dq"}),
+    Target("Haswell", "OPENBLAS_CORETYPE", AVX2),
+    Target("Zen", "OPENBLAS_CORETYPE", AVX2),
+    Target("SkylakeX", "OPENBLAS_CORETYPE", AVX2 | {"avx512f", "avx512vl", "avx512bw", "avx512dq"}),
+)
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory) -> Iterator[dict[Target, Future[Path]]]:
+    """All targets under way; kernels of an earlier source are removed."""
+    folder = tmp_path_factory.mktemp("targets")
+    for old in KEPT.glob("*"):
+        if old.name != kernels():
+            shutil.rmtree(old)
+    with ThreadPoolExecutor(AT_ONCE) as pool:
+        yield {t: pool.submit(t.measured, folder) for t in (HOST, *TARGETS) if t.can_run}
+
+
+@pytest.mark.parametrize("target", TARGETS, ids=lambda t: f"{t.variable}={t.name}")
+def test_motions_are_those_of_the_host(results, target):
+    if not target.can_run:
+        pytest.skip(f"this processor lacks one of {', '.join(sorted(target.needs))}")
+    with np.load(results[HOST].result()) as ours, np.load(results[target].result()) as theirs:
+        blas = ", ".join(theirs["blas"])  # it may take the kernels of a relative: Haswell's for Zen
+        names = sorted({key.split("/")[0] for key in ours.files if "/" in key})
+        apart = {name: compared(ours, theirs, name) for name in names}
+    print(f"\n{'largest difference on ' + target.name:34} of sd   voxel   (BLAS: {blas})")
+    for name, (of_sd, of_voxel, _) in apart.items():
+        print(f"{name:34} {of_sd:.4f}  {of_voxel:.1e}")
+    wrong = {name: said for name, (_, _, said) in apart.items() if said}
+    assert not wrong
+
+
+def compared(ours, theirs, name: str) -> tuple[float, float, str]:
+    """Largest difference of converged grains (in sd, in voxels at the rim), and what is wrong with it."""
+    one, other = ({key: arrays[f"{name}/{key}"] for key in KEYS} for arrays in (ours, theirs))
+    if one["rough"]:
+        return np.nan, np.nan, "" if np.isfinite(other["translations"]).all() else "no result"
+    if list(one["statuses"]) != list(other["statuses"]):
+        return np.inf, np.inf, f"statuses {one['statuses']} and {other['statuses']}"
+    told = np.isin(one["statuses"], ["converged", "poorly-determined"])
+    turns = motion.log(motion.exp(other["rotations"]) @ np.swapaxes(motion.exp(one["rotations"]), 1, 2))
+    apart = np.abs(np.hstack([other["translations"] - one["translations"], turns]))[told]
+    assert told.any()
+    assert np.isfinite(apart).all()
+    voxels = apart / np.repeat([one["voxel"], one["voxel"] / one["radius"]], 3)
+    sds = np.divide(apart, one["sds"][told], out=np.full_like(apart, np.inf), where=one["sds"][told] > 0)
+    sds[voxels == 0] = 0
+    far = np.minimum(sds / OF_SD, voxels / OF_VOXEL)
+    said = f"grain {np.argmax(far.max(axis=1))} is {far.max():.1f} times too far" if (far > 1).any() else ""
+    return float(sds.max(initial=0)), float(voxels.max(initial=0)), said
+
+
+KEYS = ("statuses", "translations", "rotations", "sds", "voxel", "radius", "rough")
