@@ -142,7 +142,7 @@ class TestEnds:
         first = _started(path)
         _wait(first, results / "reconstruction.h5", results / "reference.h5")
         first.send_signal(signal.SIGINT)
-        _, errors = first.communicate(timeout=120)
+        _, errors = first.communicate()
         assert first.returncode == 130
         last = errors.strip().splitlines()[-1]
         assert last == "interrupted: finished stages are kept; the same command continues"
@@ -170,13 +170,10 @@ def _started(path):
 
 
 def _wait(process, *paths):
-    """Until one of the files is there."""
-    for _ in range(2400):
-        if any(p.exists() for p in paths):
-            return
+    """Until one of the files is there, however long it takes: a test that hangs is ended by pytest's own limit."""
+    while not any(p.exists() for p in paths):
         assert process.poll() is None, process.communicate()
         time.sleep(0.05)
-    raise AssertionError(f"{paths} did not come")
 
 
 @pytest.fixture

@@ -91,7 +91,7 @@ class TestWorkers:
                 told.append(message)
                 if len(told) == 4:
                     workers.start()
-                    cluster.work.client.wait_for_workers(2, timeout=60)
+                    cluster.work.client.wait_for_workers(2, timeout=900)
                 if len(told) == 6:
                     workers.kill()
 
@@ -111,7 +111,7 @@ def test_one_dies_and_one_comes_late_while_reconstructing(tmp_path, monkeypatch)
     alone = reconstruct(source.read()[0], inputs.grid, settings)
     told = []
     with scheduler() as workers, at_work(Workplace(workers.start().start().address), tmp_path / "shelf") as cluster:
-        cluster.work.client.wait_for_workers(2, timeout=60)
+        cluster.work.client.wait_for_workers(2, timeout=900)
 
         def listen(message, done, total):
             told.append(message)
@@ -228,7 +228,7 @@ class TestRun:
 
 class TestWorkplace:
     def test_nobody_answers(self, tmp_path, monkeypatch):
-        monkeypatch.setattr("grainmotion.cluster.workplace.PATIENCE", 1)
+        monkeypatch.setattr("grainmotion.cluster.workplace.SECONDS_TO_ANSWER", 1)
         path = write_tiny(tmp_path)
         found = CliRunner().invoke(app, ["run", str(path), "--scheduler", "tcp://127.0.0.1:9", "-q"])
         assert found.exit_code == 2
@@ -240,7 +240,7 @@ class TestWorkplace:
         "address", ["nonsense", "127.0.0.1:port", "smoke://127.0.0.1:1", "tcp://127.0.0.1:9", "nowhere.json"]
     )
     def test_no_address(self, tmp_path, monkeypatch, address):
-        monkeypatch.setattr("grainmotion.cluster.workplace.PATIENCE", 1)
+        monkeypatch.setattr("grainmotion.cluster.workplace.SECONDS_TO_ANSWER", 1)
         with pytest.raises(InputError, match="no Dask scheduler answers"), at_work(Workplace(address), tmp_path):
             pass
         # no half-open client: collected while Dask holds its lock, one would block for good
@@ -248,7 +248,7 @@ class TestWorkplace:
         assert all(client.status == "closed" for client in left)
 
     def test_no_workers(self, tmp_path, monkeypatch):
-        monkeypatch.setattr("grainmotion.cluster.workplace.PATIENCE", 1)
+        monkeypatch.setattr("grainmotion.cluster.workplace.SECONDS_TO_FIRST_WORKER", 1)
         with (
             scheduler() as workers,
             pytest.raises(InputError, match="no workers; start some"),

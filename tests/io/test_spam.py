@@ -173,7 +173,7 @@ def spam_python() -> Path:
 def ask(python: Path, script: str, *arguments: object) -> dict:
     """Run a script in spam's environment; its last line is JSON."""
     command = [str(python), "-c", script, *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=900)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout.splitlines()[-1])
 
@@ -254,7 +254,7 @@ class TestWithSpam:
         command = [spam_python.parent / "spam-ddic", "-np", "1", "-pf", tmp_path / "start.tsv"]
         command += ["-od", tmp_path, "-pre", "spam"]
         command += [tmp_path / name for name in ("reference.tif", "labels.tif", "moved.tif")]
-        done = subprocess.run([str(c) for c in command], capture_output=True, text=True, timeout=300)
+        done = subprocess.run([str(c) for c in command], capture_output=True, text=True, timeout=900)
         assert (tmp_path / "spam-ddic.tsv").exists(), done.stdout + done.stderr
         found = read_ddic_tsv(tmp_path / "spam-ddic.tsv", GRID)
         np.testing.assert_array_equal(found.labels, motions.labels)

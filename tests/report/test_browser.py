@@ -57,7 +57,7 @@ def browse(page: Path, profile: Path) -> tuple[str, list[str]]:
     if chromium is None:
         pytest.fail("chromium is not on the PATH: install chromium (apt-get install chromium)")
     command = [chromium, *FLAGS, f"--user-data-dir={profile}", "--dump-dom", page.as_uri()]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=900)
     return done.stdout, re.findall(r"CONSOLE[:(]\d+\)?\] (.*)", done.stderr)
 
 

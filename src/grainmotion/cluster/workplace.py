@@ -33,8 +33,8 @@ from grainmotion.volume import Volume
 if TYPE_CHECKING:
     from distributed import Client
 
-PATIENCE = 15
-"""Seconds to wait for a scheduler, and then for its first worker."""
+SECONDS_TO_ANSWER, SECONDS_TO_FIRST_WORKER = 30, 60
+"""How long to wait for a scheduler, and then for its first worker, which starts slowly on a busy machine."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,9 +160,9 @@ def _client(address: str) -> Client:
         if address.endswith(".json"):
             if not Path(address).is_file():  # else the client would wait for it
                 raise OSError("no such scheduler file")
-            return distributed.Client(scheduler_file=address, timeout=PATIENCE)
+            return distributed.Client(scheduler_file=address, timeout=SECONDS_TO_ANSWER)
         resolve_address(address)  # a client that refuses it stays half open, and can block Dask when it is collected
-        return distributed.Client(address, timeout=PATIENCE)
+        return distributed.Client(address, timeout=SECONDS_TO_ANSWER)
     except (OSError, ValueError, TimeoutError) as error:
         fact = f"no Dask scheduler answers there ({' '.join(str(error).split())[:120]})"
         raise InputError(
@@ -172,7 +172,7 @@ def _client(address: str) -> Client:
 
 def _wait(client: Client, where: str) -> None:
     try:
-        client.wait_for_workers(1, timeout=PATIENCE)
+        client.wait_for_workers(1, timeout=SECONDS_TO_FIRST_WORKER)
     except TimeoutError:
         raise InputError(where, "the scheduler has no workers", "start some with `dask worker`") from None
 
