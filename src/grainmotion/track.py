@@ -159,6 +159,7 @@ def _stages(
     progress: Progress | None,
     device: Device | None,
 ) -> tuple[Motions, Float]:
+    """The stages, one after the other."""
     course = _course(grains, scan, settings, progress, device)
     base, pose = approach(course, starting_pose(grains, start))
     done = 1 if settings.fields and len(settings.filters) > 1 else 0  # the approach ends with the first filter
