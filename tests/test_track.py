@@ -383,11 +383,11 @@ class TestAbsurd:
             tried.append(1)
             if len(tried) > 1:
                 raise np.linalg.LinAlgError("singular")
-            return stages(*arguments)
+            return approach(*arguments)
 
         module = sys.modules["grainmotion.track"]
-        stages = module._stages
-        monkeypatch.setattr(module, "_stages", fail_later)
+        approach = module.approach
+        monkeypatch.setattr(module, "approach", fail_later)
         measured = track(GRAINS, scan)
         assert len(tried) > 1
         assert Status.NOT_FITTED.value not in measured.statuses

@@ -74,7 +74,8 @@ class SegmentSettings:
     background: Annotated[
         Background,
         Field(
-            description='what is further away: "ignore" it, keep it "fixed" in all states, or "moving" as one body; '
+            description='what is further away: "ignore" it, keep it "fixed" in all states, or "moving" as one body '
+            "(in a state whose radiographs do not say that it moved, it is kept where it was); "
             '"auto" is moving if it holds more than 2 % of all attenuation, else ignored'
         ),
     ] = "auto"

@@ -146,36 +146,26 @@ def _all_together(
 ) -> tuple[Motions, Float]:
     """All stages for some grains, and how much of each grain's shadow the radiographs hold."""
     try:
-        return _stages(grains, scan, start, settings, progress, device)
+        course = _course(grains, scan, settings, progress, device)
+        base, pose = approach(course, starting_pose(grains, start))
+        done = 1 if settings.fields and len(settings.filters) > 1 else 0  # the approach ends with the first filter
+        problem, solution = course.free(pose, "free", settings.filters[done:])
+        found = Found(problem, solution, np.zeros(len(grains), dtype=bool))
+        if settings.search:
+            found = search(course, base, problem, solution)
+        problem, solution, held_back = held_if_still(course, found.problem, found.solution)
+        course.tell("judging the grains", course.stages)
+        polished = polish(course, base, problem, solution)
+        limits = (settings.max_sd_voxel * grains.voxel_size, float(np.deg2rad(settings.max_sd_deg)))
+        motions = judge(grains, polished, found.doubtful, limits, tuple(course.costs))
+        if held_back:
+            motions = replace(
+                motions, fit=replace(motions.fit, background=np.zeros(6), notes=(*motions.fit.notes, HELD))
+            )
+        held = shadows_held(polished.problem, polished.solution.state)
+        return motions, np.array([shadow.support for shadow in held])
     except np.linalg.LinAlgError as error:
         return _unsolved(grains, error), np.ones(len(grains))
-
-
-def _stages(
-    grains: GrainSet,
-    scan: Scan,
-    start: Motions | None,
-    settings: TrackSettings,
-    progress: Progress | None,
-    device: Device | None,
-) -> tuple[Motions, Float]:
-    """The stages, one after the other."""
-    course = _course(grains, scan, settings, progress, device)
-    base, pose = approach(course, starting_pose(grains, start))
-    done = 1 if settings.fields and len(settings.filters) > 1 else 0  # the approach ends with the first filter
-    problem, solution = course.free(pose, "free", settings.filters[done:])
-    found = Found(problem, solution, np.zeros(len(grains), dtype=bool))
-    if settings.search:
-        found = search(course, base, problem, solution)
-    problem, solution, held_back = held_if_still(course, found.problem, found.solution)
-    course.tell("judging the grains", course.stages)
-    polished = polish(course, base, problem, solution)
-    limits = (settings.max_sd_voxel * grains.voxel_size, float(np.deg2rad(settings.max_sd_deg)))
-    motions = judge(grains, polished, found.doubtful, limits, tuple(course.costs))
-    if held_back:
-        motions = replace(motions, fit=replace(motions.fit, background=np.zeros(6), notes=(*motions.fit.notes, HELD)))
-    held = shadows_held(polished.problem, polished.solution.state)
-    return motions, np.array([shadow.support for shadow in held])
 
 
 def _course(
