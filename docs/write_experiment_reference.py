@@ -16,24 +16,24 @@ from typing import Any, get_args
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-from grainmotion.experiment import file
-from grainmotion.plan import PlanSettings
-from grainmotion.reconstruct import ReconstructSettings
-from grainmotion.segment import SegmentSettings
-from grainmotion.track import TrackSettings
+from grainmotion.experiment import config
+from grainmotion.planning.plan import PlanSettings
+from grainmotion.reconstruction.reconstruct import ReconstructSettings
+from grainmotion.segmentation.settings import SegmentSettings
+from grainmotion.tracking.track import TrackSettings
 
 TABLES: dict[str, type] = {
-    "[reference]": file.ReferenceTable,
-    "[reference.geometry], [states.geometry]": file.Circular,
-    "[reference.air]": file.Air,
-    "[volume]": file.VolumeTable,
-    "[calibrate]": file.CalibrateTable,
+    "[reference]": config.ReferenceTable,
+    "[reference.geometry], [states.geometry]": config.Circular,
+    "[reference.air]": config.Air,
+    "[volume]": config.VolumeTable,
+    "[calibrate]": config.CalibrateTable,
     "[reconstruct]": ReconstructSettings,
     "[segment]": SegmentSettings,
     "[track]": TrackSettings,
     "[plan]": PlanSettings,
-    "[[states]]": file.StateTable,
-    "[output]": file.OutputTable,
+    "[[states]]": config.StateTable,
+    "[output]": config.OutputTable,
 }
 HEAD = """# The experiment file
 

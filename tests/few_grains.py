@@ -6,13 +6,14 @@ import dataclasses
 
 import numpy as np
 
-from grainmotion import motion
-from grainmotion.geometry import Geometry
-from grainmotion.grains import GrainSet, grains_from_labels
-from grainmotion.motions import Motions
-from grainmotion.project import simulate_radiographs
-from grainmotion.scan import Scan
-from grainmotion.volume import Volume
+from grainmotion.model.geometry import Geometry
+from grainmotion.model.grains import GrainSet
+from grainmotion.model.motions import Motions
+from grainmotion.model.scan import Scan
+from grainmotion.model.volume import Volume
+from grainmotion.projection.grains import simulate_radiographs
+from grainmotion.rotations import rotation_vector
+from grainmotion.segmentation.extraction import grains_from_labels
 
 VOXEL = 0.1
 PANEL = (52, 64)
@@ -90,5 +91,5 @@ def radiographs(grains: GrainSet, truth: Motions, *, views=None, noise=0.01, gai
 
 def errors(measured: Motions, truth: Motions) -> tuple[np.ndarray, np.ndarray]:
     """Translation errors in voxels and rotation errors in degrees, ``(n, 3)`` each."""
-    turns = motion.log(measured.matrices @ truth.matrices.transpose(0, 2, 1))
+    turns = rotation_vector(measured.matrices @ truth.matrices.transpose(0, 2, 1))
     return (measured.translations - truth.translations) / VOXEL, np.rad2deg(turns)

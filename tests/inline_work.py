@@ -3,7 +3,7 @@
 import pickle
 
 
-class InlineWork:
+class InlineExecutor:
     """Each task's literals travel as they would, and its result is kept apart from what it was made of."""
 
     def __init__(self, hands=2):

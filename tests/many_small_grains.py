@@ -6,13 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from grainmotion import motion
-from grainmotion.geometry import Geometry
-from grainmotion.grains import GrainSet, grains_from_labels
-from grainmotion.packed import PackedGrains, Pose
-from grainmotion.project import assemble, project_patches, shadows
-from grainmotion.scan import Scan
-from grainmotion.volume import Volume
+from grainmotion.model.geometry import Geometry
+from grainmotion.model.grains import GrainSet
+from grainmotion.model.pose import Pose
+from grainmotion.model.scan import Scan
+from grainmotion.model.volume import Volume
+from grainmotion.projection.grain_arrays import GrainArrays
+from grainmotion.projection.grains import assemble, project_patches, shadows
+from grainmotion.rotations import rotation_matrix
+from grainmotion.segmentation.extraction import grains_from_labels
 
 VOXEL, ACROSS = 0.1, 8
 
@@ -51,8 +53,8 @@ def still(n: int) -> Pose:
 def state(grains: GrainSet, geometry: Geometry, noise: float = 0.002, seed: int = 1) -> tuple[Scan, Pose]:
     """Radiographs of the grains moved by up to half a voxel and 2°, and where they are."""
     rng = np.random.default_rng(seed)
-    packed, n = PackedGrains.of(grains), len(grains)
-    turns = motion.exp(np.deg2rad(2) * rng.uniform(-1, 1, (n, 3)))
+    packed, n = GrainArrays.of(grains), len(grains)
+    turns = rotation_matrix(np.deg2rad(2) * rng.uniform(-1, 1, (n, 3)))
     pose = replace(still(n), translations=0.5 * VOXEL * rng.uniform(-1, 1, (n, 3)), matrices=turns)
     patches = shadows(packed, pose, geometry)
     images = assemble(project_patches(packed, pose, geometry, patches, "trilinear"), patches, geometry)

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from grainmotion.geometry import Geometry
 from grainmotion.io.geometry_csv import write_geometry
 from grainmotion.io.tiff import write_tiff
-from grainmotion.project import project
-from grainmotion.volume import Volume
+from grainmotion.model.geometry import Geometry
+from grainmotion.model.volume import Volume
+from grainmotion.projection.volumes import project
 
 PANEL = (28, 36)
 VOXEL = 0.1

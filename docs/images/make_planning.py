@@ -11,13 +11,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from validation.paper import gravel
 
 import grainmotion as gm
 from grainmotion import simulate
 from grainmotion.planning.candidates import candidate_angles
-from grainmotion.planning.information import Candidates
-from grainmotion.report.planning import plan_figure
-from paper import gravel
+from grainmotion.planning.fisher_information import Candidates
+from grainmotion.report.plan_figure import plan_figure
 
 HERE = Path(__file__).parent
 PAGE = HERE.parent / "planning.md"

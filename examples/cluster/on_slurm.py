@@ -9,9 +9,9 @@ from pathlib import Path
 
 from dask_jobqueue import SLURMCluster
 
-from grainmotion.cluster.workplace import Workplace
-from grainmotion.experiment.file import read_experiment
-from grainmotion.pipeline.run import run
+from grainmotion.cluster.connection import ComputeConfig
+from grainmotion.experiment.config import read_experiment
+from grainmotion.workflow.run import run
 
 JOBS = 4
 
@@ -36,5 +36,7 @@ if __name__ == "__main__":
     with workers() as cluster:
         cluster.scale(jobs=JOBS)
         cluster.wait_for_workers(1)  # others join when the queue lets them
-        result = run(read_experiment(Path(sys.argv[1])), workplace=Workplace(cluster.scheduler_address), progress=print)
+        result = run(
+            read_experiment(Path(sys.argv[1])), workplace=ComputeConfig(cluster.scheduler_address), progress=print
+        )
         print(f"report: {result.report}")

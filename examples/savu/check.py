@@ -17,15 +17,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from grainmotion import motion
-from grainmotion.experiment.file import read_experiment
+from grainmotion.experiment.circular import circular_geometry
+from grainmotion.experiment.config import read_experiment
 from grainmotion.experiment.inputs import find_inputs
-from grainmotion.experiment.scans import circular_geometry
-from grainmotion.grains import grains_from_labels
 from grainmotion.io.motions_csv import read_motions
 from grainmotion.io.results import read_reference
-from grainmotion.motions import Motions
-from grainmotion.track import track
+from grainmotion.model.motions import Motions
+from grainmotion.rotations import rotation_matrix, rotation_vector
+from grainmotion.segmentation.extraction import grains_from_labels
+from grainmotion.tracking.track import track
 
 HERE = Path(__file__).parent
 TURNS_DEG = {"unmoved": 0.0, "turned": 10.0}  # true motion of everything: a turn about z
@@ -35,9 +35,9 @@ CHIP_LIMITS = (0.1, 0.5)  # pixel, degree
 
 def errors(measured: Motions, turn_deg: float) -> NDArray[np.float64]:
     """Translation (pixels) and rotation (degrees) errors ``(n, 6)``, x y z each."""
-    turn = motion.exp([0.0, 0.0, np.deg2rad(turn_deg)])
+    turn = rotation_matrix([0.0, 0.0, np.deg2rad(turn_deg)])
     translations = measured.centers @ turn.T - measured.centers
-    rotations = np.rad2deg(motion.log(measured.matrices @ turn.T))
+    rotations = np.rad2deg(rotation_vector(measured.matrices @ turn.T))
     return np.concatenate([measured.translations - translations, rotations], axis=1)
 
 

@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 from scipy.optimize import minimize
 
-from grainmotion.experiment.file import read_experiment
+from grainmotion.experiment.config import read_experiment
 from grainmotion.experiment.inputs import find_inputs
-from grainmotion.geometry import Geometry, Panel
-from grainmotion.reconstruct import ReconstructSettings, reconstruct
-from grainmotion.scan import Scan
-from grainmotion.volume import Volume
+from grainmotion.model.geometry import DetectorAlignment, Geometry
+from grainmotion.model.scan import Scan
+from grainmotion.model.volume import Volume
+from grainmotion.reconstruction.reconstruct import ReconstructSettings, reconstruct
 
 HERE = Path(__file__).parent
 ROWS = slice(60, 130)  # chip and cylinder
@@ -52,7 +52,7 @@ def least_residual(images: NDArray[np.float32], angles_deg: NDArray[np.float64],
     settings = ReconstructSettings(sweeps=3, tolerance=0)
     squares = []
     for axis in trials:
-        panel = Panel(axis_offset=axis - middle, first_row="top")
+        panel = DetectorAlignment(axis_offset=axis - middle, first_row="top")
         scan = Scan(part, Geometry.parallel(angles_deg, shape, 1.0, panel=panel))
         squares.append(reconstruct(scan, Volume.zeros((shape[0], 112, 112), 1.0), settings).residuals[-1] ** 2)
     curve = np.polyfit(trials, squares, 2)

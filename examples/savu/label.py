@@ -16,9 +16,9 @@ import tifffile
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from grainmotion.experiment.file import read_experiment
+from grainmotion.experiment.config import read_experiment
 from grainmotion.experiment.inputs import find_inputs
-from grainmotion.reconstruct import reconstruct
+from grainmotion.reconstruction.reconstruct import reconstruct
 
 HERE = Path(__file__).parent
 CHIP = 0.031  # the chip has 0.050 a pixel, the cylinder 0.012

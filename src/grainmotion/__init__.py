@@ -12,68 +12,21 @@ The whole job in a notebook::
     motions.to_table()
 """
 
-from grainmotion.calibrate import CalibrateSettings, calibrate
-from grainmotion.calibrating.corrections import Calibration
-from grainmotion.compare import Comparison, compare
-from grainmotion.errors import GrainmotionError, InputError
-from grainmotion.experiment.file import read_experiment
-from grainmotion.experiment.scans import read_scan
-from grainmotion.geometry import Geometry, Panel
-from grainmotion.grains import Grain, GrainSet, grains_from_labels
-from grainmotion.hardening import Hardening, HardeningSettings, calibrate_hardening
-from grainmotion.intensity import line_integrals_from_counts
-from grainmotion.motions import Motions, StateFit, Status
-from grainmotion.pipeline.run import run
-from grainmotion.plan import Plan, PlanSettings, plan
-from grainmotion.project import back_project, project, simulate_radiographs
-from grainmotion.rebuild import rebuild
-from grainmotion.reconstruct import Reconstruction, ReconstructSettings, reconstruct
-from grainmotion.scan import Scan, normalize_air, snr
-from grainmotion.segment import Segmentation, SegmentSettings, segment
-from grainmotion.track import PAPER, TrackSettings, track
-from grainmotion.volume import Volume
+from __future__ import annotations
 
-__all__ = [
-    "PAPER",
-    "CalibrateSettings",
-    "Calibration",
-    "Comparison",
-    "Geometry",
-    "Grain",
-    "GrainSet",
-    "GrainmotionError",
-    "Hardening",
-    "HardeningSettings",
-    "InputError",
-    "Motions",
-    "Panel",
-    "Plan",
-    "PlanSettings",
-    "ReconstructSettings",
-    "Reconstruction",
-    "Scan",
-    "SegmentSettings",
-    "Segmentation",
-    "StateFit",
-    "Status",
-    "TrackSettings",
-    "Volume",
-    "back_project",
-    "calibrate",
-    "calibrate_hardening",
-    "compare",
-    "grains_from_labels",
-    "line_integrals_from_counts",
-    "normalize_air",
-    "plan",
-    "project",
-    "read_experiment",
-    "read_scan",
-    "rebuild",
-    "reconstruct",
-    "run",
-    "segment",
-    "simulate_radiographs",
-    "snr",
-    "track",
-]
+import warnings
+from importlib.metadata import version
+from typing import Any
+
+import lazy_loader
+
+__version__ = version("grainmotion")
+_load, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_FORMER = {"Panel": "DetectorAlignment"}
+
+
+def __getattr__(name: str) -> Any:
+    if name in _FORMER:
+        warnings.warn(f"grainmotion.{name} is now grainmotion.{_FORMER[name]}", DeprecationWarning, stacklevel=2)
+        name = _FORMER[name]
+    return _load(name)

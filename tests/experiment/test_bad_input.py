@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from grainmotion.cli import app
+from grainmotion.cli.app import app
 from grainmotion.io.tiff import read_tiff, write_tiff
 from tiny_experiment import PANEL, write_tiny
 
@@ -195,7 +195,7 @@ def test_every_command_refuses_alike(tiny, command):
 def test_through_the_installed_command(tiny):
     (tiny / "one.tif").unlink()
     done = subprocess.run(
-        [sys.executable, "-c", "from grainmotion.cli import main; main()", "run", str(tiny / "experiment.toml")],
+        [sys.executable, "-c", "from grainmotion.cli.app import main; main()", "run", str(tiny / "experiment.toml")],
         capture_output=True,
         text=True,
         check=False,

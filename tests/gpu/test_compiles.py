@@ -7,7 +7,7 @@ import pytest
 pytest.importorskip("numba_cuda", reason="numba-cuda is not installed: pip install grainmotion[dev]")
 from numba import cuda, types
 
-from grainmotion.kernels.cuda import arrays, grains, normal, volumes
+from grainmotion.kernels.cuda import device_array, grain_projection, normal_equations, volume_projection
 
 if cuda.is_available():
     pytest.skip("a card is there and compiles the kernels that it runs", allow_module_level=True)
@@ -30,24 +30,25 @@ def signatures(real: types.Type) -> dict[str, tuple]:
     flat, patch, stack = array(real, 1), array(real, 2), array(real, 3)
     laid = (INT, INT, INT, array(FLOAT, 1))
     return {
-        "fill": (arrays._fill, flat, INT),
-        "project": (grains._project, flat, *placed, flat),
-        "differentiate": (grains._differentiate, flat, *placed, flat, patch),
-        "gather": (grains._gather, flat, tables, array(INT, 1), array(INT, 1), array(INT, 1), stack),
-        "rows": (normal._along_rows, stack, stack, flat),
-        "columns": (normal._along_columns, stack, stack, flat),
-        "filter": (normal._filter_patches, patch, patch, tables, array(INT, 1), stack, flat),
-        "gradients": (normal._gradients, patch, tables, array(INT, 1), stack, whole),
-        "spread": (normal._spread, patch, tables, array(INT, 1), array(INT, 1), array(INT, 1), whole, stack),
-        "blocks": (normal._blocks, patch, tables, array(INT, 1), tables, array(INT, 1), array(FLOAT, 3)),
-        "swap": (volumes._swap, stack, stack),
-        "swap flags": (volumes._swap, array(YES, 3), array(YES, 3)),
-        "forward": (volumes._forward, flat, *laid, FLOAT, whole, YES, YES, stack),
-        "adjoint": (volumes._adjoint, stack, *laid, FLOAT, whole, array(INT, 1), YES, YES, flat),
-        "residual": (volumes._residual, flat, *laid, FLOAT, whole, YES, YES, FLOAT, stack, array(YES, 3),
+        "fill": (device_array._fill, flat, INT),
+        "project": (grain_projection._project, flat, *placed, flat),
+        "differentiate": (grain_projection._differentiate, flat, *placed, flat, patch),
+        "gather": (grain_projection._gather, flat, tables, array(INT, 1), array(INT, 1), array(INT, 1), stack),
+        "rows": (normal_equations._along_rows, stack, stack, flat),
+        "columns": (normal_equations._along_columns, stack, stack, flat),
+        "filter": (normal_equations._filter_patches, patch, patch, tables, array(INT, 1), stack, flat),
+        "gradients": (normal_equations._gradients, patch, tables, array(INT, 1), stack, whole),
+        "spread": (normal_equations._spread, patch, tables, array(INT, 1), array(INT, 1), array(INT, 1), whole, stack),
+        "blocks": (normal_equations._blocks, patch, tables, array(INT, 1), tables, array(INT, 1), array(FLOAT, 3)),
+        "swap": (volume_projection._swap, stack, stack),
+        "swap flags": (volume_projection._swap, array(YES, 3), array(YES, 3)),
+        "forward": (volume_projection._forward, flat, *laid, FLOAT, whole, YES, YES, stack),
+        "adjoint": (volume_projection._adjoint, stack, *laid, FLOAT, whole, array(INT, 1), YES, YES, flat),
+        "residual": (volume_projection._residual, flat, *laid, FLOAT, whole, YES, YES, FLOAT, stack, array(YES, 3),
                      array(INT, 1), FLOAT, stack, array(FLOAT, 3)),
-        "constrain": (volumes._constrain, flat, INT, INT, INT, INT, FLOAT, real),
-        "extrapolate": (volumes._constrain_and_extrapolate, flat, flat, INT, INT, INT, INT, FLOAT, real, real),
+        "constrain": (volume_projection._constrain, flat, INT, INT, INT, INT, FLOAT, real),
+        "extrapolate": (volume_projection._constrain_and_extrapolate, flat, flat, INT, INT, INT, INT, FLOAT, real,
+                        real),
     }  # fmt: skip
 
 

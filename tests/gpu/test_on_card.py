@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from gpu import work
-from grainmotion.device import chosen
+from grainmotion.backends.device import chosen
 from grainmotion.errors import InputError
 
 pytest.importorskip("numba_cuda", reason="numba-cuda is not installed: pip install grainmotion[dev]")

@@ -14,32 +14,33 @@ from unittest.mock import patch
 
 import numpy as np
 
-from grainmotion import motion
-from grainmotion.cardoperator import CardOperator
-from grainmotion.device import CPU, Device, chosen
-from grainmotion.geometry import Geometry
-from grainmotion.grains import GrainSet, grains_from_labels
-from grainmotion.motions import Motions
-from grainmotion.packed import PackedGrains, Pose
-from grainmotion.patchwork import filter_patches, gradients
-from grainmotion.project import (
+from grainmotion.backends.device import CPU, Device, chosen
+from grainmotion.backends.patchwork import filter_patches, gradients
+from grainmotion.model.geometry import Geometry
+from grainmotion.model.grains import GrainSet
+from grainmotion.model.motions import Motions
+from grainmotion.model.pose import Pose
+from grainmotion.model.scan import Scan
+from grainmotion.model.volume import Volume
+from grainmotion.objective.data_term import Target, gaussian
+from grainmotion.objective.normal_matrix import PatchNormalMatrix, normal_matrix, spread
+from grainmotion.objective.residual import StateProblem
+from grainmotion.objective.response_parameters import ResponseModel
+from grainmotion.projection.grain_arrays import GrainArrays
+from grainmotion.projection.grains import (
     assemble,
-    back_project,
     differentiate_in_place,
-    project,
     project_patches,
     shadows,
     simulate_radiographs,
 )
-from grainmotion.reconstruct import ReconstructSettings, reconstruct
-from grainmotion.reconstructing import accelerated, coarser
-from grainmotion.scan import Scan
-from grainmotion.track import TrackSettings, track
-from grainmotion.tracking.coupling import PatchNormal, normal_matrix, spread
-from grainmotion.tracking.freedom import Freedom
-from grainmotion.tracking.residual import StateProblem
-from grainmotion.tracking.target import Target, gaussian
-from grainmotion.volume import Volume
+from grainmotion.projection.volume_operator_cuda import CudaVolumeOperator
+from grainmotion.projection.volumes import back_project, project
+from grainmotion.reconstruction import coarse_start, ordered_subsets
+from grainmotion.reconstruction.reconstruct import ReconstructSettings, reconstruct
+from grainmotion.rotations import rotation_matrix, rotation_vector
+from grainmotion.segmentation.extraction import grains_from_labels
+from grainmotion.tracking.track import TrackSettings, track
 
 VOXEL = 0.1
 SHAPE = (12, 11, 15)
@@ -68,13 +69,13 @@ def grains(precision: type = np.float32) -> GrainSet:
 def pose(count: int) -> Pose:
     """Every grain moved and turned its own way."""
     rng = np.random.default_rng(3)
-    turns = motion.exp(rng.uniform(-0.4, 0.4, (count, 3)))
+    turns = rotation_matrix(rng.uniform(-0.4, 0.4, (count, 3)))
     return Pose(VOXEL * rng.uniform(-0.8, 0.8, (count, 3)), turns)
 
 
 def patches(device: Device, precision: type, projector: str) -> dict:
     """Values, derivatives, filtered patches, radiographs, gradients and blocks of moved grains."""
-    packed = PackedGrains.of(grains(precision)).on(device)
+    packed = GrainArrays.of(grains(precision)).on(device)
     views, at, kernel = geometry(), pose(2), gaussian(1.0).astype(precision)
     seen = shadows(packed, at, views, margin=len(kernel) - 1)
     rng = np.random.default_rng(5)
@@ -96,16 +97,16 @@ def patches(device: Device, precision: type, projector: str) -> dict:
         "radiographs": radiographs,
         "gradients": dots,
         "spread": spread(derivatives, seen, rng.normal(size=(1, 2, 6)), images.shape)[0],
-        "product": PatchNormal(derivatives, seen, 2, images.shape) @ rng.normal(size=12),
+        "product": PatchNormalMatrix(derivatives, seen, 2, images.shape) @ rng.normal(size=12),
         "blocks": normal_matrix(derivatives, seen, 2).toarray(),
     }
 
 
 def linearized(device: Device, **options: object) -> dict:
     """The normal equations of a state."""
-    packed = PackedGrains.of(grains()).on(device)
+    packed = GrainArrays.of(grains()).on(device)
     target = Target(scan(), np.zeros(scan().line_integrals.shape, np.float32), "trilinear", 0.8,
-                    Freedom("global", "constant", 1), device=device, **options)  # fmt: skip
+                    ResponseModel("global", "constant", 1), device=device, **options)  # fmt: skip
     found = StateProblem(packed, target).linearize(pose(2))
     return {
         "cost": np.array(found.cost),
@@ -120,7 +121,9 @@ def truth() -> Motions:
     """Where the state's grains are."""
     still, at = grains(), pose(2)
     motions = Motions.identity(still.labels, still.centers)
-    return dataclasses.replace(motions, translations=0.5 * at.translations, rotations=0.25 * motion.log(at.matrices))
+    return dataclasses.replace(
+        motions, translations=0.5 * at.translations, rotations=0.25 * rotation_vector(at.matrices)
+    )
 
 
 def scan(views: int = 3) -> Scan:
@@ -156,7 +159,7 @@ def volume(device: Device, projector: str = "trilinear", beam: str = "cone") -> 
     if device == CPU:
         back = back_project(images, views, grid, projector)
         return {"forward": project(grid, views, projector), "adjoint": array + back.array}
-    operator = CardOperator(views, grid, projector)
+    operator = CudaVolumeOperator(views, grid, projector)
     held = operator.laid(array)
     forward = operator.forward(held)
     operator.add_adjoint(images, held)
@@ -184,7 +187,7 @@ def reconstructed(device: Device, method: str) -> dict:
     if method == "accelerated":
         settings = ReconstructSettings(method="accelerated", device=device.name)
     few = {"PHASES": ((3, 1, 1.5, 0.7), (1, 2, 1.0, 0.5)), "FEWEST": 2}
-    with patch.multiple(accelerated, **few), patch.object(coarser, "SMALLEST", 4):
+    with patch.multiple(ordered_subsets, **few), patch.object(coarse_start, "SMALLEST", 4):
         found = reconstruct(seen, Volume.zeros(truth.shape, VOXEL), settings)
     return {"volume": found.volume.array, "residuals": np.array(found.residuals)}
 

@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from grainmotion.calibrating.corrections import Calibration, Correction, corrected
+from grainmotion.calibration.corrections import Calibration, Correction, corrected
 from grainmotion.errors import InputError
-from grainmotion.geometry import Geometry
-from grainmotion.hardening import Hardening
 from grainmotion.io.calibration_json import read_calibration, write_calibration
+from grainmotion.model.geometry import Geometry
+from grainmotion.preprocessing.beam_hardening import Hardening
 
 TOLD = Geometry.cone([0, 90], (4, 6), 0.5, source_to_axis=20, source_to_detector=50)
 CORRECTIONS = (Correction("shift_u", 0.123456789, 0.01), Correction("pitch", 0.0, math.inf))

@@ -13,13 +13,13 @@ import pytest
 import tifffile
 from scipy import ndimage
 
-from grainmotion import motion
+from grainmotion.analysis.deformed_volume import rebuild
 from grainmotion.errors import InputError
-from grainmotion.grains import grains_from_labels
 from grainmotion.io.spam import HEADER, read_ddic_tsv, write_ddic_tsv
-from grainmotion.motions import Motions
-from grainmotion.rebuild import rebuild
-from grainmotion.volume import Volume
+from grainmotion.model.motions import Motions
+from grainmotion.model.volume import Volume
+from grainmotion.rotations import apply_motion, recenter
+from grainmotion.segmentation.extraction import grains_from_labels
 
 GRID = Volume.zeros((48, 52, 56), 0.05, (0.3, -0.2, 1.0))
 ROOT = Path(__file__).parents[2]
@@ -103,8 +103,8 @@ class TestFormat:
         np.testing.assert_allclose(back.centers, expected, atol=1e-8)
         points = np.random.default_rng(0).normal(size=(3, 3))
         np.testing.assert_allclose(
-            motion.act(back.matrices, back.translations, back.centers, points),
-            motion.act(motions.matrices, motions.translations, motions.centers, points),
+            apply_motion(back.matrices, back.translations, back.centers, points),
+            apply_motion(motions.matrices, motions.translations, motions.centers, points),
             atol=1e-7,
         )
 
@@ -259,7 +259,7 @@ class TestWithSpam:
         found = read_ddic_tsv(tmp_path / "spam-ddic.tsv", GRID)
         np.testing.assert_array_equal(found.labels, motions.labels)
         assert set(found.statuses) == {"converged"}
-        carried = motion.recenter(found.matrices, found.translations, found.centers, motions.centers)
+        carried = recenter(found.matrices, found.translations, found.centers, motions.centers)
         np.testing.assert_allclose(carried, motions.translations, atol=0.05 * GRID.voxel_size)
         np.testing.assert_allclose(np.rad2deg(found.rotations), np.rad2deg(motions.rotations), atol=0.3)
 
@@ -267,5 +267,5 @@ class TestWithSpam:
 def _about(motions: Motions, body: Volume, labels: np.ndarray) -> Motions:
     """The same motions about the centres of uniform grains."""
     centers = grains_from_labels(body, labels, reach=0).centers
-    moved = motion.recenter(motions.matrices, motions.translations, motions.centers, centers)
+    moved = recenter(motions.matrices, motions.translations, motions.centers, centers)
     return replace(motions, centers=centers, translations=moved)

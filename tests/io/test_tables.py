@@ -7,24 +7,18 @@ import pandas as pd
 import pytest
 
 from grainmotion.errors import InputError
-from grainmotion.geometry import Geometry, Panel
 from grainmotion.io.geometry_csv import read_geometry, write_geometry
 from grainmotion.io.motions_csv import read_motions, write_motions
-from grainmotion.io.results import (
-    Reference,
-    read_motions_h5,
-    read_reference,
-    write_motions_h5,
-    write_reference,
-)
-from grainmotion.motions import COLUMNS, Motions, StateFit, Status
-from grainmotion.response import Response
-from grainmotion.volume import Volume
+from grainmotion.io.results import Reference, read_motions_h5, read_reference, write_motions_h5, write_reference
+from grainmotion.model.detector_response import Response
+from grainmotion.model.geometry import DetectorAlignment, Geometry
+from grainmotion.model.motions import COLUMNS, Motions, StateFit, Status
+from grainmotion.model.volume import Volume
 
 
 @pytest.fixture
 def geometry():
-    panel = Panel(offset=(0.3, -0.2), tilts_deg=(1.0, 2.0, 3.0), axis_offset=0.1, axis_tilt_deg=(0.5, 0.0))
+    panel = DetectorAlignment(offset=(0.3, -0.2), tilts_deg=(1.0, 2.0, 3.0), axis_offset=0.1, axis_tilt_deg=(0.5, 0.0))
     angles = [0.0, 33.3, 121.7]
     return Geometry.cone(angles, (20, 30), 0.127, source_to_axis=100, source_to_detector=400, panel=panel)
 

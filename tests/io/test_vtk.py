@@ -10,11 +10,11 @@ import pytest
 from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkIOXML import vtkXMLImageDataReader, vtkXMLPolyDataReader
 
-from grainmotion import motion
 from grainmotion.errors import InputError
 from grainmotion.io.vtk import STATUS_CODES, write_grains_vtp, write_image_vti
-from grainmotion.motions import Motions
-from grainmotion.volume import Volume
+from grainmotion.model.motions import Motions
+from grainmotion.model.volume import Volume
+from grainmotion.rotations import rotation_matrix
 
 
 def motions(n: int = 5) -> Motions:
@@ -74,7 +74,7 @@ class TestGrains:
         for name, values in expected.items():
             np.testing.assert_array_equal(fields[name], values, err_msg=name)
         matrices = fields["rotation_matrix"].reshape(-1, 3, 3)
-        np.testing.assert_allclose(matrices[:-1], motion.exp(given.rotations[:-1]), atol=1e-15)
+        np.testing.assert_allclose(matrices[:-1], rotation_matrix(given.rotations[:-1]), atol=1e-15)
         assert np.isnan(matrices[-1]).all()
 
     def test_points_stand_at_the_current_centres(self, tmp_path):

@@ -6,14 +6,14 @@ Bounds are about twice what `docs/accuracy.md` measures; no converged grain may 
 import numpy as np
 import pytest
 
-from grainmotion.calibrate import calibrate
-from grainmotion.compare import compare
-from grainmotion.grains import grains_from_labels
-from grainmotion.reconstruct import reconstruct
-from grainmotion.scan import Scan
-from grainmotion.segment import segment
+from grainmotion.analysis.validation import compare
+from grainmotion.calibration.calibrate import calibrate
+from grainmotion.model.scan import Scan
+from grainmotion.reconstruction.reconstruct import reconstruct
+from grainmotion.segmentation.extraction import grains_from_labels
+from grainmotion.segmentation.segment import segment
 from grainmotion.simulate import HARD_CASES, LATER_ANGLES_DEG, hard_case
-from grainmotion.track import track
+from grainmotion.tracking.track import track
 
 BOUNDS = {  # voxel, degrees, rms a component over converged grains, 4 views
     "noisy": (0.04, 0.4),

@@ -5,12 +5,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-from grainmotion import motion
-from grainmotion.compare import compare
-from grainmotion.grains import grains_from_labels
-from grainmotion.motions import Status
-from grainmotion.reconstruct import reconstruct
-from grainmotion.segment import segment
+from grainmotion.analysis.validation import compare
+from grainmotion.model.motions import Status
+from grainmotion.reconstruction.reconstruct import reconstruct
+from grainmotion.rotations import rotation_matrix
+from grainmotion.segmentation.extraction import grains_from_labels
+from grainmotion.segmentation.segment import segment
 from grainmotion.simulate import (
     LATER_ANGLES_DEG,
     Case,
@@ -26,7 +26,7 @@ from grainmotion.simulate import (
     random_polyhedron,
     small,
 )
-from grainmotion.track import track
+from grainmotion.tracking.track import track
 
 LIMIT_VOXEL, LIMIT_DEG = 0.1, 0.5
 
@@ -105,7 +105,7 @@ def found():
     d, rng = 20 * scanner.voxel_size, np.random.default_rng(3)
     stones = [random_polyhedron(rng, d, 12) for _ in range(2)]
     places = 0.55 * d * np.array([[-1, -1, -1], [1, 1, -1], [1, -1, 1], [-1, 1, 1]])
-    turn = motion.exp([0.3, 0.5, 0.2])
+    turn = rotation_matrix([0.3, 0.5, 0.2])
     ball = Ellipsoid(places[2], np.full(3, d / 2), np.eye(3))
     spheroid = Ellipsoid(places[3], np.array([0.55, 0.45, 0.45]) * d, turn)
     shapes = [*(s.moved(np.eye(3), p) for s, p in zip(stones, places)), ball, spheroid]

@@ -6,17 +6,18 @@ import numpy as np
 import pytest
 
 from few_grains import VOXEL, errors, geometry, grain_set, motions, radiographs, small_motions
-from grainmotion import motion
-from grainmotion.grains import GrainSet
-from grainmotion.packed import Surroundings, packed_body
-from grainmotion.project import simulate_radiographs
-from grainmotion.scan import Scan
-from grainmotion.track import TrackSettings, track
-from grainmotion.tracking import search
-from grainmotion.tracking.anneal import anneal
-from grainmotion.tracking.background import HELD
-from grainmotion.tracking.surroundings import background_images
-from grainmotion.volume import Volume
+from grainmotion.model.grains import GrainSet
+from grainmotion.model.pose import NuisanceMotion
+from grainmotion.model.scan import Scan
+from grainmotion.model.volume import Volume
+from grainmotion.objective.nuisance_motions import background_images
+from grainmotion.projection.grains import simulate_radiographs
+from grainmotion.rotations import rotation_matrix
+from grainmotion.segmentation.extraction import packed_body
+from grainmotion.tracking import global_search
+from grainmotion.tracking.background_motion import HELD
+from grainmotion.tracking.simulated_annealing import anneal
+from grainmotion.tracking.track import TrackSettings, track
 
 GRAINS = grain_set()
 TRUTH = small_motions(GRAINS)
@@ -41,7 +42,7 @@ def walls_shadow(at=None):
 def seen(truth):
     """Radiographs of the moved grains and the moved wall."""
     images = simulate_radiographs(GRAINS, truth, WIDE)
-    images += walls_shadow(Surroundings(np.zeros((4, 3)), SHIFT, motion.exp(TURN)))
+    images += walls_shadow(NuisanceMotion(np.zeros((4, 3)), SHIFT, rotation_matrix(TURN)))
     return Scan(images + 0.01 * np.random.default_rng(2).standard_normal(images.shape), WIDE)
 
 
@@ -118,10 +119,10 @@ class TestMovingBackground:
             taken.append(target.fixed)
             return anneal(grains, target, *rest)
 
-        monkeypatch.setattr(search, "anneal", watched)
+        monkeypatch.setattr(global_search, "anneal", watched)
         measured = track(GrainSet(GRAINS.grains, wall(), True), seen(truth))
         assert taken
-        there = walls_shadow(Surroundings(np.zeros((4, 3)), SHIFT, motion.exp(TURN)))
+        there = walls_shadow(NuisanceMotion(np.zeros((4, 3)), SHIFT, rotation_matrix(TURN)))
         assert np.abs(taken[-1] - there).mean() < 0.2 * np.abs(walls_shadow() - there).mean()
         assert measured.ok.all(), measured.reasons
         assert np.abs(errors(measured, truth)[0]).max() < 0.06

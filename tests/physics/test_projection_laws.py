@@ -4,27 +4,25 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from grainmotion import motion
-from grainmotion.geometry import Geometry, Panel
-from grainmotion.grains import GrainSet, grains_from_labels
-from grainmotion.kernels import grains as kernel
-from grainmotion.kernels import voxels
-from grainmotion.motions import Motions
-from grainmotion.operators import pad, padded_origin
-from grainmotion.packed import PackedGrains, Pose
-from grainmotion.project import (
-    back_project,
-    difference_patches,
-    differentiate_patches,
-    project,
-    shadows,
-    simulate_radiographs,
-)
+from grainmotion.kernels import grain_projection as kernel
+from grainmotion.kernels import volume_projection
+from grainmotion.model.geometry import DetectorAlignment, Geometry
+from grainmotion.model.grains import GrainSet
+from grainmotion.model.motions import Motions
+from grainmotion.model.pose import Pose
+from grainmotion.model.volume import Volume
+from grainmotion.projection.grain_arrays import GrainArrays
+from grainmotion.projection.grains import difference_patches, differentiate_patches, shadows, simulate_radiographs
+from grainmotion.projection.volume_operator import pad, padded_origin
+from grainmotion.projection.volumes import back_project, project
+from grainmotion.rotations import apply_motion, rotation_matrix, rotation_vector
+from grainmotion.segmentation.extraction import grains_from_labels
 from grainmotion.simulate import Ellipsoid, Particle, Sample, attenuation_volume, line_integrals
-from grainmotion.volume import Volume
 
 PANEL = (13, 16)
-TILTED = Panel(offset=(0.2, -0.1), tilts_deg=(8, -5, 11), axis_offset=0.15, axis_tilt_deg=(4, -3), first_row="top")
+TILTED = DetectorAlignment(
+    offset=(0.2, -0.1), tilts_deg=(8, -5, 11), axis_offset=0.15, axis_tilt_deg=(4, -3), first_row="top"
+)
 PROJECTORS = ("trilinear", "exact")
 
 
@@ -58,7 +56,7 @@ def random_volume(seed=0, shape=(7, 9, 8), negative=False):
 def double_forward(array, geometry, projector, origin, voxel=VOXEL):
     """The forward kernel in double precision; ``array`` is padded already."""
     out = np.empty((len(geometry), *geometry.shape))
-    voxels.forward(
+    volume_projection.forward(
         array, np.asarray(origin, float), voxel, geometry.vectors, geometry.beam == "cone", projector == "exact", out
     )
     return out
@@ -85,7 +83,9 @@ class TestMatchedAdjoint:
         y = rng.normal(size=(len(geometry), *PANEL))
         origin = padded_origin(random_volume())
         back = np.zeros_like(x)
-        voxels.adjoint(y, origin, VOXEL, geometry.vectors, geometry.beam == "cone", projector == "exact", back)
+        volume_projection.adjoint(
+            y, origin, VOXEL, geometry.vectors, geometry.beam == "cone", projector == "exact", back
+        )
         forward = double_forward(x, geometry, projector, origin)
         assert np.abs(forward).max() > 0.5  # the views do see it
         assert np.vdot(forward, y) == pytest.approx(np.vdot(x, back), rel=1e-11)
@@ -207,7 +207,7 @@ def exact_ball(voxel, center=(0.07, -0.11, 0.05), radius=1.0):
 class TestKnownBodies:
     @pytest.mark.parametrize("beam", ["cone", "parallel"])
     def test_ball_and_ellipsoid_converge_with_the_voxel_size(self, beam):
-        turn = motion.exp([0.3, -0.5, 0.8])
+        turn = rotation_matrix([0.3, -0.5, 0.8])
         body = Ellipsoid(np.array([0.1, -0.05, 0.08]), np.array([0.6, 0.8, 1.0]), turn)
         sample = Sample((Particle(body, 1.5),))
         if beam == "cone":
@@ -274,7 +274,7 @@ def double_project(packed, pose, geometry, patches, projector, derivatives=False
 
 POSE = Pose(
     np.array([[0.03, -0.05, 0.02], [-0.02, 0.04, -0.06]]),
-    motion.exp([[0.2, -0.4, 0.3], [-1.0, 0.5, 2.0]]),
+    rotation_matrix([[0.2, -0.4, 0.3], [-1.0, 0.5, 2.0]]),
 )
 
 
@@ -283,7 +283,7 @@ class TestDerivatives:
     @every_projector
     def test_central_finite_differences(self, geometry, projector):
         grains, _ = two_grains()
-        packed = PackedGrains.of(grains)
+        packed = GrainArrays.of(grains)
         patches = shadows(packed, POSE, geometry)
         values, slopes = double_project(packed, POSE, geometry, patches, projector, derivatives=True)
         np.testing.assert_allclose(values, double_project(packed, POSE, geometry, patches, projector), atol=1e-12)
@@ -296,7 +296,7 @@ class TestDerivatives:
                     packed,
                     Pose(
                         POSE.translations + sign * increment[:3],
-                        motion.exp(sign * increment[3:]) @ POSE.matrices,
+                        rotation_matrix(sign * increment[3:]) @ POSE.matrices,
                     ),
                     geometry,
                     patches,
@@ -314,7 +314,7 @@ class TestDerivatives:
     def test_single_precision_and_the_papers_differences(self, projector):
         geometry = GEOMETRIES["cone"]
         grains, _ = two_grains()
-        packed = PackedGrains.of(grains)
+        packed = GrainArrays.of(grains)
         patches = shadows(packed, POSE, geometry)
         exact_values, exact = double_project(packed, POSE, geometry, patches, projector, derivatives=True)
         values, slopes = differentiate_patches(packed, POSE, geometry, patches, projector)
@@ -332,7 +332,7 @@ class TestDerivatives:
     def test_invariances(self, geometry, projector):
         """A grain that slides along a ray, or turns about it, keeps that ray's line integral."""
         grains, _ = two_grains()
-        packed = PackedGrains.of(grains)
+        packed = GrainArrays.of(grains)
         patches = shadows(packed, POSE, geometry)
         values, slopes = double_project(packed, POSE, geometry, patches, projector, derivatives=True)
         points, directions = rays(geometry)
@@ -364,7 +364,7 @@ class TestPatches:
         """Voxels of 0.1 mm on pixels from 20 times finer to 4 times coarser: nothing is cut off at the rims."""
         grains, volume = two_grains()
         across = int(np.ceil(2.6 / pixel))
-        leaning = Panel(axis_tilt_deg=(35, 20))  # so that corners of voxels reach furthest
+        leaning = DetectorAlignment(axis_tilt_deg=(35, 20))  # so that corners of voxels reach furthest
         geometry = Geometry.parallel([20.0, 45.0, 70.0], (across, across), pixel, panel=leaning)
         still = Motions.identity(grains.labels, grains.centers)
         np.testing.assert_allclose(
@@ -401,11 +401,11 @@ class TestPatches:
     def test_the_whole_sample_moved_is_the_views_moved_back(self, projector):
         """x = Ω X + t for every grain, seen from a source and panel that move along, changes nothing."""
         grains, volume = two_grains()
-        turn, shift = motion.exp([0.4, -0.7, 1.1]), np.array([0.3, -0.2, 0.5])
-        moved = motion.act(turn, shift, np.zeros(3), grains.centers)
+        turn, shift = rotation_matrix([0.4, -0.7, 1.1]), np.array([0.3, -0.2, 0.5])
+        moved = apply_motion(turn, shift, np.zeros(3), grains.centers)
         motions = Motions.identity(grains.labels, grains.centers)
         motions.translations[:] = moved - grains.centers
-        motions.rotations[:] = motion.log(turn)
+        motions.rotations[:] = rotation_vector(turn)
         for name in ("cone, tilted", "parallel, tilted"):
             geometry = GEOMETRIES[name]
             rows = geometry.vectors.reshape(-1, 4, 3) @ turn.T

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from grainmotion.motions import Motions, StateFit, Status
+from grainmotion.model.motions import Motions, StateFit, Status
+from grainmotion.model.volume import Volume
 from grainmotion.report import ReportData, StateReport
-from grainmotion.volume import Volume
 
 EVIL = "</script><img src=x onerror=alert(1)> & $x$"
 COSTS = (("whole sample $a$", 0.5), ("whole sample $a$", 0.2), ("all <grains>", 0.05), ("all <grains>", 0.02))

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from grainmotion.report import images, tables
-from grainmotion.report.images import Scale
+from grainmotion.report.images import GreyScale
 
 
 def decode(address: str) -> np.ndarray:
@@ -22,14 +22,14 @@ def decode(address: str) -> np.ndarray:
 
 class TestPixels:
     def test_grey_rises_from_black_to_white_and_holes_are_transparent(self):
-        pixels = decode(images.png(np.array([[-1.0, 0.0, 1.0, 2.0, 3.0, np.nan]]), Scale(0.0, 2.0)))[0]
+        pixels = decode(images.png(np.array([[-1.0, 0.0, 1.0, 2.0, 3.0, np.nan]]), GreyScale(0.0, 2.0)))[0]
         assert [tuple(p[:3]) for p in pixels[:2]] == [(0, 0, 0), (0, 0, 0)]
         assert [tuple(p[:3]) for p in pixels[3:5]] == [(255, 255, 255), (255, 255, 255)]
         assert abs(int(pixels[2, 0]) - 127) <= 1
         assert list(pixels[:, 3]) == [255] * 5 + [0]
 
     def test_residuals_are_blue_white_red(self):
-        low, middle, high = decode(images.png(np.array([[-1.0, 0.0, 1.0]]), Scale(-1.0, 1.0, "diverging")))[0]
+        low, middle, high = decode(images.png(np.array([[-1.0, 0.0, 1.0]]), GreyScale(-1.0, 1.0, "diverging")))[0]
         assert low[2] > low[0]
         assert high[0] > high[2]
         assert middle[:3].min() > 240

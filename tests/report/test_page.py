@@ -13,7 +13,7 @@ import plotly.graph_objects
 import pytest
 
 from grainmotion.errors import InputError
-from grainmotion.motions import COLUMNS, Motions, Status
+from grainmotion.model.motions import COLUMNS, Motions, Status
 from grainmotion.report import ReportData, StateReport, write_report
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from grainmotion.errors import InputError
-from grainmotion.geometry import Geometry
+from grainmotion.model.geometry import Geometry
 from grainmotion.simulate import (
     Ellipsoid,
     Particle,

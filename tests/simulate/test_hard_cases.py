@@ -7,20 +7,20 @@ import pytest
 from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 
-from grainmotion.cli import DatasetName
-from grainmotion.demo import write_case
+from grainmotion.cli.app import DatasetName
+from grainmotion.cli.demo import write_case
 from grainmotion.errors import InputError
 from grainmotion.io.geometry_csv import read_geometry
 from grainmotion.io.motions_csv import read_motions
-from grainmotion.motions import Status
+from grainmotion.model.motions import Status
 from grainmotion.simulate import (
     HARD_CASES,
     LATER_ANGLES_DEG,
     Sample,
     hard_case,
+    hard_case_recipes,
     line_integrals,
     misaligned,
-    recipes,
     record_line_integrals,
     small,
     transmission,
@@ -36,7 +36,7 @@ MANY = tuple(np.arange(200) * 1.8)
 @pytest.fixture(scope="module", autouse=True)
 def _stones_are_packed_once():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(recipes, "stones", functools.cache(recipes.stones))
+        patch.setattr(hard_case_recipes, "stones", functools.cache(hard_case_recipes.stones))
         yield
 
 
@@ -101,7 +101,7 @@ class TestRegistry:
     def test_the_paper_s_scale_is_there(self):
         case = hard_case("near-spherical", scale="paper")
         assert len(case.case.sample) == 15
-        assert case.told_geometry().shape == (280, 180)
+        assert case.nominal_geometry().shape == (280, 180)
 
 
 class TestNoise:
@@ -121,7 +121,7 @@ class TestDetector:
     def test_hardening_takes_a_fifth_off_the_longest_path_in_both_states(self):
         case = hard("beam-hardening")
         physics = case.case.physics
-        views = case.told_geometry(LATER_ANGLES_DEG[4] + LATER_ANGLES_DEG[2])
+        views = case.nominal_geometry(LATER_ANGLES_DEG[4] + LATER_ANGLES_DEG[2])
         straight = line_integrals(case.case.sample, views, subsamples=1)
         bent = line_integrals(case.case.sample, views, subsamples=1, spectrum=physics.spectrum)
         longest = straight.argmax()
@@ -130,8 +130,8 @@ class TestDetector:
         assert (1 - bent[thin] / straight[thin]).max() < 0.02
         assert len(physics.spectrum) == 4
         for sample, views, scan in (
-            (case.case.sample, case.told_geometry(), case.reference()),
-            (case.later, case.told_geometry(LATER_ANGLES_DEG[4]), case.state()),
+            (case.case.sample, case.nominal_geometry(), case.reference()),
+            (case.later, case.nominal_geometry(LATER_ANGLES_DEG[4]), case.state()),
         ):
             left = standardized(scan, transmission(sample, views, spectrum=physics.spectrum), physics)
             assert left.std() == pytest.approx(1, abs=0.05)
@@ -140,8 +140,8 @@ class TestDetector:
     def test_blur_is_one_pixel_in_both_states(self):
         case = hard("blur")
         for sample, views, scan in (
-            (case.case.sample, case.told_geometry()[:4], case.reference().select([0, 1, 2, 3])),
-            (case.later, case.told_geometry(LATER_ANGLES_DEG[4]), case.state()),
+            (case.case.sample, case.nominal_geometry()[:4], case.reference().select([0, 1, 2, 3])),
+            (case.later, case.nominal_geometry(LATER_ANGLES_DEG[4]), case.state()),
         ):
             sharp = transmission(sample, views)
             soft = np.stack([gaussian_filter(image, 1.0, mode="nearest") for image in sharp])
@@ -170,23 +170,23 @@ class TestMisalignment:
     def test_the_panel_is_off_by_half_a_pixel_and_half_a_degree_in_both_states(self):
         case = hard("misaligned")
         for told, true in (
-            (case.told_geometry(), case.true_reference_geometry()),
-            (case.told_geometry(LATER_ANGLES_DEG[4]), case.true_geometry()),
+            (case.nominal_geometry(), case.true_reference_geometry()),
+            (case.nominal_geometry(LATER_ANGLES_DEG[4]), case.true_geometry()),
         ):
             origin = true.project_points([[0, 0, 0]]) - told.project_points([[0, 0, 0]])
             np.testing.assert_allclose(origin, -0.5, atol=0.01)
             turned = np.einsum("ni,ni->n", true.vectors[:, 6:9], told.vectors[:, 6:9]) / 0.25
             np.testing.assert_allclose(np.rad2deg(np.arccos(turned)), 0.5, atol=1e-6)
-        assert np.array_equal(case.state().geometry.vectors, case.told_geometry(LATER_ANGLES_DEG[4]).vectors)
-        assert np.array_equal(case.reference().geometry.vectors, case.told_geometry().vectors)
+        assert np.array_equal(case.state().geometry.vectors, case.nominal_geometry(LATER_ANGLES_DEG[4]).vectors)
+        assert np.array_equal(case.reference().geometry.vectors, case.nominal_geometry().vectors)
         assert np.array_equal(case.state_counts().geometry.vectors, case.state().geometry.vectors)
         true = transmission(case.later, case.true_geometry())
         assert standardized(case.state(), true, case.case.physics).std() == pytest.approx(1, abs=0.05)
 
     def test_every_view_of_the_later_state_wobbles_on_its_own(self):
         case = hard("misaligned-state")
-        np.testing.assert_allclose(case.true_reference_geometry().vectors, case.told_geometry().vectors, atol=1e-12)
-        told, true = case.told_geometry(MANY), case.true_geometry(MANY)
+        np.testing.assert_allclose(case.true_reference_geometry().vectors, case.nominal_geometry().vectors, atol=1e-12)
+        told, true = case.nominal_geometry(MANY), case.true_geometry(MANY)
         off = (true.project_points([[0, 0, 0]]) - told.project_points([[0, 0, 0]]))[:, 0]
         np.testing.assert_allclose(off.std(axis=0), 0.3, rtol=0.2)
         angles = np.arctan2(true.vectors[:, 1], true.vectors[:, 0]) - np.arctan2(told.vectors[:, 1], told.vectors[:, 0])
@@ -285,7 +285,7 @@ def test_a_hard_case_on_disk_tells_what_is_told_and_keeps_what_is_true(name, tmp
     assert path == tmp_path / "experiment.toml"
     for views in (4, 2):
         told = read_geometry(tmp_path / f"{name}-{views}.csv", (96, 72))
-        np.testing.assert_allclose(told.vectors, case.told_geometry(LATER_ANGLES_DEG[views]).vectors, atol=1e-9)
+        np.testing.assert_allclose(told.vectors, case.nominal_geometry(LATER_ANGLES_DEG[views]).vectors, atol=1e-9)
         truth = read_motions(tmp_path / f"{name}-{views}-truth.csv")
         np.testing.assert_allclose(truth.translations, case.motions.translations)
         assert np.array_equal(truth.statuses, case.motions.statuses)

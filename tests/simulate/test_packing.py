@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from grainmotion.errors import InputError
+from grainmotion.model.volume import Volume
 from grainmotion.simulate import (
     PackingSettings,
     Particle,
@@ -16,7 +17,6 @@ from grainmotion.simulate import (
     sphere,
     stone,
 )
-from grainmotion.volume import Volume
 
 RADIUS = 5.5
 

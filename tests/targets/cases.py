@@ -14,16 +14,16 @@ from pathlib import Path
 
 import numpy as np
 from threadpoolctl import threadpool_info
+from validation.paper import images, table2
 
-from grainmotion.demo import run_demo
-from grainmotion.grains import grains_from_labels
+from grainmotion.cli.demo import run_demo
 from grainmotion.io.results import read_motions_h5
-from grainmotion.motions import Motions
-from grainmotion.reconstruct import ReconstructSettings, reconstruct
-from grainmotion.segment import segment
+from grainmotion.model.motions import Motions
+from grainmotion.reconstruction.reconstruct import ReconstructSettings, reconstruct
+from grainmotion.segmentation.extraction import grains_from_labels
+from grainmotion.segmentation.segment import segment
 from grainmotion.simulate import LATER_ANGLES_DEG, small
-from grainmotion.track import TrackSettings, track
-from paper import images, table2
+from grainmotion.tracking.track import TrackSettings, track
 
 STONE = 10.0
 """Radius of the stones of the small case, voxels."""

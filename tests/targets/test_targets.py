@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 from llvmlite import binding
 
-from grainmotion import motion
+from grainmotion.rotations import rotation_matrix, rotation_vector
 
 pytestmark = pytest.mark.targets
 ROOT = Path(__file__).parents[2]
@@ -117,7 +117,7 @@ def compared(ours, theirs, name: str) -> tuple[float, float, str]:
     if list(one["statuses"]) != list(other["statuses"]):
         return np.inf, np.inf, f"statuses {one['statuses']} and {other['statuses']}"
     told = np.isin(one["statuses"], ["converged", "poorly-determined"])
-    turns = motion.log(motion.exp(other["rotations"]) @ np.swapaxes(motion.exp(one["rotations"]), 1, 2))
+    turns = rotation_vector(rotation_matrix(other["rotations"]) @ np.swapaxes(rotation_matrix(one["rotations"]), 1, 2))
     apart = np.abs(np.hstack([other["translations"] - one["translations"], turns]))[told]
     assert told.any()
     assert np.isfinite(apart).all()

@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 
 import many_small_grains as many
-from grainmotion import motion
-from grainmotion.packed import PackedGrains
-from grainmotion.solve import Stopping, gauss_newton
-from grainmotion.tracking.coupling import PatchNormal
-from grainmotion.tracking.residual import StateProblem
-from grainmotion.tracking.target import Target
+from grainmotion.objective.data_term import Target
+from grainmotion.objective.normal_matrix import PatchNormalMatrix
+from grainmotion.objective.residual import StateProblem
+from grainmotion.projection.grain_arrays import GrainArrays
+from grainmotion.rotations import rotation_vector
+from grainmotion.solvers.gauss_newton import Stopping, gauss_newton
 
 
 def problem_of(side, sigma=0.7):
     grains, views = many.block(side), many.views(side)
     scan, _ = many.state(grains, views)
-    return StateProblem(PackedGrains.of(grains), Target(scan, np.zeros(scan.line_integrals.shape), "trilinear", sigma))
+    return StateProblem(GrainArrays.of(grains), Target(scan, np.zeros(scan.line_integrals.shape), "trilinear", sigma))
 
 
 class TestPaths:
@@ -26,12 +26,12 @@ class TestPaths:
         problem = problem_of(4)
         start, tight = many.still(64), Stopping(iterations=12, step=1e-9, decrease=0.0, forcing=1e-9)
         dense = gauss_newton(problem, start, tight).state
-        monkeypatch.setattr("grainmotion.solve.DENSE_UP_TO", 0)
-        monkeypatch.setattr("grainmotion.tracking.coupling.DENSE_UP_TO", 0)
-        assert isinstance(problem.linearize(start).hessian, PatchNormal)
+        monkeypatch.setattr("grainmotion.solvers.block_cg.DENSE_UP_TO", 0)
+        monkeypatch.setattr("grainmotion.objective.normal_matrix.DENSE_UP_TO", 0)
+        assert isinstance(problem.linearize(start).hessian, PatchNormalMatrix)
         product = gauss_newton(problem, start, tight).state
         apart = np.linalg.norm(dense.translations - product.translations, axis=1)
-        turned = motion.log(dense.matrices @ product.matrices.transpose(0, 2, 1))
+        turned = rotation_vector(dense.matrices @ product.matrices.transpose(0, 2, 1))
         apart += np.linalg.norm(turned, axis=1) * problem.grains.radii
         assert np.abs(dense.translations).max() > 0.3 * many.VOXEL  # it did move
         assert apart.max() < 1e-6 * many.VOXEL
@@ -40,8 +40,8 @@ class TestPaths:
 class TestGrowth:
     @pytest.fixture(autouse=True)
     def products(self, monkeypatch):
-        monkeypatch.setattr("grainmotion.solve.DENSE_UP_TO", 0)
-        monkeypatch.setattr("grainmotion.tracking.coupling.DENSE_UP_TO", 0)
+        monkeypatch.setattr("grainmotion.solvers.block_cg.DENSE_UP_TO", 0)
+        monkeypatch.setattr("grainmotion.objective.normal_matrix.DENSE_UP_TO", 0)
 
     @staticmethod
     def peak(side):

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 import few_grains
-from grainmotion.kernels import grains as kernel
-from grainmotion.packed import PackedGrains, Pose
-from grainmotion.project import shadows
-from grainmotion.track import track
-from grainmotion.tracking.residual import StateProblem
+from grainmotion.kernels import grain_projection as kernel
+from grainmotion.model.pose import Pose
+from grainmotion.objective.residual import StateProblem
+from grainmotion.projection.grain_arrays import GrainArrays
+from grainmotion.projection.grains import shadows
+from grainmotion.tracking.track import track
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +55,7 @@ def test_rays(counts):
 
 def test_a_grain_s_corners_are_not_walked():
     grains = few_grains.grain_set(sphere=1)
-    packed = PackedGrains.of(grains).select([0])
+    packed = GrainArrays.of(grains).select([0])
     patches = shadows(packed, Pose(np.zeros((1, 3)), np.eye(3)[None]), few_grains.geometry())
     walked = int((patches.jobs[:, 3] - patches.jobs[:, 2]).sum())
     assert walked < 0.88 * patches.offsets[-1]

@@ -8,17 +8,17 @@ from pathlib import Path
 import numpy as np
 from scipy import ndimage
 
-from grainmotion.device import chosen
+from grainmotion.backends.device import chosen
 from grainmotion.errors import InputError
-from grainmotion.experiment.file import Experiment
-from grainmotion.experiment.scans import ScanInput, find_scan, named_stack
-from grainmotion.geometry import Geometry
+from grainmotion.experiment.config import Experiment
+from grainmotion.experiment.scan_inputs import ScanInput, find_scan, named_stack
 from grainmotion.io.motions_csv import read_motions
 from grainmotion.io.spam import read_ddic_tsv
 from grainmotion.io.stacks import Stack
-from grainmotion.motions import Motions
-from grainmotion.scan import Scan
-from grainmotion.volume import Volume
+from grainmotion.model.geometry import Geometry
+from grainmotion.model.motions import Motions
+from grainmotion.model.scan import Scan
+from grainmotion.model.volume import Volume
 
 RATIO_LIMIT = 20.0  # voxel over pixel at the sample, either way
 MANY_VIEWS = 30  # from which the mean over views tells shadows from noise

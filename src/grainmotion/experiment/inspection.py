@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from grainmotion.experiment.inputs import Inputs
-from grainmotion.experiment.scans import ScanInput
-from grainmotion.intensity import PixelReport
-from grainmotion.scan import Scan
-from grainmotion.volume import Volume
+from grainmotion.experiment.scan_inputs import ScanInput
+from grainmotion.model.scan import Scan
+from grainmotion.model.volume import Volume
+from grainmotion.preprocessing.flat_field import PixelReport
 
 MASKED_SHARE = 0.01  # more masked pixels than this deserve a warning
 AIR_LIMIT = 0.02  # a median line integral of the outermost columns beyond this, too

@@ -11,11 +11,11 @@ import json
 import math
 from pathlib import Path
 
-from grainmotion.calibrating.corrections import Calibration, Correction, corrected
+from grainmotion.calibration.corrections import Calibration, Correction, corrected
 from grainmotion.errors import InputError
-from grainmotion.geometry import Geometry
-from grainmotion.hardening import Hardening
 from grainmotion.io.files import checked_file, written_whole
+from grainmotion.model.geometry import Geometry
+from grainmotion.preprocessing.beam_hardening import Hardening
 
 
 def write_calibration(path: str | Path, calibration: Calibration | None, hardening: Hardening | None) -> None:

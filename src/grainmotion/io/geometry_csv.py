@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from grainmotion._typing import Beam
 from grainmotion.errors import InputError
-from grainmotion.geometry import COLUMNS, Beam, Geometry
 from grainmotion.io.files import checked_file, written_whole
+from grainmotion.model.geometry import COLUMNS, Geometry
 
 _HEADER = ",".join(COLUMNS)
 

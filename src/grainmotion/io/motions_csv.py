@@ -1,4 +1,4 @@
-"""Motions as CSV: mm and degrees, one row a grain, the columns of `grainmotion.motions.COLUMNS`."""
+"""Motions as CSV: mm and degrees, one row a grain, the columns of `grainmotion.model.motions.COLUMNS`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pandas as pd
 
 from grainmotion.errors import InputError
 from grainmotion.io.files import checked_file, written_whole
-from grainmotion.motions import COLUMNS, Motions
+from grainmotion.model.motions import COLUMNS, Motions
 
 
 def read_motions(path: str | Path) -> Motions:

@@ -18,12 +18,12 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from grainmotion.grains import GrainSet
 from grainmotion.io.files import written_whole
 from grainmotion.io.hdf5 import opened
-from grainmotion.motions import Motions, StateFit
-from grainmotion.response import Response
-from grainmotion.volume import Volume
+from grainmotion.model.detector_response import Response
+from grainmotion.model.grains import GrainSet
+from grainmotion.model.motions import Motions, StateFit
+from grainmotion.model.volume import Volume
 
 _ARRAYS = ("labels", "centers", "translations", "rotations", "covariances", "residuals", "iterations")
 _OPTIONAL = ("corrections", "corrections_sd", "background")

@@ -13,7 +13,7 @@ with h the voxel size and o the position of voxel [0, 0, 0] in the sample frame,
 
 spam 0.9.1 writes the labels' centres of mass, but its Φ is about the middle of each label's bounding box: for
 grains that turn, displacements that it measured are off by (Ω − 1) times what lies between the two
-(`benchmarks/full_scan.py`).
+(`validation/benchmarks/full_scan.py`).
 
 Reversing the order of the axes mirrors the frame, so the rotation vector that spam derives from F,
 in z y x order, is **minus** the reversed rotation vector of grainmotion; F itself needs no sign.
@@ -28,11 +28,11 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from grainmotion import motion
 from grainmotion.errors import InputError
 from grainmotion.io.files import checked_file, written_whole
-from grainmotion.motions import Motions, Status
-from grainmotion.volume import Volume
+from grainmotion.model.motions import Motions, Status
+from grainmotion.model.volume import Volume
+from grainmotion.rotations import recenter, rotation_matrix, rotation_vector
 
 POSITION = ("Zpos", "Ypos", "Xpos")
 DISPLACEMENT = ("Zdisp", "Ydisp", "Xdisp")
@@ -80,10 +80,10 @@ def write_ddic_tsv(path: str | Path, motions: Motions, grid: Volume, labels: NDA
     centers, translations = motions.centers, motions.translations
     known = ~np.isnan(motions.rotations.sum(axis=1))
     matrices = np.broadcast_to(np.eye(3), (len(motions), 3, 3)).copy()
-    matrices[known] = motion.exp(motions.rotations[known])
+    matrices[known] = rotation_matrix(motions.rotations[known])
     if labels is not None:
         centers = _label_centers(labels, motions.labels, grid)
-        translations = motion.recenter(matrices, translations, motions.centers, centers)
+        translations = recenter(matrices, translations, motions.centers, centers)
 
     rows = int(motions.labels.max(initial=0)) + 1
     table = pd.DataFrame(np.zeros((rows, len(HEADER))), columns=list(HEADER))
@@ -109,7 +109,7 @@ def write_ddic_tsv(path: str | Path, motions: Motions, grid: Volume, labels: NDA
 def read_ddic_tsv(path: str | Path, grid: Volume) -> Motions:
     """Read spam's discrete-correlation TSV as motions, for instance as the ``initial`` of a state.
 
-    Centres are the file's positions; carry the motions to other centres with `grainmotion.motion.recenter`.
+    Centres are the file's positions; carry the motions to other centres with `grainmotion.rotations.recenter`.
     Where F strains, its rotation by polar decomposition is taken.  ``returnStatus`` 2 becomes ``converged``,
     1 ``not-converged``, 0 or less ``not-fitted``.  Covariances are NaN; ``residuals`` are spam's ``error``
     in its own units.
@@ -138,7 +138,7 @@ def read_ddic_tsv(path: str | Path, grid: Volume) -> Motions:
     gradients = table[list(GRADIENT)].to_numpy(float).reshape(n, 3, 3)[:, ::-1, ::-1]
     moved = np.isfinite(disp).all(axis=1) & np.isfinite(gradients).all(axis=(1, 2))
     rotations = np.full((n, 3), np.nan)
-    rotations[moved] = motion.log(_nearest_rotations(gradients[moved]))
+    rotations[moved] = rotation_vector(_nearest_rotations(gradients[moved]))
     returned = table["returnStatus"].to_numpy(float)
     converged, stopped = (returned == 2) & moved, (returned == 1) & moved
     statuses = np.full(n, Status.NOT_FITTED.value, dtype="<U20")

@@ -17,11 +17,11 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import NDArray
 
-from grainmotion import motion
 from grainmotion.errors import InputError
 from grainmotion.io.files import written_whole
-from grainmotion.motions import Motions, Status
-from grainmotion.volume import Volume
+from grainmotion.model.motions import Motions, Status
+from grainmotion.model.volume import Volume
+from grainmotion.rotations import rotation_matrix
 
 STATUS_CODES: dict[str, int] = {status.value: code for code, status in enumerate(Status)}
 """Code of each status in the point array ``status_code``: 0 converged, 1 not-converged, 2
@@ -54,7 +54,7 @@ def write_grains_vtp(path: str | Path, motions: Motions) -> None:
         sd = np.sqrt(variances)
     known = np.isfinite(motions.rotations).all(axis=1)
     matrices = np.full((n, 3, 3), np.nan)
-    matrices[known] = motion.exp(motions.rotations[known])
+    matrices[known] = rotation_matrix(motions.rotations[known])
     data = {
         "label": motions.labels.astype("<i8"),
         "status_code": np.array([STATUS_CODES[str(s)] for s in motions.statuses], dtype="<i4"),

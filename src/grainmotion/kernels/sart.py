@@ -8,7 +8,7 @@ import numba as nb
 import numpy as np
 
 from grainmotion.kernels.compilation import CACHE
-from grainmotion.kernels.rays import clip_range, pixel_ray
+from grainmotion.kernels.ray_tracing import clip_range, pixel_ray
 
 
 @nb.njit(cache=CACHE, error_model="numpy")

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from grainmotion.geometry import Beam, Geometry
+from grainmotion._typing import Beam, Float
+from grainmotion.model.geometry import Geometry
 from grainmotion.planning.settings import PlanSettings
-
-Float = NDArray[np.float64]
 
 
 def candidate_angles(beam: Beam, settings: PlanSettings) -> Float:

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from grainmotion.motions import Motions
+from grainmotion._typing import Float
+from grainmotion.model.motions import Motions
 from grainmotion.report.tables import STATUS_COLOURS, number
 
-Array = NDArray[np.float64]
 COLOURS = "Viridis"
 HEAD = 0.5  # length of an arrow's head over the arrow's
 
@@ -33,7 +33,7 @@ def scenes(motions: Motions, voxel_size: float, most: int) -> dict[str, Any]:
     return {"grains": _grains(motions, rows), "arrows": arrows, "note": note}
 
 
-def scene(places: Array, vectors: Array, unit: str, voxel_size: float) -> dict[str, Any]:
+def scene(places: Float, vectors: Float, unit: str, voxel_size: float) -> dict[str, Any]:
     """Arrows ``vectors (n, 3)`` from ``places (n, 3)``, as the data and layout of a plotly figure."""
     known = np.isfinite(vectors).all(axis=1)
     centers, arrows = places[known], vectors[known]
@@ -120,7 +120,7 @@ def _grains(motions: Motions, shown: NDArray[np.int64]) -> list[dict[str, Any]]:
     return traces
 
 
-def _factor(centers: Array, length: Array, voxel_size: float) -> float:
+def _factor(centers: Float, length: Float, voxel_size: float) -> float:
     """A round number that makes the longest arrow about a fifth of the sample; 1 if that is near enough."""
     extent = float(np.ptp(centers, axis=0).max()) if len(centers) > 1 else 20 * voxel_size
     longest = float(length.max(initial=0))
@@ -133,7 +133,7 @@ def _factor(centers: Array, length: Array, voxel_size: float) -> float:
     return float(power * max(m for m in (1, 2, 3, 4, 5, 6, 8) if m * power <= wanted * (1 + 1e-9)))
 
 
-def _eye(points: Array) -> dict[str, float]:
+def _eye(points: Float) -> dict[str, float]:
     """A place of the camera from which slender samples fit too (plotly scales the box to a volume of 1)."""
     extent = np.maximum(np.ptp(points, axis=0), 1e-12) if len(points) else np.ones(3)
     extent = np.maximum(extent, extent.max() / 50)
@@ -141,13 +141,13 @@ def _eye(points: Array) -> dict[str, float]:
     return {"x": 1.3 * far, "y": -1.5 * far, "z": 0.6 * far}
 
 
-def _xyz(points: Array) -> dict[str, list[float | None]]:
+def _xyz(points: Float) -> dict[str, list[float | None]]:
     return dict(zip("xyz", _rounded(points.T)))
 
 
-def _rounded(rows: Array) -> list[list[float | None]]:
+def _rounded(rows: Float) -> list[list[float | None]]:
     return [[float(f"{v:.6g}") if np.isfinite(v) else None for v in row] for row in rows]
 
 
-def _triple(vector: Array, decimals: int) -> str:
+def _triple(vector: Float, decimals: int) -> str:
     return "(" + ", ".join(number(v, decimals) for v in vector) + ")"

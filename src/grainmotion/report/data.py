@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion.errors import InputError
-from grainmotion.motions import Motions
-from grainmotion.volume import Volume
+from grainmotion.model.motions import Motions
+from grainmotion.model.volume import Volume
 
 Rows = tuple[tuple[str, str], ...]
 """Facts: a name and a value a row, as text with its unit."""

@@ -17,7 +17,7 @@ PALETTES = {"grey": "gray", "diverging": "RdBu_r"}
 
 
 @dataclass(frozen=True)
-class Scale:
+class GreyScale:
     """A linear colour scale from ``low`` to ``high``; ``palette`` is "grey" or "diverging"."""
 
     low: float
@@ -25,22 +25,22 @@ class Scale:
     palette: str = "grey"
 
 
-def grey_scale(*images: Array) -> Scale:
+def grey_scale(*images: Array) -> GreyScale:
     """One grey scale for several images, from 0 or the darkest to the brightest; 1 pixel in 500 clipped."""
     values = np.concatenate([image[np.isfinite(image)].ravel() for image in images])
     if values.size == 0:
-        return Scale(0.0, 1.0)
+        return GreyScale(0.0, 1.0)
     low, high = np.percentile(values, [0.1, 99.9])
     if 0 < low < 0.5 * high:
         low = 0.0
-    return Scale(float(low), float(high) if high > low else float(low) + 1.0)
+    return GreyScale(float(low), float(high) if high > low else float(low) + 1.0)
 
 
-def diverging_scale(images: Array) -> Scale:
+def diverging_scale(images: Array) -> GreyScale:
     """A scale symmetric about 0 that clips one pixel in 500."""
     values = np.abs(images[np.isfinite(images)])
     limit = float(np.percentile(values, 99.8)) if values.size else 0.0
-    return Scale(-limit, limit, "diverging") if limit > 0 else Scale(-1.0, 1.0, "diverging")
+    return GreyScale(-limit, limit, "diverging") if limit > 0 else GreyScale(-1.0, 1.0, "diverging")
 
 
 def shrink(image: Array, pixels: int) -> tuple[Array, int]:
@@ -54,7 +54,7 @@ def shrink(image: Array, pixels: int) -> tuple[Array, int]:
     return blocks.mean(axis=(1, 3)), k
 
 
-def png(image: Array, scale: Scale) -> str:
+def png(image: Array, scale: GreyScale) -> str:
     """A ``data:`` address of the image; pixels that are not finite are transparent."""
     finite = np.isfinite(image)
     unit = (np.where(finite, image, 0) - scale.low) / (scale.high - scale.low)
@@ -73,7 +73,7 @@ def label_png(labels: NDArray[np.integer]) -> str:
 
 def bar(palette: str) -> str:
     """A ``data:`` address of a colour bar, low on the left."""
-    return png(np.linspace(0, 1, HOLE)[None, :], Scale(0.0, 1.0, palette))
+    return png(np.linspace(0, 1, HOLE)[None, :], GreyScale(0.0, 1.0, palette))
 
 
 def _encode(index: NDArray[np.uint8], palette: Array, hole: int) -> str:

@@ -239,7 +239,7 @@ def _image(address: str, description: str) -> str:
     return f'<img src="{address}" alt="{escape(description)}">'
 
 
-def _bar(scale: images.Scale, unit: str) -> str:
+def _bar(scale: images.GreyScale, unit: str) -> str:
     middle = "<span>0</span>" if scale.palette == "diverging" else ""
     ends = (tables.significant(v) for v in (scale.low, scale.high))
     low, high = (f"<span>{end}</span>" for end in ends)

@@ -8,7 +8,7 @@ from html import escape
 
 import numpy as np
 
-from grainmotion.motions import COLUMNS, Motions, StateFit, Status
+from grainmotion.model.motions import COLUMNS, Motions, StateFit, Status
 from grainmotion.report.data import Rows, StateReport
 
 STATUS_COLOURS = {

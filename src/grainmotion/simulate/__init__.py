@@ -4,14 +4,8 @@ Particles are triangle meshes or ellipsoids, their line integrals are exact chor
 intensities, so that nothing of the tracker's own projector enters its test data.
 """
 
-from grainmotion.simulate.bounds import motion_bounds
-from grainmotion.simulate.cases import LATER_ANGLES_DEG, Case, Scanner, paper_scale, small
-from grainmotion.simulate.flaws import HardCase
-from grainmotion.simulate.fracture import broken, cut
-from grainmotion.simulate.hard import HARD_CASES, hard_case
-from grainmotion.simulate.misalignment import Slip, misaligned
-from grainmotion.simulate.packing import PackingSettings, gaps, pack
-from grainmotion.simulate.physics import (
+from grainmotion.simulate.cramer_rao import motion_bounds
+from grainmotion.simulate.detector import (
     Physics,
     Recording,
     detector_gain,
@@ -19,8 +13,15 @@ from grainmotion.simulate.physics import (
     record,
     record_line_integrals,
 )
+from grainmotion.simulate.fracture import broken, cut
+from grainmotion.simulate.hard_case import HardCase
+from grainmotion.simulate.hard_cases import HARD_CASES, hard_case
+from grainmotion.simulate.misalignment import Slip, misaligned
+from grainmotion.simulate.motion_fields import affine, random, rigid, shear_band, unmoved
+from grainmotion.simulate.packing import PackingSettings, gaps, pack
 from grainmotion.simulate.radiograph import line_integrals, transmission
 from grainmotion.simulate.sample import Particle, Sample, Tube, ellipsoid_particle, inscribed
+from grainmotion.simulate.scenarios import LATER_ANGLES_DEG, Case, Scanner, paper_scale, small
 from grainmotion.simulate.shapes import (
     Ellipsoid,
     Mesh,
@@ -31,8 +32,7 @@ from grainmotion.simulate.shapes import (
     stone,
     stone_radius,
 )
-from grainmotion.simulate.truth import affine, random, rigid, shear_band, unmoved
-from grainmotion.simulate.voxels import attenuation_volume, inside, label_volume
+from grainmotion.simulate.voxelise import attenuation_volume, inside, label_volume
 
 __all__ = [
     "HARD_CASES",

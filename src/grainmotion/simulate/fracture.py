@@ -11,9 +11,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from grainmotion._typing import Float
 from grainmotion.errors import InputError
 from grainmotion.simulate.sample import Particle
-from grainmotion.simulate.shapes import Array, Ellipsoid, Mesh, Shape
+from grainmotion.simulate.shapes import Ellipsoid, Mesh, Shape
 
 
 def cut(mesh: Mesh, normal: ArrayLike) -> tuple[Mesh, Mesh]:
@@ -67,7 +68,7 @@ def broken(particle: Particle, normal: ArrayLike) -> tuple[Particle, Particle]:
     )
 
 
-def _half(mesh: Mesh, heights: Array, normal: Array) -> Mesh:
+def _half(mesh: Mesh, heights: Float, normal: Float) -> Mesh:
     """The part of a mesh where its vertices' heights above the plane are > 0, with the cut face."""
     faces, above = mesh.faces, heights > 0
     count = above[faces].sum(axis=1)
@@ -95,7 +96,7 @@ def _half(mesh: Mesh, heights: Array, normal: Array) -> Mesh:
     return Mesh(vertices[used], renamed.reshape(-1, 3).astype(np.int64), mesh.star_point + mesh.depth / 2 * normal)
 
 
-def _extent(shape: Shape, point: Array, normal: Array) -> tuple[float, float]:
+def _extent(shape: Shape, point: Float, normal: Float) -> tuple[float, float]:
     """Least and greatest height of a shape above a plane."""
     if isinstance(shape, Ellipsoid):
         reach = float(np.linalg.norm(shape.semi_axes * (shape.axes.T @ normal)))

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from grainmotion import motion
 from grainmotion.errors import InputError
-from grainmotion.geometry import Geometry
+from grainmotion.model.geometry import Geometry
+from grainmotion.rotations import rotation_matrix
 
 
 @dataclass(frozen=True)
@@ -63,8 +63,8 @@ def misaligned(
     d = d + shift[:, :1] * u + shift[:, 1:] * v
     normals = np.cross(u, v)
     normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
-    turns = motion.exp(np.deg2rad(turn)[:, None] * normals)
+    turns = rotation_matrix(np.deg2rad(turn)[:, None] * normals)
     u, v = (np.einsum("nij,nj->ni", turns, a) for a in (u, v))
-    stages = motion.exp(np.deg2rad(stage)[:, None] * np.array([0.0, 0.0, 1.0]))
+    stages = rotation_matrix(np.deg2rad(stage)[:, None] * np.array([0.0, 0.0, 1.0]))
     vectors = np.concatenate([np.einsum("nij,nj->ni", stages, a) for a in (s, d, u, v)], axis=1)
     return Geometry(vectors, geometry.shape, geometry.beam)

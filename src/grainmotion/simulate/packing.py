@@ -10,21 +10,19 @@ the shapes but that they are star-shaped.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Annotated
 
 import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
+from grainmotion._typing import Float, Progress
 from grainmotion.errors import InputError
-from grainmotion.simulate import settle
-from grainmotion.simulate.bodies import Poses, Rules, stack
-from grainmotion.simulate.contact import locator
+from grainmotion.kernels import packing
+from grainmotion.simulate.packing_arrays import Poses, Rules, stack
 from grainmotion.simulate.sample import Particle, Sample
-from grainmotion.simulate.shapes import Array
-
-Progress = Callable[[str, int, int], None]
+from grainmotion.simulate.signed_distance import locator
 
 
 @dataclass(frozen=True)
@@ -81,17 +79,17 @@ def pack(
     poses = Poses(np.zeros((n, 3)), np.tile(np.eye(3), (n, 1, 1)))
     rules = Rules(settings.radius, settings.gap * size, size)
     for i in range(n):
-        settle.drop(i, poses, bodies, rules, settings.drops, rng)
-        settle.settle(i, i + 1, poses, bodies, rules, settings.moves, rng)
+        packing.drop(i, poses, bodies, rules, settings.drops, rng)
+        packing.settle(i, i + 1, poses, bodies, rules, settings.moves, rng)
         if progress:
             progress("packing", i + 1, n)
     for _ in range(settings.sweeps):
         for i in np.argsort(poses.positions[:, 2]):
-            settle.settle(i, n, poses, bodies, rules, settings.moves, rng)
+            packing.settle(i, n, poses, bodies, rules, settings.moves, rng)
     for _ in range(2):  # what the last moves took the ground from
         for i in np.argsort(poses.positions[:, 2]):
             x, t = poses.positions[i], poses.turns[i]
-            poses.positions[i, 2] = settle.fall(i, n, x, t, poses, bodies, rules)
+            poses.positions[i, 2] = packing.fall(i, n, x, t, poses, bodies, rules)
     heights = np.concatenate([b.vertices @ t[2] + x[2] for b, x, t in zip(located, *poses, strict=True)])
     centre = np.array([0.0, 0.0, (heights.min() + heights.max()) / 2])
     return Sample(
@@ -102,7 +100,7 @@ def pack(
     )
 
 
-def gaps(sample: Sample, reach: float | None = None) -> Array:
+def gaps(sample: Sample, reach: float | None = None) -> Float:
     """Least distance between the surfaces of each two particles ``(n, n)``, mm; negative where they overlap.
 
     Measured from surface points of one to the triangles of the other, up to ``reach`` (mm, by
@@ -113,5 +111,5 @@ def gaps(sample: Sample, reach: float | None = None) -> Array:
     n = len(sample)
     poses = Poses(np.array(origins), np.tile(np.eye(3), (n, 1, 1)))
     out = np.full((n, n), np.inf)
-    settle.all_gaps(poses, bodies, float(bodies.radii.max()) / 50 if reach is None else reach, out)
+    packing.all_gaps(poses, bodies, float(bodies.radii.max()) / 50 if reach is None else reach, out)
     return np.minimum(out, out.T)

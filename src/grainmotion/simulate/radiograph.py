@@ -8,11 +8,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from grainmotion._typing import Float
 from grainmotion.errors import InputError
-from grainmotion.geometry import Geometry
-from grainmotion.simulate import rasterise
+from grainmotion.kernels import mesh_projection
+from grainmotion.model.geometry import Geometry
 from grainmotion.simulate.sample import Sample, Tube
-from grainmotion.simulate.shapes import Array, Ellipsoid, Mesh
+from grainmotion.simulate.shapes import Ellipsoid, Mesh
 
 Averaging = Literal["intensity", "line-integral"]
 
@@ -60,7 +61,7 @@ def transmission(
     subsamples: int = 3,
     averaging: Averaging = "intensity",
     spectrum: Sequence[tuple[float, float]] = ((1.0, 1.0),),
-) -> Array:
+) -> Float:
     """Fraction of the beam that reaches each pixel ``(views, rows, columns)``; as `line_integrals`."""
     if subsamples < 1:
         raise InputError("subsamples", f"must be >= 1, got {subsamples}", "3 is accurate to the photon noise")
@@ -78,7 +79,7 @@ def transmission(
     boxes = np.array([_boxes(s, geometry, subsamples) for s, _ in ellipsoids], dtype=np.int64)
     tube = sample.tube
     out = np.empty((len(views), *geometry.shape))
-    rasterise.transmission(
+    mesh_projection.transmission(
         views,
         cone,
         vertices,
@@ -102,7 +103,7 @@ def transmission(
     return out
 
 
-def _frames(views: Array, shape: tuple[int, int], cone: bool) -> tuple[Array, Array, Array]:
+def _frames(views: Float, shape: tuple[int, int], cone: bool) -> tuple[Float, Float, Float]:
     """Matrices, origins and handedness of each view's coordinates q (see `rasterise`)."""
     s, d, u, v = (views[:, i : i + 3] for i in (0, 3, 6, 9))
     corner = d - (shape[1] - 1) / 2 * u - (shape[0] - 1) / 2 * v
@@ -111,7 +112,7 @@ def _frames(views: Array, shape: tuple[int, int], cone: bool) -> tuple[Array, Ar
     return np.linalg.inv(frames).astype(float), (s if cone else corner).copy(), signs
 
 
-def _triangles(sample: Sample) -> tuple[Array, NDArray[np.int64], Array]:
+def _triangles(sample: Sample) -> tuple[Float, NDArray[np.int64], Float]:
     """All meshes of a sample as one: vertices, triangles and the attenuation that each bounds."""
     vertices, faces, weights, count = [np.zeros((0, 3))], [np.zeros((0, 3), np.int64)], [np.zeros(0)], 0
     for particle in sample.particles:
@@ -124,7 +125,7 @@ def _triangles(sample: Sample) -> tuple[Array, NDArray[np.int64], Array]:
     return np.concatenate(vertices), np.concatenate(faces), np.concatenate(weights)
 
 
-def _tube_numbers(tube: Tube | None) -> Array:
+def _tube_numbers(tube: Tube | None) -> Float:
     """The 16 numbers of a tube for the kernel, zeros without one."""
     if tube is None:
         return np.zeros(16)
@@ -132,7 +133,7 @@ def _tube_numbers(tube: Tube | None) -> Array:
     return np.concatenate([sizes, tube.center, tube.axes.T.ravel()])
 
 
-def _check_in_front(vertices: Array, inverses: Array, origins: Array, cone: bool) -> None:
+def _check_in_front(vertices: Float, inverses: Float, origins: Float, cone: bool) -> None:
     if not cone or len(vertices) == 0:
         return
     for view, (inverse, origin) in enumerate(zip(inverses, origins, strict=True)):

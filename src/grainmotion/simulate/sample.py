@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from grainmotion import motion
+from grainmotion._typing import Float
 from grainmotion.errors import InputError
-from grainmotion.motions import Motions
-from grainmotion.simulate.shapes import Array, Ellipsoid, Mesh, Shape
+from grainmotion.model.motions import Motions
+from grainmotion.rotations import rotation_matrix, rotation_vector
+from grainmotion.simulate.shapes import Ellipsoid, Mesh, Shape
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +44,7 @@ class Particle:
         return float(sum(value * shape.volume for shape, value in self.parts))
 
     @property
-    def center(self) -> Array:
+    def center(self) -> Float:
         """Attenuation-weighted centre of mass ``(3,)``, mm: the centre of its rotations."""
         moments = [value * shape.volume * shape.centroid for shape, value in self.parts]
         return np.sum(moments, axis=0) / self.mass
@@ -89,15 +90,15 @@ class Tube:
             )
 
     @property
-    def axes(self) -> Array:
+    def axes(self) -> Float:
         """Unit vectors of its own x, y and z in columns ``(3, 3)``."""
-        return motion.exp(self.rotation)
+        return rotation_matrix(self.rotation)
 
     def moved(self, matrix: ArrayLike, shift: ArrayLike) -> Tube:
         """The tube carried by x → matrix · x + shift, where ``matrix`` is a rotation."""
         m = np.asarray(matrix, dtype=float)
         x, y, z = m @ self.center + np.asarray(shift, dtype=float)
-        a, b, c = motion.log(m @ self.axes)
+        a, b, c = rotation_vector(m @ self.axes)
         return replace(self, center=(float(x), float(y), float(z)), rotation=(float(a), float(b), float(c)))
 
 
@@ -123,7 +124,7 @@ class Sample:
         return np.arange(1, len(self) + 1)
 
     @property
-    def centers(self) -> Array:
+    def centers(self) -> Float:
         """Attenuation-weighted centres of mass ``(n, 3)``, mm."""
         return np.array([p.center for p in self.particles]).reshape(-1, 3)
 

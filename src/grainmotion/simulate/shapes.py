@@ -10,10 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import ConvexHull
 from scipy.special import sph_harm_y
 
+from grainmotion._typing import Float
 from grainmotion.errors import InputError
-from grainmotion.io.shapes import read_stone_shapes
-
-Array = NDArray[np.float64]
+from grainmotion.simulate.stone_shapes import read_stone_shapes
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,9 +29,9 @@ class Mesh:
         A point inside from which the whole surface is seen, mm.
     """
 
-    vertices: Array
+    vertices: Float
     faces: NDArray[np.int64]
-    star_point: Array
+    star_point: Float
 
     @property
     def volume(self) -> float:
@@ -40,7 +39,7 @@ class Mesh:
         return float(_tetrahedra(self)[0].sum())
 
     @property
-    def centroid(self) -> Array:
+    def centroid(self) -> Float:
         """Centre of the volume ``(3,)``, mm."""
         volumes, centres = _tetrahedra(self)
         return volumes @ centres / volumes.sum()
@@ -84,9 +83,9 @@ class Ellipsoid:
         Unit vectors of the semi-axes, in columns.
     """
 
-    center: Array
-    semi_axes: Array
-    axes: Array
+    center: Float
+    semi_axes: Float
+    axes: Float
 
     @property
     def volume(self) -> float:
@@ -94,12 +93,12 @@ class Ellipsoid:
         return float(4 / 3 * np.pi * np.prod(self.semi_axes))
 
     @property
-    def centroid(self) -> Array:
+    def centroid(self) -> Float:
         """Centre ``(3,)``, mm."""
         return self.center
 
     @property
-    def whitening(self) -> Array:
+    def whitening(self) -> Float:
         """The matrix M ``(3, 3)`` with ‖M (x − center)‖ ≤ 1 inside, 1/mm."""
         return (self.axes / self.semi_axes).T
 
@@ -114,7 +113,7 @@ Shape = Mesh | Ellipsoid
 
 
 @lru_cache(maxsize=8)
-def icosphere(level: int) -> tuple[Array, NDArray[np.int64]]:
+def icosphere(level: int) -> tuple[Float, NDArray[np.int64]]:
     """Unit directions ``(10·4^level + 2, 3)`` and triangles ``(20·4^level, 3)`` of a subdivided icosahedron.
 
     The directions of a lower level come first, so that ``directions[:642]`` is level 3.
@@ -143,7 +142,7 @@ def icosphere(level: int) -> tuple[Array, NDArray[np.int64]]:
     return vertices, faces
 
 
-def stone_radius(stone: int, directions: ArrayLike) -> Array:
+def stone_radius(stone: int, directions: ArrayLike) -> Float:
     """Radius r(θ, φ) of one FDOT-57 stone along unit directions ``(m, 3)``, mm, ``(m,)``."""
     return _basis(np.asarray(directions, dtype=float)) @ _real_coefficients(stone)
 
@@ -154,7 +153,7 @@ def stone(index: int, diameter: float | None = None, level: int = 4) -> Mesh:
     Parameters
     ----------
     index : int
-        0 to 94: which of the FDOT-57 stones (see `grainmotion.io.shapes`).
+        0 to 94: which of the FDOT-57 stones (see `grainmotion.simulate.stone_shapes`).
     diameter : float, optional
         Diameter of the sphere of the same volume, mm; the stone's own size (12–20 mm) if None.
     level : int
@@ -208,28 +207,28 @@ def _resized(mesh: Mesh, diameter: float) -> Mesh:
     return mesh.moved(np.eye(3) * diameter / np.cbrt(6 * mesh.volume / np.pi), np.zeros(3))
 
 
-def _tetrahedra(mesh: Mesh) -> tuple[Array, Array]:
+def _tetrahedra(mesh: Mesh) -> tuple[Float, Float]:
     """Signed volumes ``(k,)`` and centroids ``(k, 3)`` of the tetrahedra star point – face."""
     corners = mesh.vertices[mesh.faces] - mesh.star_point
     volumes = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6
     return volumes, mesh.star_point + corners.sum(axis=1) / 4
 
 
-def _corners(mesh: Mesh) -> tuple[Array, Array]:
+def _corners(mesh: Mesh) -> tuple[Float, Float]:
     """Corners of the faces seen from the star point ``(3, k, 3)``, and outward unit normals ``(k, 3)``."""
     corners = (mesh.vertices[mesh.faces] - mesh.star_point).transpose(1, 0, 2)
     normals = np.cross(corners[1] - corners[0], corners[2] - corners[0])
     return corners, normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
 
-def _outward(vertices: Array, faces: NDArray[np.int64]) -> NDArray[np.int64]:
+def _outward(vertices: Float, faces: NDArray[np.int64]) -> NDArray[np.int64]:
     """Turn triangles around the origin so that they are counter-clockwise seen from outside."""
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     inward = np.einsum("ij,ij->i", a, np.cross(b, c)) < 0
     return np.where(inward[:, None], faces[:, ::-1], faces)
 
 
-def _basis(directions: Array) -> Array:
+def _basis(directions: Float) -> Float:
     """Real design matrix ``(m, 2·378)``: Re and −Im of the stored harmonics, m > 0 counted twice."""
     shapes = read_stone_shapes()
     theta = np.arccos(np.clip(directions[:, 2], -1, 1))
@@ -244,7 +243,7 @@ def _level_basis(level: int) -> NDArray[np.float32]:
     return _basis(icosphere(level)[0]).astype(np.float32)
 
 
-def _real_coefficients(index: int) -> Array:
+def _real_coefficients(index: int) -> Float:
     shapes = read_stone_shapes()
     if not 0 <= index < len(shapes):
         raise InputError("stone", f"index {index} is not 0 to {len(shapes) - 1}", "choose one of the shapes")

@@ -7,12 +7,12 @@ from typing import Annotated, Literal
 from pydantic import BeforeValidator, Field
 from pydantic.dataclasses import dataclass
 
-from grainmotion.device import Choice
-from grainmotion.project import Projector
-from grainmotion.response import Trend
-from grainmotion.tracking.freedom import Freedom, Gain
-from grainmotion.tracking.target import Derivatives
-from grainmotion.tracking.weighting import Loss, Weights
+from grainmotion._typing import Projector
+from grainmotion.backends.device import Choice
+from grainmotion.model.detector_response import Trend
+from grainmotion.objective.data_term import Derivatives
+from grainmotion.objective.response_parameters import Gain, ResponseModel
+from grainmotion.uncertainty.noise_model import Loss, Weights
 
 
 def _named(gain: object) -> object:
@@ -95,9 +95,9 @@ class TrackSettings:
     ] = "auto"
 
     @property
-    def freedom(self) -> Freedom:
+    def freedom(self) -> ResponseModel:
         """What of the detector's response is unknown."""
-        return Freedom(self.gain, self.trend, self.hardening)
+        return ResponseModel(self.gain, self.trend, self.hardening)
 
 
 PAPER = TrackSettings(

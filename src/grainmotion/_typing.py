@@ -1,0 +1,19 @@
+"""Types that many modules name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float = NDArray[np.float64]
+Index = NDArray[np.int64]
+Image = NDArray[np.floating]
+"""Line integrals and their derivatives, in the precision of the volume."""
+Beam = Literal["cone", "parallel"]
+Projector = Literal["trilinear", "exact"]
+"""``"trilinear"``: the smooth image, sampled once a voxel; ``"exact"``: the exact radiological path of boxes."""
+Progress = Callable[[str, int, int], None]
+"""Called with a message, what is done and the total."""

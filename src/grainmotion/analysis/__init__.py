@@ -1,0 +1,1 @@
+"""What is made of measured motions: errors against truth, deformed volumes, residual images."""

@@ -1,0 +1,39 @@
+"""What a state's motions leave of its radiographs."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from grainmotion._typing import Image, Projector
+from grainmotion.model.detector_response import Response
+from grainmotion.model.grains import GrainSet
+from grainmotion.model.motions import Motions
+from grainmotion.model.pose import NuisanceMotion
+from grainmotion.model.scan import Scan
+from grainmotion.objective.nuisance_motions import background_images, corrected
+from grainmotion.projection.grains import simulate_radiographs
+from grainmotion.rotations import rotation_matrix
+from grainmotion.segmentation.extraction import packed_body
+
+
+def leftover(grains: GrainSet, motions: Motions, scan: Scan, projector: Projector = "trilinear") -> Image:
+    """Measured − m(simulated) of each view ``(views, rows, columns)``, line integrals; NaN where a pixel is masked.
+
+    Grains with unknown motions are left out of what is simulated.
+    """
+    fit, views = motions.fit, len(scan)
+    around = NuisanceMotion.still(views)
+    if fit.corrections is not None:
+        around = NuisanceMotion(fit.corrections, around.translation, around.matrix)
+    if fit.background is not None:
+        around = NuisanceMotion(around.views, fit.background[:3], rotation_matrix(fit.background[3:]))
+    geometry = corrected(scan.geometry, around)
+    alone = GrainSet(grains.grains)
+    simulated = simulate_radiographs(alone, motions, geometry, projector)
+    if grains.background is not None:
+        simulated += background_images(packed_body(grains.background), around, geometry, projector, False)[0]
+    response = fit.response or Response(np.full((views, 1), fit.gain), np.full((views, 1), fit.offset))
+    left = scan.line_integrals - response.apply(simulated)
+    if scan.valid is not None:
+        left[~scan.valid] = np.nan
+    return left

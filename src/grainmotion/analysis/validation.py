@@ -1,0 +1,171 @@
+"""compare: measured motions against the truth, grain by grain.
+
+Grains are paired by their centres in the reference state.  The two centres of a pair differ a little
+(a segmented grain is not quite the true one), so the true motion is evaluated at the *measured*
+centre before translations are subtracted:  u_true(c) = Ω (c − c_true) + u_true + c_true − c.
+The rotation error is the vector log(Ω_measured Ω_trueᵀ).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial.distance import cdist
+
+from grainmotion.errors import InputError
+from grainmotion.model.motions import Motions
+from grainmotion.rotations import recenter, rotation_vector
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Errors of n true grains; rows follow the truth.
+
+    Attributes
+    ----------
+    labels : (n,) int array
+        Labels in the truth.
+    matches : (n,) int array
+        Row of the measurement that is the same grain, or −1 if it is missing.
+    translation_errors : (n, 3) array
+        Measured − true, at the measured centre, mm, x y z; NaN if missing.
+    rotation_errors_deg : (n, 3) array
+        Components of log(Ω_measured Ω_trueᵀ), degrees; NaN if missing.
+    failed : (n,) bool array
+        Missing, not converged, or beyond the limits of `compare`.
+    spurious : (m,) int array
+        Rows of the measurement that are no true grain.
+    voxel_size : float, optional
+        mm.
+    """
+
+    labels: NDArray[np.int64]
+    matches: NDArray[np.int64]
+    translation_errors: NDArray[np.float64]
+    rotation_errors_deg: NDArray[np.float64]
+    failed: NDArray[np.bool_]
+    spurious: NDArray[np.int64]
+    voxel_size: float | None = None
+
+    def __len__(self) -> int:
+        return len(self.labels)
+
+    @property
+    def missing(self) -> int:
+        """True grains without a measured one."""
+        return int((self.matches < 0).sum())
+
+    @property
+    def failures(self) -> int:
+        """True grains that failed, the missing ones among them."""
+        return int(self.failed.sum())
+
+    @property
+    def translation_rms(self) -> float:
+        """Root mean square over the grains that did not fail and over components, mm; NaN if all failed."""
+        return _rms(self.translation_errors[~self.failed])
+
+    @property
+    def rotation_rms_deg(self) -> float:
+        """Root mean square over the grains that did not fail and over components, degrees."""
+        return _rms(self.rotation_errors_deg[~self.failed])
+
+    @property
+    def translation_rms_voxels(self) -> float:
+        """`translation_rms` in voxels; NaN without a voxel size."""
+        return self.translation_rms / self.voxel_size if self.voxel_size else float("nan")
+
+    def summary(self) -> str:
+        """One line: errors a component, failures, missing and spurious grains."""
+        voxels = f" ({self.translation_rms_voxels:.4f} voxel)" if self.voxel_size else ""
+        return (
+            f"{len(self)} grains: rms a component {self.translation_rms:.5f} mm{voxels}, "
+            f"{self.rotation_rms_deg:.4f}°; {self.failures} failed, {self.missing} missing, "
+            f"{len(self.spurious)} spurious"
+        )
+
+
+def compare(
+    measured: Motions,
+    truth: Motions,
+    voxel_size: float | None = None,
+    *,
+    limit_voxels: float = 1.0,
+    limit_deg: float = 5.0,
+) -> Comparison:
+    """Errors of measured motions.
+
+    Parameters
+    ----------
+    measured, truth : Motions
+        Grains may be in any order and differ in number; labels play no part.  Pairs are one to one and
+        lie within half the grain spacing (the median distance to the nearest true neighbour).
+    voxel_size : float, optional
+        mm, for errors in voxels.
+    limit_voxels : float
+        A grain whose translation error is longer than this has failed; takes a ``voxel_size``.
+    limit_deg : float
+        A grain whose rotation error is longer than this, in degrees, has failed.
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    InputError
+        If the truth holds no grain, or the voxel size is not positive.
+    """
+    n = len(truth)
+    if n == 0:
+        raise InputError("truth", "it holds no grain", "give the motions of at least one grain")
+    if voxel_size is not None and not voxel_size > 0:
+        raise InputError("voxel_size", f"must be > 0, got {voxel_size}", "give it in mm, or leave it out")
+    matches = _paired(measured.centers, truth.centers)
+    found = np.flatnonzero(matches >= 0)
+    pair = matches[found]
+    translations, rotations = np.full((n, 3), np.nan), np.full((n, 3), np.nan)
+    if len(found):
+        true = truth.matrices[found]
+        at_measured = recenter(true, truth.translations[found], truth.centers[found], measured.centers[pair])
+        translations[found] = measured.translations[pair] - at_measured
+        difference = measured.matrices[pair] @ np.swapaxes(true, -1, -2)
+        rotations[found] = np.rad2deg(rotation_vector(difference))
+    failed = np.ones(n, dtype=bool)
+    failed[found] = ~measured.ok[pair] | ~(np.linalg.norm(rotations[found], axis=1) <= limit_deg)
+    if voxel_size is not None:
+        failed |= ~(np.linalg.norm(translations, axis=1) <= limit_voxels * voxel_size)
+    return Comparison(
+        labels=np.asarray(truth.labels),
+        matches=matches,
+        translation_errors=translations,
+        rotation_errors_deg=rotations,
+        failed=failed,
+        spurious=np.setdiff1d(np.arange(len(measured)), pair),
+        voxel_size=voxel_size,
+    )
+
+
+def _paired(measured: NDArray[np.float64], truth: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Row of ``measured`` for each of ``truth``, −1 for none, ``(n,)``."""
+    matches = np.full(len(truth), -1)
+    if len(measured) == 0:
+        return matches
+    reach = np.inf
+    if len(truth) > 1:
+        apart = cdist(truth, truth)
+        np.fill_diagonal(apart, np.inf)
+        reach = float(np.median(apart.min(axis=1))) / 2
+    distances = cdist(truth, measured)
+    # beyond the reach all are equally bad, so that one lost grain does not shift its neighbours' pairs
+    rows, columns = linear_sum_assignment(np.where(distances <= reach, distances, 1e3 * min(reach, 1e9)))
+    near = distances[rows, columns] <= reach
+    matches[rows[near]] = columns[near]
+    return matches
+
+
+def _rms(errors: NDArray[np.float64]) -> float:
+    return float(np.sqrt(np.mean(errors**2))) if errors.size else float("nan")

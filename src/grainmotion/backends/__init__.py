@@ -1,0 +1,1 @@
+"""Where arrays lie and who computes on them: processor, GPU, Dask workers."""

@@ -1,0 +1,68 @@
+"""A binned scan on which corrections are tried: what half of its views says against the other half."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydantic.dataclasses import dataclass
+
+from grainmotion._typing import Float
+from grainmotion.calibration.corrections import Parameter, corrected, unit
+from grainmotion.model.geometry import Geometry
+from grainmotion.model.scan import Scan, binned
+from grainmotion.model.volume import Volume
+from grainmotion.projection.volumes import project
+from grainmotion.reconstruction.reconstruct import ReconstructSettings, reconstruct
+
+STEP = 0.5  # of a parameter's unit: half the span of a central difference
+
+
+@dataclass(frozen=True, config={"arbitrary_types_allowed": True})
+class Trial:
+    """A binned scan and its grid, on which corrections are tried.
+
+    ``units`` are the corrections, mm and degrees, that move the edge of a shadow by about one binned pixel.
+    """
+
+    scan: Scan
+    grid: Volume
+    names: tuple[Parameter, ...]
+    units: Float
+    sweeps: int
+
+    @classmethod
+    def of(cls, scan: Scan, grid: Volume, factor: int, names: tuple[Parameter, ...], sweeps: int) -> Trial:
+        """Radiographs and voxels ``factor`` times as large."""
+        small = binned(scan, factor)
+        shape = tuple(-(-n // factor) for n in grid.shape)
+        volume = Volume(np.zeros(shape, np.float32), grid.voxel_size * factor, grid.center)
+        return cls(small, volume, names, np.array([unit(n, small.geometry) for n in names]), sweeps)
+
+    def correct(self, geometry: Geometry, values: Float) -> Geometry:
+        """A geometry corrected by values in the order of ``names``."""
+        return corrected(geometry, dict(zip(self.names, values.tolist(), strict=True)))
+
+    def residual(self, values: Float) -> Float:
+        """r(γ), flat, view after view."""
+        geometry, images, valid = self.correct(self.scan.geometry, values), self.scan.line_integrals, self.scan.valid
+        settings = ReconstructSettings(method="sart", sweeps=self.sweeps, tolerance=0)
+        out = np.zeros(images.shape)
+        for half in (0, 1):
+            inside, outside = slice(half, None, 2), slice(1 - half, None, 2)
+            told = Scan(images[inside], geometry[inside], None if valid is None else valid[inside])
+            volume = reconstruct(told, self.grid, settings).volume
+            out[outside] = images[outside] - project(volume, geometry[outside])
+        return (out if valid is None else np.where(valid, out, 0)).ravel()
+
+    def relative(self, values: Float) -> float:
+        """‖r‖/‖b‖."""
+        return float(np.linalg.norm(self.residual(values)) / np.linalg.norm(self.scan.line_integrals))
+
+    def derivatives(self, values: Float) -> Float:
+        """∂r by each correction in its unit, ``(pixels, parameters)``."""
+        steps = STEP * np.diag(self.units)
+        return np.stack([(self.residual(values + s) - self.residual(values - s)) / (2 * STEP) for s in steps], axis=1)
+
+
+def bin_factor(geometry: Geometry, columns: int) -> int:
+    """By how much to bin; a panel of few rows is not binned away."""
+    return max(1, min(-(-geometry.shape[1] // columns), geometry.shape[0] // 2))

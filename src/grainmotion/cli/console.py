@@ -1,0 +1,177 @@
+"""The terminal: progress and tables.
+
+On a terminal progress is a bar on standard error; otherwise it is a log, line by line on standard output,
+so that standard error holds errors alone.
+"""
+
+from __future__ import annotations
+
+import re
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from grainmotion.analysis.validation import Comparison
+from grainmotion.experiment.inspection import Inspection
+from grainmotion.model.motions import Motions
+from grainmotion.planning.capture_range import SOURCE
+from grainmotion.planning.plan import Plan
+
+MOST_LINES = 20
+Listener = Callable[[str, int, int], None]
+
+
+@contextmanager
+def progress(quiet: bool) -> Iterator[Listener]:
+    """A listener for ``progress``: a bar on a terminal, one line a step in a log, nothing if quiet.
+
+    It also sees to it that Ctrl-C, or a polite kill, ends the work: an exception that is raised inside
+    a compiler's or library's callback can be lost, and is then raised again at the next call.
+    """
+    stopped = threading.Event()
+
+    def stop(_signal: int, _frame: object) -> None:
+        stopped.set()
+        raise KeyboardInterrupt
+
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    show = _silence if quiet else _bar if sys.stderr.isatty() else _log
+    try:
+        with contextmanager(show)() as listen:
+
+            def listen_or_stop(message: str, done: int, total: int) -> None:
+                if stopped.is_set():
+                    raise KeyboardInterrupt
+                listen(message, done, total)
+
+            yield listen_or_stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _silence() -> Iterator[Listener]:
+    yield lambda _message, _done, _total: None
+
+
+def _bar() -> Iterator[Listener]:
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=None)
+
+        def listen(message: str, done: int, total: int) -> None:
+            bar.update(task, description=message, completed=done, total=total)
+
+        yield listen
+
+
+def _log() -> Iterator[Listener]:
+    """The last message of each step: the one that carries its outcome."""
+    last = [""]
+
+    def step(message: str) -> str:
+        return re.split(r", ε|: residual", message)[0]
+
+    def listen(message: str, done: int, total: int) -> None:
+        if last[0] and step(message) != step(last[0]):
+            print(last[0], flush=True)
+        last[0] = message
+
+    try:
+        yield listen
+    finally:
+        if last[0]:
+            print(last[0], flush=True)
+
+
+def print_inspection(found: Inspection) -> None:
+    """Print what `inspect_inputs` found."""
+    console = Console(width=None if sys.stdout.isatty() else 160)
+    table = Table("scan", "radiographs", "type", "kind", "beam", "pixel at sample", "magnification", "air", "highest")
+    table.add_column("masked pixels")
+    for s in found.scans:
+        table.add_row(
+            s.key,
+            f"{s.views} x {s.rows} x {s.columns}",
+            s.dtype,
+            s.kind,
+            s.beam,
+            f"{s.pixel_at_sample:.4g} mm",
+            f"{s.magnification:.4g}",
+            f"{s.air:.4f}",
+            f"{s.highest:.3g}",
+            f"{s.pixels.bad} ({s.pixels.dead} dead, {s.pixels.dark} dark, {s.pixels.saturated} saturated)",
+        )
+    console.print(table)
+    shape = " x ".join(str(n) for n in found.volume_shape)
+    console.print(f"volume: {shape} voxels (z, y, x) of {found.voxel_size:.4g} mm")
+    console.print(f"memory: about {found.memory / 1e9:.2f} GB at the peak")
+    for warning in found.warnings:
+        console.print(f"warning: {warning}", markup=False)
+
+
+def print_states(motions: dict[str, Motions]) -> None:
+    """Print how the tracking of each state went, and why grains did not converge."""
+    if not motions:
+        return
+    table = Table("state", "grains", "converged", "others", "median |u| (mm)", "median |w| (deg)")
+    for name, m in motions.items():
+        statuses, counts = np.unique(m.statuses[~m.ok], return_counts=True)
+        others = ", ".join(f"{n} {status}" for status, n in zip(statuses, counts))
+        u = np.linalg.norm(m.translations[m.ok], axis=1)
+        w = np.rad2deg(np.linalg.norm(m.rotations[m.ok], axis=1))
+        middle = [f"{np.median(v):.4g}" if len(v) else "-" for v in (u, w)]
+        table.add_row(name, str(len(m)), str(int(m.ok.sum())), others or "-", *middle)
+    Console(width=None if sys.stdout.isatty() else 120).print(table)
+    lines = [
+        f"{name}, grain {label}: {reason or status}"
+        for name, m in motions.items()
+        for label, status, reason, ok in zip(m.labels, m.statuses, m.reasons, m.ok)
+        if not ok
+    ]
+    for line in lines[:MOST_LINES]:
+        print(line)
+    if len(lines) > MOST_LINES:
+        print(f"... and {len(lines) - MOST_LINES} more, in the report")
+
+
+def print_comparisons(comparisons: dict[str, Comparison]) -> None:
+    """Print the errors of each state against the truth, root mean square over grains and components."""
+    table = Table("state", "grains", "failures", "translation error (voxel)", "rotation error (deg)")
+    for name, c in comparisons.items():
+        errors = f"{c.translation_rms_voxels:.4f}", f"{c.rotation_rms_deg:.4f}"
+        table.add_row(name, str(len(c)), str(c.failures), *errors)
+    Console(width=None if sys.stdout.isatty() else 120).print(table)
+
+
+def print_plan(plan: Plan) -> None:
+    """Print each set of views: angles, predicted precision, and the motions to expect of tracking."""
+    console = Console(width=None if sys.stdout.isatty() else 180)
+    table = Table("views", "set", "angles (deg)", "sd of u (voxel)", "(mm)", "sd of w (deg)")
+    for name in ("worst (voxel, deg)", "found again (diameters, deg)", "room across, along (mm)"):
+        table.add_column(name)
+    for s, row in zip(plan.sets, plan.angles_table().itertuples()):
+        table.add_row(
+            str(len(s)),
+            s.kind,
+            str(row.angles_deg),
+            f"{row.sd_u_voxel:.4f}",
+            f"{row.sd_u_mm:.3g}",
+            f"{row.sd_w_deg:.3f}",
+            f"{row.worst_sd_u_voxel:.4f}, {row.worst_sd_w_deg:.3f}",
+            "; ".join(f"{d:g}, {a:g}" for d, a in s.capture.ranges),
+            f"{row.room_across_mm:.3g}, {row.room_along_mm:.3g}",
+        )
+    console.print(table)
+    exposure = f"{plan.settings.photons:.4g} photons a pixel of open beam, model error {plan.settings.model_error:g}"
+    print(f"sd of a component: medians over {len(plan.labels)} grains; worst: of any grain; {exposure}")
+    diameter = f"a diameter is {np.median(plan.diameters):.4g} mm"
+    print(f"found again: every grain its own way up to so much, from a zero start ({SOURCE}); {diameter}")
+    print("room: the sample may move so far across and along the axis before a shadow leaves the panel")

@@ -1,0 +1,138 @@
+"""Simulated experiments on disk, and the whole chain tried on one of them against its truth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from grainmotion import simulate
+from grainmotion._typing import Progress
+from grainmotion.analysis.validation import Comparison, compare
+from grainmotion.backends.device import Choice
+from grainmotion.errors import InputError
+from grainmotion.experiment.config import read_experiment
+from grainmotion.experiment.inputs import find_inputs
+from grainmotion.io.geometry_csv import write_geometry
+from grainmotion.io.motions_csv import read_motions
+from grainmotion.io.results import read_reference
+from grainmotion.workflow import outputs
+from grainmotion.workflow.context import REFERENCE
+from grainmotion.workflow.dataset import write_dataset
+from grainmotion.workflow.run import RunResult, run
+
+PLAIN_CASES = {"small": simulate.small, "paper": simulate.paper_scale}
+ALL_STATES = (("unmoved", 4), ("shift", 4), ("shift", 2), ("random", 4), ("random", 2))
+DEMO_STATES = (("shift", 4), ("random", 4))
+
+
+@dataclass(frozen=True, eq=False)
+class Demo:
+    """What the demo measured, and how far from the truth that is.
+
+    Attributes
+    ----------
+    result : RunResult
+    comparisons : dict of str to Comparison
+        By the name of the state.
+    """
+
+    result: RunResult
+    comparisons: dict[str, Comparison]
+
+
+def write_case(
+    folder: str | Path,
+    case: str = "small",
+    seed: int = 0,
+    states: Sequence[tuple[str, int]] = ALL_STATES,
+    progress: Progress | None = None,
+) -> Path:
+    """Simulate an experiment and write it, with the truth of each state beside it.
+
+    Parameters
+    ----------
+    folder : str or Path
+    case : str
+        ``small`` or ``paper`` (see `simulate.small` and `simulate.paper_scale`), or one of `simulate.HARD_CASES`.
+    seed : int
+        Of the packing, the motions and the noise.
+    states : sequence of (str, int)
+        Name of a motion of the case and number of views (2 or 4); the state is called ``NAME-VIEWS``.  A hard
+        case has one motion, and the states ``CASE-4`` and ``CASE-2``; where its true views are not those that
+        the experiment file is told, they lie in ``STATE-true-views.csv``.
+    progress : callable, optional
+
+    Returns
+    -------
+    Path
+        The experiment file.
+    """
+    if case in simulate.HARD_CASES:
+        return _write_hard_case(Path(folder), simulate.hard_case(case, seed, progress=progress), progress)
+    if case not in PLAIN_CASES:
+        known = ", ".join([*PLAIN_CASES, *simulate.HARD_CASES])
+        raise InputError("case", f"'{case}' is unknown", f"choose one of {known}")
+    made = PLAIN_CASES[case](seed, progress=progress)
+    recordings = {}
+    for number, (name, views) in enumerate(states, start=1):
+        if progress is not None:
+            progress("simulating radiographs", number - 1, len(states) + 1)
+        truth = made.motions[name]
+        later = made.state_counts(truth, simulate.LATER_ANGLES_DEG[views], number)
+        recordings[f"{name}-{views}"] = (later, truth)
+    if progress is not None:
+        progress("simulating radiographs", len(states), len(states) + 1)
+    grid = made.scanner.grid
+    return write_dataset(folder, made.reference_counts(), recordings, grid, initial="reference")
+
+
+def _write_hard_case(folder: Path, hard: simulate.HardCase, progress: Progress | None) -> Path:
+    recordings, views = {}, {"reference": (hard.nominal_geometry(), hard.true_reference_geometry())}
+    for number, (count, angles_deg) in enumerate(sorted(simulate.LATER_ANGLES_DEG.items(), reverse=True), start=1):
+        if progress is not None:
+            progress("simulating radiographs", number - 1, 3)
+        name = f"{hard.name}-{count}"
+        recordings[name] = (hard.state_counts(angles_deg, number), hard.motions)
+        views[name] = (hard.nominal_geometry(angles_deg), hard.true_geometry(angles_deg, number))
+    if progress is not None:
+        progress("simulating radiographs", 2, 3)
+    grid = hard.case.scanner.grid
+    path = write_dataset(folder, hard.reference_counts(), recordings, grid, initial="reference")
+    for name, (told, true) in views.items():
+        if not np.allclose(told.vectors, true.vectors, rtol=0, atol=1e-9):
+            write_geometry(folder / f"{name}-true-views.csv", true)
+    return path
+
+
+def run_demo(folder: str | Path, seed: int = 0, progress: Progress | None = None, device: Choice = "auto") -> Demo:
+    """Simulate the small case, do its whole job, and compare every state with the truth.
+
+    A demo that is there already, whole or in part, is gone on with.
+    """
+    folder = Path(folder)
+    names = [f"{name}-{views}" for name, views in DEMO_STATES]
+    files = ["experiment.toml", *(f"{name}-truth.csv" for name in names)]
+    if not all((folder / name).is_file() for name in files):
+        write_case(folder, "small", seed, DEMO_STATES, progress)
+    experiment = read_experiment(folder / "experiment.toml").on(device)
+    result = run(experiment, progress=progress)
+    reference = read_reference(result.folder / REFERENCE)
+    comparisons = {
+        name: compare(motions, read_motions(folder / f"{name}-truth.csv"), reference.volume.voxel_size)
+        for name, motions in result.motions.items()
+    }
+    facts = {name: comparison_facts(c) for name, c in comparisons.items()}
+    outputs.write_report(experiment, find_inputs(experiment), reference, result.motions, result.folder, facts)
+    return Demo(result, comparisons)
+
+
+def comparison_facts(comparison: Comparison) -> tuple[tuple[str, str], ...]:
+    """A comparison with the truth, as facts for the report."""
+    return (
+        ("Translation error, rms a component", f"{comparison.translation_rms_voxels:.4f} voxel"),
+        ("Rotation error, rms a component", f"{comparison.rotation_rms_deg:.4f}°"),
+        ("Grains that failed", f"{comparison.failures} of {len(comparison)}"),
+    )

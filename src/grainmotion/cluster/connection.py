@@ -1,0 +1,194 @@
+"""Workplace: this process, processes on this machine, or the workers of a Dask scheduler."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from importlib.metadata import version
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grainmotion._typing import Progress
+from grainmotion.cluster.dask_backend import DaskBackend, worth_sharing
+from grainmotion.cluster.distributed_iterate import reconstruct_scattered
+from grainmotion.cluster.executor import Executor
+from grainmotion.cluster.segmentation_tasks import cut_scattered
+from grainmotion.cluster.shared_store import SharedStore, StoredObject
+from grainmotion.cluster.state_tasks import State, track_scattered
+from grainmotion.cluster.worker_setup import make_ready
+from grainmotion.errors import InputError
+from grainmotion.experiment.scan_inputs import ScanInput
+from grainmotion.model.grains import GrainSet
+from grainmotion.model.motions import Motions
+from grainmotion.model.volume import Volume
+from grainmotion.reconstruction.reconstruct import Reconstruction, ReconstructSettings
+from grainmotion.segmentation.label_refinement import Boxed
+from grainmotion.tracking.track import TrackSettings
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+SECONDS_TO_ANSWER, SECONDS_TO_FIRST_WORKER = 30, 60
+"""How long to wait for a scheduler, and then for its first worker, which starts slowly on a busy machine."""
+
+
+@dataclass(frozen=True, eq=False)
+class ClusterConnection:
+    """Workers within reach, and storage that all of them see."""
+
+    work: Executor
+    shelf: SharedStore
+
+    @property
+    def crew(self) -> DaskBackend:
+        """The workers as the device that tracks grains."""
+        return DaskBackend.of(self.work, self.shelf)
+
+    def walks_states(self, grains: GrainSet) -> bool:
+        """Whether grains are so few that one worker tracks a state sooner than several could together."""
+        return not worth_sharing(sum(grain.volume.array.size for grain in grains.grains))
+
+    def track(
+        self, grains: GrainSet, states: Sequence[State], settings: TrackSettings
+    ) -> Iterator[tuple[str, Motions]]:
+        """Track states side by side; names and motions, whichever is there first."""
+        return track_scattered(self.work, self.shelf, grains, states, settings)
+
+    def cut(
+        self, volume: Volume, labels: NDArray[np.integer], wanted: list[Boxed], factor: int, reach: float
+    ) -> Iterator[Volume | None]:
+        """Cut grains out on finer voxels; see `grainmotion.segmentation.label_refinement.fine_grains`."""
+        return cut_scattered(self.work, self.shelf, volume, labels, wanted, factor, reach)
+
+    def reconstruct(
+        self, source: ScanInput, grid: Volume, settings: ReconstructSettings, progress: Progress | None = None
+    ) -> Reconstruction:
+        """Reconstruct on a grid of zeros a scan that the workers read themselves."""
+        return reconstruct_scattered(self.work, self.shelf, source, grid, settings, progress)
+
+
+@dataclass(frozen=True)
+class ComputeConfig:
+    """Who is to work; neither is this process alone.
+
+    Attributes
+    ----------
+    scheduler : str, optional
+        Address of a Dask scheduler, as ``tcp://host:8786``, or its scheduler file (``.json``).
+    workers : int, optional
+        Processes to start on this machine; they share its cores and memory.
+    memory : str, optional
+        Limit of each of those processes, as ``"8GB"``.
+    """
+
+    scheduler: str | None = None
+    workers: int | None = None
+    memory: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.scheduler is not None and self.workers is not None:
+            raise InputError("--scheduler and --workers", "both are given", "give one of them")
+        if self.workers is not None and self.workers < 1:
+            raise InputError("--workers", f"must be at least 1, got {self.workers}", "give a number of processes")
+
+
+LOCAL = ComputeConfig()
+"""This process alone."""
+
+
+@contextmanager
+def at_work(place: ComputeConfig, folder: Path) -> Iterator[ClusterConnection | None]:
+    """Reach who is to work, and leave them at the end; None is nobody but this process.
+
+    ``folder`` must be on storage that all of them see: large arrays are exchanged in it.
+
+    Raises
+    ------
+    InputError
+        If Dask is missing, nobody answers at the address, no worker comes, or workers do not see the folder.
+    """
+    if place.scheduler is None and place.workers is None:
+        yield None
+        return
+    if find_spec("distributed") is None:
+        where = "--workers" if place.scheduler is None else "--scheduler"
+        raise InputError(where, "Dask is not installed", "pip install 'grainmotion[cluster]'")
+    import dask
+
+    with ExitStack() as stack:
+        # ten thousand grains' poses and outlines travel with their tasks, which Dask would warn of
+        stack.enter_context(dask.config.set({"distributed.admin.large-graph-warning-threshold": "1GB"}))
+        if place.scheduler is not None:
+            client, where = stack.enter_context(_client(place.scheduler)), f"--scheduler {place.scheduler}"
+        else:
+            client, where = stack.enter_context(_local(place)), "--workers"
+        _wait(client, where)
+        shelf = SharedStore(folder)
+        stack.callback(shelf.close)
+        _check(client, shelf, where)
+        make_ready(client)
+        yield ClusterConnection(Executor(client), shelf)
+
+
+@contextmanager
+def _local(place: ComputeConfig) -> Iterator[Client]:
+    import distributed
+
+    with (
+        distributed.LocalCluster(
+            n_workers=place.workers,
+            threads_per_worker=max(1, (os.cpu_count() or 1) // (place.workers or 1)),
+            memory_limit=place.memory or "auto",
+            dashboard_address=None,
+            silence_logs="CRITICAL",
+        ) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        yield client
+
+
+def _client(address: str) -> Client:
+    import distributed
+    from distributed.comm import resolve_address
+
+    try:
+        if address.endswith(".json"):
+            if not Path(address).is_file():  # else the client would wait for it
+                raise OSError("no such scheduler file")
+            return distributed.Client(scheduler_file=address, timeout=SECONDS_TO_ANSWER)
+        resolve_address(address)  # a client that refuses it stays half open, and can block Dask when it is collected
+        return distributed.Client(address, timeout=SECONDS_TO_ANSWER)
+    except (OSError, ValueError, TimeoutError) as error:
+        fact = f"no Dask scheduler answers there ({' '.join(str(error).split())[:120]})"
+        raise InputError(
+            f"--scheduler {address}", fact, "check the address, or start one with `dask scheduler`"
+        ) from None
+
+
+def _wait(client: Client, where: str) -> None:
+    try:
+        client.wait_for_workers(1, timeout=SECONDS_TO_FIRST_WORKER)
+    except TimeoutError:
+        raise InputError(where, "the scheduler has no workers", "start some with `dask worker`") from None
+
+
+def _check(client: Client, shelf: SharedStore, where: str) -> None:
+    """Refuse workers that have another version of the package, or do not see the shelf."""
+    here = version("grainmotion")
+    for worker, (there, sees) in client.run(_report, shelf.put("seen")).items():
+        if there != here:
+            fact = f"worker {worker} has grainmotion {there}, this process {here}"
+            raise InputError(where, fact, "install the same version on all of them")
+        if not sees:
+            fact = f"worker {worker} does not see {shelf.folder.parent}"
+            raise InputError(where, fact, "put the results on storage that all workers share (--out)")
+
+
+def _report(shelved: StoredObject) -> tuple[str, bool]:
+    return version("grainmotion"), shelved.folder.is_dir()

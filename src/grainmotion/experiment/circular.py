@@ -1,0 +1,67 @@
+"""Geometry of a circular scan from its table in the experiment file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grainmotion._typing import Beam
+from grainmotion.errors import InputError
+from grainmotion.experiment.config import AngleRange, Circular
+from grainmotion.io.files import checked_file
+from grainmotion.io.hdf5 import NXtomo
+from grainmotion.model.geometry import DetectorAlignment, Geometry
+
+
+def _angles(table: Circular, folder: Path, nxtomo: NXtomo | None) -> NDArray[np.float64]:
+    given = table.angles_deg
+    if isinstance(given, AngleRange):
+        return np.linspace(given.first, given.last, given.count)
+    if isinstance(given, str):
+        return _read_angles(checked_file(folder / given))
+    if given is not None:
+        return np.array(given, dtype=float)
+    if table.first is not None and table.last is not None and table.count is not None:
+        return np.linspace(table.first, table.last, table.count)
+    if nxtomo is not None and np.isfinite(nxtomo.projection_angles_deg).all():
+        return nxtomo.projection_angles_deg
+    raise InputError("geometry.angles_deg", "it is missing", "give a list, a text file, or first, last and count")
+
+
+def _read_angles(path: Path) -> NDArray[np.float64]:
+    """One angle a line, degrees; ``#`` begins a comment."""
+    angles = []
+    for number, line in enumerate(path.read_text(errors="replace").splitlines(), start=1):
+        text = line.split("#")[0].strip()
+        try:
+            if text:
+                angles.append(float(text))
+        except ValueError as error:
+            raise InputError(str(path), f"line {number} is '{text}'", "give one angle a line, degrees") from error
+    return np.array(angles)
+
+
+def circular_geometry(table: Circular, beam: Beam, shape: tuple[int, int], angles_deg: NDArray[np.float64]) -> Geometry:
+    """The views of a ``[….geometry]`` table."""
+    panel = DetectorAlignment(
+        offset=table.detector_offset,
+        tilts_deg=table.detector_tilts_deg,
+        axis_offset=table.axis_offset,
+        axis_tilt_deg=table.axis_tilt_deg,
+        first_row=table.first_row,
+    )
+    if beam == "parallel":
+        return Geometry.parallel(angles_deg, shape, table.pixel_size, panel=panel)
+    if table.source_to_axis is None or table.source_to_detector is None:
+        missing = "source_to_axis" if table.source_to_axis is None else "source_to_detector"
+        raise InputError(f"geometry.{missing}", "it is missing", 'give it in mm, or set beam = "parallel"')
+    return Geometry.cone(
+        angles_deg,
+        shape,
+        table.pixel_size,
+        source_to_axis=table.source_to_axis,
+        source_to_detector=table.source_to_detector,
+        panel=panel,
+    )

@@ -1,0 +1,315 @@
+"""The experiment file: one TOML that says what was measured, where it lies and how to treat it.
+
+Every table is a record below; the tables of the stages are the settings of the verbs themselves, so
+that the keys of the file and the keywords of Python are one list.  Paths start at the file's folder.
+A key that nobody knows is an error, with the nearest known one.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import tomllib
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+
+from grainmotion._typing import Beam
+from grainmotion.backends.device import Choice
+from grainmotion.calibration.corrections import Parameter
+from grainmotion.errors import InputError
+from grainmotion.io.files import checked_file
+from grainmotion.planning.plan import PlanSettings
+from grainmotion.reconstruction.reconstruct import ReconstructSettings
+from grainmotion.segmentation.settings import SegmentSettings
+from grainmotion.tracking.track import TrackSettings
+
+RESERVED = (
+    "reference.h5", "reconstruction.h5", "report.html", "stages.json", "reference.tif", "reference.vti",
+    "calibration.json",
+)  # fmt: skip
+Kind = Literal["counts", "transmission", "line-integrals"]
+Export = Literal["vtk", "spam"]
+
+
+def _as_list(value: object) -> object:
+    return [value] if isinstance(value, str) else value
+
+
+Files = Annotated[list[str], BeforeValidator(_as_list), Field(min_length=1)]
+"""A path, a glob, ``"file.h5::/path"``, or a list of those."""
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Air(_Table):
+    """Where the radiographs see only air: one factor a view is taken from there.  Give one of the two."""
+
+    margin: int | None = Field(default=None, gt=0, description="columns at the left and as many at the right")
+    region: tuple[int, int, int, int] | None = Field(default=None, description="row0, row1, column0, column1")
+
+
+class AngleRange(_Table):
+    """Equally spaced angles, first and last included, degrees."""
+
+    first: float = Field(description="first angle, degrees")
+    last: float = Field(description="last angle, degrees")
+    count: int = Field(gt=0, description="number of angles")
+
+
+class Circular(_Table):
+    """A circular scan, as `Geometry.cone` and `parallel`; a state's table inherits the reference's."""
+
+    beam: Beam | None = Field(default=None, description='"cone" or "parallel"')
+    source_to_axis: float | None = Field(default=None, gt=0, description="mm, cone beam only")
+    source_to_detector: float | None = Field(default=None, gt=0, description="mm, cone beam only")
+    pixel_size: float = Field(gt=0, description="mm")
+    angles_deg: list[float] | AngleRange | str | None = Field(
+        default=None, description="list, {first, last, count}, or a text file with one angle a line"
+    )
+    first: float | None = Field(default=None, description="first angle, degrees, with last and count")
+    last: float | None = Field(default=None, description="last angle, degrees, included")
+    count: int | None = Field(default=None, gt=0, description="number of angles")
+    detector_offset: tuple[float, float] = Field(default=(0.0, 0.0), description="along u and v, mm")
+    detector_tilts_deg: tuple[float, float, float] = Field(default=(0.0, 0.0, 0.0), description="about x, y, z at 0")
+    axis_offset: float = Field(default=0.0, description="of the axis along u, mm")
+    axis_tilt_deg: tuple[float, float] = Field(default=(0.0, 0.0), description="about x and y at 0")
+    first_row: Literal["bottom", "top"] = Field(default="bottom", description="where row 0 lies")
+
+
+class ScanTable(_Table):
+    """Radiographs with all that makes line integrals of them."""
+
+    radiographs: Files | None = Field(default=None, description="TIFF, .npy, HDF5 path, or one NXtomo file")
+    flats: Files | None = Field(default=None, description="images of the open beam; averaged")
+    darks: Files | None = Field(default=None, description="images without beam; averaged; none is a dark of 0")
+    kind: Kind | None = Field(default=None, description='"counts" (default), "transmission" or "line-integrals"')
+    geometry: str | Circular | None = Field(default=None, description="CSV with one row a view, or a table")
+    beam: Beam | None = Field(default=None, description='"cone" (default) or "parallel"')
+    views: str | list[int] | None = Field(
+        default=None,
+        description='radiographs to use, "start:stop:step" or a list; the geometry holds these or all of them',
+    )
+    air: Air | None = Field(default=None, description="where only air is seen, for one factor a view")
+    saturation: float | None = Field(default=None, gt=0, description="count from which a pixel is saturated")
+
+
+class ReferenceTable(ScanTable):
+    """The full scan of the initial state, or the volume that another software made of it."""
+
+    volume: Files | None = Field(default=None, description="a reconstructed volume [z, y, x], 1/mm")
+    labels: Files | None = Field(default=None, description="grains in that volume, 0 = none")
+
+
+class VolumeTable(_Table):
+    """The grid of voxels; by default what the panel sees, with voxels of one pixel at the axis."""
+
+    shape: tuple[int, int, int] | None = Field(default=None, description="voxels along z, y, x")
+    voxel_size: float | None = Field(default=None, gt=0, description="mm")
+    center: tuple[float, float, float] = Field(default=(0.0, 0.0, 0.0), description="mm, x y z")
+
+
+class CalibrateTable(_Table):
+    """What the reference scan is asked about the machine, for the reference and all states."""
+
+    geometry: bool | Literal["auto"] | list[Parameter] = Field(
+        default="auto",
+        description='"auto": find "shift_u", "turn" and "axis_tilt" and correct what is clearly off (a full scan of '
+        "few views is left alone); true: correct them whatever they are; a list: find these, out of those and "
+        '"axis_offset", "yaw", "pitch", "shift_v"; false: take the geometry as told',
+    )
+    hardening: Literal[0, 2, 3, 4] = Field(
+        default=0, description="degree of the curve that undoes beam hardening; 0 to leave it"
+    )
+
+
+class StateTable(ScanTable):
+    """The few radiographs of one later state."""
+
+    name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._ -]*$", description="also its folder's name")
+    initial: str = Field(default="previous", description='"previous", "reference", or a motions.csv or spam .tsv')
+
+
+class OutputTable(_Table):
+    """What to write, and where."""
+
+    directory: str = Field(default="results", description="folder of the results, from the file's own folder")
+    rebuild: bool = Field(default=False, description="write the moved grains of each state as a volume with labels")
+    exports: list[Export] = Field(default=[], description='files for other software: "vtk", "spam"')
+
+
+class ExperimentFile(_Table):
+    """All tables of the file."""
+
+    reference: ReferenceTable
+    volume: VolumeTable = Field(default_factory=VolumeTable)
+    calibrate: CalibrateTable = Field(default_factory=CalibrateTable)
+    reconstruct: ReconstructSettings = Field(default_factory=ReconstructSettings)
+    segment: SegmentSettings = Field(default_factory=SegmentSettings)
+    track: TrackSettings = Field(default_factory=TrackSettings)
+    plan: PlanSettings = Field(default_factory=PlanSettings)
+    states: list[StateTable] = []
+    output: OutputTable = Field(default_factory=OutputTable)
+
+
+@dataclasses.dataclass(frozen=True)
+class Experiment:
+    """An experiment file that was read and found valid.
+
+    Attributes
+    ----------
+    path : Path
+    tables : ExperimentFile
+    """
+
+    path: Path
+    tables: ExperimentFile
+
+    @property
+    def folder(self) -> Path:
+        """Where relative paths start."""
+        return self.path.parent
+
+    @property
+    def output(self) -> Path:
+        """Where results go unless told otherwise."""
+        return self.folder / self.tables.output.directory
+
+    def on(self, device: Choice) -> Experiment:
+        """The same experiment, all of its work on a device."""
+        reconstruct = dataclasses.replace(self.tables.reconstruct, device=device)
+        track = dataclasses.replace(self.tables.track, device=device)
+        tables = self.tables.model_copy(update={"reconstruct": reconstruct, "track": track})
+        return dataclasses.replace(self, tables=tables)
+
+
+def read_experiment(path: str | Path) -> Experiment:
+    """Read and validate an experiment file.
+
+    Raises
+    ------
+    InputError
+        If it is missing or no TOML, or a key is unknown, missing or has a value that cannot be.
+    """
+    path = checked_file(path)
+    try:
+        with path.open("rb") as file:
+            data = tomllib.load(file)
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(str(path), f"malformed TOML: {error}", "correct it there") from error
+    try:
+        _check_tables(data)
+        tables = ExperimentFile.model_validate(_inherited(data))
+        _check_states(tables)
+    except ValidationError as error:
+        raise _first_error(path, data, error) from error
+    except InputError as error:
+        raise InputError(f"{path}: {error.where}", error.fact, error.remedy) from error
+    return Experiment(path, tables)
+
+
+# ---------------------------------------------------------------------- checks
+def _check_tables(data: dict[str, Any]) -> None:
+    """Refuse unknown keys, table by table, before the values are looked at."""
+    _check_keys("", data, ExperimentFile.model_fields)
+    scans: list[tuple[str, Any, type[ScanTable]]] = [("reference", data.get("reference"), ReferenceTable)]
+    states = data.get("states", [])
+    if not isinstance(states, list):
+        raise InputError("states", "it is no list of tables", "write [[states]] with double brackets")
+    scans += [(_state_key(data, i), state, StateTable) for i, state in enumerate(states)]
+    for where, table, model in scans:
+        _check_keys(where, table, model.model_fields)
+        if isinstance(table, dict):
+            _check_keys(f"{where}.geometry", table.get("geometry"), Circular.model_fields)
+            _check_keys(f"{where}.air", table.get("air"), Air.model_fields)
+    _check_keys("volume", data.get("volume"), VolumeTable.model_fields)
+    _check_keys("calibrate", data.get("calibrate"), CalibrateTable.model_fields)
+    _check_keys("output", data.get("output"), OutputTable.model_fields)
+    for name, settings in (
+        ("reconstruct", ReconstructSettings), ("segment", SegmentSettings), ("track", TrackSettings),
+        ("plan", PlanSettings),
+    ):  # fmt: skip
+        _check_keys(name, data.get(name), [f.name for f in dataclasses.fields(settings)])
+
+
+def _check_keys(where: str, table: object, known: Iterable[str]) -> None:
+    if not isinstance(table, dict):
+        return
+    known = list(known)
+    for key in table:
+        if key in known:
+            continue
+        near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
+        remedy = f"did you mean '{near[0]}'?" if near else f"known keys are {', '.join(known)}"
+        raise InputError(f"{where}.{key}" if where else key, "unknown key", remedy)
+
+
+def _check_states(tables: ExperimentFile) -> None:
+    names = [s.name.lower() for s in tables.states]
+    for name in names:
+        if name in RESERVED:
+            raise InputError("states", f"a state cannot be called '{name}': its folder would meet a file", "rename it")
+        if names.count(name) > 1:
+            raise InputError("states", f"the name '{name}' is given twice", "give each state its own name")
+
+
+def _inherited(data: dict[str, Any]) -> dict[str, Any]:
+    """What one table takes from another: tracking the projector, a state's circular table the reference's keys."""
+    reconstruct, track = data.get("reconstruct", {}), data.get("track", {})
+    if isinstance(reconstruct, dict) and isinstance(track, dict) and "projector" in reconstruct:
+        data = {**data, "track": {"projector": reconstruct["projector"], **track}}
+    reference = data.get("reference")
+    base = reference.get("geometry") if isinstance(reference, dict) else None
+    if not isinstance(base, dict):
+        return data
+    common = {k: v for k, v in base.items() if k not in ("angles_deg", "first", "last", "count")}
+    states = []
+    for state in data.get("states", []):
+        own = state.get("geometry") if isinstance(state, dict) else None
+        states.append({**state, "geometry": {**common, **own}} if isinstance(own, dict) else state)
+    return {**data, "states": states}
+
+
+def _state_key(data: dict[str, Any], index: int) -> str:
+    """``states.NAME``, or ``states[3]`` (the third) for one without a name."""
+    states = data.get("states")
+    state = states[index] if isinstance(states, list) and index < len(states) else None
+    name = state.get("name") if isinstance(state, dict) else None
+    return f"states.{name}" if isinstance(name, str) else f"states[{index + 1}]"
+
+
+def _first_error(path: Path, data: dict[str, Any], error: ValidationError) -> InputError:
+    """What pydantic found first, in the words of every other error."""
+    errors = error.errors(include_url=False)
+    beside = errors[0]["loc"][:-1]  # the choices of a union stand side by side: take the one that fits best
+    first = max((e for e in errors if e["loc"][: len(beside)] == beside), key=lambda e: len(e["loc"]))
+    keys: list[str] = []
+    here: Any = data
+    for depth, place in enumerate(first["loc"], start=1):
+        missing = first["type"] == "missing" and depth == len(first["loc"])
+        if keys == ["states"] and isinstance(place, int):
+            keys = [_state_key(data, place)]
+        elif isinstance(place, int):
+            keys[-1] += f"[{place}]"
+        elif missing or (isinstance(here, dict) and place in here):
+            keys.append(place)
+        else:
+            continue  # the name of one choice of a union, not a key
+        here = _inside(here, place)
+    where = f"{path}: {'.'.join(keys) or 'the file'}"
+    if first["type"] == "missing":
+        return InputError(where, "it is missing", "add this key")
+    value = first["input"]
+    given = f", got {value!r}" if isinstance(value, str | int | float | bool | list) else ""
+    return InputError(where, first["msg"][0].lower() + first["msg"][1:] + given, "correct the value")
+
+
+def _inside(table: Any, place: str | int) -> Any:
+    try:
+        return table[place]
+    except (KeyError, IndexError, TypeError):
+        return table

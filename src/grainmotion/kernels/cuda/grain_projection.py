@@ -1,0 +1,148 @@
+"""Projection of moving grains on the card; see `kernels.grain_projection`, whose walks these are.
+
+A block of threads takes some rows of a patch and runs along them, a thread a pixel: its rays stay close together,
+and so do the voxels that they read.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import cuda, float32
+
+from grainmotion.kernels.cuda.device_array import SQUARE, TILE, bring, on_card, squares
+from grainmotion.kernels.grain_projection import slopes_at, value_at
+from grainmotion.kernels.grain_ray_tracing import DIRECTIONS, FAR, along, narrowed, row_of_rays
+
+SIDES = len(DIRECTIONS)
+
+
+def project(images, starts, shapes, corners, extents, voxel, positions, matrices, views, cone, panel, boxes, offsets,
+            jobs, exact, values):  # fmt: skip
+    """Line integrals of every patch, to ``values`` held on the card."""
+    if len(jobs):
+        tables = (starts, shapes, corners, extents, positions, matrices, views, boxes, offsets, jobs)
+        _project[-(-len(jobs) // TILE[1]), TILE](
+            on_card(images), *(on_card(a) for a in tables), voxel, cone, (panel[0] - 1) / 2, (panel[1] - 1) / 2, exact,
+            values.array,
+        )  # fmt: skip
+    values.changed()
+
+
+def project_with_derivatives(images, starts, shapes, corners, extents, voxel, positions, matrices, views, cone, panel,
+                             boxes, offsets, jobs, exact, values, derivatives):  # fmt: skip
+    """Line integrals and their derivatives ``(6, pixels)`` by u (mm) and δ (radians), held on the card."""
+    if len(jobs):
+        tables = (starts, shapes, corners, extents, positions, matrices, views, boxes, offsets, jobs)
+        _differentiate[-(-len(jobs) // TILE[1]), TILE](
+            on_card(images), *(on_card(a) for a in tables), voxel, cone, (panel[0] - 1) / 2, (panel[1] - 1) / 2, exact,
+            values.array, derivatives.array,
+        )  # fmt: skip
+    values.changed()
+    derivatives.changed()
+
+
+def add_patches(values, boxes, offsets, out):
+    """Add patches held on the card to the radiographs ``out (views, rows, columns)`` of the host.
+
+    Every pixel adds its patches in their order, as on the CPU, so that the sum is the same.
+    """
+    if not len(boxes):
+        return
+    order = np.argsort(boxes[:, 1], kind="stable")
+    first = np.searchsorted(boxes[order, 1], np.arange(len(out) + 1))
+    image = on_card(out)
+    _gather[squares(out.shape), TILE](
+        values.array, on_card(boxes), on_card(offsets), on_card(order), on_card(first), image
+    )
+    bring(image, out)
+
+
+@cuda.jit(device=True)
+def _between(lines, extents, c):
+    """The interval of t of the ray c columns from its row's first, with `along` of all directions."""
+    low, high = float32(-FAR), float32(FAR)
+    for j in range(SIDES):
+        line = (lines[cuda.threadIdx.y, j, 0], lines[cuda.threadIdx.y, j, 1], lines[cuda.threadIdx.y, j, 2],
+                lines[cuda.threadIdx.y, j, 3])  # fmt: skip
+        low, high = narrowed(low, high, line, float32(c), float32(extents[0, j]), float32(extents[1, j]))
+    return low, high
+
+
+@cuda.jit
+def _project(images, starts, shapes, corners, extents, positions, matrices, views, boxes, offsets, jobs, voxel, cone,
+             middle_row, middle, exact, values):  # fmt: skip
+    j = cuda.blockIdx.x * cuda.blockDim.y + cuda.threadIdx.y
+    own = min(j, len(jobs) - 1)
+    p, r, c0 = jobs[own, 0], jobs[own, 1], jobs[own, 2]
+    g, i = boxes[p, 0], boxes[p, 1]
+    o0, o1, d0, d1 = row_of_rays(views[i], cone, r - middle_row, positions[g], matrices[g], corners[g], 1.0 / voxel)
+    lines = cuda.shared.array((TILE[1], SIDES, 4), float32)
+    for k in range(cuda.threadIdx.x, SIDES, cuda.blockDim.x):
+        line = along(k, o0, o1, d0, d1, c0 - middle)
+        for n in range(4):
+            lines[cuda.threadIdx.y, k, n] = line[n]
+    cuda.syncthreads()
+    if j >= len(jobs):
+        return
+    shape = shapes[g]
+    image = images[starts[g] : starts[g] + shape[0] * shape[1] * shape[2]]
+    at = offsets[p] + (r - boxes[p, 2]) * (boxes[p, 5] - boxes[p, 4]) - boxes[p, 4]
+    for c in range(c0 + cuda.threadIdx.x, jobs[j, 3], cuda.blockDim.x):
+        low, high = _between(lines, extents[g], c - c0)
+        if low > high:
+            values[at + c] = 0
+            continue
+        x = c - middle
+        o = (o0[0] + x * o1[0], o0[1] + x * o1[1], o0[2] + x * o1[2])
+        d = (d0[0] + x * d1[0], d0[1] + x * d1[1], d0[2] + x * d1[2])
+        values[at + c] = value_at(image, shape, o, d, low, high, voxel, exact)
+
+
+@cuda.jit
+def _differentiate(images, starts, shapes, corners, extents, positions, matrices, views, boxes, offsets, jobs, voxel,
+                   cone, middle_row, middle, exact, values, derivatives):  # fmt: skip
+    j = cuda.blockIdx.x * cuda.blockDim.y + cuda.threadIdx.y
+    own = min(j, len(jobs) - 1)
+    p, r, c0 = jobs[own, 0], jobs[own, 1], jobs[own, 2]
+    g, i = boxes[p, 0], boxes[p, 1]
+    m = matrices[g]
+    o0, o1, d0, d1 = row_of_rays(views[i], cone, r - middle_row, positions[g], m, corners[g], 1.0 / voxel)
+    lines = cuda.shared.array((TILE[1], SIDES, 4), float32)
+    for k in range(cuda.threadIdx.x, SIDES, cuda.blockDim.x):
+        line = along(k, o0, o1, d0, d1, c0 - middle)
+        for n in range(4):
+            lines[cuda.threadIdx.y, k, n] = line[n]
+    cuda.syncthreads()
+    if j >= len(jobs):
+        return
+    shape = shapes[g]
+    image = images[starts[g] : starts[g] + shape[0] * shape[1] * shape[2]]
+    at = offsets[p] + (r - boxes[p, 2]) * (boxes[p, 5] - boxes[p, 4]) - boxes[p, 4]
+    for c in range(c0 + cuda.threadIdx.x, jobs[j, 3], cuda.blockDim.x):
+        low, high = _between(lines, extents[g], c - c0)
+        if low > high:
+            values[at + c] = 0
+            for k in range(6):
+                derivatives[k, at + c] = 0
+            continue
+        x = c - middle
+        o = (o0[0] + x * o1[0], o0[1] + x * o1[1], o0[2] + x * o1[2])
+        d = (d0[0] + x * d1[0], d0[1] + x * d1[1], d0[2] + x * d1[2])
+        total, shift, turn = slopes_at(image, shape, corners[g], o, d, low, high, m, voxel, exact)
+        values[at + c] = total
+        derivatives[0, at + c], derivatives[1, at + c], derivatives[2, at + c] = shift
+        derivatives[3, at + c], derivatives[4, at + c], derivatives[5, at + c] = turn
+
+
+@cuda.jit
+def _gather(values, boxes, offsets, order, first, out):
+    i, top, left = cuda.blockIdx.z, cuda.blockIdx.y * SQUARE, cuda.blockIdx.x * SQUARE
+    down, right = min(top + SQUARE, out.shape[1]), min(left + SQUARE, out.shape[2])
+    for e in range(first[i], first[i + 1]):
+        p = order[e]
+        r0, r1, c0, c1 = boxes[p, 2], boxes[p, 3], boxes[p, 4], boxes[p, 5]
+        if r0 < down and r1 > top and c0 < right and c1 > left:
+            for r in range(top + cuda.threadIdx.y, down, cuda.blockDim.y):
+                for c in range(left + cuda.threadIdx.x, right, cuda.blockDim.x):
+                    if r0 <= r < r1 and c0 <= c < c1:
+                        out[i, r, c] += values[offsets[p] + (r - r0) * (c1 - c0) + c - c0]

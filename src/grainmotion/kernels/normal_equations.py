@@ -1,0 +1,155 @@
+"""Gaussian filtering of patches, and the block-sparse normal equations of overlapping patches.
+
+Patches are as in `kernels.grain_projection`.  Beyond the panel everything counts as zero, in residuals and
+derivatives alike, so that filtering stays linear and the two stay consistent.
+
+Products of single numbers are exact in double precision, and are added up in it: JᵀJ then has no eigenvalue below
+zero by more than some 1e-15 of the largest, whatever the processor and its order of sums.
+"""
+
+from __future__ import annotations
+
+import numba as nb
+import numpy as np
+
+from grainmotion.kernels.compilation import CACHE
+
+
+@nb.njit(cache=CACHE, fastmath=True, error_model="numpy")
+def _add_scaled(target, source, weight):
+    for c in range(len(target)):
+        target[c] += weight * source[c]
+
+
+@nb.njit(cache=CACHE, error_model="numpy")
+def _smooth(image, work, weights):
+    """Convolve ``image (rows, columns)`` in place, along rows then columns, with the symmetric half-kernel.
+
+    Empty rows (the margins of a patch) are passed over.
+    """
+    rows, columns = image.shape
+    reach = len(weights) - 1
+    work[:] = 0
+    first, last = rows, -1
+    for r in range(rows):
+        if not image[r].any():
+            continue
+        first, last = min(first, r), r
+        _add_scaled(work[r], image[r], weights[0])
+        for k in range(1, min(reach, columns - 1) + 1):
+            _add_scaled(work[r, : columns - k], image[r, k:], weights[k])
+            _add_scaled(work[r, k:], image[r, : columns - k], weights[k])
+    image[:] = 0
+    for r in range(rows):
+        for source in range(max(first, r - reach), min(last, r + reach) + 1):
+            _add_scaled(image[r], work[source], weights[abs(source - r)])
+
+
+@nb.njit(parallel=True, cache=CACHE, error_model="numpy")
+def filter_images(images, weights):
+    """Filter ``images (n, rows, columns)`` in place."""
+    n, rows, columns = images.shape
+    for i in nb.prange(n):
+        _smooth(images[i], np.empty((rows, columns), images.dtype), weights)
+
+
+@nb.njit(parallel=True, cache=CACHE, error_model="numpy")
+def filter_patches(derivatives, boxes, offsets, valid, weights):
+    """Mask, then filter each patch of ``derivatives (k, pixels)`` in place; ``valid`` is (views, rows, columns)."""
+    each = len(derivatives)
+    for job in nb.prange(each * len(boxes)):
+        p, k = job // each, job % each
+        i, r0, r1, c0, c1 = boxes[p, 1], boxes[p, 2], boxes[p, 3], boxes[p, 4], boxes[p, 5]
+        rows, columns = r1 - r0, c1 - c0
+        patch = derivatives[k, offsets[p] : offsets[p] + rows * columns].reshape(rows, columns)
+        for r in range(rows):
+            for c in range(columns):
+                patch[r, c] *= valid[i, r0 + r, c0 + c]
+        if len(weights) > 1:
+            _smooth(patch, np.empty((rows, columns), patch.dtype), weights)
+
+
+@nb.njit(parallel=True, cache=CACHE, fastmath=True, error_model="numpy")
+def gradients(derivatives, boxes, offsets, images, out):
+    """Dot products ``out (patches, 6)`` of each patch's derivatives with ``images (views, rows, columns)``."""
+    for p in nb.prange(len(boxes)):
+        i, r0, r1, c0, c1 = boxes[p, 1], boxes[p, 2], boxes[p, 3], boxes[p, 4], boxes[p, 5]
+        width = c1 - c0
+        t0, t1, t2, t3, t4, t5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for r in range(r0, r1):
+            at, image = offsets[p] + (r - r0) * width, images[i, r, c0:c1]
+            d0, d1 = derivatives[0, at : at + width], derivatives[1, at : at + width]
+            d2, d3 = derivatives[2, at : at + width], derivatives[3, at : at + width]
+            d4, d5 = derivatives[4, at : at + width], derivatives[5, at : at + width]
+            for c in range(width):
+                value = np.float64(image[c])
+                t0 += np.float64(d0[c]) * value
+                t1 += np.float64(d1[c]) * value
+                t2 += np.float64(d2[c]) * value
+                t3 += np.float64(d3[c]) * value
+                t4 += np.float64(d4[c]) * value
+                t5 += np.float64(d5[c]) * value
+        out[p, 0], out[p, 1], out[p, 2] = t0, t1, t2
+        out[p, 3], out[p, 4], out[p, 5] = t3, t4, t5
+
+
+BAND = 32  # rows of an image that one thread fills
+
+
+@nb.njit(parallel=True, cache=CACHE, fastmath=True, error_model="numpy")
+def spread(derivatives, boxes, offsets, order, first, increments, images):
+    """Fill ``images (views, rows, columns)`` with what ``increments (n, 6)`` of the grains change in all patches.
+
+    ``order[first[i]:first[i + 1]]`` are the patches of view i.  Each patch is worked out in the derivatives' precision;
+    images in double precision add single numbers up exactly, so that no order of sums shows.
+    """
+    views, rows, _ = images.shape
+    bands = (rows + BAND - 1) // BAND
+    for job in nb.prange(views * bands):
+        i, low = job // bands, job % bands * BAND
+        high = min(low + BAND, rows)
+        images[i, low:high] = 0
+        for e in range(first[i], first[i + 1]):
+            p = order[e]
+            g, r0, r1, c0, c1 = boxes[p, 0], boxes[p, 2], boxes[p, 3], boxes[p, 4], boxes[p, 5]
+            width = c1 - c0
+            f = derivatives.dtype.type
+            v0, v1, v2 = f(increments[g, 0]), f(increments[g, 1]), f(increments[g, 2])
+            v3, v4, v5 = f(increments[g, 3]), f(increments[g, 4]), f(increments[g, 5])
+            for r in range(max(r0, low), min(r1, high)):
+                at, line = offsets[p] + (r - r0) * width, images[i, r, c0:c1]
+                d0, d1 = derivatives[0, at : at + width], derivatives[1, at : at + width]
+                d2, d3 = derivatives[2, at : at + width], derivatives[3, at : at + width]
+                d4, d5 = derivatives[4, at : at + width], derivatives[5, at : at + width]
+                for c in range(width):
+                    line[c] += v0 * d0[c] + v1 * d1[c] + v2 * d2[c] + v3 * d3[c] + v4 * d4[c] + v5 * d5[c]
+
+
+@nb.njit(parallel=True, cache=CACHE, fastmath=True, error_model="numpy")
+def blocks(derivatives, boxes, offsets, pairs, first, out):
+    """6×6 blocks ``out (blocks, 6, 6)`` of JᵀJ: block q sums over patch pairs ``pairs[first[q]:first[q + 1]]``."""
+    for q in nb.prange(len(first) - 1):
+        for k in range(6):
+            for m in range(6):
+                out[q, k, m] = 0.0
+        for e in range(first[q], first[q + 1]):
+            p, t = pairs[e, 0], pairs[e, 1]
+            r0, r1 = max(boxes[p, 2], boxes[t, 2]), min(boxes[p, 3], boxes[t, 3])
+            c0, c1 = max(boxes[p, 4], boxes[t, 4]), min(boxes[p, 5], boxes[t, 5])
+            width = c1 - c0
+            wp, wt = boxes[p, 5] - boxes[p, 4], boxes[t, 5] - boxes[t, 4]
+            for r in range(r0, r1):
+                ap = offsets[p] + (r - boxes[p, 2]) * wp + c0 - boxes[p, 4]
+                at = offsets[t] + (r - boxes[t, 2]) * wt + c0 - boxes[t, 4]
+                for k in range(6):
+                    left = derivatives[k, ap : ap + width]
+                    for m in range(k if p == t else 0, 6):
+                        right = derivatives[m, at : at + width]
+                        part = 0.0
+                        for c in range(width):
+                            part += np.float64(left[c]) * np.float64(right[c])
+                        out[q, k, m] += part
+            if p == t:
+                for k in range(6):
+                    for m in range(k):
+                        out[q, k, m] = out[q, m, k]

@@ -1,0 +1,1 @@
+"""Records that the rest works on: geometry, volume, scan, grains, motions."""

@@ -1,0 +1,290 @@
+"""Geometry: one 12-vector a view, as ASTRA's ``cone_vec`` and ``parallel3d_vec``.
+
+A view holds, in the sample frame (x y z, mm), the source position (cone beam) or the direction in
+which the rays travel (parallel beam), the centre of the panel, the step ``u`` from column 0 to
+column 1 and the step ``v`` from row 0 to row 1.  Pixel (row r, column c) of a panel of R × C pixels
+is centred at  d + (c − (C − 1)/2) u + (r − (R − 1)/2) v.
+
+Circular scans, seen from above (z towards the reader), at θ = 0 and after a turn by θ::
+
+        y                                 source and panel turn counter-clockwise by θ about z in the
+        |   panel (u along +x)            sample frame, which is the sample on its stage turning
+      --+-----------> u                   clockwise: a grain on the +x side at θ = 0 shows at columns
+        |                                 right of the centre, and comes nearer to the source as θ
+        o----- x   (rotation axis)        grows from 0.
+        |
+        S  source at y = −source_to_axis; the beam runs along +y
+
+Row 0 is the lowest row (v along +z, as in ASTRA) unless ``first_row = "top"``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from grainmotion._typing import Beam
+from grainmotion.errors import InputError
+from grainmotion.rotations import rotation_matrix
+
+COLUMNS = ("sx", "sy", "sz", "dx", "dy", "dz", "ux", "uy", "uz", "vx", "vy", "vz")
+_ASTRA = {"cone": "cone_vec", "parallel": "parallel3d_vec"}
+
+
+@dataclass(frozen=True, eq=False)
+class Geometry:
+    """The views of a scan.
+
+    Attributes
+    ----------
+    vectors : (n, 12) float array
+        Source (or ray direction), panel centre, u and v of each view, mm, sample frame.
+    shape : (int, int)
+        Rows and columns of the panel.
+    beam : {"cone", "parallel"}
+        Whether the first three numbers are the source's position or the rays' direction.
+
+    Raises
+    ------
+    InputError
+        If a row holds NaN, u or v is zero or they are parallel, rays lie in the panel's plane, or
+        the source lies in the panel's plane.
+    """
+
+    vectors: NDArray[np.float64]
+    shape: tuple[int, int]
+    beam: Beam = "cone"
+
+    def __post_init__(self) -> None:
+        vectors = np.array(self.vectors, dtype=float, ndmin=2)
+        if vectors.ndim != 2 or vectors.shape[1] != 12 or len(vectors) == 0:
+            raise InputError("geometry", f"shape {vectors.shape} is not (views, 12)", f"give {','.join(COLUMNS)}")
+        if self.beam not in _ASTRA:
+            raise InputError("beam", f"'{self.beam}' is unknown", 'use "cone" or "parallel"')
+        rows, columns = (int(n) for n in self.shape)
+        if rows < 1 or columns < 1:
+            raise InputError("geometry", f"a panel of {self.shape} pixels", "give rows and columns >= 1")
+        _check_views(vectors, self.beam)
+        vectors.setflags(write=False)
+        object.__setattr__(self, "vectors", vectors)
+        object.__setattr__(self, "shape", (rows, columns))
+
+    # ------------------------------------------------------------------ circular scans
+    @classmethod
+    def cone(
+        cls,
+        angles_deg: ArrayLike,
+        shape: tuple[int, int],
+        pixel_size: float,
+        *,
+        source_to_axis: float,
+        source_to_detector: float,
+        panel: DetectorAlignment | None = None,
+    ) -> Geometry:
+        """A circular cone-beam scan; lengths in mm, see `DetectorAlignment` for an imperfect set-up."""
+        if not 0 < source_to_axis < source_to_detector:
+            raise InputError(
+                "geometry.source_to_axis",
+                f"{source_to_axis} mm is not between 0 and source_to_detector = {source_to_detector} mm",
+                "give both distances from the source, in mm",
+            )
+        start = np.array([0.0, -source_to_axis, 0.0])
+        center = np.array([0.0, source_to_detector - source_to_axis, 0.0])
+        return cls(_circular(start, center, angles_deg, pixel_size, panel, moves=True), shape, "cone")
+
+    @classmethod
+    def parallel(
+        cls, angles_deg: ArrayLike, shape: tuple[int, int], pixel_size: float, *, panel: DetectorAlignment | None = None
+    ) -> Geometry:
+        """A circular parallel-beam scan; the panel's centre is put on the axis (any distance is the same)."""
+        start = np.array([0.0, 1.0, 0.0])
+        return cls(_circular(start, np.zeros(3), angles_deg, pixel_size, panel, moves=False), shape, "parallel")
+
+    # ------------------------------------------------------------------ access
+    def __len__(self) -> int:
+        return len(self.vectors)
+
+    def __getitem__(self, views: int | slice | Sequence[int] | NDArray[Any]) -> Geometry:
+        """The geometry of some views, in the order asked for."""
+        index = [int(views)] if isinstance(views, int | np.integer) else views
+        return Geometry(self.vectors[index], self.shape, self.beam)
+
+    def __repr__(self) -> str:
+        return f"<Geometry {self.beam}, {len(self)} views of {self.shape[0]} x {self.shape[1]} pixels>"
+
+    @property
+    def pixel_sizes(self) -> NDArray[np.float64]:
+        """Lengths of v and u (row, column step) of each view, ``(n, 2)``, mm."""
+        v, u = self.vectors[:, 9:12], self.vectors[:, 6:9]
+        return np.stack([np.linalg.norm(v, axis=1), np.linalg.norm(u, axis=1)], axis=1)
+
+    def pixel_positions(self, view: int) -> NDArray[np.float64]:
+        """Centres of all pixels of one view, ``(rows, columns, 3)``, mm."""
+        d, u, v = (self.vectors[view, i : i + 3] for i in (3, 6, 9))
+        r = np.arange(self.shape[0]) - (self.shape[0] - 1) / 2
+        c = np.arange(self.shape[1]) - (self.shape[1] - 1) / 2
+        return d + c[None, :, None] * u + r[:, None, None] * v
+
+    def project_points(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Where points ``(m, 3)`` fall: (row, column) in pixels, ``(n, m, 2)``, NaN behind the source."""
+        points = np.asarray(points, dtype=float).reshape(-1, 3)
+        s, d, u, v = (self.vectors[:, i : i + 3] for i in (0, 3, 6, 9))
+        if self.beam == "cone":
+            ray = points[None] - s[:, None]
+            start = np.broadcast_to(s[:, None], ray.shape)
+        else:
+            start = np.broadcast_to(points[None], (len(self), len(points), 3))
+            ray = np.broadcast_to(s[:, None], start.shape)
+        normal = np.cross(u, v)[:, None]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = ((d[:, None] - start) * normal).sum(-1) / (ray * normal).sum(-1)
+        if self.beam == "cone":
+            t = np.where(t > 0, t, np.nan)
+        hit = start + t[..., None] * ray - d[:, None]
+        gram = np.stack(
+            [
+                np.stack([(u * u).sum(-1), (u * v).sum(-1)], -1),
+                np.stack([(u * v).sum(-1), (v * v).sum(-1)], -1),
+            ],
+            -2,
+        )
+        right = np.stack([(hit * u[:, None]).sum(-1), (hit * v[:, None]).sum(-1)], -1)
+        cr = np.linalg.solve(gram[:, None], right[..., None])[..., 0]
+        return np.stack([cr[..., 1] + (self.shape[0] - 1) / 2, cr[..., 0] + (self.shape[1] - 1) / 2], -1)
+
+    def pixel_at(self, point: ArrayLike) -> float:
+        """Size of a pixel carried back to ``point`` (pixel size over magnification), mm, mean over views."""
+        size = self.pixel_sizes.mean(axis=1)
+        if self.beam == "parallel":
+            return float(size.mean())
+        s, d = self.vectors[:, :3], self.vectors[:, 3:6]
+        normal = np.cross(self.vectors[:, 6:9], self.vectors[:, 9:12])
+        depth = ((np.asarray(point, dtype=float) - s) * normal).sum(1) / ((d - s) * normal).sum(1)
+        return float((size * depth).mean())
+
+    def window(self, first: tuple[int, int], shape: tuple[int, int]) -> Geometry:
+        """The same views on another part of the panels' planes: ``shape`` pixels from pixel ``first`` on.
+
+        ``first`` (row, column) may be negative, and the window larger than the panel.
+        """
+        u, v = self.vectors[:, 6:9], self.vectors[:, 9:12]
+        down, right = (f + (new - old) / 2 for f, new, old in zip(first, shape, self.shape, strict=True))
+        vectors = self.vectors.copy()
+        vectors[:, 3:6] += right * u + down * v
+        return Geometry(vectors, shape, self.beam)
+
+    def binned(self, factor: int) -> Geometry:
+        """The same panels with pixels ``factor`` times as large; rows and columns must divide by it."""
+        rows, columns = self.shape
+        if rows % factor or columns % factor:
+            raise InputError("geometry", f"{self.shape} pixels do not divide by {factor}", "cut a window first")
+        vectors = self.vectors.copy()
+        vectors[:, 6:12] *= factor
+        return Geometry(vectors, (rows // factor, columns // factor), self.beam)
+
+    # ------------------------------------------------------------------ exchange
+    def to_astra(self) -> dict[str, Any]:
+        """The projection geometry that ``astra.create_proj_geom`` makes of these views (copied)."""
+        return {
+            "type": _ASTRA[self.beam],
+            "DetectorRowCount": self.shape[0],
+            "DetectorColCount": self.shape[1],
+            "Vectors": self.vectors.copy(),
+        }
+
+    @classmethod
+    def from_astra(cls, geometry: dict[str, Any]) -> Geometry:
+        """Read a ``cone_vec`` or ``parallel3d_vec`` geometry of ASTRA."""
+        beams: dict[str, Beam] = {"cone_vec": "cone", "parallel3d_vec": "parallel"}
+        kind = geometry.get("type")
+        if kind not in beams:
+            raise InputError(
+                "ASTRA geometry", f"type '{kind}' is not one of {sorted(beams)}", "use astra.geom_2vec first"
+            )
+        shape = (geometry["DetectorRowCount"], geometry["DetectorColCount"])
+        return cls(np.asarray(geometry["Vectors"], dtype=float), shape, beams[kind])
+
+
+@dataclass(frozen=True)
+class DetectorAlignment:
+    """How the panel and the axis of a circular scan depart from the perfect ones.
+
+    Attributes
+    ----------
+    offset : (float, float)
+        Shift of the panel's centre along u and along v, mm.  A positive first number makes features
+        appear further left (at lower columns), a positive second one at lower rows.
+    tilts_deg : (float, float, float)
+        Rotation of the panel about its own centre, degrees, as a rotation vector in the frame of
+        θ = 0: about x (pitch), y (the beam: in-plane turn) and z (yaw).
+    axis_offset : float
+        Distance along u (x at θ = 0) by which the rotation axis is off the line from the source to
+        the panel's unshifted centre, mm.  A positive value makes features appear further right.
+    axis_tilt_deg : (float, float)
+        Tilt of the rotation axis about x and about y at θ = 0, degrees.  The sample frame keeps z
+        on the axis, so it is the source and the panel that appear tilted the other way.
+    first_row : {"bottom", "top"}
+        Whether row 0 is the lowest (v along +z, ASTRA) or the highest row (most camera files).
+    """
+
+    offset: tuple[float, float] = (0.0, 0.0)
+    tilts_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    axis_offset: float = 0.0
+    axis_tilt_deg: tuple[float, float] = (0.0, 0.0)
+    first_row: Literal["bottom", "top"] = "bottom"
+
+    def __post_init__(self) -> None:
+        if self.first_row not in ("bottom", "top"):
+            raise InputError("first_row", f"'{self.first_row}' is unknown", 'use "bottom" or "top"')
+
+
+def _circular(
+    start: NDArray[np.float64],
+    center: NDArray[np.float64],
+    angles_deg: ArrayLike,
+    pixel_size: float,
+    panel: DetectorAlignment | None,
+    *,
+    moves: bool,
+) -> NDArray[np.float64]:
+    """The 12-vectors of a circular scan; ``moves``: the first vector is a position, not a direction."""
+    panel = panel or DetectorAlignment()
+    angles = np.atleast_1d(np.asarray(angles_deg, dtype=float))
+    if angles.ndim != 1 or not np.isfinite(angles).all():
+        raise InputError("geometry.angles_deg", "not a list of finite numbers", "give one angle a view, in degrees")
+    if not pixel_size > 0:
+        raise InputError("geometry.pixel_size", f"must be > 0, got {pixel_size}", "give it in mm")
+    numbers = [*panel.offset, *panel.tilts_deg, panel.axis_offset, *panel.axis_tilt_deg]
+    if not np.isfinite(numbers).all():
+        raise InputError("geometry", f"{panel} holds NaN or infinity", "give finite offsets and tilts")
+    turn = rotation_matrix(np.deg2rad(panel.tilts_deg))
+    u = turn @ np.array([pixel_size, 0.0, 0.0])
+    v = turn @ np.array([0.0, 0.0, pixel_size if panel.first_row == "bottom" else -pixel_size])
+    center = center + (panel.offset[0] * u + panel.offset[1] * v) / pixel_size
+    shift = np.array([-panel.axis_offset, 0.0, 0.0])
+    untilt = rotation_matrix(np.deg2rad([*panel.axis_tilt_deg, 0.0])).T
+    blocks = [start + shift if moves else start, center + shift, u, v]
+    blocks = [untilt @ b for b in blocks]
+    rotations = rotation_matrix(np.deg2rad(angles)[:, None] * np.array([0.0, 0.0, 1.0]))
+    return np.concatenate([rotations @ b for b in blocks], axis=1)
+
+
+def _check_views(vectors: NDArray[np.float64], beam: Beam) -> None:
+    for i, row in enumerate(vectors):
+        where = f"geometry view {i} (row {i + 1})"
+        if not np.isfinite(row).all():
+            raise InputError(where, "it holds NaN or infinity", "give 12 finite numbers")
+        s, d, u, v = row[:3], row[3:6], row[6:9], row[9:]
+        lengths = np.linalg.norm(u), np.linalg.norm(v)
+        if min(lengths) == 0:
+            raise InputError(where, "u or v has zero length", "give the steps between columns and between rows, in mm")
+        normal = np.cross(u, v)
+        if np.linalg.norm(normal) < 1e-6 * lengths[0] * lengths[1]:
+            raise InputError(where, "u and v are parallel", "give the steps between columns and between rows, in mm")
+        ray = d - s if beam == "cone" else s
+        if abs(ray @ normal) < 1e-9 * np.linalg.norm(ray) * np.linalg.norm(normal) or not ray.any():
+            raise InputError(where, "the rays run inside the panel's plane", "check the source or direction and u, v")

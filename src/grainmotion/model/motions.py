@@ -1,0 +1,193 @@
+"""Motions: what was measured, grain by grain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from grainmotion.errors import InputError
+from grainmotion.model.detector_response import Response
+from grainmotion.rotations import rotation_matrix
+
+
+class Status(StrEnum):
+    """What became of a grain; `Motions.reasons` says why and what to do."""
+
+    CONVERGED = "converged"
+    NOT_CONVERGED = "not-converged"
+    POORLY_DETERMINED = "poorly-determined"
+    LEFT_FIELD = "left-field"
+    NOT_FITTED = "not-fitted"
+
+
+COLUMNS = (
+    "label", "status", "x", "y", "z", "ux", "uy", "uz", "wx", "wy", "wz",
+    "sd_ux", "sd_uy", "sd_uz", "sd_wx", "sd_wy", "sd_wz", "residual", "iterations",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class StateFit:
+    """How the fit of one state went as a whole.
+
+    Attributes
+    ----------
+    gain, offset : float
+        a and b of Eq. 22: measured ≈ a · simulated + b; means over views where each has its own.
+    costs : tuple of (str, float)
+        Stage and relative residual ‖F(b − m(P))‖/‖F b‖ after each iteration, in order, under the
+        stage's own filter F (so that stages with different filters do not compare).
+    response : Response, optional
+        All that was found of the detector's response; None if only gain and offset are known.
+    corrections, corrections_sd : (views, 3) arrays, optional
+        Pose of each view and its standard deviation: shift of the panel along u and v (pixels), angle of the
+        stage (radians).  None where it was not estimated.
+    background : (6,) array, optional
+        Motion (u, ω) of the background about its centre of mass, mm and radians, if it could move.
+    downweighted : float
+        Share of the shaded pixels that a robust loss counted less.
+    notes : tuple of str
+        Sentences on the state as a whole: what was refused, what was seen that belongs to no grain.
+    """
+
+    gain: float = 1.0
+    offset: float = 0.0
+    costs: tuple[tuple[str, float], ...] = ()
+    response: Response | None = None
+    corrections: NDArray[np.float64] | None = None
+    corrections_sd: NDArray[np.float64] | None = None
+    background: NDArray[np.float64] | None = None
+    downweighted: float = 0.0
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Motions:
+    """Motion of each of n grains from the reference state to one later state.
+
+    Attributes
+    ----------
+    labels : (n,) int array
+        Labels in the reference volume.
+    centers : (n, 3) array
+        Attenuation-weighted centres of mass in the reference state, mm, x y z.
+    translations : (n, 3) array
+        u, mm, sample frame.
+    rotations : (n, 3) array
+        Rotation vectors ω about the centres, **radians**, right-hand rule, x y z.
+    covariances : (n, 6, 6) array
+        Of (ux, uy, uz, ωx, ωy, ωz), mm and radians; the rotation part is of the increment δ in
+        Ω ← exp[δ]ₓ Ω.  NaN where not estimated.
+    statuses : (n,) array of Status strings
+    residuals : (n,) array
+        Root mean square of (measured − simulated) over the grain's shadow, line-integral units.
+    iterations : (n,) int array
+    reasons : tuple of n str
+        A sentence a grain: cause and remedy; empty for grains that converged.
+    fit : StateFit
+        Gain, offset and convergence curve of the state.
+    """
+
+    labels: NDArray[np.int64]
+    centers: NDArray[np.float64]
+    translations: NDArray[np.float64]
+    rotations: NDArray[np.float64]
+    covariances: NDArray[np.float64]
+    statuses: NDArray[np.str_]
+    residuals: NDArray[np.float64]
+    iterations: NDArray[np.int64]
+    reasons: tuple[str, ...]
+    fit: StateFit = field(default_factory=StateFit)
+
+    def __post_init__(self) -> None:
+        n = len(self.labels)
+        shapes = {
+            "centers": (n, 3), "translations": (n, 3), "rotations": (n, 3), "covariances": (n, 6, 6),
+            "statuses": (n,), "residuals": (n,), "iterations": (n,),
+        }  # fmt: skip
+        for name, shape in shapes.items():
+            if np.shape(getattr(self, name)) != shape:
+                raise InputError(f"motions.{name}", f"shape {np.shape(getattr(self, name))}", f"give {shape}")
+        if len(self.reasons) != n:
+            raise InputError("motions.reasons", f"{len(self.reasons)} sentences", f"give {n}")
+        unknown = {str(s) for s in self.statuses} - {s.value for s in Status}
+        if unknown:
+            raise InputError("motions.status", f"{sorted(unknown)} unknown", f"use {[s.value for s in Status]}")
+
+    def __len__(self) -> int:
+        return len(self.labels)
+
+    @classmethod
+    def identity(cls, labels: NDArray[np.int64], centers: NDArray[np.float64]) -> Motions:
+        """No motion, not fitted: the usual start."""
+        n = len(labels)
+        return cls(
+            labels=np.asarray(labels),
+            centers=np.asarray(centers, dtype=float),
+            translations=np.zeros((n, 3)),
+            rotations=np.zeros((n, 3)),
+            covariances=np.full((n, 6, 6), np.nan),
+            statuses=np.full(n, Status.NOT_FITTED.value, dtype="<U20"),
+            residuals=np.full(n, np.nan),
+            iterations=np.zeros(n, dtype=np.int64),
+            reasons=("",) * n,
+        )
+
+    @property
+    def matrices(self) -> NDArray[np.float64]:
+        """Rotation matrices Ω ``(n, 3, 3)``."""
+        return rotation_matrix(self.rotations)
+
+    @property
+    def ok(self) -> NDArray[np.bool_]:
+        """Grains that converged, ``(n,)``."""
+        return self.statuses == Status.CONVERGED.value
+
+    def first(self, count: int, note: str) -> Motions:
+        """The first ``count`` grains, with another note on the state."""
+        names = ("labels", "centers", "translations", "rotations", "covariances", "statuses", "residuals", "iterations")
+        rows: dict[str, Any] = {name: getattr(self, name)[:count] for name in names}
+        return replace(self, **rows, reasons=self.reasons[:count], fit=replace(self.fit, notes=(*self.fit.notes, note)))
+
+    def to_table(self) -> pd.DataFrame:
+        """The table of ``motions.csv``: mm and degrees, one row a grain."""
+        sd = np.sqrt(np.diagonal(self.covariances, axis1=1, axis2=2)).copy()
+        sd[:, 3:] = np.rad2deg(sd[:, 3:])
+        numbers = np.concatenate([self.centers, self.translations, np.rad2deg(self.rotations), sd], axis=1)
+        table = pd.DataFrame(numbers, columns=list(COLUMNS[2:17]))
+        table.insert(0, "label", self.labels)
+        table.insert(1, "status", self.statuses)
+        table["residual"] = self.residuals
+        table["iterations"] = self.iterations
+        return table
+
+    @classmethod
+    def from_table(cls, table: pd.DataFrame, where: str = "motions table") -> Motions:
+        """Read the table of ``motions.csv``; covariances get the variances alone.
+
+        Raises
+        ------
+        InputError
+            If a column is missing, naming ``where``.
+        """
+        missing = [c for c in COLUMNS if c not in table.columns]
+        if missing:
+            raise InputError(where, f"columns {missing} are missing", f"give {','.join(COLUMNS)}")
+        sd = table[list(COLUMNS[11:17])].to_numpy(float, copy=True)
+        sd[:, 3:] = np.deg2rad(sd[:, 3:])
+        return cls(
+            labels=table["label"].to_numpy(np.int64),
+            centers=table[["x", "y", "z"]].to_numpy(float),
+            translations=table[["ux", "uy", "uz"]].to_numpy(float),
+            rotations=np.deg2rad(table[["wx", "wy", "wz"]].to_numpy(float)),
+            covariances=sd[:, :, None] ** 2 * np.eye(6),
+            statuses=table["status"].to_numpy(str).astype("<U20"),
+            residuals=table["residual"].to_numpy(float),
+            iterations=table["iterations"].to_numpy(np.int64),
+            reasons=("",) * len(table),
+        )

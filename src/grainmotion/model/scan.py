@@ -1,0 +1,157 @@
+"""Scan: line integrals with their geometry; air normalisation; signal-to-noise ratio."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grainmotion.errors import InputError
+from grainmotion.model.geometry import Geometry
+from grainmotion.model.volume import precision_of
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """Radiographs as line integrals −ln((I − dark)/(flat − dark)), with the views that saw them.
+
+    Attributes
+    ----------
+    line_integrals : (views, rows, columns) float32 or float64 array
+        Dimensionless; double precision is kept, anything else becomes float32.  Finite everywhere (repaired
+        where ``valid`` is False).
+    geometry : Geometry
+        One view a radiograph.
+    valid : (views, rows, columns) bool array, optional
+        False where the pixel was dead, saturated or dark and must carry no weight; None if all are good.
+    open_beam : (rows, columns) array, optional
+        Flat minus dark over its own mean, which says how many photons stand behind each pixel; None is even.
+
+    Raises
+    ------
+    InputError
+        If shapes disagree or a line integral is not finite.
+    """
+
+    line_integrals: NDArray[np.floating]
+    geometry: Geometry
+    valid: NDArray[np.bool_] | None = None
+    open_beam: NDArray[np.floating] | None = None
+
+    def __post_init__(self) -> None:
+        images = np.ascontiguousarray(self.line_integrals, dtype=precision_of(self.line_integrals))
+        expected = (len(self.geometry), *self.geometry.shape)
+        if images.shape != expected:
+            raise InputError(
+                "scan",
+                f"radiographs {images.shape} do not match the geometry {expected} (views, rows, columns)",
+                "give one geometry row a radiograph",
+            )
+        if not np.isfinite(images).all():
+            raise InputError("scan", "line integrals hold NaN or infinity", "repair or mask those pixels")
+        if self.valid is not None and self.valid.shape != expected:
+            raise InputError("scan", f"mask {self.valid.shape} does not match {expected}", "give one flag a pixel")
+        if self.open_beam is not None and self.open_beam.shape != expected[1:]:
+            raise InputError("scan", f"open beam {self.open_beam.shape} does not match {expected[1:]}", "give one flat")
+        object.__setattr__(self, "line_integrals", images)
+
+    def __len__(self) -> int:
+        return len(self.geometry)
+
+    def select(self, views: slice | list[int] | NDArray[np.int_]) -> Scan:
+        """The scan of some views, in the order asked for."""
+        valid = None if self.valid is None else self.valid[views]
+        return Scan(self.line_integrals[views], self.geometry[views], valid, self.open_beam)
+
+    def __repr__(self) -> str:
+        return f"<Scan of {len(self)} {self.geometry.beam}-beam radiographs, {self.geometry.shape}>"
+
+
+def binned(
+    scan: Scan, factor: int, views: NDArray[np.int64] | None = None, rows: tuple[int, int] | None = None
+) -> Scan:
+    """Radiographs of larger pixels; masked pixels do not count.
+
+    By default of no more views than these need, and of all rows; ``rows`` are the first of the larger ones and the
+    one after the last.
+    """
+    height, columns = (n // factor for n in scan.geometry.shape)
+    r0, c0 = ((n - m * factor) // 2 for n, m in zip(scan.geometry.shape, (height, columns), strict=True))
+    views = views_for(len(scan), columns) if views is None else views
+    first, end = (0, height) if rows is None else rows
+    r0, height = r0 + first * factor, end - first
+    cut = (views[:, None, None], np.arange(r0, r0 + height * factor)[:, None], np.arange(c0, c0 + columns * factor))
+    blocks = (len(views), height, factor, columns, factor)
+    geometry = scan.geometry[views].window((r0, c0), (height * factor, columns * factor)).binned(factor)
+    images = scan.line_integrals[cut].reshape(blocks)
+    if scan.valid is None:
+        return Scan(images.mean(axis=(2, 4)), geometry)
+    good = scan.valid[cut].reshape(blocks)
+    number = good.sum(axis=(2, 4))
+    mean = np.where(good, images, 0).sum(axis=(2, 4)) / np.maximum(number, 1)
+    return Scan(mean, geometry, number > 0)
+
+
+def views_for(count: int, columns: int) -> NDArray[np.int64]:
+    """As many of ``count`` views as radiographs of so many columns need."""
+    return np.arange(0, count, max(1, round(count / (2 * columns))))
+
+
+def air_levels(
+    scan: Scan, *, margin: int | None = None, region: tuple[int, int, int, int] | None = None
+) -> NDArray[np.float64]:
+    """Median line integral of the air in each view, ``(views,)``.
+
+    Parameters
+    ----------
+    scan : Scan
+    margin : int
+        Columns at the left and as many at the right of the panel that see only air.
+    region : (row0, row1, column0, column1)
+        Pixels that see only air instead, end excluded.
+    """
+    rows, columns = scan.geometry.shape
+    if (margin is None) == (region is None):
+        raise InputError(
+            "air",
+            "give either margin or region",
+            "margin = columns at both sides, or region = [r0, r1, c0, c1]",
+        )
+    seen = np.zeros((rows, columns), dtype=bool)
+    if margin is not None:
+        if not 0 < margin <= columns // 2:
+            raise InputError("air.margin", f"must be 1 to {columns // 2} columns, got {margin}", "give fewer columns")
+        seen[:, :margin] = seen[:, columns - margin :] = True
+    elif region is not None:
+        r0, r1, c0, c1 = region
+        if not (0 <= r0 < r1 <= rows and 0 <= c0 < c1 <= columns):
+            fact = f"{list(region)} is not inside the panel of {rows} rows and {columns} columns"
+            raise InputError("air.region", fact, "give [row0, row1, column0, column1], end excluded")
+        seen[r0:r1, c0:c1] = True
+    levels = np.empty(len(scan))
+    for view, image in enumerate(scan.line_integrals):
+        good = seen if scan.valid is None else seen & scan.valid[view]
+        if not good.any():
+            raise InputError("air", f"view {view} has no good pixel there", "choose another margin or region")
+        levels[view] = np.median(image[good])
+    return levels
+
+
+def normalize_air(scan: Scan, *, margin: int | None = None, region: tuple[int, int, int, int] | None = None) -> Scan:
+    """Scale the beam by one factor a view so that air has a line integral of 0; see `air_levels`."""
+    levels = air_levels(scan, margin=margin, region=region).astype(scan.line_integrals.dtype)
+    return replace(scan, line_integrals=scan.line_integrals - levels[:, None, None])
+
+
+def snr(scan_a: Scan, scan_b: Scan) -> float:
+    """Signal-to-noise ratio of Eq. 24, √2 ‖b₁‖/‖b₁ − b₂‖, from two scans of the same state."""
+    if scan_a.line_integrals.shape != scan_b.line_integrals.shape:
+        fact = f"shapes {scan_a.line_integrals.shape} and {scan_b.line_integrals.shape} differ"
+        raise InputError("snr", fact, "give two scans of the same state by the same views")
+    good = np.ones(scan_a.line_integrals.shape, dtype=bool)
+    for valid in (scan_a.valid, scan_b.valid):
+        good &= True if valid is None else valid
+    b1, b2 = (s.line_integrals[good].astype(float) for s in (scan_a, scan_b))
+    noise = float(np.linalg.norm(b1 - b2))
+    return float(np.sqrt(2) * np.linalg.norm(b1) / noise) if noise > 0 else float("inf")

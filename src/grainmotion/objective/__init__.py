@@ -1,0 +1,1 @@
+"""The residual of a state and its normal equations."""

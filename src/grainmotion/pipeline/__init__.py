@@ -1,1 +1,0 @@
-"""A run, from the experiment file to the report: the order of its stages, resumable."""

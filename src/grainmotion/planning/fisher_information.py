@@ -1,0 +1,206 @@
+"""What a view tells of the grains: its Fisher information.
+
+A pixel whose line integral is p, made of N e^−p photons, has the variance e^p/N.  That of the model, whose voxels
+blur every surface, is added to it: (κ μ h)² with h the voxel, μ the grains' mean attenuation and κ a number near 1,
+so that the weight is w = 1/(e^p/N + (κ μ h)²).  With J the derivatives of the line integrals by (u, δ) of all grains
+in the reference state, and K = [p, 1] those by gain and offset, a view's information is
+
+    ⎡ Jᵀ w J   Jᵀ w K ⎤
+    ⎣ Kᵀ w J   Kᵀ w K ⎦
+
+and that of a set of views is the sum of theirs.  Its inverse bounds the covariance of every unbiased estimate
+(Cramér and Rao).  A prior, that each grain is known to its own diameter and to a quarter turn, keeps what no view
+tells finite.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from grainmotion._typing import Float
+from grainmotion.kernels import normal_equations
+from grainmotion.model.geometry import Geometry
+from grainmotion.model.grains import GrainSet
+from grainmotion.model.pose import Pose
+from grainmotion.objective.normal_matrix import normal_matrix
+from grainmotion.planning.settings import PlanSettings
+from grainmotion.projection.grain_arrays import OUT_OF_PLANE, GrainArrays, planar
+from grainmotion.projection.grains import assemble, differentiate_patches, shadows
+from grainmotion.projection.volumes import project
+
+EXACT_UP_TO = 3000  # unknowns whose full matrix is inverted for one set
+NEIGHBOURS = 40  # grains whose coupling is kept around each, beyond that
+
+
+@dataclass(frozen=True, eq=False)
+class ViewInformation:
+    """One view's information: ``matrix (6n, 6n)``, ``border (6n, 2)`` and ``corner (2, 2)`` of gain and offset."""
+
+    matrix: sparse.bsr_array
+    border: Float
+    corner: Float
+
+    def __add__(self, other: ViewInformation) -> ViewInformation:
+        """Information is additive over views."""
+        total = sparse.bsr_array(self.matrix + other.matrix)
+        return ViewInformation(total, self.border + other.border, self.corner + other.corner)
+
+    @property
+    def blocks(self) -> Float:
+        """Each grain's own 6×6 block, ``(n, 6, 6)``."""
+        n = self.matrix.shape[0] // 6
+        out = np.zeros((n, 6, 6))
+        rows = np.repeat(np.arange(n), np.diff(self.matrix.indptr))
+        own = rows == self.matrix.indices
+        out[rows[own]] = self.matrix.data[own]
+        return out
+
+    def dense(self, gain: bool) -> Float:
+        """The whole matrix, ``(6n + 2, 6n + 2)`` with gain and offset, ``(6n, 6n)`` without."""
+        inner: Float = self.matrix.toarray()
+        return np.block([[inner, self.border], [self.border.T, self.corner]]) if gain else inner
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """The views to choose from, and the grains that they see in the reference state."""
+
+    grains: GrainSet
+    packed: GrainArrays
+    geometry: Geometry
+    settings: PlanSettings
+
+    @classmethod
+    def of(cls, grains: GrainSet, geometry: Geometry, settings: PlanSettings) -> Candidates:
+        """Pack the grains."""
+        return cls(grains, GrainArrays.of(grains), geometry, settings)
+
+    @property
+    def pose(self) -> Pose:
+        """The reference state."""
+        n = len(self.packed)
+        return Pose(np.zeros((n, 3)), np.tile(np.eye(3), (n, 1, 1)))
+
+    @property
+    def flat(self) -> bool:
+        """Whether the sample is one slice."""
+        return planar(self.packed, self.geometry)
+
+    @property
+    def prior(self) -> Float:
+        """Information ``(n, 6)`` that is there before any view: a diameter, a quarter turn."""
+        r = self.packed.radii[:, None]
+        return np.hstack([np.repeat(1 / (2 * r) ** 2, 3, axis=1), np.full((len(r), 3), 1 / (np.pi / 2) ** 2)])
+
+    @cached_property
+    def attenuation(self) -> float:
+        """Mean attenuation of the grains, 1/mm: each voxel weighs as much as it attenuates."""
+        images = self.packed.images
+        return float(np.vdot(images, images) / images.sum(dtype=float))
+
+    def information(self, view: int) -> ViewInformation:
+        """The information of one candidate; the derivatives of that view alone are held."""
+        geometry, pose, n = self.geometry[view], self.pose, len(self.packed)
+        patches = shadows(self.packed, pose, geometry)
+        if not len(patches.boxes):
+            return ViewInformation(sparse.bsr_array((6 * n, 6 * n), blocksize=(6, 6)), np.zeros((6 * n, 2)), _EMPTY)
+        values, derivatives = differentiate_patches(self.packed, pose, geometry, patches, "trilinear")
+        image = assemble(values, patches, geometry).astype(float)
+        if self.grains.background is not None:
+            image += project(self.grains.background, geometry)
+        weights = self._weights(image)
+        # in double precision, so that sums over pixels leave the matrix positive
+        scaled = derivatives.astype(float)
+        roots = np.sqrt(weights)[0]
+        for box, start in zip(patches.boxes, patches.offsets, strict=False):
+            _, _, r0, r1, c0, c1 = box
+            scaled[:, start : start + (r1 - r0) * (c1 - c0)] *= roots[r0:r1, c0:c1].ravel()
+        columns = [image * np.sqrt(weights), np.sqrt(weights)]
+        border = np.zeros((n, 6, 2))
+        for k, column in enumerate(columns):
+            parts = np.zeros((len(patches.boxes), 6))
+            normal_equations.gradients(scaled, patches.boxes, patches.offsets, column, parts)
+            np.add.at(border[:, :, k], patches.boxes[:, 0], parts)
+        corner = np.array([[np.vdot(a, b) for a in columns] for b in columns], dtype=float)
+        return ViewInformation(normal_matrix(scaled, patches, n), border.reshape(-1, 2), corner)
+
+    def _weights(self, line_integrals: Float) -> Float:
+        """One over the variance of each pixel."""
+        model = self.settings.model_error * self.attenuation * self.packed.voxel_size
+        out: Float = 1 / (np.exp(line_integrals) / self.settings.photons + model**2)
+        return out
+
+    def covariances(self, views: Sequence[int]) -> Float:
+        """Covariances ``(n, 6, 6)`` of (u, δ) from a set of views, coupling between grains included.
+
+        Beyond `EXACT_UP_TO` unknowns each grain is taken with the `NEIGHBOURS` that it is coupled to most;
+        all others are held where they are.
+        """
+        total = self.information(views[0])
+        for view in views[1:]:
+            total = total + self.information(view)
+        n = len(self.packed)
+        if 6 * n <= EXACT_UP_TO:
+            return self.clean(invert(total.dense(self.settings.gain), self.prior))
+        matrix = sparse.csr_array(total.matrix)
+        out = np.empty((n, 6, 6))
+        for i, near in enumerate(_neighbourhoods(total)):
+            rows = (6 * near[:, None] + np.arange(6)).ravel()
+            part = matrix[rows][:, rows].toarray()
+            if self.settings.gain:
+                part = np.block([[part, total.border[rows]], [total.border[rows].T, total.corner]])
+            out[i] = invert(part, self.prior[near])[0]
+        return self.clean(out)
+
+    def clean(self, covariances: Float) -> Float:
+        """What a planar sample cannot do has no variance."""
+        if self.flat:
+            covariances = covariances.copy()
+            covariances[:, OUT_OF_PLANE, :] = covariances[:, :, OUT_OF_PLANE] = 0
+        return covariances
+
+    def surface_sd(self, covariances: Float) -> Float:
+        """Root mean square displacement ``(n,)`` of each grain's surface, a component, mm.
+
+        A point y of a sphere of radius r moves by u + δ × y: on average over the sphere its mean square is
+        tr cov(u) + ⅔ r² tr cov(δ), divided here by the three components.
+        """
+        spread = np.einsum("nkk->nk", covariances)
+        return np.sqrt((spread[:, :3].sum(1) + 2 / 3 * self.packed.radii**2 * spread[:, 3:].sum(1)) / 3)
+
+
+_EMPTY = np.zeros((2, 2))
+
+
+def invert(information: Float, prior: Float) -> Float:
+    """Diagonal 6×6 blocks ``(n, 6, 6)`` of the inverse of ``(6n, 6n)`` or ``(6n + 2, 6n + 2)``, prior ``(n, 6)``."""
+    n, size = len(prior), information.shape[-1]
+    matrix = information.copy()
+    diagonal = np.einsum("...kk->...k", matrix)
+    diagonal[..., : 6 * n] += prior.ravel()
+    if size > 6 * n:  # gain and offset are unknown to within 1, far more than any image leaves them
+        diagonal[..., 6 * n :] += 1.0
+    scale = 1 / np.sqrt(diagonal)
+    inverse = np.linalg.inv(matrix * scale[..., :, None] * scale[..., None, :])
+    inverse *= scale[..., :, None] * scale[..., None, :]
+    inner = inverse[..., : 6 * n, : 6 * n].reshape(*inverse.shape[:-2], n, 6, n, 6)
+    return np.moveaxis(np.diagonal(inner, axis1=-4, axis2=-2), -1, -3)
+
+
+def _neighbourhoods(total: ViewInformation) -> list[NDArray[np.int64]]:
+    """Each grain, first, with those whose coupling to it is strongest."""
+    matrix, out = total.matrix, []
+    own = np.sqrt(np.einsum("nkk->n", total.blocks)) + 1e-300
+    for i in range(len(own)):
+        part = slice(matrix.indptr[i], matrix.indptr[i + 1])
+        near = matrix.indices[part]
+        strength = np.linalg.norm(matrix.data[part], axis=(1, 2)) / own[near]
+        near = near[np.argsort(-strength, kind="stable")]
+        out.append(np.concatenate([[i], near[near != i][:NEIGHBOURS]]).astype(np.int64))
+    return out

@@ -1,0 +1,228 @@
+"""Plan: the design of an experiment before beam time, from the grains of a reference volume.
+
+For candidate views around the sample: the precision to expect of each grain's motion from 2, 3, 4, 6 of them, the
+angles that are best, and the motions that tracking can be expected to capture.  Precision is the bound that
+photon noise sets (Cramér and Rao) for the voxel images of the grains in their reference state, with a model error
+beside it; see `planning.fisher_information` and `planning.view_selection`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from grainmotion._typing import Float, Progress
+from grainmotion.errors import InputError
+from grainmotion.model.geometry import Geometry
+from grainmotion.model.grains import GrainSet
+from grainmotion.planning.candidates import angles_of, even_set
+from grainmotion.planning.capture_range import Capture, expected_capture, room
+from grainmotion.planning.fisher_information import Candidates
+from grainmotion.planning.settings import PlanSettings
+from grainmotion.planning.view_selection import Chooser
+
+__all__ = ["Plan", "PlanSettings", "ViewSet", "plan"]
+
+COLUMNS = (
+    "label", "x", "y", "z", "views", "set", "sd_ux", "sd_uy", "sd_uz", "sd_wx", "sd_wy", "sd_wz",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class ViewSet:
+    """A set of views, and what is expected of it.
+
+    Attributes
+    ----------
+    kind : str
+        "best", or "even": spread evenly over 180° from the first candidate on.
+    indices : tuple of int
+        Candidates of the set.
+    angles_deg : (k,) array
+        Their angles.
+    covariances : (n, 6, 6) array
+        Of (u, δ) of each grain, mm and radians.
+    surface_sd : (n,) array
+        Predicted sd of each grain's surface, a component, mm.
+    room : (2,) array
+        How far the sample may move across and along the axis before a shadow leaves the panel, mm.
+    capture : Capture
+        What tracking was measured to find from as many views.
+    """
+
+    kind: str
+    indices: tuple[int, ...]
+    angles_deg: Float
+    covariances: Float
+    surface_sd: Float
+    room: Float
+    capture: Capture
+
+    def __len__(self) -> int:
+        return len(self.indices)
+
+    @property
+    def sd(self) -> Float:
+        """Standard deviations ``(n, 6)`` of u (mm) and δ (radians)."""
+        return np.sqrt(np.einsum("nkk->nk", self.covariances))
+
+    @property
+    def criterion(self) -> float:
+        """Geometric mean of ``surface_sd``, mm: what the choice makes small."""
+        return float(np.exp(np.mean(np.log(self.surface_sd))))
+
+    @property
+    def sd_translation(self) -> Float:
+        """Root mean square of the components' sd, ``(n,)``, mm."""
+        return np.asarray(np.sqrt(np.mean(self.sd[:, :3] ** 2, axis=1)))
+
+    @property
+    def sd_rotation_deg(self) -> Float:
+        """Root mean square of the components' sd, ``(n,)``, degrees."""
+        return np.asarray(np.rad2deg(np.sqrt(np.mean(self.sd[:, 3:] ** 2, axis=1))))
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What `plan` found.
+
+    Attributes
+    ----------
+    labels : (n,) int array
+    centers : (n, 3) array
+        mm, x y z.
+    diameters : (n,) array
+        Of balls with the grains' moments of inertia, mm.
+    voxel_size : float
+        mm.
+    geometry : Geometry
+        The candidate views.
+    angles_deg : (m,) array
+        Their angles.
+    sets : tuple of ViewSet
+        By number of views, the best set before the even one.
+    pairs : (m, m) array
+        The criterion of all pairs of candidates, mm.
+    coupled : bool
+        Whether neighbours were free too while angles were chosen; covariances always hold the coupling.
+    settings : PlanSettings
+    """
+
+    labels: NDArray[np.int64]
+    centers: Float
+    diameters: Float
+    voxel_size: float
+    geometry: Geometry
+    angles_deg: Float
+    sets: tuple[ViewSet, ...]
+    pairs: Float
+    coupled: bool
+    settings: PlanSettings
+
+    def get(self, views: int, kind: str = "best") -> ViewSet:
+        """The set of a number of views."""
+        for s in self.sets:
+            if len(s) == views and s.kind == kind:
+                return s
+        raise InputError("plan", f"there is no {kind} set of {views} views", "ask for it in PlanSettings.views")
+
+    def to_table(self) -> pd.DataFrame:
+        """One row a set and grain: where the grain is (mm) and its predicted sd (mm and degrees)."""
+        parts = []
+        for s in self.sets:
+            sd = s.sd
+            sd[:, 3:] = np.rad2deg(sd[:, 3:])
+            part = pd.DataFrame(np.hstack([self.centers, sd]), columns=[*COLUMNS[1:4], *COLUMNS[6:]])
+            parts.append(part.assign(label=self.labels, views=len(s), set=s.kind))
+        return pd.concat(parts, ignore_index=True)[list(COLUMNS)]
+
+    def angles_table(self) -> pd.DataFrame:
+        """One row a set: its angles, medians over the grains of the predicted sd, and motions to expect."""
+        diameter = float(np.median(self.diameters))
+        rows = []
+        for s in self.sets:
+            translation, rotation = s.sd_translation, s.sd_rotation_deg
+            rows.append(
+                {
+                    "views": len(s),
+                    "set": s.kind,
+                    "angles_deg": " ".join(f"{a:g}" for a in s.angles_deg),
+                    "surface_sd_voxel": s.criterion / self.voxel_size,
+                    "sd_u_mm": np.median(translation),
+                    "sd_u_voxel": np.median(translation) / self.voxel_size,
+                    "sd_w_deg": np.median(rotation),
+                    "worst_sd_u_voxel": translation.max() / self.voxel_size,
+                    "worst_sd_w_deg": rotation.max(),
+                    "capture": str(s.capture),
+                    "capture_mm": max(d for d, _ in s.capture.ranges) * diameter,
+                    "room_across_mm": s.room[0],
+                    "room_along_mm": s.room[1],
+                }
+            )
+        return pd.DataFrame(rows)
+
+
+def plan(
+    grains: GrainSet, views: Geometry, settings: PlanSettings | None = None, progress: Progress | None = None
+) -> Plan:
+    """Predict precision, choose angles, and say what can be captured.
+
+    Parameters
+    ----------
+    grains : GrainSet
+        The grains of the reference state.
+    views : Geometry
+        The candidate views, from which sets are chosen; for a circular scan those at
+        `plan_figure.candidates.candidate_angles`.
+    settings : PlanSettings, optional
+        Exposure, numbers of views, model error.
+    progress : callable, optional
+        Called as ``progress(message, done, total)``.
+
+    Raises
+    ------
+    InputError
+        If there are fewer candidates than views wanted, or no candidate sees a grain.
+    """
+    settings = settings or PlanSettings()
+    counts = sorted(set(settings.views))
+    if counts[-1] > len(views):
+        fact = f"{counts[-1]} views wanted of {len(views)} candidates"
+        raise InputError("plan.views", fact, "ask for fewer views, or give a smaller plan.step_deg")
+    with threadpool_limits(limits=1, user_api="blas"):  # its matrices are small
+        return _plan(Candidates.of(grains, views, settings), counts, progress)
+
+
+def _plan(candidates: Candidates, counts: list[int], progress: Progress | None) -> Plan:
+    angles, packed = angles_of(candidates.geometry), candidates.packed
+    chooser = Chooser.of(candidates, progress)
+    if not chooser.stacks.any():
+        raise InputError("plan", "no candidate view sees a grain", "check the geometry and the volume's place")
+    pairs = chooser.pairs(progress)
+    best: tuple[int, ...] = chooser.best_pair(pairs)
+    sets = []
+    for count in range(2, counts[-1] + 1):
+        if progress is not None:
+            progress("choosing the angles", count - 2, counts[-1] - 1)
+        best = chooser.extend(best) if count > 2 else best
+        even = even_set(angles, count)
+        if count in counts:
+            sets += [_view_set("best", best, candidates, angles)]
+            sets += [_view_set("even", even, candidates, angles)] if even is not None else []
+    return Plan(
+        candidates.grains.labels, candidates.grains.centers, 2 * packed.radii, packed.voxel_size, candidates.geometry,
+        angles, tuple(sets), pairs, chooser.coupled, candidates.settings,
+    )  # fmt: skip
+
+
+def _view_set(kind: str, views: tuple[int, ...], candidates: Candidates, angles: Float) -> ViewSet:
+    covariances = candidates.covariances(views)
+    geometry = candidates.geometry[list(views)]
+    return ViewSet(
+        kind, views, angles[list(views)], covariances, candidates.surface_sd(covariances),
+        room(candidates.packed, geometry), expected_capture(len(views)),
+    )  # fmt: skip

@@ -1,0 +1,133 @@
+"""The best set of views: all pairs are tried; from there views are added one by one and exchanged.
+
+Exchange starts twice, from the best set of one view less with the view that helps most, and from the best of all
+even sets, and the better end counts.
+
+The criterion is the geometric mean over the grains of the sd of their surface's displacement (see
+`Candidates.surface_sd`): a length that joins translation and rotation as the user feels them, and a mean that one
+round grain, whose rotation no set of views tells, cannot rule.
+
+Two views along one line, from the same side or from opposite ones, do not enter one set: the second would lower the
+photon noise of the first, but repeat its model error, and the ranges of capture were measured with views apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from grainmotion._typing import Float, Progress
+from grainmotion.planning.candidates import angles_between, angles_of, even_set
+from grainmotion.planning.fisher_information import Candidates, invert
+
+DENSE_WORK = 1e11  # operations for all pairs, up to which the coupling between grains is kept in the choice
+PASSES = 10
+
+
+@dataclass(frozen=True, eq=False)
+class Chooser:
+    """The candidates' information as it is added up again and again.
+
+    ``stacks`` holds the full matrices ``(m, s, s)``; or, for many grains, their own blocks ``(m, n, 6, 6)``
+    with ``borders (m, n, 6, 2)`` and ``corners (m, 2, 2)``, neighbours held where they are.  ``between (m, m)``
+    are the angles between views as lines, degrees.
+    """
+
+    candidates: Candidates
+    stacks: Float
+    borders: Float
+    corners: Float
+    between: Float
+
+    @classmethod
+    def of(cls, candidates: Candidates, progress: Progress | None = None) -> Chooser:
+        """Ask every candidate once."""
+        m, n = len(candidates.geometry), len(candidates.packed)
+        dense = m**2 / 2 * (6.0 * n) ** 3 <= DENSE_WORK
+        stacks, borders, corners = [], [], []
+        for view in range(m):
+            if progress is not None:
+                progress("what each view tells", view, m)
+            found = candidates.information(view)
+            stacks.append(found.dense(candidates.settings.gain) if dense else found.blocks)
+            borders.append(found.border.reshape(n, 6, 2))
+            corners.append(found.corner)
+        between = angles_between(candidates.geometry)
+        return cls(candidates, np.array(stacks), np.array(borders), np.array(corners), between)
+
+    @property
+    def coupled(self) -> bool:
+        """Whether the coupling between grains is kept."""
+        return self.stacks.ndim == 3
+
+    def __len__(self) -> int:
+        return len(self.stacks)
+
+    def surface_sd(self, views: Sequence[int]) -> Float:
+        """Predicted sd ``(n,)`` of each grain's surface from a set of views, mm."""
+        index, c = list(views), self.candidates
+        total = self.stacks[index].sum(axis=0)
+        if self.coupled:
+            return c.surface_sd(c.clean(invert(total, c.prior)))
+        if c.settings.gain:
+            border, corner = self.borders[index].sum(axis=0), self.corners[index].sum(axis=0) + np.eye(2)
+            total = total - border @ np.linalg.solve(corner, np.swapaxes(border, 1, 2))
+        return c.surface_sd(c.clean(np.linalg.inv(total + c.prior[:, :, None] * np.eye(6))))
+
+    def cost(self, views: Sequence[int]) -> float:
+        """The criterion, mm."""
+        return float(np.exp(np.mean(np.log(self.surface_sd(views)))))
+
+    def pairs(self, progress: Progress | None = None) -> Float:
+        """The criterion ``(m, m)`` of all pairs of views, mm; the diagonal is that of one view twice."""
+        m = len(self)
+        out = np.zeros((m, m))
+        for i in range(m):
+            if progress is not None:
+                progress("pairs of views", i, m)
+            for j in range(i, m):
+                out[i, j] = out[j, i] = self.cost((i, j))
+        return out
+
+    def conflicts(self, views: Sequence[int]) -> int:
+        """How many pairs of a set are nearer than the settings' share of the even step."""
+        limit = self.candidates.settings.spread * 180 / len(views)
+        between = self.between[np.ix_(views, views)]
+        return int((between[np.triu_indices(len(views), 1)] < limit - 1e-6).sum())
+
+    def rank(self, views: Sequence[int]) -> tuple[int, float]:
+        """What sorts sets, the best first: conflicts, then the criterion."""
+        return self.conflicts(views), self.cost(views)
+
+    def best_pair(self, pairs: Float) -> tuple[int, int]:
+        """The pair of lowest rank, of all."""
+        m = len(self)
+        return min(((i, j) for i in range(m) for j in range(i + 1, m)), key=lambda p: (self.conflicts(p), pairs[p]))
+
+    def improve(self, views: Sequence[int]) -> tuple[int, ...]:
+        """Exchange single views for others as long as that lowers the rank."""
+        chosen = tuple(views)
+        best = self.rank(chosen)
+        for _ in range(PASSES):
+            before = best
+            for place in range(len(chosen)):
+                for view in range(len(self)):
+                    trial = (*chosen[:place], view, *chosen[place + 1 :])
+                    if view in chosen or self.conflicts(trial) > best[0]:
+                        continue
+                    rank = self.rank(trial)
+                    if rank[0] < best[0] or rank[1] < best[1] * (1 - 1e-9):
+                        chosen, best = trial, rank
+            if best == before:
+                break
+        return tuple(sorted(chosen))
+
+    def extend(self, views: Sequence[int]) -> tuple[int, ...]:
+        """The best set of one view more than the given one."""
+        count, angles = len(views) + 1, angles_of(self.candidates.geometry)
+        more = [(*views, v) for v in range(len(self)) if v not in views]
+        even = [s for first in range(len(self)) if (s := even_set(angles, count, first)) is not None]
+        starts = [min(sets, key=self.rank) for sets in (more, even) if sets]
+        return min((self.improve(s) for s in starts), key=self.rank)

@@ -1,0 +1,1 @@
+"""Detector counts to line integrals."""

@@ -1,0 +1,1 @@
+"""Volumes and moving grains to radiographs, with adjoint and derivatives."""

@@ -1,0 +1,198 @@
+"""PackedGrains and Pose: all grains of a sample as flat arrays, and where each of them is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grainmotion._typing import Float, Image
+from grainmotion.backends.device import CPU, Device
+from grainmotion.errors import InputError
+from grainmotion.kernels import grain_ray_tracing
+from grainmotion.kernels.layout import PADDING
+from grainmotion.model.geometry import Geometry
+from grainmotion.model.grains import Grain, GrainSet
+
+OUT_OF_PLANE = (2, 3, 4)
+"""Of (u, δ), what a planar sample cannot do: u_z, δ_x, δ_y."""
+MOST_VOXELS = 2**31 - 1
+"""Of one grain or background, with the empty ones around: what the walks' indices reach."""
+_DIRECTIONS = 128
+
+
+@dataclass(frozen=True, eq=False)
+class GrainArrays:
+    """A `GrainSet` as the flat arrays that kernels walk (see `kernels.grain_projection`).
+
+    ``extents (n, 2, directions)`` are the pairs of planes between which each grain's voxels count (voxels, see
+    `kernels.grain_ray_tracing`).  ``hulls (n, k, 3)`` are outermost points of each grain seen from its centre,
+    ``radii (n,)`` the radii of balls with the grains' own moments of inertia, both in mm.  ``voxel_size`` is that of
+    these images and ``unit`` that of the reference, in which tolerances are given.  ``held`` are the images where a
+    device walks them, if that is not the processor.
+    """
+
+    images: Image
+    starts: NDArray[np.int64]
+    shapes: NDArray[np.int64]
+    corners: Float
+    extents: Image
+    centers: Float
+    hulls: Float
+    radii: Float
+    voxel_size: float
+    unit: float
+    held: Any = None
+
+    def __len__(self) -> int:
+        return len(self.starts)
+
+    @property
+    def precision(self) -> np.dtype[np.floating]:
+        """The precision in which the grains are projected: that of their voxels."""
+        return self.images.dtype
+
+    @property
+    def walked(self) -> Any:
+        """The images where they are walked."""
+        return self.images if self.held is None else self.held
+
+    def on(self, device: Device) -> GrainArrays:
+        """The same grains where a device walks them."""
+        if device == CPU:
+            return replace(self, held=None)
+        what = self.images, self.starts, self.centers[:, 2], self.voxel_size / self.unit
+        return replace(self, held=device.hold_voxels(*what))
+
+    @classmethod
+    def of(cls, grains: GrainSet, fine: bool = False) -> GrainArrays:
+        """Pack the grains' voxels one after the other; ``fine`` takes their finer ones if all have some."""
+        fine = fine and all(g.fine is not None for g in grains.grains)
+        volumes = [g.fine if fine and g.fine is not None else g.volume for g in grains.grains]
+        arrays = [v.array for v in volumes]
+        sizes = np.array([a.size for a in arrays], dtype=np.int64)
+        if sizes.max() > MOST_VOXELS:
+            raise InputError(
+                "grains", f"one spans {sizes.max()} voxels, more than {MOST_VOXELS}", "reconstruct coarser"
+            )
+        corners = np.array([v.origin - g.center for v, g in zip(volumes, grains.grains, strict=True)]).reshape(-1, 3)
+        h = volumes[0].voxel_size
+        ends = [_line_ends(a) for a in arrays]
+        hulls = [_extreme_points(p, a) * h + corner for p, a, corner in zip(ends, arrays, corners, strict=True)]
+        return cls(
+            images=_end_to_end(arrays),
+            starts=np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64),
+            shapes=np.array([a.shape for a in arrays], dtype=np.int64),
+            corners=corners,
+            extents=np.array([_extents(points) for points in ends]),
+            centers=grains.centers,
+            hulls=np.array(hulls),
+            radii=np.array([_radius(g) for g in grains.grains]),
+            voxel_size=h,
+            unit=grains.voxel_size,
+        )
+
+    def select(self, rows: Sequence[int] | NDArray[np.int64]) -> GrainArrays:
+        """Some of the grains; a row may come more than once, and shares its voxels."""
+        index = np.asarray(rows, dtype=np.int64)
+        return GrainArrays(
+            self.images, self.starts[index], self.shapes[index], self.corners[index], self.extents[index],
+            self.centers[index], self.hulls[index], self.radii[index], self.voxel_size, self.unit, self.held,
+        )  # fmt: skip
+
+    def coarsened(self, factor: int) -> GrainArrays:
+        """The grains on voxels ``factor`` times as large, each the mean of those that it holds."""
+        if factor == 1:
+            return self
+        images, shapes = [], []
+        for start, shape in zip(self.starts, self.shapes, strict=True):
+            inner = self.images[start : start + shape.prod()].reshape(shape)
+            whole = np.pad(inner, [(0, -n % factor) for n in shape])
+            nz, ny, nx = np.array(whole.shape) // factor
+            means = whole.reshape(nz, factor, ny, factor, nx, factor).mean(axis=(1, 3, 5))
+            images.append(np.pad(means, PADDING))
+            shapes.append(images[-1].shape)
+        sizes = np.array([i.size for i in images])
+        # the first coarse voxel's centre lies (factor − 1)/2 voxels inside; then come the empty layers
+        shift = self.voxel_size * ((factor - 1) / 2 - PADDING * factor)
+        return GrainArrays(
+            np.concatenate([i.ravel() for i in images]), np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64),
+            np.array(shapes, dtype=np.int64), self.corners + shift, np.array([_extents(_line_ends(i)) for i in images]),
+            self.centers, self.hulls, self.radii, self.voxel_size * factor, self.unit,
+        )  # fmt: skip
+
+
+def planar(grains: GrainArrays, geometry: Geometry) -> bool:
+    """Whether all is one slice: grains one voxel thick at one height, seen by rays of one row in their plane."""
+    if geometry.shape[0] != 1 or np.any(grains.shapes[:, 0] != 1 + 2 * PADDING):
+        return False
+    height = grains.centers[0, 2]
+    rays = geometry.vectors[:, 2] - (height if geometry.beam == "cone" else 0.0)
+    off = np.concatenate([grains.centers[:, 2] - height, geometry.vectors[:, 5] - height, rays, geometry.vectors[:, 8]])
+    return bool(np.abs(off).max() <= 1e-6 * grains.voxel_size)
+
+
+def _end_to_end(arrays: list[Image]) -> Image:
+    """All arrays one after the other: the array of which they are parts, if they lie so in it, else a copy."""
+    base = arrays[0].base
+    ends = np.cumsum([a.nbytes for a in arrays])
+    first = arrays[0].ctypes.data
+    follow = all(a.ctypes.data == first + end - a.nbytes for a, end in zip(arrays, ends, strict=True))
+    if isinstance(base, np.ndarray) and base.ndim == 1 and follow and all(a.base is base for a in arrays):
+        start = (first - base.ctypes.data) // base.itemsize
+        return base[start : start + ends[-1] // base.itemsize]
+    return np.concatenate([a.ravel() for a in arrays])
+
+
+def _radius(grain: Grain) -> float:
+    """Radius of the ball whose attenuation spreads as the grain's does: r² = 5/3 of the mean square distance.
+
+    At least that of the ball inscribed in a voxel, which a grain of one voxel has.
+    """
+    array = np.abs(grain.volume.array)
+    if not array.any():
+        return grain.volume.voxel_size
+    axes = [
+        grain.volume.origin[k] + grain.volume.voxel_size * np.arange(array.shape[2 - k]) - grain.center[k]
+        for k in range(3)
+    ]
+    marginals = [array.sum(axis=tuple({0, 1, 2} - {2 - k}), dtype=float) for k in range(3)]
+    radius = float(np.sqrt(5 / 3 * sum((m @ a**2) / m.sum() for m, a in zip(marginals, axes, strict=True))))
+    return max(radius, grain.volume.voxel_size / 2)
+
+
+def _line_ends(array: Image) -> Float:
+    """Voxels (x y z indices) at either end of each line of voxels along x that holds some of the grain, ``(k, 3)``."""
+    filled = array != 0
+    z, y = np.nonzero(filled.any(axis=2))
+    lines = filled[z, y]
+    ends = np.concatenate([lines.argmax(axis=1), lines.shape[1] - 1 - lines[:, ::-1].argmax(axis=1)])
+    return np.column_stack([ends, np.tile(y, 2), np.tile(z, 2)]).astype(float)
+
+
+def _extents(points: Float) -> Image:
+    """The planes along `grain_ray_tracing.DIRECTIONS` between which a grain's voxels count, ``(2, directions)``."""
+    if len(points) == 0:
+        return np.zeros((2, len(grain_ray_tracing.DIRECTIONS)), np.float32)
+    places = points @ grain_ray_tracing.DIRECTIONS.T.astype(float)
+    return np.array(
+        [places.min(axis=0) - grain_ray_tracing.REACH, places.max(axis=0) + grain_ray_tracing.REACH], np.float32
+    )
+
+
+def _extreme_points(points: Float, array: Image) -> Float:
+    """Voxels (x y z indices) of the grain that reach furthest in many directions: its convex hull, nearly."""
+    if len(points) == 0:
+        return np.full((_DIRECTIONS, 3), (np.array(array.shape[::-1]) - 1) / 2)
+    return points[np.argmax(ball_directions() @ points.T, axis=1)]
+
+
+def ball_directions() -> Float:
+    """Unit vectors in all directions, ``(k, 3)``."""
+    k = np.arange(_DIRECTIONS) + 0.5
+    height, angle = 1 - 2 * k / _DIRECTIONS, np.pi * (1 + 5**0.5) * k
+    ring = np.sqrt(1 - height**2)
+    return np.column_stack([ring * np.cos(angle), ring * np.sin(angle), height])

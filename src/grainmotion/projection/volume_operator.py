@@ -1,0 +1,123 @@
+"""VolumeOperator: the line integrals A x of a whole volume and the adjoint Aᵀ y, block of views by block of views.
+
+Two walks compute the same sums.  `kernels.volume_projection_vertical` serves panels whose columns are parallel to the
+rotation axis and keeps the volume with z fastest; `kernels.volume_projection` serves any view, and the exact path.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grainmotion._typing import Float, Image, Projector
+from grainmotion.errors import InputError
+from grainmotion.kernels import volume_projection, volume_projection_vertical
+from grainmotion.kernels.layout import PADDING
+from grainmotion.model.geometry import Geometry
+from grainmotion.model.volume import Volume
+
+MANY = 16
+"""Views from which on it pays to lay the volume anew, z fastest."""
+STEEPEST = 1.0
+"""Rise of a ray per length along its horizontal axis, up to which that axis is the dominant one."""
+
+
+@dataclass(frozen=True, eq=False)
+class VolumeOperator:
+    """A volume's projection to some views as a linear operator.
+
+    Attributes
+    ----------
+    geometry : Geometry
+        Views to project to.
+    grid : Volume
+        Where the voxels are; its values are not used, its precision is.
+    projector : {"trilinear", "exact"}
+        See `Projector`.
+    radius : float
+        Radius of the upright cylinder around the grid's middle beyond which the volume is zero, voxels; 0 for none.
+    """
+
+    geometry: Geometry
+    grid: Volume
+    projector: Projector = "trilinear"
+    radius: float = 0.0
+
+    @cached_property
+    def upright(self) -> bool:
+        """Whether the walk for upright panels serves: many views, columns along z, no ray steeper than 45°."""
+        if self.projector != "trilinear" or len(self.geometry) < MANY:
+            return False
+        s, d, u, v = (self.geometry.vectors[:, i : i + 3] for i in (0, 3, 6, 9))
+        if np.abs(v[:, :2]).max() > 1e-9 * np.abs(v[:, 2]).min():
+            return False
+        rows, columns = self.geometry.shape
+        across, along = (columns - 1) / 2 * np.array([-1, 0, 1]), (rows - 1) / 2 * np.array([-1, 1])
+        rays = s[:, None, None]
+        if self.geometry.beam == "cone":
+            rays = (
+                d[:, None, None] + across[:, None, None] * u[:, None, None] + along[:, None] * v[:, None, None] - rays
+            )
+        return bool(np.all(np.abs(rays[..., 2]) <= STEEPEST * np.abs(rays[..., :2]).max(axis=-1)))
+
+    # ------------------------------------------------------------------ the volume as the walks want it
+    def laid(self, array: Image) -> Image:
+        """A volume's ``[z, y, x]`` values with empty layers around, in the axis order of the walk (a copy)."""
+        padded = pad(array)
+        return np.ascontiguousarray(padded.transpose(1, 2, 0)) if self.upright else padded
+
+    def unlaid(self, image: Image) -> Image:
+        """The ``[z, y, x]`` values of a laid volume."""
+        inner = slice(PADDING, -PADDING)
+        array = image.transpose(2, 0, 1) if self.upright else image
+        return np.ascontiguousarray(array[inner, inner, inner])
+
+    def by_height(self, image: Image) -> Image:
+        """A laid volume seen as ``[y, x, z]``, without a copy."""
+        return image if self.upright else image.transpose(1, 2, 0)
+
+    def empty(self) -> Image:
+        """A laid volume of zeros."""
+        nz, ny, nx = (n + 2 * PADDING for n in self.grid.shape)
+        return np.zeros((ny, nx, nz) if self.upright else (nz, ny, nx), self.grid.array.dtype)
+
+    # ------------------------------------------------------------------ A and Aᵀ
+    def forward(self, image: Image, views: NDArray[np.int64] | None = None) -> Image:
+        """A x of some views (default all) from a laid volume: line integrals ``(views, rows, columns)``."""
+        vectors = self._vectors(views)
+        out = np.empty((len(vectors), *self.geometry.shape), image.dtype)
+        origin, h, cone = padded_origin(self.grid), self.grid.voxel_size, self.geometry.beam == "cone"
+        if self.upright:
+            volume_projection_vertical.forward(image, origin, h, vectors, cone, self.radius, out)
+        else:
+            volume_projection.forward(image, origin, h, vectors, cone, self.projector == "exact", out)
+        return out
+
+    def add_adjoint(self, images: Image, out: Image, views: NDArray[np.int64] | None = None) -> None:
+        """Add Aᵀ y of some views (default all) to a laid volume; its outermost layers are of no meaning then."""
+        vectors = self._vectors(views)
+        images = np.ascontiguousarray(images, out.dtype)
+        origin, h, cone = padded_origin(self.grid), self.grid.voxel_size, self.geometry.beam == "cone"
+        if self.upright:
+            volume_projection_vertical.adjoint(images, origin, h, vectors, cone, self.radius, out)
+        else:
+            volume_projection.adjoint(images, origin, h, vectors, cone, self.projector == "exact", out)
+
+    def _vectors(self, views: NDArray[np.int64] | None) -> Float:
+        vectors = self.geometry.vectors if views is None else self.geometry.vectors[views]
+        return np.ascontiguousarray(vectors)
+
+
+def pad(array: Image) -> Image:
+    """The array with the empty layers that the kernels ask for."""
+    if np.prod([n + 2 * PADDING for n in array.shape], dtype=float) >= 2**32:
+        raise InputError("volume", f"{array.shape} voxels are more than 2^32", "reconstruct in parts or coarser")
+    return np.pad(array, PADDING)
+
+
+def padded_origin(volume: Volume) -> Float:
+    """Position of voxel [0, 0, 0] of the padded array, mm, x y z."""
+    return volume.origin - PADDING * volume.voxel_size

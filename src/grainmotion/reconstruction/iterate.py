@@ -1,0 +1,104 @@
+"""Held: an image under way in this process, on the processor or on an NVIDIA card."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from grainmotion._typing import Float, Image
+from grainmotion.backends.device import chosen
+from grainmotion.model.scan import Scan
+from grainmotion.model.volume import Volume
+from grainmotion.reconstruction import slabs
+from grainmotion.reconstruction.iterate_cuda import CudaSystem
+from grainmotion.reconstruction.settings import ReconstructSettings
+from grainmotion.reconstruction.slabs import Layout, RadiographRows, Slab
+from grainmotion.reconstruction.system import Views, column_sums
+
+
+@dataclass(eq=False)
+class HostIterate:
+    """An image (`system.Iterate`) in slabs, with the scan that it is to agree with."""
+
+    scan: Scan
+    layout: Layout
+    sums: Float
+    slabs: list[Slab]
+    ahead = 0
+
+    @classmethod
+    def of(cls, scan: Scan, grid: Volume, settings: ReconstructSettings) -> HostIterate:
+        """From the grid's own values."""
+        layout, array = Layout.of(grid, scan.geometry, settings), grid.array.astype(np.float32, copy=False)
+        parts = [slabs.new_slab(layout, k, array[slice(*planes)]) for k, planes in enumerate(layout.slabs)]
+        return cls(scan, layout, column_sums(scan.geometry, grid), parts)
+
+    def start_from(self, planes: Iterator[Image]) -> None:
+        """Go on from the values ``[z, y, x]`` of each slab's planes in turn, as far as they are allowed."""
+        for k, (slab, array) in enumerate(zip(self.slabs, planes, strict=True)):
+            self.slabs[k] = slabs.slab_from(self.layout, k, slab.imaging.grid.array, array)
+
+    def update(self, views: Views, relaxation: float, momentum: float = 0.0) -> Float:
+        """See `Iterate`."""
+        if momentum and self.slabs[0].before is None:
+            self.slabs = [replace(slab, before=slab.image.copy()) for slab in self.slabs]
+        strips = [slabs.forward(slab, views) for slab in self.slabs]
+        scan = self.scan.select(views)
+        seen = RadiographRows(0, scan.line_integrals.astype(np.float32, copy=False), scan.valid)
+        step = float(relaxation / self.sums[views].sum())
+        corrections = slabs.compare(self.layout, views, strips, seen, step)
+        for slab in self.slabs:
+            slabs.advance(slab, corrections, views, momentum)
+        return slabs.total([corrections.squares], [(0, len(corrections.squares))])
+
+    def volume(self) -> Volume:
+        """See `Iterate`."""
+        array = np.empty(self.layout.shape, np.float32)
+        for slab, planes in zip(self.slabs, self.layout.slabs, strict=True):
+            array[slice(*planes)] = slab.planes
+        return Volume(array, self.layout.voxel_size, self.layout.center)
+
+
+@dataclass(eq=False)
+class CudaIterate:
+    """An image (`system.Iterate`), laid as its equations lay it, on an NVIDIA card."""
+
+    equations: CudaSystem
+    image: Any
+    before: Any = None
+    ahead = 0
+
+    @classmethod
+    def of(cls, scan: Scan, grid: Volume, settings: ReconstructSettings) -> CudaIterate:
+        """From the grid's own values."""
+        equations = CudaSystem(scan, grid, settings)
+        return cls(equations, equations.start())
+
+    def start_from(self, planes: Iterator[Image]) -> None:
+        """See `HostIterate`."""
+        self.image = self.equations.operator.laid(np.concatenate(list(planes)))
+        self.equations.constrain(self.image)
+
+    def update(self, views: Views, relaxation: float, momentum: float = 0.0) -> Any:
+        """See `Iterate`."""
+        if momentum and self.before is None:
+            self.before = self.image.copy()
+        squares = self.equations.add_update(self.image, views, relaxation)
+        if self.before is None:
+            self.equations.constrain(self.image)
+        else:
+            self.equations.constrain_and_extrapolate(self.image, self.before, momentum)
+        return squares
+
+    def volume(self) -> Volume:
+        """See `Iterate`."""
+        return self.equations.volume(self.image if self.before is None else self.before)
+
+
+def held(scan: Scan, grid: Volume, settings: ReconstructSettings) -> HostIterate | CudaIterate:
+    """An image on the device of the settings, from the grid's own values."""
+    kind: type[HostIterate | CudaIterate] = CudaIterate if chosen(settings.device).name == "cuda" else HostIterate
+    return kind.of(scan, grid, settings)

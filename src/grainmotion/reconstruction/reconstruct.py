@@ -1,0 +1,69 @@
+"""Reconstruction: Scan → Volume, with the projector that tracking uses.
+
+The paper demands the same operator here as in the tracker; see `volume_operator.Projector`.
+"""
+
+from __future__ import annotations
+
+from pydantic.dataclasses import dataclass
+
+from grainmotion._typing import Progress
+from grainmotion.model.scan import Scan
+from grainmotion.model.volume import Volume
+from grainmotion.reconstruction.coarse_start import started
+from grainmotion.reconstruction.iterate import held
+from grainmotion.reconstruction.ordered_subsets import accelerated, plain_sart
+from grainmotion.reconstruction.settings import ReconstructSettings
+from grainmotion.reconstruction.system import Iterate
+
+__all__ = ["ReconstructSettings", "Reconstruction", "reconstruct"]
+
+
+@dataclass(frozen=True, config={"arbitrary_types_allowed": True})
+class Reconstruction:
+    """A reconstructed volume and how it came about.
+
+    Attributes
+    ----------
+    volume : Volume
+        Attenuation, 1/mm.
+    residuals : tuple of float
+        Relative residual ε = ‖b − A x‖/‖b‖ (Eq. 23) of each sweep or phase, each view just before its update.
+    """
+
+    volume: Volume
+    residuals: tuple[float, ...]
+
+
+def reconstruct(
+    scan: Scan,
+    grid: Volume,
+    settings: ReconstructSettings | None = None,
+    progress: Progress | None = None,
+) -> Reconstruction:
+    """Reconstruct a scan.
+
+    Parameters
+    ----------
+    scan : Scan
+        Line integrals of the full scan.
+    grid : Volume
+        Where to reconstruct; its values are the start (zeros as a rule).
+    settings : ReconstructSettings, optional
+        Projector, method, and the stopping rule of plain SART.
+    progress : callable, optional
+        Called as ``progress(message, done, total)`` after each update, in views; the message carries ε.
+
+    Returns
+    -------
+    Reconstruction
+        The volume on ``grid`` and ε after each sweep (plain SART) or phase (accelerated).
+    """
+    settings = settings or ReconstructSettings()
+    if settings.plain(len(scan)):
+        iterate: Iterate = held(scan, grid, settings)
+        history = plain_sart(iterate, len(scan), settings, progress)
+    else:
+        iterate = started(scan, grid, settings)
+        history = accelerated(iterate, len(scan), progress)
+    return Reconstruction(iterate.volume(), tuple(history))

@@ -1,0 +1,67 @@
+"""How to reconstruct."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+from pydantic.dataclasses import dataclass
+
+from grainmotion._typing import Projector
+from grainmotion.backends.device import Choice
+
+ENOUGH = 240
+"""Views from which on the accelerated method is the cheaper one by far; with fewer, each view comes several times."""
+
+Method = Literal["auto", "accelerated", "sart"]
+
+
+@dataclass(frozen=True)
+class ReconstructSettings:
+    """How to reconstruct the reference."""
+
+    projector: Annotated[Projector, Field(description="operator shared by reconstruction and tracking")] = "trilinear"
+    method: Annotated[
+        Method,
+        Field(
+            description="plain SART, view by view; accelerated: subsets of views with momentum, from a coarse start, "
+            "which comes as near in a third of the time; auto: accelerated from 240 views on, unless an option of "
+            "plain SART is given"
+        ),
+    ] = "auto"
+    sweeps: Annotated[
+        int | None, Field(ge=1, description="most sweeps over all views of plain SART; 6 unless given")
+    ] = None
+    relaxation: Annotated[
+        float | None, Field(gt=0, lt=2, description="λ of plain SART's first sweep; 1 unless given")
+    ] = None
+    decay: Annotated[
+        float | None, Field(gt=0, le=1, description="factor on λ after each sweep of plain SART; 0.5 unless given")
+    ] = None
+    tolerance: Annotated[
+        float | None,
+        Field(ge=0, description="stop plain SART once a sweep lowers ε by less than this share; 0.02 unless given"),
+    ] = None
+    noise: Annotated[
+        float | None,
+        Field(gt=0, description="stop plain SART once ε reaches this relative noise, 1/SNR (discrepancy principle)"),
+    ] = None
+    non_negative: Annotated[bool, Field(description="keep attenuation at or above zero")] = True
+    circular: Annotated[bool, Field(description="reconstruct inside the grid's upright inscribed cylinder only")] = True
+    device: Annotated[
+        Choice, Field(description="where rays are walked: the processor, an NVIDIA card, or the card if there is one")
+    ] = "auto"
+
+    @model_validator(mode="after")
+    def _honoured(self) -> ReconstructSettings:
+        told = [n for n in ("sweeps", "relaxation", "decay", "tolerance", "noise") if getattr(self, n) is not None]
+        if told and self.method == "accelerated":
+            raise ValueError(f'{", ".join(told)}: only plain SART takes this; set method = "sart", or leave it out')
+        return self
+
+    def plain(self, views: int) -> bool:
+        """Whether a scan of so many views is for plain SART."""
+        given = (self.sweeps, self.relaxation, self.decay, self.tolerance, self.noise)
+        if self.method == "auto":
+            return views < ENOUGH or any(value is not None for value in given)
+        return self.method == "sart"

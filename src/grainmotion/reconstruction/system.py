@@ -1,0 +1,127 @@
+"""A scan on a grid as the equations A x = b, and updates of x by some of their views.
+
+    x ← x + λ / Σᵢ Cᵢ · Σᵢ Aᵢᵀ [(bᵢ − Aᵢ x)/(Aᵢ 1)],   i over some views
+
+with C the column sums of Aᵢ, which are h³ over the area of a pixel carried back to the sample (Andersen and
+Kak 1984; Khalili et al. 2017, §2.3).  One view a time is SART, several are an ordered subset.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grainmotion._typing import Float, Image
+from grainmotion.kernels import sart
+from grainmotion.kernels.layout import PADDING
+from grainmotion.model.geometry import Geometry
+from grainmotion.model.volume import Volume
+from grainmotion.projection.volume_operator import VolumeOperator, padded_origin
+from grainmotion.reconstruction.settings import ReconstructSettings
+
+Views = NDArray[np.int64]
+
+NO_LIMIT = np.float32(np.finfo(np.float32).min)
+
+
+class Iterate(Protocol):
+    """An image under way, wherever it is held."""
+
+    ahead: int
+    """Updates to ask for before the squares of the first are looked at, so that whoever makes them never waits."""
+
+    def update(self, views: Views, relaxation: float, momentum: float = 0.0) -> Any:
+        """Update it by some views, and constrain it: zero beyond its cylinder and not negative (see the settings).
+
+        With momentum it goes on from what is constrained, x, to x + momentum · (x − the x of the time before).
+        Returns Σ(b − A x)² and Σb² before the update, ``(2,)``; they may be known later only, but can be added up.
+        """
+        ...
+
+    def volume(self) -> Volume:
+        """It as it was last constrained, on its grid."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """Where rays count: the padded image's ``size`` (nz, ny, nx) and ``origin``, and the cylinder (see `Imaging`)."""
+
+    size: tuple[int, ...]
+    origin: Float
+    voxel_size: float
+    radius: float
+
+    @classmethod
+    def of(cls, grid: Volume, settings: ReconstructSettings) -> Frame:
+        """That of a whole grid."""
+        radius = min(grid.shape[1:]) / 2 if settings.circular else 0.0
+        return cls(tuple(n + 2 * PADDING for n in grid.shape), padded_origin(grid), grid.voxel_size, radius)
+
+
+@dataclass(frozen=True, eq=False)
+class Imaging:
+    """Views of a grid, in single precision; volumes are laid as `operator` lays them."""
+
+    geometry: Geometry
+    grid: Volume
+    settings: ReconstructSettings
+
+    @cached_property
+    def operator(self) -> VolumeOperator:
+        """A."""
+        grid = Volume(self.grid.array.astype(np.float32, copy=False), self.grid.voxel_size, self.grid.center)
+        return VolumeOperator(self.geometry, grid, self.settings.projector, self.radius)
+
+    @property
+    def radius(self) -> float:
+        """Radius of the grid's inscribed upright cylinder, voxels; 0 for none."""
+        return Frame.of(self.grid, self.settings).radius
+
+    @property
+    def lowest(self) -> np.float32:
+        """The least attenuation that is allowed."""
+        return np.float32(0) if self.settings.non_negative else NO_LIMIT
+
+    def start(self) -> Image:
+        """The grid's own values, laid."""
+        return self.operator.laid(self.operator.grid.array)
+
+    def constrain(self, image: Image) -> None:
+        """Clip an image at zero, inside its cylinder, in place (see the settings)."""
+        sart.constrain(self.operator.by_height(image), PADDING, self.radius, self.lowest)
+
+    def constrain_and_extrapolate(self, image: Image, before: Image, momentum: float) -> None:
+        """Constrain an image x, leave x in ``before`` and x + momentum · (x − before) in ``image``."""
+        sart.constrain_and_extrapolate(
+            self.operator.by_height(image), self.operator.by_height(before), PADDING, self.radius, self.lowest,
+            np.float32(momentum),
+        )  # fmt: skip
+
+
+def column_sums(geometry: Geometry, grid: Volume) -> Float:
+    """Column sums of each view at the grid's centre: h³ over the area of a pixel seen along the ray there."""
+    s, d, u, v = (geometry.vectors[:, i : i + 3] for i in (0, 3, 6, 9))
+    normal = np.cross(u, v)
+    if geometry.beam == "cone":
+        ray = np.array(grid.center) - s
+        shrink = (ray * normal).sum(1) / ((d - s) * normal).sum(1)
+    else:
+        ray, shrink = s, np.ones(len(s))
+    area = np.abs((ray * normal).sum(1)) / np.linalg.norm(ray, axis=1) * shrink**2
+    return grid.voxel_size**3 / area
+
+
+def golden_order(views: int) -> Views:
+    """Views 0 … n − 1 in golden-ratio order: each next one far from those just used."""
+    fractions = (np.arange(views) * (np.sqrt(5) - 1) / 2) % 1.0
+    return np.argsort(np.argsort(fractions)).astype(np.int64)
+
+
+def relative(squares: Float) -> float:
+    """ε = ‖b − A x‖/‖b‖ (Eq. 23) from the two sums of squares."""
+    return float(np.sqrt(squares[0] / squares[1])) if squares[1] > 0 else 0.0

@@ -1,0 +1,1 @@
+"""A reconstructed volume to labelled grains."""

@@ -1,0 +1,42 @@
+"""Settings of segmentation."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from grainmotion.segmentation.extraction import Background
+
+
+@dataclass(frozen=True)
+class SegmentSettings:
+    """How to find the grains."""
+
+    threshold: Annotated[
+        float | None, Field(description="attenuation from which a voxel is grain, 1/mm; Otsu's unless given")
+    ] = None
+    depth: Annotated[
+        float, Field(ge=0, description="least height of a distance peak over its saddle (H-minima), voxels")
+    ] = 0.5
+    oneness: Annotated[
+        float, Field(gt=0, description="two basins are one grain from this stiffness of their neck; lower merges more")
+    ] = 0.7
+    min_volume: Annotated[
+        int | None, Field(gt=0, description="smallest grain, voxels; 2 % of the median grain unless given")
+    ] = None
+    reach: Annotated[
+        float, Field(ge=0, description="attenuation without a label goes to the nearest grain this far away, voxels")
+    ] = 3.0
+    background: Annotated[
+        Background,
+        Field(
+            description='what is further away: "ignore" it, keep it "fixed" in all states, or "moving" as one body '
+            "(in a state whose radiographs do not say that it moved, it is kept where it was); "
+            '"auto" is moving if it holds more than 2 % of all attenuation, else ignored'
+        ),
+    ] = "auto"
+    finer: Annotated[
+        int, Field(ge=1, le=4, description="voxels of the last stages of tracking: this many times finer, by splines")
+    ] = 2

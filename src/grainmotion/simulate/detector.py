@@ -1,0 +1,163 @@
+"""From line integrals to what a detector records: photons, blur, dark level, flat field, drift."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+from scipy.ndimage import gaussian_filter
+
+from grainmotion._typing import Float
+from grainmotion.errors import InputError
+from grainmotion.model.geometry import Geometry
+from grainmotion.model.scan import Scan
+from grainmotion.simulate.radiograph import Averaging, transmission
+from grainmotion.simulate.sample import Sample
+
+
+@dataclass(frozen=True)
+class Physics:
+    """What stands between the sample and the counts.
+
+    Every default but the photons is the perfect detector.  The order is: paths, spectrum, average over
+    the pixel, blur, the pixel's gain, Poisson noise, counts, dark level.
+    """
+
+    photons: Annotated[float, Field(gt=0, description="photons a pixel detects without the sample")] = 20_000.0
+    counts_per_photon: Annotated[float, Field(gt=0, description="counts that one detected photon makes")] = 1.0
+    dark: Annotated[float, Field(ge=0, description="counts without the beam")] = 0.0
+    dark_noise: Annotated[float, Field(ge=0, description="standard deviation of the dark counts")] = 0.0
+    flat_variation: Annotated[
+        float, Field(ge=0, lt=1, description="standard deviation over pixels of the detector's gain, of 1")
+    ] = 0.0
+    detector_seed: Annotated[int, Field(ge=0, description="which detector: its pattern of gains")] = 57
+    flats: Annotated[int, Field(ge=1, description="flat fields recorded")] = 20
+    darks: Annotated[int, Field(ge=1, description="dark fields recorded")] = 20
+    blur: Annotated[float, Field(ge=0, description="standard deviation of the detector's blur, pixels")] = 0.0
+    gain_drift: Annotated[
+        float, Field(ge=0, lt=1, description="standard deviation of each state's beam intensity, of 1")
+    ] = 0.0
+    spectrum: Annotated[
+        tuple[tuple[float, float], ...],
+        Field(min_length=1, description="energies: (share of the photons, attenuation over the sample's)"),
+    ] = ((1.0, 1.0),)
+    subsamples: Annotated[int, Field(ge=1, description="rays along each side of a pixel")] = 3
+    averaging: Annotated[Averaging, Field(description="what a pixel averages over its area")] = "intensity"
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Recording:
+    """Raw radiographs as a detector saves them.
+
+    Attributes
+    ----------
+    counts : (views, rows, columns) float32 array
+    flats, darks : (frames, rows, columns) float32 arrays
+    geometry : Geometry
+    """
+
+    counts: NDArray[np.float32]
+    flats: NDArray[np.float32]
+    darks: NDArray[np.float32]
+    geometry: Geometry
+
+
+def record(sample: Sample, geometry: Geometry, physics: Physics, seed: int, beam: ArrayLike = 1.0) -> Recording:
+    """Radiographs of a sample as counts, with flats and darks of the same detector.
+
+    Parameters
+    ----------
+    sample : Sample
+    geometry : Geometry
+    physics : Physics
+    seed : int
+        Of the noise and of this state's drift; flats are taken before the beam drifts.
+    beam : float or (views,) array
+        Intensity of the beam in each view over that of the flats, beside the drift.
+    """
+    rng = np.random.default_rng(seed)
+    fraction = _levels(beam, geometry) * _transmission(sample, geometry, physics)
+    gain = detector_gain(geometry.shape, physics)
+    drift = 1 + physics.gain_drift * rng.standard_normal()
+    bright = np.broadcast_to(gain, (physics.flats, *geometry.shape))
+    return Recording(
+        _counts(drift * gain * fraction, physics, rng),
+        _counts(bright, physics, rng),
+        _counts(np.zeros((physics.darks, *geometry.shape)), physics, rng),
+        geometry,
+    )
+
+
+def record_line_integrals(
+    sample: Sample, geometry: Geometry, physics: Physics, seed: int, beam: ArrayLike = 1.0
+) -> Scan:
+    """Radiographs of a sample as line integrals with the noise of `Physics.photons`, perfectly calibrated.
+
+    Dark level and flat field cancel and are left out; blur, spectrum, this state's drift and ``beam`` (as
+    in `record`) are kept.
+    """
+    rng = np.random.default_rng(seed)
+    drift = 1 + physics.gain_drift * rng.standard_normal()
+    fraction = drift * _levels(beam, geometry) * _transmission(sample, geometry, physics)
+    photons = rng.poisson(physics.photons * fraction)
+    return Scan((-np.log(np.maximum(photons, 0.5) / physics.photons)).astype(np.float32), geometry)
+
+
+def detector_gain(shape: tuple[int, int], physics: Physics) -> Float:
+    """Relative gain of each pixel ``(rows, columns)``, the same in every state."""
+    if physics.flat_variation == 0:
+        return np.ones(shape)
+    rng = np.random.default_rng(physics.detector_seed)
+    rough = rng.standard_normal(shape)
+    smooth = gaussian_filter(rng.standard_normal(shape), min(shape) / 6)
+    field = rough / rough.std() + smooth / smooth.std()
+    return np.clip(1 + physics.flat_variation * field / field.std(), 0.2, None)
+
+
+def photons_for_snr(line_integrals: ArrayLike, snr: float) -> float:
+    """Photons a pixel for a wanted signal-to-noise ratio ‖b‖/‖noise‖ of line integrals.
+
+    Parameters
+    ----------
+    line_integrals : array of any shape
+        b without noise.  One made of N e^−b photons has the variance e^b / N.
+    snr : float
+        As Eq. 24 of Khalili et al. (2017), which `grainmotion.model.scan.snr` measures.
+    """
+    if not snr > 0:
+        raise InputError("snr", f"must be > 0, got {snr}", "the paper has about 50")
+    p = np.asarray(line_integrals, dtype=float)
+    return float(snr**2 * np.exp(p).sum() / (p**2).sum())
+
+
+def _levels(beam: ArrayLike, geometry: Geometry) -> Float:
+    """Intensity of the beam of each view ``(views, 1, 1)``."""
+    levels = np.asarray(beam, dtype=float)
+    if levels.shape not in ((), (len(geometry),)) or not (np.isfinite(levels) & (levels > 0)).all():
+        raise InputError("beam", f"{beam!r} is no intensity a view", f"give a number > 0, or {len(geometry)} of them")
+    return np.broadcast_to(levels, len(geometry))[:, None, None]
+
+
+def _transmission(sample: Sample, geometry: Geometry, physics: Physics) -> Float:
+    fraction = transmission(
+        sample,
+        geometry,
+        subsamples=physics.subsamples,
+        averaging=physics.averaging,
+        spectrum=physics.spectrum,
+    )
+    if physics.blur > 0:
+        for image in fraction:
+            gaussian_filter(image, physics.blur, mode="nearest", output=image)
+    return fraction
+
+
+def _counts(intensity: Float, physics: Physics, rng: np.random.Generator) -> NDArray[np.float32]:
+    counts = physics.counts_per_photon * rng.poisson(physics.photons * intensity) + physics.dark
+    if physics.dark_noise > 0:
+        counts = counts + physics.dark_noise * rng.standard_normal(counts.shape)
+    return counts.astype(np.float32)

@@ -1,0 +1,61 @@
+"""The exact sample on a voxel grid, for testing what works on voxels."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grainmotion._typing import Float
+from grainmotion.model.volume import Volume
+from grainmotion.simulate.sample import Sample
+from grainmotion.simulate.shapes import Ellipsoid, Shape
+from grainmotion.simulate.signed_distance import locator, signed_distances
+
+
+def inside(shape: Shape, points: Float) -> NDArray[np.bool_]:
+    """Which of the points ``(m, 3)``, mm, lie inside a shape ``(m,)``."""
+    if isinstance(shape, Ellipsoid):
+        return (((points - shape.center) @ shape.whitening.T) ** 2).sum(axis=1) <= 1
+    body, origin = locator(shape)
+    return signed_distances(body, points - origin) <= 0
+
+
+def label_volume(sample: Sample, grid: Volume) -> NDArray[np.int16]:
+    """Label of the particle that holds the centre of each voxel ``(nz, ny, nx)``, 0 outside all."""
+    out = np.zeros(grid.shape, np.int16)
+    for label, particle in zip(sample.labels, sample.particles, strict=True):
+        box, points = _points(particle.shape, grid, 1)
+        held = inside(particle.shape, points).reshape(out[box].shape)
+        out[box][held] = label
+    return out
+
+
+def attenuation_volume(sample: Sample, grid: Volume, samples: int = 3) -> Volume:
+    """Attenuation averaged over each voxel by ``samples``³ points; the tube is left out."""
+    out = np.zeros(grid.shape)
+    for particle in sample.particles:
+        for shape, value in particle.parts:
+            box, points = _points(shape, grid, samples)
+            nz, ny, nx = out[box].shape
+            held = inside(shape, points).reshape(nz, samples, ny, samples, nx, samples)
+            out[box] += value * held.mean(axis=(1, 3, 5))
+    return Volume(out.astype(np.float32), grid.voxel_size, grid.center)
+
+
+def _points(shape: Shape, grid: Volume, samples: int) -> tuple[tuple[slice, slice, slice], Float]:
+    """The part of the grid around a shape, and its sampling points ``(m, 3)``."""
+    if isinstance(shape, Ellipsoid):
+        half = np.sqrt(((shape.axes * shape.semi_axes) ** 2).sum(axis=1))
+        low, high = shape.center - half, shape.center + half
+    else:
+        low, high = shape.vertices.min(axis=0), shape.vertices.max(axis=0)
+    limit = np.array(grid.shape[::-1])
+    first = np.clip(np.floor((low - grid.origin) / grid.voxel_size), 0, limit).astype(int)
+    last = np.clip(np.ceil((high - grid.origin) / grid.voxel_size) + 1, first, limit).astype(int)
+    within = (np.arange(samples) + 0.5) / samples - 0.5
+    x, y, z = (
+        grid.origin[i] + grid.voxel_size * (np.arange(first[i], last[i])[:, None] + within).ravel() for i in range(3)
+    )
+    mesh = np.meshgrid(z, y, x, indexing="ij")
+    points = np.stack([mesh[2].ravel(), mesh[1].ravel(), mesh[0].ravel()], axis=1)
+    return (slice(first[2], last[2]), slice(first[1], last[1]), slice(first[0], last[0])), points

@@ -1,0 +1,144 @@
+"""What became of each grain: covariance, residual, status and its sentence."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grainmotion._typing import Float
+from grainmotion.model.detector_response import Response
+from grainmotion.model.grains import GrainSet
+from grainmotion.model.motions import Motions, StateFit, Status
+from grainmotion.model.pose import Pose
+from grainmotion.objective.residual import StateProblem
+from grainmotion.rotations import rotation_vector
+from grainmotion.solvers.gauss_newton import Solution
+from grainmotion.tracking.missing_grains import Shadow, shadows_held
+from grainmotion.tracking.multistage import pixels_an_unknown
+from grainmotion.tracking.new_grains import strangers
+from grainmotion.tracking.refinement import Polished
+from grainmotion.uncertainty.goodness_of_fit import misfits
+from grainmotion.uncertainty.weak_directions import poorly
+
+AMBIGUOUS = "another search put it elsewhere, and neither fit is perfect; take more views, or give a nearer start"
+SHAKEN = 0.05  # residual beyond the noise over line integrals, above which a lost neighbour may have shifted a grain
+SPARSE = 13.0
+"""Pixels an unknown below which neighbours may make up for a grain in a wrong place (decision 0015)."""
+SEEN_ENOUGH = 0.6  # share of a grain's shadows on the panel below which it has left the field
+
+
+def judge(
+    grains: GrainSet,
+    polished: Polished,
+    doubtful: NDArray[np.bool_],
+    limits: tuple[float, float],
+    costs: tuple[tuple[str, float], ...],
+) -> Motions:
+    """Turn what was found into a table; ``limits`` are the largest sd of u (mm) and of ω (rad) to accept."""
+    problem, solution, n = polished.problem, polished.solution, len(grains)
+    seen = problem.glance(solution.state)
+    fits = misfits(problem, seen)
+    covariances, known = polished.posterior.copy(), polished.covariances.copy()
+    lost = fits.lost
+    shaken = lost.any() & ~lost & (fits.shares > SHAKEN)
+    coverage, moving = seen.patches.seen.mean(axis=1), _still_moving(problem, solution)
+    held = shadows_held(problem, solution.state) if lost.any() else [Shadow()] * n
+    statuses, reasons = np.full(n, Status.CONVERGED.value, dtype="<U20"), [""] * n
+    for k in range(n):
+        fit = _Fit(
+            fits.residuals[k], fits.paths[k], coverage[k], bool(lost[k]), bool(shaken[k]), bool(moving[k]), held[k]
+        )
+        verdict = _verdict(fit, known[k], limits)
+        if verdict is None and doubtful[k]:
+            verdict = Status.NOT_CONVERGED, AMBIGUOUS
+        if verdict is not None:
+            statuses[k], reasons[k] = verdict[0].value, verdict[1]
+    notes = (*sparse(problem), *strangers(problem, solution.state, seen))
+    unknown = np.isin(statuses, [Status.LEFT_FIELD.value, Status.NOT_FITTED.value])
+    translations, rotations = solution.state.translations.copy(), rotation_vector(solution.state.matrices)
+    translations[unknown] = rotations[unknown] = np.nan
+    covariances[unknown] = np.nan
+    return Motions(
+        grains.labels, grains.centers, translations, rotations, covariances, statuses, fits.residuals,
+        np.full(n, len(costs), dtype=np.int64), tuple(reasons), state_fit(polished, seen.response, costs, notes),
+    )  # fmt: skip
+
+
+def sparse(problem: StateProblem) -> tuple[str, ...]:
+    """A sentence if the radiographs hold so little that a good fit of a crowd is no proof of each grain's place."""
+    each = pixels_an_unknown(problem.grains, problem.target)
+    if each >= SPARSE or not each:
+        return ()
+    return (
+        f"{each:.0f} pixels for each unknown are few: neighbours can make up for a grain in a wrong place, and its fit "
+        "then looks good (5 of 10,000 grains in a trial with 4 views, 7 of 1,000 with 2); take more views to be sure",
+    )
+
+
+def state_fit(
+    polished: Polished, response: Response, costs: tuple[tuple[str, float], ...], found: tuple[str, ...]
+) -> StateFit:
+    """What was found of the state as a whole."""
+    loose, around = polished.problem.target.loose, polished.solution.state.surroundings
+    corrections = background = None
+    if around is not None and loose.views:
+        corrections = around.views
+    if around is not None and loose.body:
+        background = np.concatenate([around.translation, rotation_vector(around.matrix)])
+    return StateFit(
+        response.gain, response.offset, costs, response, corrections, polished.corrections_sd, background,
+        polished.downweighted, (*polished.notes, *found),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """How well one grain fits: its residual and line integrals (rms), the share of it on the panel, and doubts."""
+
+    residual: float
+    path: float
+    coverage: float
+    lost: bool
+    shaken: bool
+    moving: bool
+    shadow: Shadow
+
+
+def _verdict(fit: _Fit, covariance: Float, limits: tuple[float, float]) -> tuple[Status, str] | None:
+    """Status and sentence of a grain that did not simply converge."""
+    if fit.coverage == 0 or not np.isfinite(fit.path):
+        return Status.NOT_FITTED, "no view sees it; check its place, or give views or a start that see it"
+    if fit.coverage < SEEN_ENOUGH:
+        share = f"only {fit.coverage:.0%} of its shadows fall on the panel"
+        return Status.LEFT_FIELD, f"{share}; take views that hold it, or leave it out"
+    if fit.lost:
+        return Status.NOT_CONVERGED, (
+            f"its residual {fit.residual:.3g} is too large for its line integrals of {fit.path:.3g}: "
+            f"{fit.shadow.sentence}; give a nearer start, more views, or check its label"
+        )
+    if fit.shaken:
+        return Status.NOT_CONVERGED, (
+            f"a neighbour fits badly, and its own residual {fit.residual:.3g} is large enough for that to have shifted "
+            "it; mend the neighbour first: its label, a nearer start, more views"
+        )
+    names = poorly(covariance, limits)
+    if names:
+        turns = any(name.startswith("rotation") for name in names)
+        cause = "the views, or a shape as round as this, do not tell" if turns else "the views do not tell"
+        return Status.POORLY_DETERMINED, (
+            f"poorly determined: {', '.join(names)}; {cause}, take more views or other angles, or use the rest alone"
+        )
+    if fit.moving:
+        return Status.NOT_CONVERGED, "still moving when iterations ran out; raise track.iterations"
+    return None
+
+
+def _still_moving(problem: StateProblem, solution: Solution[Pose]) -> NDArray[np.bool_]:
+    """Grains that the last step still moved by more than a tenth of a voxel, if the solver did not settle."""
+    each = solution.last_step[: 6 * len(problem.grains)].reshape(-1, 6)
+    if solution.settled:
+        return np.zeros(len(each), dtype=bool)
+    moved = np.linalg.norm(each[:, :3], axis=1) + np.linalg.norm(each[:, 3:], axis=1) * problem.grains.radii
+    return moved > 0.1 * problem.grains.unit

@@ -1,0 +1,121 @@
+"""Grains whose shadow is not on the radiographs: fallen out, carried off the panel, or broken.
+
+Such a grain drags the others along: they move, and gain and offset bend, to make up for the shadow that
+it casts in the simulation alone.  With P its line integrals and r the residual at unit gain,
+
+    support = 1 + r·P / ‖P‖²
+
+is the share of its shadow that the radiographs hold: near 1 for a grain that is there, near 0 for one that
+is not (0.05 to 0.45 against 0.8 to 1 in trials, five grains, one of them taken away).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grainmotion._typing import Float
+from grainmotion.model.grains import GrainSet
+from grainmotion.model.motions import Motions, Status
+from grainmotion.model.pose import Pose
+from grainmotion.objective.residual import StateProblem
+from grainmotion.objective.response_parameters import ResponseModel
+
+ENOUGH = 0.6
+FEW = 4
+ALL_TRIED = 16
+"""Grains up to which each is left out in turn when most are in doubt; beyond, one cannot carry all others away, and
+trials without it begin where the others are."""
+LEAST_GAIN, LACKING = 0.4, 0.3
+"""The fitted gain then lacks the share of one grain (a third of it at least, by what the others cover of it)."""
+ABSENT, BROKEN, INTACT = 0.4, 0.4, (0.7, 1.3)
+"""Mass below which a grain is missing; support and mass of one whose matter is there in another shape."""
+REASON = "its shadow is not on the radiographs: the others fit better without it; check whether it is still there"
+
+
+@dataclass(frozen=True)
+class Shadow:
+    """What the radiographs hold of one grain's shadow.
+
+    Attributes
+    ----------
+    support : float
+        Share of it in the least squares sense; NaN where no view sees it.
+    mass : float
+        Attenuation that the others leave over where it is, over the grain's own; near 1 if all of it is there,
+        whatever its shape.
+    """
+
+    support: float = np.nan
+    mass: float = np.nan
+
+    @property
+    def sentence(self) -> str:
+        """What is likely to have become of a grain that fits badly."""
+        if self.mass < ABSENT:
+            return "little of its shadow is there, it is missing or far away"
+        if INTACT[0] < self.mass < INTACT[1] and self.support > BROKEN:
+            return "its mass is there but not its shape, it is broken, deformed or badly segmented"
+        return "wrong minimum, broken or badly segmented grain"
+
+
+def shadows_held(problem: StateProblem, pose: Pose) -> list[Shadow]:
+    """What the radiographs hold of each grain's shadow."""
+    plain = replace(problem.target, sigma=0.0, freedom=ResponseModel(), weights=None)
+    seen = StateProblem(problem.grains, plain).glance(pose)
+    sums = np.zeros((len(problem.grains), 4))
+    for p, (grain, view, r0, r1, c0, c1) in enumerate(seen.patches.boxes):
+        own = seen.values[seen.patches.offsets[p] : seen.patches.offsets[p + 1]].astype(float)
+        own *= problem.target.valid[view, r0:r1, c0:c1].ravel()
+        left = seen.raw[view, r0:r1, c0:c1].ravel()
+        sums[grain] += own @ left, own @ own, left.sum(), own.sum()
+    with np.errstate(divide="ignore", invalid="ignore"):
+        shares = 1 + sums[:, ::2] / sums[:, 1::2]
+    return [Shadow(float(support), float(mass)) for support, mass in shares]
+
+
+def suspects(measured: Motions, supports: Float) -> list[NDArray[np.int64]]:
+    """Sets of rows to leave out in turn: grains that did not converge and have too little support.
+
+    A few are left out one at a time, because one absent grain can shake its neighbours; many are left out
+    at once.  If most of a sample is in doubt, one absent grain may have shaken all: in a small one each is tried;
+    in a large one, or if no attenuation is lacking, none, because then it is the radiographs that are wrong.
+    """
+    doubtful = np.nonzero((measured.statuses == Status.NOT_CONVERGED.value) & (supports < ENOUGH))[0]
+    doubtful = doubtful[np.argsort(supports[doubtful])]
+    unsettled = measured.statuses == Status.NOT_CONVERGED.value
+    if unsettled.mean() > 0.5:
+        small = 1 < len(measured) <= ALL_TRIED
+        lacking = LEAST_GAIN < measured.fit.gain < 1 - LACKING / len(measured)
+        return [np.array([k]) for k in range(len(measured))] if small and lacking else []
+    if len(doubtful) > FEW:
+        return [doubtful]
+    return [doubtful[k : k + 1] for k in range(min(3, len(doubtful)))]
+
+
+def merit(measured: Motions) -> tuple[int, float]:
+    """What makes one set of grains better than another: how many converge, then how little residual is left."""
+    left = measured.fit.costs[-1][1] if measured.fit.costs else np.inf
+    return int(measured.ok.sum()), -left
+
+
+def improves(measured: Motions, before: Motions) -> bool:
+    """Whether more grains converge, or as many with a residual that is clearly smaller."""
+    (more, left), (fewer, had) = merit(measured), merit(before)
+    return more > fewer or (more == fewer and left > 0.8 * had)
+
+
+def complete(measured: Motions, grains: GrainSet) -> Motions:
+    """Motions of all the grains from those of some; the others are not fitted."""
+    order = {int(label): row for row, label in enumerate(grains.labels)}
+    rows = np.array([order[int(label)] for label in measured.labels])
+    whole = Motions.identity(grains.labels, grains.centers)
+    reasons = [REASON] * len(grains)
+    whole.translations[:] = whole.rotations[:] = np.nan
+    for name in ("translations", "rotations", "covariances", "statuses", "residuals", "iterations"):
+        getattr(whole, name)[rows] = getattr(measured, name)
+    for row, reason in zip(rows, measured.reasons, strict=True):
+        reasons[row] = reason
+    return replace(whole, statuses=whole.statuses, reasons=tuple(reasons), fit=measured.fit)

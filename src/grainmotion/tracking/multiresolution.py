@@ -1,0 +1,63 @@
+"""Coarse rays: radiographs of larger pixels, for stages whose filter leaves nothing finer.
+
+Under a Gaussian filter of σ pixels rays σ apart tell as much as rays one apart, and cost a σ² of them; grains of
+voxels as large keep the walks as short.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grainmotion._typing import Image
+from grainmotion.model.scan import Scan
+from grainmotion.objective.data_term import Target
+from grainmotion.projection.grain_arrays import GrainArrays, planar
+
+SAMPLED = 1.0
+"""Least width of a filter, coarse pixels."""
+TOGETHER, ALONE = 6.0, 14.0
+"""Least size of a grain, coarse pixels, where all grains move as one field and where each moves alone."""
+
+
+def coarsening(grains: GrainArrays, target: Target, sigma: float, least: float) -> int:
+    """How much larger pixels and voxels may be under a filter of ``sigma`` pixels; 1 for slices and exact paths.
+
+    Grains stay at least ``least`` coarse pixels across.
+    """
+    geometry = target.scan.geometry
+    if target.projector != "trilinear" or target.derivatives != "analytic" or planar(grains, geometry):
+        return 1
+    across = 2 * float(np.median(grains.radii)) / geometry.pixel_at(grains.centers.mean(axis=0))
+    return max(1, int(min(sigma / SAMPLED, across / least)))
+
+
+def coarsened(target: Target, factor: int, margin: tuple[int, int] | NDArray[np.int64] = (0, 0)) -> Target:
+    """The radiographs on pixels ``factor`` times as large, with ``margin`` empty ones around the panel.
+
+    Pixels count alike; ``sigma`` is in the new pixels, and covers what it did.
+    """
+    if factor == 1 and not np.any(margin):
+        return target
+    geometry = target.scan.geometry
+    old = np.array(geometry.shape)
+    new = factor * (-(-old // factor) + 2 * np.asarray(margin))
+    before = (new - old) // 2
+    window = geometry.window((-before[0], -before[1]), (new[0], new[1]))
+    around = [(0, 0), *((b, n - o - b) for b, n, o in zip(before, new, old, strict=True))]
+
+    def binned(images: Image) -> Image:
+        padded = np.pad(images, around)
+        views, rows, columns = padded.shape
+        blocks = padded.reshape(views, rows // factor, factor, columns // factor, factor)
+        return blocks.mean(axis=(2, 4))
+
+    share = binned(target.valid)
+    weight = np.maximum(share, 1e-6)
+    images = binned(target.scan.line_integrals.astype(target.precision) * target.valid) / weight
+    fixed = binned(target.fixed * target.valid) / weight
+    scan = Scan(images, window.binned(factor), share > 0.5)
+    body = None if target.body is None else target.body.coarsened(factor)
+    return replace(target, scan=scan, fixed=fixed, sigma=target.sigma / factor, weights=None, body=body)

@@ -1,0 +1,136 @@
+"""New grains: attenuation in a state that no grain of the reference explains.
+
+All views must hold something unexplained at the projections of one place, so the least of them over the views
+bounds what may stand there: a visual hull of the residuals.
+
+Attenuation that no grain explains pulls all grains towards it.  A ball of the usual size and attenuation, put
+where the radiographs hold most of it and free to move, takes it up; the ball's own motion is not reported.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy import ndimage
+
+from grainmotion._typing import Float
+from grainmotion.kernels.layout import PADDING
+from grainmotion.model.grains import Grain, GrainSet
+from grainmotion.model.motions import Motions
+from grainmotion.model.pose import Pose
+from grainmotion.model.volume import Volume
+from grainmotion.objective.residual import Evaluation, StateProblem
+from grainmotion.tracking.initial_guess import smooth_fields
+from grainmotion.tracking.multistage import MultistageFit
+from grainmotion.uncertainty.goodness_of_fit import misfits
+
+WIDTH, STEP = 0.5, 0.5
+"""Of a grain's radius: the filter under which residuals are looked at, and the places tried."""
+MUCH = 0.3
+"""Of a grain's line integrals: what counts."""
+BEYOND = 1.5
+"""Grain radii outside the grains' own box up to which places are tried."""
+MOST = 5
+"""Strangers named."""
+
+
+def strangers(problem: StateProblem, pose: Pose, seen: Evaluation) -> tuple[str, ...]:
+    """A sentence for each place where all views hold something that no grain explains."""
+    return tuple(
+        f"something that is no grain attenuates near x = {x:.3g}, y = {y:.3g}, z = {z:.3g}, "
+        f"{share:.0%} of a grain's line integrals: one that appeared, or a piece of one"
+        for x, y, z, share in stranger_places(problem, pose, seen)
+    )
+
+
+def stranger_places(problem: StateProblem, pose: Pose, seen: Evaluation) -> list[tuple[float, float, float, float]]:
+    """Those places, mm, x y z, and the share of a grain's line integrals that is unexplained there."""
+    grains, geometry = problem.grains, problem.target.scan.geometry
+    radius = float(np.median(grains.radii))
+    paths = misfits(problem, seen).paths
+    usual = float(np.nanmedian(paths)) if np.isfinite(paths).any() else 0.0
+    if usual <= 0 or len(problem.target.scan) < 2:
+        return []
+    places = _places(grains.centers + pose.translations, radius)
+    sigma = WIDTH * radius / geometry.pixel_at((grains.centers + pose.translations).mean(axis=0))
+    smooth = np.stack([ndimage.gaussian_filter(image.astype(float), sigma) for image in seen.raw])
+    least = np.full(len(places), np.inf)
+    for image, spots in zip(smooth, geometry.project_points(places), strict=True):
+        least = np.minimum(least, ndimage.map_coordinates(image, np.nan_to_num(spots, nan=-1e9).T, order=1, cval=0.0))
+    found: list[tuple[float, float, float, float]] = []
+    while len(found) < MOST and least.size and least.max() > MUCH * usual:
+        best = int(np.argmax(least))
+        x, y, z = (float(v) for v in places[best])
+        found.append((x, y, z, float(least[best] / usual)))
+        least[np.linalg.norm(places - places[best], axis=1) < 3 * radius] = -np.inf
+    return found
+
+
+def _places(centers: Float, radius: float) -> Float:
+    """A grid of places in and around the grains ``(k, 3)``, mm, x y z."""
+    low, high = centers.min(axis=0) - BEYOND * radius, centers.max(axis=0) + BEYOND * radius
+    axes = [np.arange(a, b + STEP * radius, STEP * radius) for a, b in zip(low, high, strict=True)]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+SURPLUS = 0.3
+"""Of one grain's share of all attenuation: by as much the fitted gain exceeds 1 where one has appeared."""
+IN_DOUBT = 0.3
+"""Share of grains that must be in doubt before another one is supposed."""
+
+
+def may_have_appeared(measured: Motions) -> bool:
+    """Whether a fit looks as if a grain too many were on the radiographs."""
+    return bool((~measured.ok).mean() > IN_DOUBT and measured.fit.gain > 1 + SURPLUS / len(measured))
+
+
+def place_of_surplus(course: MultistageFit, start: Pose) -> Float | None:
+    """Where most attenuation is unexplained once a smooth field has carried the grains, mm, x y z."""
+    base = smooth_fields(course, start)[-1]
+    problem = StateProblem(course.grains, course.filter(course.settings.filters[0]))
+    places = stranger_places(problem, base, problem.glance(base))
+    return np.array(places[0][:3]) if places else None
+
+
+def with_stand_in(grains: GrainSet, place: Float) -> GrainSet:
+    """The sample with a ball at ``place`` (mm, x y z), labelled one beyond the others."""
+    masses = [float(g.volume.array.sum(dtype=float)) for g in grains.grains]
+    attenuation = float(np.median(np.concatenate([g.volume.array[g.volume.array > 0] for g in grains.grains])))
+    radius = grains.voxel_size * float(np.cbrt(3 * np.median(masses) / (4 * np.pi * attenuation)))
+    fine = next((g.fine.voxel_size for g in grains.grains if g.fine is not None), None)
+    ball = Grain(
+        int(grains.labels.max()) + 1,
+        _ball(place, radius, attenuation, grains.voxel_size, grains.precision),
+        np.asarray(place, dtype=float),
+        fine=None if fine is None else _ball(place, radius, attenuation, fine, grains.precision),
+    )
+    return replace(grains, grains=(*grains.grains, ball))
+
+
+def started(start: Motions | None, grains: GrainSet) -> Motions | None:
+    """The start of the sample with a stand-in, which moves from where it was put."""
+    if start is None:
+        return None
+    ball = Motions.identity(grains.labels[-1:], grains.centers[-1:])
+    names = ("labels", "centers", "translations", "rotations", "covariances", "statuses", "residuals", "iterations")
+    rows: dict[str, Any] = {name: np.concatenate([getattr(start, name), getattr(ball, name)]) for name in names}
+    return replace(start, **rows, reasons=(*start.reasons, ""))
+
+
+def _ball(place: Float, radius: float, attenuation: float, h: float, precision: np.dtype[np.floating]) -> Volume:
+    reach = int(np.ceil(radius / h)) + PADDING + 1
+    z, y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1, -reach : reach + 1]
+    array = attenuation * np.clip(radius / h - np.sqrt(x**2 + y**2 + z**2) + 0.5, 0, 1)
+    return Volume(array.astype(precision), h, (float(place[0]), float(place[1]), float(place[2])))
+
+
+def without_last(measured: Motions) -> Motions:
+    """The motions of all but the stand-in, with a note on it."""
+    x, y, z = measured.centers[-1] + np.nan_to_num(measured.translations[-1])
+    note = (
+        f"a grain has appeared near x = {x:.3g}, y = {y:.3g}, z = {z:.3g}: a ball stands in for it so that it does "
+        "not shake the others; check the reference for it"
+    )
+    return measured.first(len(measured) - 1, note)

@@ -1,0 +1,99 @@
+"""Directions in which a grain is hardly determined, and the prior that holds it there.
+
+The prior is one more observation, that the grain moved as the smooth field (or the start) says, with a standard
+deviation of `SHIFT` diameters and `TURN` radians.  It acts in the weak directions alone, so that what the views
+tell well is left as it is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from grainmotion._typing import Float
+from grainmotion.model.pose import Pose
+from grainmotion.objective.residual import Prior
+from grainmotion.projection.grain_arrays import GrainArrays
+from grainmotion.solvers.block_cg import Normal, diagonal_blocks
+
+SHIFT = 0.1
+"""Of a grain's diameter: standard deviation of the prior's translation."""
+TURN = 0.5
+"""Radians: of its rotation."""
+WEAK = 0.5
+"""A direction is weak where its standard deviation exceeds this share of the prior's."""
+UNKNOWN = 1e6
+"""Variance, in the prior's, that counts as no knowledge at all."""
+ALIGNED = 0.98
+"""Cosine from which a direction is called by the name of an axis."""
+
+
+@dataclass(frozen=True, eq=False)
+class Weak:
+    """Weak directions of every grain.
+
+    ``scales (n, 6)`` are the prior's standard deviations of (u, δ), mm and radians; ``vectors (n, 6, 6)`` hold in
+    their columns the principal directions of each covariance in these units, ``variances (n, 6)`` go with them.
+    """
+
+    scales: Float
+    vectors: Float
+    variances: Float
+
+    @property
+    def flags(self) -> NDArray[np.bool_]:
+        """Which of the directions are weak, ``(n, 6)``."""
+        return self.variances > WEAK**2
+
+    def prior(self, hessian: sparse.bsr_array | Normal, pose: Pose) -> Prior:
+        """What holds the weak directions at ``pose``.
+
+        The precision along a direction is the information that the solver sees there times the variance that the
+        data really leave, so that the two are mixed as their true variances demand.
+        """
+        formal = np.einsum("nij,nik->njk", self._carried(), diagonal_blocks(hessian) @ self._carried())
+        strength = np.where(self.flags, np.diagonal(formal, axis1=1, axis2=2) * self.variances, 0.0)
+        rows = self.vectors / self.scales[:, :, None]
+        return Prior(pose, np.einsum("nij,nj,nkj->nik", rows, strength, rows))
+
+    def posterior(self) -> Float:
+        """Covariances ``(n, 6, 6)`` once the prior is counted in."""
+        variances = np.where(self.flags, self.variances / (1 + self.variances), self.variances)
+        carried = self._carried()
+        return np.einsum("nij,nj,nkj->nik", carried, variances, carried)
+
+    def _carried(self) -> Float:
+        return self.vectors * self.scales[:, :, None]
+
+
+def weak_directions(covariances: Float, grains: GrainArrays) -> Weak:
+    """Principal directions of covariances ``(n, 6, 6)``, in the prior's standard deviations."""
+    scales = np.stack([np.repeat([SHIFT * 2 * radius, TURN], 3) for radius in grains.radii])
+    scaled = np.nan_to_num(covariances) / (scales[:, :, None] * scales[:, None, :])
+    shrink = np.sqrt(np.minimum(1.0, UNKNOWN / np.maximum(np.diagonal(scaled, axis1=1, axis2=2), 1e-300)))
+    values, vectors = np.linalg.eigh(scaled * shrink[:, :, None] * shrink[:, None, :])
+    return Weak(scales, vectors, np.maximum(values, 0.0))
+
+
+def poorly(covariance: Float, limits: tuple[float, float]) -> list[str]:
+    """Names of a grain's directions whose standard deviation exceeds the limits (mm, radians)."""
+    names = []
+    for part, limit, what in (
+        (slice(0, 3), limits[0], "translation along"),
+        (slice(3, 6), limits[1], "rotation about"),
+    ):
+        values, vectors = np.linalg.eigh(covariance[part, part])
+        bad = vectors[:, ~(values <= limit**2)].T
+        names += [f"{what} any axis"] if len(bad) == 3 else [f"{what} {_direction(v)}" for v in bad]
+    return names
+
+
+def _direction(vector: Float) -> str:
+    k = int(np.argmax(np.abs(vector)))
+    if abs(vector[k]) > ALIGNED:
+        return "xyz"[k]
+    x, y, z = vector * np.sign(vector[k])
+    return f"({x:.2f}, {y:.2f}, {z:.2f})"

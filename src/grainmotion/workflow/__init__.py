@@ -1,0 +1,1 @@
+"""The order of a run, what it keeps and what it writes."""

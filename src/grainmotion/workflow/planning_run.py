@@ -1,0 +1,134 @@
+"""Plans of experiments: the grains and views of an experiment file, or of a simulated case; what is written.
+
+PLAN/plan.csv    one row a grain and set of views: predicted sd, mm and degrees
+PLAN/angles.csv  one row a set of views: angles, medians over the grains, motions to expect
+PLAN/plan.png    the same as a figure
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal
+
+from grainmotion import simulate
+from grainmotion._typing import Progress
+from grainmotion.errors import InputError
+from grainmotion.experiment.circular import circular_geometry
+from grainmotion.experiment.config import Circular, Experiment, ScanTable
+from grainmotion.experiment.inputs import find_inputs
+from grainmotion.experiment.scan_inputs import ScanInput, find_scan
+from grainmotion.io.files import checked_folder, written_whole
+from grainmotion.io.results import read_reference
+from grainmotion.model.geometry import Geometry
+from grainmotion.model.grains import GrainSet
+from grainmotion.planning.candidates import candidate_angles, nearest_views
+from grainmotion.planning.plan import Plan, PlanSettings, plan
+from grainmotion.report.plan_figure import plan_figure
+from grainmotion.segmentation.extraction import grains_from_labels
+from grainmotion.workflow.context import REFERENCE, kept
+from grainmotion.workflow.run import run
+
+FOLDER = "plan"
+
+
+def plan_experiment(
+    experiment: Experiment,
+    settings: PlanSettings | None = None,
+    *,
+    out: Path | None = None,
+    progress: Progress | None = None,
+) -> tuple[Plan, Path]:
+    """Plan the states of an experiment from its reference, reconstructing and segmenting as far as needed.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    settings : PlanSettings, optional
+        By default its ``[plan]`` table.
+    out : Path, optional
+        Folder for results, by default ``[output] directory``; the plan goes to ``plan`` in it.
+    progress : callable, optional
+
+    Returns
+    -------
+    Plan, Path
+        What was found, and the folder that it was written to.
+    """
+    settings = settings or experiment.tables.plan
+    views = _candidates(experiment, settings)
+    done = run(experiment, out=out, until="segment", progress=progress)
+    reference = kept(read_reference, done.folder / REFERENCE)
+    assert reference.labels is not None
+    segmented = experiment.tables.segment
+    grains = grains_from_labels(
+        reference.volume, reference.labels, reach=segmented.reach, border=reference.border,
+        background=segmented.background, finer=1,
+    )  # fmt: skip
+    return _planned(grains, views, settings, done.folder, progress)
+
+
+def plan_case(
+    case: Literal["small", "paper"],
+    settings: PlanSettings | None = None,
+    *,
+    out: Path,
+    photons: float | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> tuple[Plan, Path]:
+    """Plan from a simulated packing, whose grains are exact but for their voxels; see `plan_experiment`.
+
+    ``photons`` are by default those of the case, whatever the settings say.
+    """
+    folder = checked_folder(out)
+    made = (simulate.small if case == "small" else simulate.paper_scale)(seed, progress=progress)
+    exposure = made.physics.photons if photons is None else photons
+    settings = replace(settings or PlanSettings(), photons=exposure)
+    grid = made.scanner.grid
+    volume = simulate.attenuation_volume(made.sample, grid)
+    grains = grains_from_labels(volume, simulate.label_volume(made.sample, grid), finer=1)
+    angles = tuple(float(a) for a in candidate_angles("cone", settings))
+    return _planned(grains, made.scanner.geometry(angles), settings, folder, progress)
+
+
+def write_plan(folder: str | Path, found: Plan) -> None:
+    """Write ``plan.csv``, ``angles.csv`` and ``plan.png`` to a folder."""
+    folder = Path(folder)
+    with written_whole(folder / "plan.csv") as path:
+        found.to_table().to_csv(path, index=False, float_format="%.8g")
+    with written_whole(folder / "angles.csv") as path:
+        found.angles_table().to_csv(path, index=False, float_format="%.6g")
+    with written_whole(folder / "plan.png") as path:
+        plan_figure(found).savefig(path, dpi=130)
+
+
+def _planned(
+    grains: GrainSet, views: Geometry, settings: PlanSettings, out: Path, progress: Progress | None
+) -> tuple[Plan, Path]:
+    found = plan(grains, views, settings, progress)
+    write_plan(out / FOLDER, found)
+    return found, out / FOLDER
+
+
+def _candidates(experiment: Experiment, settings: PlanSettings) -> Geometry:
+    """Views to choose from: a circular table turned to all candidate angles, or a scan's own views."""
+    table, scan = _first_scan(experiment)
+    described = table.geometry if table.geometry is not None else experiment.tables.reference.geometry
+    if isinstance(described, Circular):
+        beam = scan.geometry.beam
+        return circular_geometry(described, beam, scan.geometry.shape, candidate_angles(beam, settings))
+    return nearest_views(scan.geometry, settings)
+
+
+def _first_scan(experiment: Experiment) -> tuple[ScanTable, ScanInput]:
+    """The reference scan, or where only its volume is given the first state."""
+    tables, inputs = experiment.tables, find_inputs(experiment)
+    if inputs.reference is not None:
+        return tables.reference, inputs.reference
+    if tables.reference.radiographs is not None:
+        return tables.reference, find_scan("reference", tables.reference, tables.reference, experiment.folder)
+    if inputs.states:
+        return tables.states[0], inputs.states[0]
+    fact = "there is no scan whose geometry the plan could use"
+    raise InputError("reference.radiographs", fact, "name the reference's radiographs and geometry, or a state")

@@ -1,0 +1,95 @@
+"""What motions leave of radiographs: measured less what the model shows, with all that was found of the state."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from few_grains import VOXEL, geometry, grain_set, small_motions
+from grainmotion.analysis.residual_images import leftover
+from grainmotion.model.detector_response import Response
+from grainmotion.model.grains import GrainSet
+from grainmotion.model.motions import StateFit
+from grainmotion.model.pose import NuisanceMotion
+from grainmotion.model.scan import Scan
+from grainmotion.model.volume import Volume
+from grainmotion.objective.nuisance_motions import background_images, corrected
+from grainmotion.projection.grains import simulate_radiographs
+from grainmotion.rotations import rotation_matrix
+from grainmotion.segmentation.extraction import packed_body
+
+GRAINS = grain_set(3, finer=1)
+TRUTH = small_motions(GRAINS)
+RNG = np.random.default_rng(0)
+CORRECTIONS = RNG.normal(size=(4, 3)) * [0.5, 0.5, 0.01]
+BACKGROUND = np.array([0.2, -0.1, 0.05, 0.02, -0.05, 0.1])
+RESPONSE = Response(np.stack([[0.9, 1.0, 1.1, 1.2], [-0.05] * 4], axis=1), RNG.normal(size=(4, 3)) * 0.05)
+NOISE = 0.02 * RNG.standard_normal((4, 52, 64)).astype(np.float32)
+
+
+def wall():
+    """A plate beside the grains."""
+    array = np.zeros((40, 50, 50), np.float32)
+    array[5:35, 10:40, 44:47] = 0.6
+    return Volume(array, VOXEL)
+
+
+def fitted(**fit):
+    return replace(TRUTH, fit=StateFit(**fit))
+
+
+class TestLeftover:
+    def test_gain_and_offset(self):
+        images = 1.1 * simulate_radiographs(GRAINS, TRUTH, geometry()) + 0.03
+        found = leftover(GRAINS, fitted(gain=1.1, offset=0.03), Scan(images + NOISE, geometry()))
+        np.testing.assert_allclose(found, NOISE, atol=1e-5)
+
+    def test_everything_at_once(self):
+        """Gains, backgrounds and hardening of each view, corrected views, and a wall that moved."""
+        at = NuisanceMotion(CORRECTIONS, BACKGROUND[:3], rotation_matrix(BACKGROUND[3:]))
+        views = corrected(geometry(), at)
+        path = simulate_radiographs(GRAINS, TRUTH, views)
+        path += background_images(packed_body(wall()), at, views, "trilinear", False)[0]
+        scan = Scan(RESPONSE.apply(path) + NOISE, geometry())
+        grains = GrainSet(GRAINS.grains, wall(), True)
+        motions = fitted(response=RESPONSE, corrections=CORRECTIONS, background=BACKGROUND)
+        np.testing.assert_allclose(leftover(grains, motions, scan), NOISE, atol=1e-5)
+        for name in ("response", "corrections", "background"):
+            worse = replace(motions, fit=replace(motions.fit, **{name: None}))
+            assert np.abs(leftover(grains, worse, scan) - NOISE).max() > 0.05, name
+
+    def test_a_background_that_stays(self):
+        grains = GrainSet(GRAINS.grains, wall())
+        scan = Scan(simulate_radiographs(grains, TRUTH, geometry()) + NOISE, geometry())
+        np.testing.assert_allclose(leftover(grains, TRUTH, scan), NOISE, atol=1e-4)
+
+    def test_masked_pixels_are_nan(self):
+        valid = np.random.default_rng(1).uniform(size=NOISE.shape) > 0.1
+        scan = Scan(np.where(valid, simulate_radiographs(GRAINS, TRUTH, geometry()), 9), geometry(), valid)
+        found = leftover(GRAINS, TRUTH, scan)
+        np.testing.assert_array_equal(np.isnan(found), ~valid)
+        assert np.nanmax(np.abs(found)) < 1e-5
+
+    def test_unknown_grains_are_left_over(self):
+        scan = Scan(simulate_radiographs(GRAINS, TRUTH, geometry()), geometry())
+        lost = replace(TRUTH, translations=np.where([[False], [True], [False]], np.nan, TRUTH.translations))
+        alone = GRAINS.without([0, 2])
+        own = replace(
+            TRUTH, labels=TRUTH.labels[1:2], centers=TRUTH.centers[1:2], translations=TRUTH.translations[1:2],
+            rotations=TRUTH.rotations[1:2], covariances=TRUTH.covariances[1:2], statuses=TRUTH.statuses[1:2],
+            residuals=TRUTH.residuals[1:2], iterations=TRUTH.iterations[1:2], reasons=("",),
+        )  # fmt: skip
+        expected = simulate_radiographs(alone, own, geometry())
+        np.testing.assert_allclose(leftover(GRAINS, lost, scan), expected, atol=1e-5)
+
+    @pytest.mark.parametrize("projector", ["trilinear", "exact"])
+    def test_projector(self, projector):
+        scan = Scan(simulate_radiographs(GRAINS, TRUTH, geometry(), projector), geometry())
+        np.testing.assert_allclose(leftover(GRAINS, TRUTH, scan, projector), 0, atol=1e-6)
+
+    def test_the_scan_is_left_alone(self):
+        valid = np.random.default_rng(1).uniform(size=NOISE.shape) > 0.1
+        scan = Scan(np.abs(NOISE), geometry(), valid)
+        before = scan.line_integrals.copy()
+        leftover(GRAINS, TRUTH, scan)
+        np.testing.assert_array_equal(scan.line_integrals, before)

@@ -1,0 +1,145 @@
+"""Self-calibration on a reference scan, against the panel's true place."""
+
+import numpy as np
+import pytest
+
+from grainmotion.calibration.calibrate import CalibrateSettings, calibrate
+from grainmotion.calibration.corrections import corrected
+from grainmotion.errors import InputError
+from grainmotion.model.geometry import DetectorAlignment, Geometry
+from grainmotion.model.scan import Scan
+from grainmotion.model.volume import Volume
+from grainmotion.simulate import scenarios
+from grainmotion.simulate.detector import record_line_integrals
+
+SHIFT, TURN = 0.25, 0.5  # mm, half a pixel; degrees
+PIXEL = 0.5
+GAUGES = ("shift_v", "pitch", "axis_offset")
+
+
+@pytest.fixture(scope="module")
+def case():
+    return scenarios.small()
+
+
+def recorded(case, told, **off):
+    """A scan whose panel is off by what is not told."""
+    images = record_line_integrals(case.sample, corrected(told, off), case.physics, 1).line_integrals
+    return Scan(images, told)
+
+
+@pytest.fixture(scope="module")
+def misaligned(case):
+    told = case.scanner.geometry()
+    return calibrate(recorded(case, told, shift_u=SHIFT, turn=TURN), case.scanner.grid)
+
+
+def errors(calibration, **truth):
+    """Measured − true, and sd, by name."""
+    return {c.name: (c.value - truth.get(c.name, 0), c.sd) for c in calibration.corrections}
+
+
+class TestMisalignedMachine:
+    def test_shift_and_turn_are_found(self, misaligned):
+        found = errors(misaligned, shift_u=SHIFT, turn=TURN)
+        assert abs(found["shift_u"][0]) < 0.05 * PIXEL
+        assert abs(found["turn"][0]) < 0.05
+        assert all(abs(error) < 2.5 * sd for error, sd in found.values())
+
+    def test_views_agree_better(self, misaligned):
+        before, after = misaligned.residuals
+        assert after < 0.5 * before
+
+    def test_a_state_is_corrected_alike(self, case, misaligned):
+        views = case.scanner.geometry((10.0, 77.0))
+        truth = corrected(views, {"shift_u": SHIFT, "turn": TURN})
+        corners = np.array([[1.0, 1.0, 2.0], [-1.0, 2.0, -2.0]])
+        told, found, true = (g.project_points(corners) for g in (views, misaligned.apply(views), truth))
+        assert np.abs(told - true).max() > 0.5
+        # The axis tilt and the panel's shift along v, which no one sees, move all rows alike.
+        assert np.abs(found - true)[..., 1].max() < 0.05
+        assert np.abs(found - true)[..., 0].max() < 0.1
+
+
+class TestAlignedMachine:
+    def test_it_stays_where_it_is(self, case):
+        told = case.scanner.geometry()
+        calibration = calibrate(recorded(case, told), case.scanner.grid)
+        assert all(abs(error) < 2 * sd for error, sd in errors(calibration).values())
+        assert abs(calibration.values["shift_u"]) < 0.02 * PIXEL
+        assert abs(calibration.values["turn"]) < 0.03
+
+    def test_gauges_of_a_parallel_beam_are_not_determined(self, case):
+        told = Geometry.parallel(np.arange(90) * 4.0, (96, 72), 0.125)
+        scan = recorded(case, told, shift_u=0.125)
+        calibration = calibrate(
+            scan, case.scanner.grid, CalibrateSettings(parameters=("shift_u", "turn", *GAUGES), columns=24)
+        )
+        assert [c.name for c in calibration.corrections if c.determined] == ["shift_u", "turn"]
+        assert calibration.values["shift_u"] == pytest.approx(0.125, abs=0.05 * 0.125)
+        assert all(calibration.values[name] == 0 for name in GAUGES)
+        assert "axis_offset not determined" in str(calibration)
+
+    def test_masked_pixels_do_not_count(self, case):
+        told = case.scanner.geometry()
+        scan = recorded(case, told)
+        valid = np.ones(scan.line_integrals.shape, bool)
+        valid[:, 40:44, 10:60] = False
+        images = np.where(valid, scan.line_integrals, 9.0)
+        settings = CalibrateSettings(parameters=("shift_u",), iterations=2)
+        calibration = calibrate(Scan(images, told, valid), case.scanner.grid, settings)
+        assert abs(calibration.values["shift_u"]) < 0.05 * PIXEL
+
+
+class TestFarOff:
+    def test_a_ninth_of_the_panel(self, case):
+        told = case.scanner.geometry()
+        scan = recorded(case, told, shift_u=-8 * PIXEL)
+        calibration = calibrate(scan, case.scanner.grid, CalibrateSettings(parameters=("shift_u",), columns=36))
+        assert calibration.values["shift_u"] == pytest.approx(-8 * PIXEL, abs=0.05 * PIXEL)
+
+
+class TestCorrections:
+    """Of a perfect circular scan they are the numbers of `DetectorAlignment`."""
+
+    @pytest.mark.parametrize("first_row", ["bottom", "top"])
+    @pytest.mark.parametrize("beam", ["cone", "parallel"])
+    def test_same_as_the_constructors(self, beam, first_row):
+        panel = DetectorAlignment((0.3, -0.2), (1.0, -2.0, 0.5), 0.4, (0.7, 0.0), first_row)
+        off = {
+            "shift_u": 0.3, "shift_v": -0.2, "pitch": 1.0, "turn": -2.0, "yaw": 0.5, "axis_offset": 0.4,
+            "axis_tilt": 0.7,
+        }  # fmt: skip
+
+        def made(panel):
+            if beam == "parallel":
+                return Geometry.parallel([0, 50, 200], (8, 9), 0.1, panel=panel)
+            return Geometry.cone([0, 50, 200], (8, 9), 0.1, source_to_axis=20, source_to_detector=50, panel=panel)
+
+        told = made(DetectorAlignment(first_row=first_row))
+        np.testing.assert_allclose(corrected(told, off).vectors, made(panel).vectors, atol=1e-12)
+
+    def test_axis_tilt_about_the_beam_is_the_turn(self):
+        def made(panel):
+            return Geometry.cone([0, 50], (8, 9), 0.1, source_to_axis=20, source_to_detector=50, panel=panel)
+
+        turned = corrected(made(None), {"turn": -1.5})
+        np.testing.assert_allclose(
+            turned.vectors, made(DetectorAlignment(axis_tilt_deg=(0.0, 1.5))).vectors, atol=1e-12
+        )
+
+    def test_unknown_name(self):
+        told = Geometry.parallel([0], (4, 4), 1.0)
+        with pytest.raises(InputError, match="no corrections"):
+            corrected(told, {"shift": 1.0})
+
+
+class TestInput:
+    def test_few_views(self, case):
+        with pytest.raises(InputError, match="2 views"):
+            calibrate(case.reference().select([0, 9]), case.scanner.grid)
+
+    def test_empty_radiographs(self):
+        told = Geometry.parallel(np.arange(20) * 9.0, (8, 20), 1.0)
+        with pytest.raises(InputError, match="empty"):
+            calibrate(Scan(np.zeros((20, 8, 20), np.float32), told), Volume.zeros((8, 20, 20), 1.0))

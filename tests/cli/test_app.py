@@ -1,0 +1,219 @@
+"""The commands: what they print, where they write, how they end."""
+
+import contextlib
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from grainmotion.backends import device
+from grainmotion.cli import console
+from grainmotion.cli.app import app
+from grainmotion.io.motions_csv import read_motions
+from grainmotion.io.spam import read_ddic_tsv
+from grainmotion.io.tiff import read_tiff, write_tiff
+from grainmotion.model.volume import Volume
+from tiny_experiment import SHIFTS, write_tiny
+
+COMMAND = [sys.executable, "-c", "from grainmotion.cli.app import main; main()"]
+
+
+def invoke(*args):
+    result = CliRunner().invoke(app, [str(a) for a in args])
+    assert result.exit_code == 0, result.output
+    return result
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """A whole run by the command, done once."""
+    path = write_tiny(tmp_path_factory.mktemp("cli") / "tiny")
+    return path, invoke("run", path)
+
+
+@pytest.fixture
+def copied(finished, tmp_path):
+    shutil.copytree(finished[0].parent, tmp_path / "tiny")
+    return tmp_path / "tiny" / "experiment.toml"
+
+
+class TestRun:
+    def test_says_what_it_did(self, finished):
+        path, result = finished
+        assert "ε = " in result.stdout
+        assert "done: reconstruct, segment, one/track" in result.stdout
+        assert f"report: {path.parent / 'results' / 'report.html'}" in result.stdout
+        assert result.stderr == ""
+
+    def test_writes_beside_the_file(self, finished):
+        motions = read_motions(finished[0].parent / "results" / "two" / "motions.csv")
+        np.testing.assert_allclose(motions.translations, np.tile(SHIFTS["two"], (3, 1)), atol=0.02)
+
+    def test_quiet_and_again(self, copied):
+        result = invoke("run", copied, "--quiet")
+        assert "done" not in result.stdout
+        assert "report: " in result.stdout
+
+    def test_out(self, copied, tmp_path):
+        shutil.move(copied.parent / "results", tmp_path / "elsewhere")
+        result = invoke("run", copied, "--out", tmp_path / "elsewhere")
+        assert "done: nothing" in result.stdout
+        assert not (copied.parent / "results").exists()
+
+    @pytest.mark.parametrize("command", ["reconstruct", "segment", "track", "report"])
+    def test_stages_find_themselves_done(self, copied, command):
+        assert "done: nothing; kept: reconstruct" in invoke(command, copied).stdout
+
+
+class TestDevice:
+    def test_another_device_redoes_nothing(self, copied):
+        assert "done: nothing; kept: reconstruct" in invoke("run", copied, "--device", "cpu").stdout
+
+    def test_a_device_that_is_not_there_is_told_before_any_work(self, tmp_path, monkeypatch):
+        monkeypatch.setattr(device, "_lacking", lambda: ("no card", "buy one"))
+        result = CliRunner().invoke(app, ["run", str(write_tiny(tmp_path)), "--device", "cuda"])
+        assert result.exit_code == 2
+        assert result.stderr == "error: device 'cuda': no card; buy one\n"
+        assert not (tmp_path / "results").exists()
+
+    def test_the_file_chooses_where_the_command_does_not(self, tmp_path, monkeypatch):
+        monkeypatch.setattr(device, "_lacking", lambda: ("no card", "buy one"))
+        path = write_tiny(tmp_path)
+        path.write_text(path.read_text().replace("search = false", 'search = false\ndevice = "cuda"'))
+        assert CliRunner().invoke(app, ["run", str(path)]).exit_code == 2
+        path.write_text(path.read_text().replace('"cuda"', '"gpu"'))
+        assert "'auto', 'cpu' or 'cuda'" in CliRunner().invoke(app, ["run", str(path)]).stderr
+
+
+class TestExport:
+    def test_vtk_and_spam(self, copied):
+        invoke("export", copied, "--format", "vtk", "--format", "spam")
+        results = copied.parent / "results"
+        for name in SHIFTS:
+            assert (results / name / "grains.vtp").exists()
+            back = read_ddic_tsv(results / name / "grains-ddic.tsv", Volume.zeros((28, 36, 36), 0.1))
+            np.testing.assert_allclose(back.translations, np.tile(SHIFTS[name], (3, 1)), atol=0.02)
+        assert (results / "reference.vti").exists()
+        assert read_tiff(results / "reference_labels.tif").max() == 3
+
+    def test_unknown_format(self, copied):
+        result = CliRunner().invoke(app, ["export", str(copied), "--format", "dxf"])
+        assert result.exit_code == 2
+        assert "dxf" in result.stderr
+
+
+class TestInspect:
+    def test_describes_without_writing(self, tmp_path):
+        path = write_tiny(tmp_path)
+        text = invoke("inspect", path).stdout
+        for words in ("40 x 28 x 36", "uint16", "states.two", "0.1 mm", "28 x 36 x 36 voxels", "GB"):
+            assert words in text
+        assert not (tmp_path / "results").exists()
+
+    def test_warns(self, tmp_path):
+        path = write_tiny(tmp_path)
+        flats = read_tiff(tmp_path / "flats.tif")
+        flats[:, 3, 4] = 0
+        write_tiff(tmp_path / "flats.tif", (flats * 0.9).astype(np.uint16))
+        path.write_text(path.read_text().replace("angles_deg = [10.0, 55.0, 100.0]", "angles_deg = [10.0]"))
+        np.save(tmp_path / "two.npy", np.load(tmp_path / "two.npy")[:1])
+        text = invoke("inspect", path).stdout
+        assert "3 dead" in text
+        assert "the outermost columns have a line integral of -0.1" in text
+        assert "states.two: one view" in text
+
+
+class TestEnds:
+    def test_help_and_version(self):
+        text = invoke("--help").stdout
+        for command in ("run", "reconstruct", "segment", "track", "report", "export", "inspect", "simulate", "demo"):
+            assert command in text
+        assert invoke("version").stdout.strip() == "0.1.0"
+
+    def test_interrupt_then_kill_then_finish(self, tmp_path):
+        """Ctrl-C and kill -9 at any place leave whole files, and the same command goes on."""
+        path = write_tiny(tmp_path)
+        results = tmp_path / "results"
+        first = _started(path)
+        _wait(first, results / "reconstruction.h5", results / "reference.h5")
+        first.send_signal(signal.SIGINT)
+        _, errors = first.communicate()
+        assert first.returncode == 130
+        last = errors.strip().splitlines()[-1]
+        assert last == "interrupted: finished stages are kept; the same command continues"
+        second = _started(path)
+        _wait(second, results / "one" / "motions.csv")
+        second.kill()
+        second.communicate()
+        text = invoke("run", path).stdout
+        assert "kept: reconstruct" in text
+        assert set(SHIFTS) == {p.name for p in results.iterdir() if p.is_dir()}
+        for name, shift in SHIFTS.items():
+            motions = read_motions(results / name / "motions.csv")
+            np.testing.assert_allclose(motions.translations, np.tile(shift, (3, 1)), atol=0.02)
+
+
+def _started(path):
+    environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
+    return subprocess.Popen(
+        [*COMMAND, "run", str(path)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment,
+    )
+
+
+def _wait(process, *paths):
+    """Until one of the files is there, however long it takes: a test that hangs is ended by pytest's own limit."""
+    while not any(p.exists() for p in paths):
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.05)
+
+
+@pytest.fixture
+def default_sigint():
+    """Python's own SIGINT: a shell's background job ignores it, other tests may leave another."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("default_sigint")
+def test_an_interrupt_that_a_library_swallows_is_not_lost():
+    with console.progress(quiet=True) as listen:
+        with contextlib.suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        with pytest.raises(KeyboardInterrupt):
+            listen("next step", 1, 2)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+class TestSimulated:
+    def test_simulate_writes_an_experiment(self, tmp_path):
+        text = invoke("simulate", tmp_path / "sim", "--case", "small", "--seed", 3).stdout
+        assert f"experiment: {tmp_path / 'sim' / 'experiment.toml'}" in text
+        assert len(list((tmp_path / "sim" / "reference").iterdir())) == 90
+        assert "shift-2" in invoke("inspect", tmp_path / "sim" / "experiment.toml").stdout
+        again = CliRunner().invoke(app, ["simulate", str(tmp_path / "sim")])
+        assert again.exit_code == 2
+        assert "already holds files" in again.stderr
+
+    @pytest.mark.slow
+    def test_demo_reports_its_own_errors(self, tmp_path):
+        text = invoke("demo", tmp_path / "demo").stdout
+        rows = [line.split("│")[1:-1] for line in text.splitlines() if line.startswith("│")]
+        assert [row[0].strip() for row in rows] == ["shift-4", "random-4"]
+        for _, grains, failures, voxels, degrees in rows:
+            assert int(grains) == 6
+            assert int(failures) == 0
+            assert float(voxels) < 0.1
+            assert float(degrees) < 1.0
+        assert text.strip().splitlines()[-1] == f"report: {tmp_path / 'demo' / 'results' / 'report.html'}"
+        assert "rms a component" in (tmp_path / "demo" / "results" / "report.html").read_text()

@@ -1,0 +1,82 @@
+"""Over 100 grains, where the normal equations are products: the bits of one process, by whomever they are made."""
+
+import numpy as np
+import pytest
+
+from few_grains import VOXEL
+from grainmotion.cluster.connection import ComputeConfig, at_work
+from grainmotion.cluster.dask_backend import DaskBackend
+from grainmotion.cluster.shared_store import SharedStore
+from grainmotion.model.geometry import Geometry
+from grainmotion.model.motions import Motions
+from grainmotion.model.scan import Scan
+from grainmotion.model.volume import Volume
+from grainmotion.projection.grains import simulate_radiographs
+from grainmotion.segmentation.extraction import grains_from_labels
+from grainmotion.tracking.track import TrackSettings, track
+from inline_work import InlineExecutor
+
+ACROSS, SIDE = 8, 5
+QUICK = TrackSettings(search=False, fields=False, filters=(2.0, 0.7), iterations=3, device="cpu")
+
+
+@pytest.fixture(autouse=True)
+def shared(monkeypatch):
+    """Workers walk samples however small."""
+    monkeypatch.setattr("grainmotion.cluster.dask_backend.WORTH", 0)
+
+
+def crowd():
+    """125 stones of 6 voxels on a lattice, in single precision, and a state with motions of their own and noise."""
+    rng = np.random.default_rng(0)
+    points = np.stack(np.meshgrid(*[np.arange(ACROSS) - 3.5] * 3, indexing="ij"), axis=-1)
+    volume = np.zeros((ACROSS * SIDE,) * 3, np.float32)
+    labels = np.zeros(volume.shape, np.int32)
+    for label, corner in enumerate(np.ndindex(SIDE, SIDE, SIDE), start=1):
+        normals = rng.normal(size=(8, 3))
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        outside = np.maximum(
+            (points @ normals.T - rng.uniform(1.5, 3, 8)).max(axis=-1), np.abs(points).max(axis=-1) - 3
+        )
+        here = tuple(slice(ACROSS * k, ACROSS * (k + 1)) for k in corner)
+        volume[here] = np.clip(0.5 - outside, 0, 1)
+        labels[here] = np.where(volume[here] > 0.3, label, 0)
+    grains = grains_from_labels(Volume(volume, VOXEL), labels, background="ignore")
+    views = Geometry.cone((0.0, 50.0, 95.0, 140.0), (52, 72), 4 * VOXEL, source_to_axis=40, source_to_detector=160)
+    moved = Motions.identity(grains.labels, grains.centers)
+    moved.translations[:] = VOXEL * rng.uniform(-0.7, 0.7, (len(grains), 3))
+    moved.rotations[:] = np.deg2rad(rng.uniform(-3, 3, (len(grains), 3)))
+    images = simulate_radiographs(grains, moved, views)
+    return grains, Scan((images + rng.normal(0, 0.005, images.shape)).astype(np.float32), views)
+
+
+@pytest.fixture(scope="module")
+def alone():
+    """The crowd, and what one process makes of it."""
+    grains, scan = crowd()
+    assert len(grains) > 100
+    assert grains.precision == np.float32
+    return grains, scan, track(grains, scan, settings=QUICK)
+
+
+def equal(one, other):
+    for name in ("translations", "rotations", "statuses", "covariances", "residuals"):
+        np.testing.assert_array_equal(getattr(other, name), getattr(one, name))
+
+
+@pytest.mark.parametrize("hands", [1, 2, 5])
+def test_same_bits_however_it_is_cut(alone, tmp_path, hands):
+    grains, scan, one = alone
+    assert np.ptp(one.translations) > VOXEL
+    crew = DaskBackend.of(InlineExecutor(hands), SharedStore(tmp_path / "shelf"))
+    equal(one, track(grains, scan, settings=QUICK, device=crew))
+    assert crew.work.done.count("spread") > 10 * hands
+    crew.shelf.close()
+
+
+@pytest.mark.slow
+def test_same_bits_by_processes(alone, tmp_path):
+    pytest.importorskip("distributed")
+    grains, scan, one = alone
+    with at_work(ComputeConfig(workers=2), tmp_path) as cluster:
+        equal(one, track(grains, scan, settings=QUICK, device=cluster.crew))

@@ -1,0 +1,390 @@
+"""Where points of the sample fall on the panel, sign by sign."""
+
+import numpy as np
+import pytest
+
+from grainmotion.errors import InputError
+from grainmotion.model.geometry import DetectorAlignment, Geometry
+from grainmotion.rotations import rotation_matrix
+
+SOURCE_TO_AXIS, SOURCE_TO_DETECTOR, PIXEL = 100.0, 400.0, 0.5
+MAGNIFICATION = SOURCE_TO_DETECTOR / SOURCE_TO_AXIS
+SHAPE = (40, 60)
+MIDDLE = np.array([19.5, 29.5])  # row, column of the geometric centre of 40 × 60 pixels
+BEAMS = ("cone", "parallel")
+
+
+def circular(beam="cone", angles=(0.0,), shape=SHAPE, panel=None, pixel=PIXEL):
+    if beam == "parallel":
+        return Geometry.parallel(angles, shape, pixel, panel=panel)
+    return Geometry.cone(
+        angles, shape, pixel, source_to_axis=SOURCE_TO_AXIS, source_to_detector=SOURCE_TO_DETECTOR, panel=panel
+    )
+
+
+def spot(geometry, point, view=0):
+    """Row and column at which a point falls."""
+    return geometry.project_points(point)[view, 0]
+
+
+class TestPerfectSetUp:
+    @pytest.mark.parametrize("beam", BEAMS)
+    @pytest.mark.parametrize("shape", [(40, 60), (41, 61), (41, 60), (1, 1)], ids=str)
+    def test_the_axis_falls_on_the_geometric_centre(self, beam, shape):
+        """Between two pixels when their number is even, on one when it is odd."""
+        geometry = circular(beam, [0.0, 77.0], shape)
+        np.testing.assert_allclose(
+            geometry.project_points([0, 0, 0])[:, 0], [((shape[0] - 1) / 2, (shape[1] - 1) / 2)] * 2
+        )
+        # the same said by the pixels themselves: they lie evenly about the panel's centre
+        pixels = geometry.pixel_positions(1)
+        assert pixels.shape == (*shape, 3)
+        np.testing.assert_allclose(pixels.mean(axis=(0, 1)), geometry.vectors[1, 3:6], atol=1e-9)
+
+    @pytest.mark.parametrize(("beam", "magnification"), [("cone", MAGNIFICATION), ("parallel", 1.0)])
+    def test_x_shows_as_columns_and_z_as_rows_magnified(self, beam, magnification):
+        geometry = circular(beam)
+        np.testing.assert_allclose(spot(geometry, [1, 0, 0]) - MIDDLE, [0, magnification / PIXEL])
+        np.testing.assert_allclose(spot(geometry, [0, 0, 1]) - MIDDLE, [magnification / PIXEL, 0])
+        assert geometry.pixel_at([0, 0, 0]) == pytest.approx(PIXEL / magnification)
+
+    def test_a_point_nearer_to_the_source_is_magnified_more(self):
+        geometry = circular()
+        np.testing.assert_allclose(spot(geometry, [1, -20, 0]) - MIDDLE, [0, 400 / 80 / PIXEL])
+        assert geometry.pixel_at([0, -20, 0]) == pytest.approx(PIXEL * 80 / 400)
+
+    def test_a_point_on_the_right_comes_nearer_to_the_source_as_the_angle_grows(self):
+        geometry = circular(angles=[0.0, 30.0, 90.0])
+        distances = np.linalg.norm(geometry.vectors[:, :3] - [5.0, 0, 0], axis=1)
+        assert distances[0] > distances[1] > distances[2]
+        columns = geometry.project_points([5.0, 0, 0])[:, 0, 1]
+        assert columns[0] > columns[1] > columns[2] == pytest.approx(MIDDLE[1])
+
+    @pytest.mark.parametrize("beam", BEAMS)
+    def test_a_turn_of_the_views_is_the_opposite_turn_of_the_sample(self, beam):
+        points = np.random.default_rng(0).uniform(-8, 8, (20, 3))
+        turned = points @ rotation_matrix([0, 0, np.deg2rad(-37)]).T
+        seen = circular(beam, [37.0]).project_points(points)
+        np.testing.assert_allclose(seen, circular(beam, [0.0]).project_points(turned))
+
+    @pytest.mark.parametrize("beam", BEAMS)
+    def test_half_a_turn_mirrors_the_axis_plane(self, beam):
+        seen = circular(beam, [0.0, 180.0]).project_points([[3, 0, 2]])[:, 0]
+        np.testing.assert_allclose(seen[0] - MIDDLE, (seen[1] - MIDDLE) * [1, -1])
+
+
+class TestPanel:
+    """Each departure from the perfect set-up, as the move of a feature on the radiograph."""
+
+    @pytest.mark.parametrize("beam", BEAMS)
+    def test_offset_moves_features_to_lower_columns_and_rows(self, beam):
+        moved = spot(circular(beam, panel=DetectorAlignment(offset=(1.5, -2.0))), [0, 0, 0]) - MIDDLE
+        np.testing.assert_allclose(moved, [2.0 / PIXEL, -1.5 / PIXEL], atol=1e-12)
+
+    def test_offset_follows_the_rows_when_they_run_down(self):
+        moved = spot(circular(panel=DetectorAlignment(offset=(0, 2.0), first_row="top")), [0, 0, 0]) - MIDDLE
+        np.testing.assert_allclose(moved, [-2.0 / PIXEL, 0], atol=1e-12)
+
+    @pytest.mark.parametrize("beam", BEAMS)
+    def test_first_row(self, beam):
+        assert spot(circular(beam), [0, 0, 1])[0] > MIDDLE[0]
+        top = circular(beam, panel=DetectorAlignment(first_row="top"))
+        assert spot(top, [0, 0, 1])[0] < MIDDLE[0]
+        np.testing.assert_allclose(spot(top, [1, 0, 0]), spot(circular(beam), [1, 0, 0]))
+
+    def test_pitch_brings_the_upper_edge_nearer_to_the_source(self):
+        """A positive turn about x tips z towards −y: features above the centre move closer to it, below away."""
+        geometry = circular(panel=DetectorAlignment(tilts_deg=(10.0, 0, 0)))
+        upper, lower = geometry.pixel_positions(0)[[-1, 0], 30]
+        assert upper[1] < lower[1]  # row 39 is the upper one; it is nearer to the source
+        above, below = spot(geometry, [0, 0, 2]) - MIDDLE, MIDDLE - spot(geometry, [0, 0, -2])
+        assert 0 < above[0] < below[0]
+
+    def test_in_plane_turn(self):
+        """A positive turn about the beam (+y) moves +x to −z on the panel: features to the right show higher."""
+        geometry = circular(panel=DetectorAlignment(tilts_deg=(0, 5.0, 0)))
+        assert geometry.vectors[0, 8] < 0
+        right = spot(geometry, [2, 0, 0]) - MIDDLE
+        angle = np.deg2rad(5)
+        np.testing.assert_allclose(right, 2 * MAGNIFICATION / PIXEL * np.array([np.sin(angle), np.cos(angle)]))
+
+    def test_yaw_takes_the_right_columns_away_from_the_source(self):
+        geometry = circular(panel=DetectorAlignment(tilts_deg=(0, 0, 10.0)))
+        left, right = geometry.pixel_positions(0)[20, [0, -1]]
+        assert right[1] > left[1]
+        to_the_right, to_the_left = spot(geometry, [2, 0, 0]) - MIDDLE, MIDDLE - spot(geometry, [-2, 0, 0])
+        assert to_the_right[1] > to_the_left[1] > 0
+
+    @pytest.mark.parametrize(("beam", "magnification"), [("cone", MAGNIFICATION), ("parallel", 1.0)])
+    def test_axis_offset_moves_features_to_the_right_at_every_angle(self, beam, magnification):
+        geometry = circular(beam, [0.0, 63.0, 250.0], panel=DetectorAlignment(axis_offset=0.7))
+        moved = geometry.project_points([0, 0, 0])[:, 0] - MIDDLE
+        np.testing.assert_allclose(moved, [[0, 0.7 * magnification / PIXEL]] * 3, atol=1e-9)
+
+    def test_axis_tilt_leans_the_axis_on_the_radiograph(self):
+        """About y (the beam) by a positive angle, z leans to +x: points higher on the axis show further right."""
+        geometry = circular(angles=[0.0, 110.0], panel=DetectorAlignment(axis_tilt_deg=(0.0, 3.0)))
+        low, middle, high = (geometry.project_points([0, 0, z])[:, 0] - MIDDLE for z in (-3, 0, 3))
+        np.testing.assert_allclose(middle, 0, atol=1e-9)
+        slope = np.tan(np.deg2rad(3))
+        for leaning in (high, -low):  # at every angle: the axis is what does not move
+            np.testing.assert_allclose(leaning[:, 1] / leaning[:, 0], slope)
+            assert (leaning[:, 1] > 0).all()
+
+    def test_axis_tilt_about_x_leans_the_axis_towards_the_source(self):
+        geometry = circular(panel=DetectorAlignment(axis_tilt_deg=(4.0, 0.0)))
+        high, low = spot(geometry, [0, 0, 3]) - MIDDLE, MIDDLE - spot(geometry, [0, 0, -3])
+        assert high[1] == pytest.approx(0)
+        assert high[0] > low[0] > 0  # +z leans to −y, nearer to the source, and is magnified more
+
+    @pytest.mark.parametrize("name", ["Top", "upper", ""])
+    def test_unknown_first_row_is_refused(self, name):
+        with pytest.raises(InputError, match=r"first_row.*bottom"):
+            DetectorAlignment(first_row=name)
+
+
+class TestImperfectSetUpByHand:
+    """All departures at once, against a plain ray–plane intersection in the laboratory frame."""
+
+    PANEL = DetectorAlignment(
+        offset=(1.3, -0.8), tilts_deg=(2.0, -3.0, 5.0), axis_offset=0.6, axis_tilt_deg=(1.5, -2.5), first_row="top"
+    )
+
+    @staticmethod
+    def rotation(vector_deg):
+        """Rodrigues' formula written out."""
+        w = np.deg2rad(np.asarray(vector_deg, dtype=float))
+        angle = np.linalg.norm(w)
+        k = w / angle
+        K = np.array([[0, -k[2], k[1]], [k[2], 0, -k[0]], [-k[1], k[0], 0]])
+        return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
+
+    def by_hand(self, beam, angle, point):
+        """The sample turns on its axis by −θ, then stands on a leaning, offset axis; source and panel are fixed."""
+        point = self.rotation([0, 0, -angle]) @ point
+        point = self.rotation([1.5, -2.5, 0]) @ point + [0.6, 0, 0]
+        turn = self.rotation([2.0, -3.0, 5.0])
+        u, v = turn @ [PIXEL, 0, 0], turn @ [0, 0, -PIXEL]
+        distance = SOURCE_TO_DETECTOR - SOURCE_TO_AXIS if beam == "cone" else 0.0
+        center = np.array([0, distance, 0]) + 1.3 * u / PIXEL - 0.8 * v / PIXEL
+        source = np.array([0, -SOURCE_TO_AXIS, 0])
+        ray = point - source if beam == "cone" else np.array([0.0, 1.0, 0.0])
+        # point + t ray = center + a u + b v
+        _, a, b = np.linalg.solve(np.column_stack([-ray, u, v]), point - center)
+        return np.array([(SHAPE[0] - 1) / 2 + b, (SHAPE[1] - 1) / 2 + a])
+
+    @pytest.mark.parametrize("beam", BEAMS)
+    def test_project_points(self, beam):
+        angles = [20.0, 143.0, -71.0]
+        geometry = circular(beam, angles, panel=self.PANEL)
+        points = np.random.default_rng(2).uniform(-4, 4, (6, 3))
+        seen = geometry.project_points(points)
+        assert seen.shape == (3, 6, 2)
+        for i, angle in enumerate(angles):
+            for k, point in enumerate(points):
+                np.testing.assert_allclose(seen[i, k], self.by_hand(beam, angle, point), atol=1e-9)
+
+    @pytest.mark.parametrize("beam", BEAMS)
+    def test_pixels_project_onto_themselves(self, beam):
+        geometry = circular(beam, [0.0, 200.0], panel=self.PANEL)
+        pixels = geometry.pixel_positions(1)
+        if beam == "cone":  # anywhere along the ray
+            pixels = 0.3 * pixels + 0.7 * geometry.vectors[1, :3]
+        rows, columns = np.mgrid[:40, :60]
+        seen = geometry.project_points(pixels)[1].reshape(40, 60, 2)
+        np.testing.assert_allclose(seen, np.stack([rows, columns], -1), atol=1e-9)
+
+    def test_skewed_and_anisotropic_pixels(self):
+        """Nothing asks u and v to be orthogonal or of one length."""
+        row = [0, -100, 0, 3, 300, 2, 0.5, 0.01, 0.02, 0.1, 0, 0.25]
+        geometry = Geometry(np.array([row]), (7, 9))
+        rows, columns = np.mgrid[:7, :9]
+        seen = geometry.project_points(geometry.pixel_positions(0))[0].reshape(7, 9, 2)
+        np.testing.assert_allclose(seen, np.stack([rows, columns], -1), atol=1e-9)
+        np.testing.assert_allclose(geometry.pixel_sizes, [[np.hypot(0.1, 0.25), np.linalg.norm([0.5, 0.01, 0.02])]])
+
+
+class TestPoints:
+    def test_behind_the_source_is_nan_and_only_there(self):
+        seen = circular().project_points([[0, -99.0, 0], [0, -100.0, 0], [0, -101.0, 0]])[0]
+        assert np.isfinite(seen[0]).all()
+        assert np.isnan(seen[1:]).all()
+
+    def test_a_parallel_beam_has_no_behind(self):
+        assert np.isfinite(circular("parallel").project_points([[0, -1e6, 0], [0, 1e6, 0]])).all()
+
+    def test_ray_direction_may_have_any_length_and_sign(self):
+        geometry = circular("parallel", [33.0])
+        vectors = geometry.vectors.copy()
+        vectors[:, :3] *= -7
+        points = np.random.default_rng(3).normal(size=(5, 3))
+        np.testing.assert_allclose(
+            Geometry(vectors, SHAPE, "parallel").project_points(points), geometry.project_points(points)
+        )
+
+
+class TestAstra:
+    """ASTRA's ``geom_2vec`` writes out these formulae for its ``cone`` and ``parallel3d`` geometries."""
+
+    ANGLES = np.deg2rad([0.0, 17.0, 90.0, 201.0])
+
+    def test_cone_to_cone_vec(self):
+        geometry = circular(angles=np.rad2deg(self.ANGLES))
+        for row, angle in zip(geometry.to_astra()["Vectors"], self.ANGLES, strict=True):
+            sin, cos = np.sin(angle), np.cos(angle)
+            origin_source, origin_detector = SOURCE_TO_AXIS, SOURCE_TO_DETECTOR - SOURCE_TO_AXIS
+            expected = [
+                sin * origin_source, -cos * origin_source, 0,
+                -sin * origin_detector, cos * origin_detector, 0,
+                cos * PIXEL, sin * PIXEL, 0,
+                0, 0, PIXEL,
+            ]  # fmt: skip
+            np.testing.assert_allclose(row, expected, atol=1e-12)
+
+    def test_parallel3d_to_parallel3d_vec(self):
+        """ASTRA's direction (sin θ, −cos θ, 0) points against ours; the lines are the same."""
+        ours = circular("parallel", np.rad2deg(self.ANGLES))
+        sin, cos, zero = np.sin(self.ANGLES), np.cos(self.ANGLES), np.zeros(4)
+        rows = np.stack(
+            [sin, -cos, zero, zero, zero, zero, cos * PIXEL, sin * PIXEL, zero, zero, zero, zero + PIXEL], axis=1
+        )
+        theirs = Geometry.from_astra(
+            {"type": "parallel3d_vec", "DetectorRowCount": 40, "DetectorColCount": 60, "Vectors": rows}
+        )
+        np.testing.assert_allclose(ours.vectors[:, 3:], theirs.vectors[:, 3:], atol=1e-12)
+        np.testing.assert_allclose(ours.vectors[:, :3], -theirs.vectors[:, :3], atol=1e-12)
+        points = np.random.default_rng(4).normal(size=(5, 3))
+        np.testing.assert_allclose(ours.project_points(points), theirs.project_points(points))
+
+    @pytest.mark.parametrize(("beam", "kind"), [("cone", "cone_vec"), ("parallel", "parallel3d_vec")])
+    def test_round_trip(self, beam, kind):
+        geometry = circular(beam, [1.0, 2.0], panel=TestImperfectSetUpByHand.PANEL)
+        given = geometry.to_astra()
+        assert (given["type"], given["DetectorRowCount"], given["DetectorColCount"]) == (kind, *SHAPE)
+        back = Geometry.from_astra(given)
+        np.testing.assert_array_equal(back.vectors, geometry.vectors)
+        assert (back.beam, back.shape) == (beam, SHAPE)
+        given["Vectors"][:] = 0  # a copy: the geometry is not touched
+        assert geometry.vectors.any()
+
+    def test_circular_astra_geometries_are_refused(self):
+        with pytest.raises(InputError, match=r"type 'cone'.*geom_2vec"):
+            Geometry.from_astra({"type": "cone"})
+
+
+class TestSelection:
+    def test_views_in_the_order_asked_for(self):
+        geometry = circular(angles=[0.0, 10.0, 20.0, 30.0])
+        np.testing.assert_array_equal(geometry[[3, 1]].vectors, geometry.vectors[[3, 1]])
+        np.testing.assert_array_equal(geometry[1:3].vectors, geometry.vectors[1:3])
+        np.testing.assert_array_equal(geometry[-1].vectors, geometry.vectors[3:])
+        assert len(geometry[np.array([True, False, True, False])]) == 2
+        assert "2 views of 40 x 60" in repr(geometry[:2])
+
+    def test_views_cannot_be_changed(self):
+        geometry = circular()
+        with pytest.raises(ValueError, match="read-only"):
+            geometry.vectors[0, 0] = 1
+
+
+def changed(**columns):
+    """A good row with some of its numbers replaced."""
+    row = np.array([0.0, -100, 0, 0, 300, 0, 0.5, 0, 0, 0, 0, 0.5])
+    names = ("sx", "sy", "sz", "dx", "dy", "dz", "ux", "uy", "uz", "vx", "vy", "vz")
+    for name, value in columns.items():
+        row[names.index(name)] = value
+    return np.stack([changed(), row]) if columns else row
+
+
+class TestRefused:
+    @pytest.mark.parametrize(
+        ("vectors", "fact"),
+        [
+            (changed(sx=np.nan), r"view 1 \(row 2\): it holds NaN"),
+            (changed(vz=np.inf), r"view 1 \(row 2\): it holds NaN or infinity"),
+            (changed(ux=0), "u or v has zero length"),
+            (changed(vz=0), "u or v has zero length"),
+            (changed(vx=1, vz=0), "u and v are parallel"),
+            (changed(vx=-0.5, vz=1e-9), "u and v are parallel"),
+            (changed(sy=300), "the rays run inside the panel's plane"),
+            (changed(sx=50, sy=300), "the rays run inside the panel's plane"),
+            (np.zeros((0, 12)), "not \\(views, 12\\)"),
+            (np.zeros((3, 11)), "not \\(views, 12\\)"),
+            (np.zeros((1, 2, 12)), "not \\(views, 12\\)"),
+        ],
+    )
+    def test_views(self, vectors, fact):
+        with pytest.raises(InputError, match=fact):
+            Geometry(vectors, SHAPE)
+
+    @pytest.mark.parametrize("direction", [(0, 0, 0), (1, 0, 0), (0.3, 0, -2)])
+    def test_parallel_rays_inside_the_panel(self, direction):
+        rows = changed(sx=direction[0], sy=direction[1], sz=direction[2])[1:]
+        with pytest.raises(InputError, match="the rays run inside the panel's plane"):
+            Geometry(rows, SHAPE, "parallel")
+
+    def test_one_view_given_as_a_row(self):
+        assert len(Geometry(changed(), SHAPE)) == 1
+
+    @pytest.mark.parametrize("shape", [(0, 5), (5, 0), (-1, 5)])
+    def test_panel_without_pixels(self, shape):
+        with pytest.raises(InputError, match=r"panel of .* rows and columns"):
+            Geometry(changed(), shape)
+
+    def test_beam(self):
+        with pytest.raises(InputError, match='\'fan\' is unknown; use "cone" or "parallel"'):
+            Geometry(changed(), SHAPE, "fan")
+
+    @pytest.mark.parametrize(("axis", "detector"), [(100, 100), (500, 400), (0, 400), (-1, 400), (np.nan, 400)])
+    def test_distances(self, axis, detector):
+        with pytest.raises(InputError, match="is not between 0 and source_to_detector"):
+            Geometry.cone([0.0], SHAPE, PIXEL, source_to_axis=axis, source_to_detector=detector)
+
+    @pytest.mark.parametrize("beam", BEAMS)
+    @pytest.mark.parametrize("pixel", [0, -0.1, np.nan])
+    def test_pixel_size(self, beam, pixel):
+        with pytest.raises(InputError, match=r"pixel_size.*must be > 0"):
+            circular(beam, pixel=pixel)
+
+    @pytest.mark.parametrize("beam", BEAMS)
+    @pytest.mark.parametrize("angles", [[0, np.nan], [np.inf], [[0, 1]]])
+    def test_angles(self, beam, angles):
+        with pytest.raises(InputError, match=r"angles_deg.*not a list of finite numbers"):
+            circular(beam, angles)
+
+    @pytest.mark.parametrize("beam", BEAMS)
+    def test_no_angles(self, beam):
+        with pytest.raises(InputError):
+            circular(beam, [])
+
+    @pytest.mark.parametrize("field", [{"offset": (np.nan, 0)}, {"axis_offset": np.inf}, {"tilts_deg": (0, np.nan, 0)}])
+    def test_panel_of_nan(self, field):
+        with pytest.raises(InputError, match="NaN"):
+            circular(panel=DetectorAlignment(**field))
+
+    def test_panel_turned_edge_on(self):
+        with pytest.raises(InputError, match="the rays run inside the panel's plane"):
+            circular(panel=DetectorAlignment(tilts_deg=(0, 0, 90.0)))
+
+
+class TestWindowAndBinning:
+    POINTS = np.array([[0.3, -2.0, 1.1], [-4.0, 1.0, 2.5]])
+
+    @pytest.mark.parametrize("beam", BEAMS)
+    @pytest.mark.parametrize(("first", "shape"), [((3, 5), (10, 11)), ((-4, -7), (51, 80))], ids=["cut", "widened"])
+    def test_a_window_counts_its_pixels_from_its_own_first(self, beam, first, shape):
+        whole = circular(beam, [10.0, 80.0], panel=DetectorAlignment(offset=(0.4, -0.2), tilts_deg=(1.0, 2.0, 3.0)))
+        part = whole.window(first, shape)
+        assert part.shape == shape
+        np.testing.assert_allclose(part.project_points(self.POINTS), whole.project_points(self.POINTS) - first)
+
+    @pytest.mark.parametrize("beam", BEAMS)
+    def test_a_bin_lies_in_the_middle_of_its_pixels(self, beam):
+        whole = circular(beam, [10.0, 80.0], panel=DetectorAlignment(offset=(0.4, -0.2)))
+        binned = whole.binned(4)
+        assert binned.shape == (10, 15)
+        np.testing.assert_allclose(binned.project_points(self.POINTS), (whole.project_points(self.POINTS) - 1.5) / 4)
+
+    def test_pixels_that_do_not_divide(self):
+        with pytest.raises(InputError, match="divide by 7"):
+            circular().binned(7)

@@ -1,0 +1,115 @@
+"""The table of results: exact columns, degrees at the surface, everything comes back."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from grainmotion.errors import InputError
+from grainmotion.model.motions import Motions, Status
+from grainmotion.rotations import rotation_matrix
+
+N = 5
+
+
+@pytest.fixture
+def measured():
+    rng = np.random.default_rng(0)
+    factors = rng.normal(size=(N, 6, 6)) * 1e-2
+    motions = dataclasses.replace(
+        Motions.identity(np.array([4, 8, 15, 16, 23]), rng.normal(size=(N, 3))),
+        translations=rng.normal(size=(N, 3)),
+        rotations=rng.normal(size=(N, 3)),
+        covariances=factors @ factors.transpose(0, 2, 1),
+        statuses=np.array([s.value for s in Status]),
+        residuals=rng.uniform(size=N),
+        iterations=np.arange(N),
+        reasons=("", "a", "b", "c", "d"),
+    )
+    for array in (motions.translations, motions.rotations, motions.covariances):
+        array[3] = np.nan  # left-field
+    return motions
+
+
+class TestTable:
+    def test_exact_columns_in_order(self, measured):
+        assert ",".join(measured.to_table().columns) == (
+            "label,status,x,y,z,ux,uy,uz,wx,wy,wz,sd_ux,sd_uy,sd_uz,sd_wx,sd_wy,sd_wz,residual,iterations"
+        )
+
+    def test_units_and_places(self, measured):
+        table = measured.to_table()
+        np.testing.assert_array_equal(table[["x", "y", "z"]], measured.centers)
+        np.testing.assert_array_equal(table[["ux", "uy", "uz"]], measured.translations)
+        np.testing.assert_allclose(table[["wx", "wy", "wz"]], measured.rotations * 180 / np.pi)
+        for k, name in enumerate(["ux", "uy", "uz", "wx", "wy", "wz"]):
+            unit = 1 if k < 3 else 180 / np.pi
+            np.testing.assert_allclose(table[f"sd_{name}"], unit * np.sqrt(measured.covariances[:, k, k]))
+        np.testing.assert_array_equal(table["iterations"], np.arange(N))
+
+    def test_round_trip(self, measured):
+        back = Motions.from_table(measured.to_table())
+        for name in ("labels", "centers", "translations", "statuses", "residuals", "iterations"):
+            np.testing.assert_array_equal(getattr(back, name), getattr(measured, name))
+        np.testing.assert_allclose(back.rotations, measured.rotations, rtol=1e-15)
+        np.testing.assert_allclose(
+            np.diagonal(back.covariances, axis1=1, axis2=2), np.diagonal(measured.covariances, axis1=1, axis2=2)
+        )
+        again = back.to_table()
+        assert (again.dtypes == measured.to_table().dtypes).all()
+
+    def test_columns_in_any_order_and_others_beside(self, measured):
+        table = measured.to_table()
+        shuffled = table[table.columns[::-1]].assign(remark="x")
+        np.testing.assert_array_equal(Motions.from_table(shuffled).translations, measured.translations)
+
+    def test_missing_columns_are_named(self, measured):
+        with pytest.raises(InputError, match=r"state\.csv: columns \['uy', 'sd_wz'\] are missing"):
+            Motions.from_table(measured.to_table().drop(columns=["uy", "sd_wz"]), "state.csv")
+
+    def test_unknown_status(self, measured):
+        with pytest.raises(InputError, match=r"motions\.status: \['fine'\] unknown"):
+            Motions.from_table(measured.to_table().assign(status="fine"))
+
+
+class TestNoun:
+    def test_identity(self):
+        start = Motions.identity(np.array([1, 2]), np.ones((2, 3)))
+        assert len(start) == 2
+        assert not start.ok.any()
+        np.testing.assert_array_equal(start.matrices, [np.eye(3)] * 2)
+        assert np.isnan(start.covariances).all()
+        assert set(start.statuses) == {"not-fitted"}
+
+    def test_no_grains_at_all(self):
+        empty = Motions.identity(np.zeros(0, np.int64), np.zeros((0, 3)))
+        assert len(Motions.from_table(empty.to_table())) == 0
+        assert empty.matrices.shape == (0, 3, 3)
+
+    def test_ok_are_the_converged(self, measured):
+        np.testing.assert_array_equal(measured.ok, [True, False, False, False, False])
+
+    def test_matrices(self, measured):
+        np.testing.assert_allclose(measured.matrices[1], rotation_matrix(measured.rotations[1]))
+
+    def test_statuses_are_written_as_the_design_says(self):
+        assert [s.value for s in Status] == [
+            "converged", "not-converged", "poorly-determined", "left-field", "not-fitted",
+        ]  # fmt: skip
+
+    @pytest.mark.parametrize(
+        ("field", "value"),
+        [
+            ("centers", np.zeros((N, 2))),
+            ("translations", np.zeros((N + 1, 3))),
+            ("rotations", np.zeros(N)),
+            ("covariances", np.zeros((N, 6))),
+            ("statuses", np.array(["converged"])),
+            ("residuals", np.zeros((N, 1))),
+            ("iterations", np.zeros(N - 1)),
+            ("reasons", ("",) * (N - 1)),
+        ],
+    )
+    def test_shapes_must_agree(self, measured, field, value):
+        with pytest.raises(InputError, match=rf"motions\.{field}"):
+            dataclasses.replace(measured, **{field: value})

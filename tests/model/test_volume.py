@@ -1,0 +1,71 @@
+"""A volume checks itself and knows its place."""
+
+import numpy as np
+import pytest
+
+from grainmotion.errors import InputError
+from grainmotion.model.volume import Volume
+
+
+class TestPlace:
+    def test_origin_is_the_centre_of_the_first_voxel(self):
+        volume = Volume.zeros((2, 3, 4), 0.5, (10.0, 20.0, 30.0))
+        np.testing.assert_allclose(volume.origin, [10 - 0.75, 20 - 0.5, 30 - 0.25])
+
+    @pytest.mark.parametrize("shape", [(1, 1, 1), (4, 5, 6), (7, 2, 3)])
+    def test_first_and_last_voxel_lie_evenly_about_the_centre(self, shape):
+        volume = Volume.zeros(shape, 0.3, (1.0, -2.0, 3.0))
+        last = volume.origin + 0.3 * (np.array(shape[::-1]) - 1)
+        np.testing.assert_allclose((volume.origin + last) / 2, volume.center)
+
+    def test_one_voxel_sits_at_the_centre(self):
+        np.testing.assert_array_equal(Volume.zeros((1, 1, 1), 0.5, (1, 2, 3)).origin, [1, 2, 3])
+
+
+class TestArray:
+    def test_single_precision_and_contiguous_whatever_is_given(self):
+        given = np.arange(24, dtype=np.int16).reshape(4, 3, 2).T
+        volume = Volume(given, 1)
+        assert volume.array.dtype == np.float32
+        assert volume.array.flags.c_contiguous
+        assert volume.shape == (2, 3, 4)
+        np.testing.assert_array_equal(volume.array, given)
+        assert isinstance(volume.voxel_size, float)
+
+    def test_repr(self):
+        assert repr(Volume.zeros((2, 3, 4), 0.5)) == "<Volume (2, 3, 4) voxel_size=0.5 center=(0.0, 0.0, 0.0)>"
+
+
+@pytest.mark.parametrize(
+    ("given", "kept"), [(np.float64, np.float64), (np.float32, np.float32), (np.int16, np.float32), (bool, np.float32)]
+)
+def test_double_precision_is_kept_and_anything_else_becomes_single(given, kept):
+    assert Volume(np.ones((2, 3, 4), given), 1.0).array.dtype == kept
+
+
+class TestRefused:
+    @pytest.mark.parametrize("shape", [(3, 4), (2, 3, 4, 5), (0, 3, 4), (5,)])
+    def test_shape(self, shape):
+        with pytest.raises(InputError, match=r"is not \(z, y, x\); give a 3-D stack"):
+            Volume(np.zeros(shape), 1.0)
+
+    @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+    def test_voxels(self, value):
+        array = np.zeros((2, 2, 2))
+        array[1, 0, 1] = value
+        with pytest.raises(InputError, match="NaN or infinite voxels"):
+            Volume(array, 1.0)
+
+    def test_voxels_that_single_precision_cannot_hold(self):
+        with pytest.raises(InputError, match="NaN or infinite voxels"):
+            Volume(np.full((2, 2, 2), 10**39, dtype=object), 1.0)
+
+    @pytest.mark.parametrize("size", [0, -1.0, np.nan, np.inf])
+    def test_voxel_size(self, size):
+        with pytest.raises(InputError, match=r"volume\.voxel_size: must be > 0, got"):
+            Volume(np.zeros((2, 2, 2)), size)
+
+    @pytest.mark.parametrize("center", [(0, 0, np.nan), (np.inf, 0, 0), (0, 0), (0, 0, 0, 0)])
+    def test_center(self, center):
+        with pytest.raises(InputError, match=r"volume\.center: .* 3 finite numbers"):
+            Volume(np.zeros((2, 2, 2)), 1.0, center)

@@ -1,0 +1,74 @@
+"""The normal matrix as a product: the same numbers as its blocks, without them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import few_grains
+from grainmotion.model.pose import Pose
+from grainmotion.model.scan import Scan
+from grainmotion.objective.data_term import Target
+from grainmotion.objective.normal_matrix import PatchNormalMatrix, gathered, normal_matrix, normal_of, spread
+from grainmotion.objective.residual import StateProblem
+from grainmotion.projection.grain_arrays import GrainArrays
+from grainmotion.solvers.block_cg import diagonal_blocks
+
+GRAINS = GrainArrays.of(few_grains.grain_set())
+VIEWS = few_grains.geometry()
+N = len(GRAINS)
+
+
+@pytest.fixture(scope="module")
+def seen():
+    scan = Scan(np.zeros((len(VIEWS), *VIEWS.shape)), VIEWS)
+    grains = replace(GRAINS, images=GRAINS.images.astype(float))
+    problem = StateProblem(grains, Target(scan, np.zeros(scan.line_integrals.shape), "trilinear", 1.5))
+    return problem.look(Pose(np.zeros((N, 3)), np.broadcast_to(np.eye(3), (N, 3, 3)).copy()))
+
+
+@pytest.fixture(scope="module")
+def product(seen):
+    return PatchNormalMatrix(seen.derivatives, seen.patches, N, seen.residual.shape)
+
+
+def test_it_is_the_matrix(seen, product):
+    matrix = normal_matrix(seen.derivatives, seen.patches, N)
+    assert matrix.toarray().shape == product.shape
+    for x in np.random.default_rng(0).normal(size=(3, 6 * N)):
+        np.testing.assert_allclose(product @ x, matrix @ x, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(product.blocks(), diagonal_blocks(matrix), rtol=1e-9)
+    np.testing.assert_allclose(product.diagonal(), matrix.diagonal(), rtol=1e-9)
+
+
+def test_both_passes_are_adjoint(seen):
+    rng = np.random.default_rng(1)
+    x, y = rng.normal(size=(N, 6)), rng.normal(size=seen.residual.shape)
+    (images,) = spread(seen.derivatives, seen.patches, x[None], y.shape)
+    assert np.vdot(images, y) == pytest.approx(np.vdot(x, gathered(seen.derivatives, seen.patches, N, y)), rel=1e-9)
+
+
+def test_a_prior_is_added_to_the_blocks(product):
+    more = np.random.default_rng(2).normal(size=(N, 6, 6))
+    more = more @ more.transpose(0, 2, 1)
+    x = np.random.default_rng(3).normal(size=6 * N)
+    held = product.lifted(more).lifted(more)
+    expected = product @ x + 2 * np.einsum("nij,nj->ni", more, x.reshape(N, 6)).ravel()
+    np.testing.assert_allclose(held @ x, expected)
+    np.testing.assert_allclose(held.blocks(), product.blocks() + 2 * more)
+
+
+def test_a_grain_without_a_patch_has_zero_rows(seen, product):
+    kept = seen.patches.boxes[:, 0] != 1
+    rows = np.concatenate([np.full(d, k) for d, k in zip(np.diff(seen.patches.offsets), kept, strict=True)])
+    patches = type(seen.patches)(seen.patches.boxes[kept], seen.patches.jobs[:0], seen.patches.seen)
+    without = PatchNormalMatrix(seen.derivatives[:, rows], patches, N, product.panels)
+    assert not without.blocks()[1].any()
+    assert not (without @ np.ones(6 * N)).reshape(N, 6)[1].any()
+
+
+def test_few_grains_have_blocks_and_many_a_product(seen, monkeypatch):
+    arguments = seen.derivatives, seen.patches, N, seen.residual.shape
+    assert not isinstance(normal_of(*arguments), PatchNormalMatrix)
+    monkeypatch.setattr("grainmotion.objective.normal_matrix.DENSE_UP_TO", 6 * N - 1)
+    assert isinstance(normal_of(*arguments), PatchNormalMatrix)

@@ -1,0 +1,98 @@
+"""Packed grains: selecting, coarsening, and what counts as planar."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from few_grains import PANEL, VOXEL, grain_set
+from grainmotion.model.geometry import Geometry
+from grainmotion.model.pose import Pose
+from grainmotion.model.volume import Volume
+from grainmotion.projection.grain_arrays import GrainArrays, planar
+from grainmotion.projection.grains import assemble, project_patches, shadows
+from grainmotion.segmentation.extraction import grains_from_labels
+
+GRAINS = GrainArrays.of(grain_set(3))
+
+
+def radiographs(grains, geometry):
+    n = len(grains)
+    pose = Pose(np.zeros((n, 3)), np.tile(np.eye(3), (n, 1, 1)))
+    patches = shadows(grains, pose, geometry)
+    return assemble(project_patches(grains, pose, geometry, patches, "trilinear"), patches, geometry)
+
+
+def slice_grains(height=0.0, thickness=1):
+    array = np.ones((thickness, 6, 20), np.float32)
+    labels = np.ones(array.shape, np.int64)
+    labels[:, :, 8:12], labels[:, :, 12:] = 0, 2
+    return GrainArrays.of(grains_from_labels(Volume(array, 1.0, (0.0, 0.0, height)), labels, reach=0))
+
+
+class TestSelect:
+    def test_a_row_twice_is_the_grain_twice(self):
+        views = Geometry.cone([0.0, 70.0], PANEL, 4 * VOXEL, source_to_axis=40, source_to_detector=160)
+        once, twice = (radiographs(GRAINS.select(rows), views) for rows in ([1], [1, 1]))
+        np.testing.assert_allclose(twice, 2 * once, rtol=1e-6)
+        assert GRAINS.select([2, 0]).images is GRAINS.images
+        np.testing.assert_array_equal(GRAINS.select([2, 0]).centers, GRAINS.centers[[2, 0]])
+
+
+class TestCoarsened:
+    @pytest.mark.parametrize("factor", [2, 3])
+    def test_the_radiographs_stay_where_they_are(self, factor):
+        """Mass is kept to rounding, the centroid to a hundredth of a pixel; only what is fine is lost."""
+        views = Geometry.cone([0.0, 70.0], PANEL, 4 * VOXEL, source_to_axis=40, source_to_detector=160)
+        coarse = GRAINS.coarsened(factor)
+        assert coarse.voxel_size == pytest.approx(factor * VOXEL)
+        fine, blurred = radiographs(GRAINS, views).astype(float), radiographs(coarse, views).astype(float)
+        np.testing.assert_allclose(blurred.sum(axis=(1, 2)), fine.sum(axis=(1, 2)), rtol=5e-3)
+        for axis in (1, 2):
+            index = np.arange(fine.shape[axis])
+            spots = [np.tensordot(i.sum(axis=3 - axis), index, (1, 0)) / i.sum(axis=(1, 2)) for i in (fine, blurred)]
+            np.testing.assert_allclose(spots[1], spots[0], atol=0.02)
+        assert np.abs(blurred - fine).max() < 0.35 * fine.max()
+
+    def test_by_one_is_itself(self):
+        assert GRAINS.coarsened(1) is GRAINS
+
+
+class TestPlanar:
+    FLAT = Geometry.parallel([0.0, 30.0], (1, 40), 1.0)
+
+    def test_a_slice_seen_in_its_plane(self):
+        assert planar(slice_grains(), self.FLAT)
+        fan = Geometry.cone([0.0, 30.0], (1, 40), 1.0, source_to_axis=100, source_to_detector=200)
+        assert planar(slice_grains(), fan)
+
+    @pytest.mark.parametrize(
+        ("grains", "geometry"),
+        [
+            (slice_grains(thickness=2), FLAT),
+            (slice_grains(height=0.5), FLAT),
+            (slice_grains(), Geometry.parallel([0.0, 30.0], (2, 40), 1.0)),
+            (slice_grains(), replace(FLAT, vectors=FLAT.vectors + 0.01 * np.eye(12)[2])),
+        ],
+        ids=["two slices", "beside the rays", "two rows", "rays that leave the plane"],
+    )
+    def test_anything_else_is_not(self, grains, geometry):
+        assert not planar(grains, geometry)
+
+
+class TestVoxels:
+    def test_those_of_one_volume_are_not_copied(self):
+        """Cut grains lie end to end already, finer ones too: memory is that of the voxels."""
+        sample = grain_set()
+        for fine in (False, True):
+            packed = GrainArrays.of(sample, fine=fine)
+            volumes = [g.fine if fine else g.volume for g in sample.grains]
+            assert all(np.shares_memory(packed.images, v.array) for v in volumes)
+            np.testing.assert_array_equal(packed.images, np.concatenate([v.array.ravel() for v in volumes]))
+
+    def test_others_are_put_together(self):
+        sample = grain_set().without([1])
+        packed = GrainArrays.of(sample)
+        for k, grain in enumerate(sample.grains):
+            start, size = packed.starts[k], grain.volume.array.size
+            np.testing.assert_array_equal(packed.images[start : start + size], grain.volume.array.ravel())

@@ -1,0 +1,129 @@
+"""Coarse starts: in pieces they are what the whole's would be, and no ray of a piece misses a part of its path."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from grainmotion.model.geometry import DetectorAlignment, Geometry
+from grainmotion.model.scan import Scan, binned
+from grainmotion.model.volume import Volume
+from grainmotion.projection.volumes import project
+from grainmotion.reconstruction import coarse_start as module
+from grainmotion.reconstruction import slabs
+from grainmotion.reconstruction.coarse_start import coarse_start, finer, finer_slab, pieces_of
+from grainmotion.reconstruction.reconstruct import ReconstructSettings, reconstruct
+
+SHAPE, VOXEL = (80, 30, 30), 0.1
+ANGLES = np.arange(0, 360, 6)
+GEOMETRIES = {
+    "cone": Geometry.cone(ANGLES, (84, 40), 0.2, source_to_axis=60, source_to_detector=120),
+    "tilted": Geometry.cone(
+        ANGLES, (85, 41), 0.2, source_to_axis=60, source_to_detector=120,
+        panel=DetectorAlignment(tilts_deg=(1.0, 0.5, 0.5), offset=(0.3, -0.5)),
+    ),
+    "parallel, upside down": Geometry.parallel(ANGLES, (85, 40), 0.1, panel=DetectorAlignment(first_row="top")),
+}  # fmt: skip
+CLIMBING = GEOMETRIES["parallel, upside down"].vectors.copy()
+CLIMBING[:, 2] = 0.9
+STEEP = Geometry(CLIMBING, (85, 40), "parallel")
+
+
+@pytest.fixture(params=GEOMETRIES.values(), ids=GEOMETRIES.keys())
+def layout(request, monkeypatch):
+    return in_slabs(request.param, monkeypatch)
+
+
+def in_slabs(geometry, monkeypatch, shape=SHAPE):
+    monkeypatch.setattr(slabs, "THICKNESS", 20)
+    return slabs.Layout.of(Volume.zeros(shape, VOXEL, (0.1, -0.1, 0.2)), geometry, ReconstructSettings())
+
+
+def stones(shape=SHAPE):
+    """Blobs of some voxels, which a grid twice as coarse can show."""
+    rng, array = np.random.default_rng(0), np.zeros(shape, np.float32)
+    z, y, x = np.indices(shape, sparse=True)
+    for _ in range(40):
+        c = rng.uniform(0, 1, 3) * np.array([shape[0], 16, 16]) + np.array([0, 7, 7])
+        array += np.exp(-((z - c[0]) ** 2 + (y - c[1]) ** 2 + (x - c[2]) ** 2) / 18)
+    return array
+
+
+def test_rows_of_a_piece_see_its_planes_alone(layout):
+    pieces = pieces_of(layout)
+    assert len(pieces) >= 2
+    rows = layout.geometry.shape[0] // 2
+    panel = layout.geometry.window((0, 0), (2 * rows, layout.geometry.shape[1] // 2 * 2)).binned(2)
+    coarse = tuple(-(-n // 2) for n in SHAPE)
+    inside = np.hypot(*(np.indices(coarse[1:]) - 7.0)) <= 7.5  # what counts of it
+    for piece in pieces:
+        beyond = np.repeat(inside[None], coarse[0], axis=0).astype(np.float32)
+        beyond[slice(*piece.planes)] = 0
+        assert project(Volume(beyond, 2 * VOXEL, layout.center), panel)[:, slice(*piece.rows)].max() == 0
+
+
+def test_pieces_hold_all_slabs_and_little_twice(layout):
+    pieces = pieces_of(layout)
+    assert [k for piece in pieces for k in piece.slabs] == list(range(len(layout.slabs)))
+    assert sum(b - a for a, b in (p.planes for p in pieces)) <= (1 + module.EXTRA) * SHAPE[0] / 2
+    for piece in pieces:
+        assert piece.planes[0] <= layout.slabs[piece.slabs[0]][0] / 2
+        assert piece.planes[1] >= layout.slabs[piece.slabs[-1]][1] / 2
+
+
+def test_slabs_that_the_panel_does_not_see(monkeypatch):
+    """A grid taller than a panel of an odd number of rows: every piece has some row."""
+    monkeypatch.setattr(module, "EXTRA", 2.0)  # however much twice
+    panel = GEOMETRIES["parallel, upside down"].window((29, 0), (27, 40))
+    layout = in_slabs(panel, monkeypatch)
+    assert (26, 27) in layout.shaded
+    assert all(0 <= first < end <= 13 for first, end in (piece.rows for piece in pieces_of(layout)))
+    images = project(Volume(stones(), VOXEL, layout.center), panel)
+    settings = ReconstructSettings(method="accelerated")
+    found = reconstruct(Scan(images, panel), Volume.zeros(SHAPE, VOXEL, layout.center), settings).volume.array
+    seen = np.s_[30:50, 10:20, 10:20]
+    assert np.linalg.norm((found - stones())[seen]) < 0.1 * np.linalg.norm(stones()[seen])
+
+
+def test_steep_rays_are_of_one_piece(monkeypatch):
+    """It is the whole."""
+    (piece,) = pieces_of(in_slabs(STEEP, monkeypatch))
+    assert (piece.slabs, piece.rows, piece.planes) == (range(4), (0, 42), (0, 40))
+
+
+def test_pieces_give_what_the_whole_would(layout, monkeypatch):
+    """Up to the noise: with any number of slabs in a piece."""
+    array = stones()
+    images = project(Volume(array, VOXEL, layout.center), layout.geometry)
+    scan = Scan(images, layout.geometry)
+    (whole,) = one = pieces_of_all(layout, monkeypatch)
+    assert len(pieces_of(layout)) > len(one)
+    full = finer(coarse_start(binned(scan, 2, rows=whole.rows), layout, whole), SHAPE)
+    parts = [
+        finer_slab(coarse_start(binned(scan, 2, rows=piece.rows), layout, piece), layout, piece, k)
+        for piece in pieces_of(layout)
+        for k in piece.slabs
+    ]
+    y, x = np.indices(SHAPE[1:]) - 14.5
+    cylinder = np.hypot(y, x) < 14
+    far = np.linalg.norm((full - array)[:, cylinder])
+    assert far < 0.2 * np.linalg.norm(array[:, cylinder])
+    assert np.linalg.norm((np.concatenate(parts) - array)[:, cylinder]) < 1.02 * far
+    assert [len(part) for part in parts] == [b - a for a, b in layout.slabs]
+
+
+def pieces_of_all(layout, monkeypatch):
+    """One piece of all slabs."""
+    with monkeypatch.context() as patch:
+        patch.setattr(module, "EXTRA", -1)
+        return pieces_of(layout)
+
+
+@pytest.mark.parametrize("shape", [(20, 8, 7), (21, 9, 8), (23, 7, 8)])
+def test_finer_of_some_planes(shape):
+    """Some fine planes, from the coarse ones around them, are those of the whole."""
+    array = np.random.default_rng(0).random([-(-n // 2) for n in shape], np.float32)
+    whole = finer(array, shape)
+    for first, end in pairwise((0, 3, 10, shape[0])):
+        low, high = max(first // 2 - 1, 0), end // 2 + 2
+        np.testing.assert_allclose(finer(array[low:high], shape, slice(first, end), low), whole[first:end], atol=1e-6)

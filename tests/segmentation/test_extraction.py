@@ -1,0 +1,191 @@
+"""Cutting a labelled volume into grains: nothing lost, nothing twice, everything in its place."""
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from grainmotion.errors import InputError
+from grainmotion.kernels.layout import PADDING
+from grainmotion.model.grains import Grain, GrainSet
+from grainmotion.model.volume import Volume
+from grainmotion.segmentation.extraction import grains_from_labels
+
+VOXEL = 0.2
+
+
+def put_back(grains, volume):
+    """The sum of all grains' voxels on the volume's own grid."""
+    out = np.zeros(volume.shape)
+    for grain in grains.grains:
+        first = np.rint((grain.volume.origin - volume.origin) / volume.voxel_size).astype(int)[::-1]
+        inner = grain.volume.array[PADDING:-PADDING, PADDING:-PADDING, PADDING:-PADDING]
+        box = tuple(slice(f + PADDING, f + PADDING + n) for f, n in zip(first, inner.shape, strict=True))
+        out[box] += inner
+    return out
+
+
+@pytest.fixture
+def two_blocks():
+    """Two blocks of labels 3 and 7 with a rim of unlabelled attenuation, off the origin."""
+    rng = np.random.default_rng(0)
+    array = np.zeros((12, 14, 20), np.float32)
+    array[2:9, 3:10, 2:9] = rng.uniform(0.5, 1, (7, 7, 7))
+    array[2:9, 3:10, 11:18] = rng.uniform(0.5, 1, (7, 7, 7))
+    labels = np.zeros(array.shape, np.int32)
+    labels[3:8, 4:9, 3:8] = 3
+    labels[3:8, 4:9, 12:17] = 7
+    return Volume(array, VOXEL, (5.0, -3.0, 1.0)), labels
+
+
+class TestCut:
+    def test_attenuation_is_handed_out_once(self, two_blocks):
+        volume, labels = two_blocks
+        grains = grains_from_labels(volume, labels)
+        np.testing.assert_array_equal(grains.labels, [3, 7])
+        np.testing.assert_allclose(put_back(grains, volume), volume.array)
+
+    def test_reach_limits_what_is_handed_out(self, two_blocks):
+        volume, labels = two_blocks
+        strict = grains_from_labels(volume, labels, reach=0)
+        np.testing.assert_allclose(put_back(strict, volume), np.where(labels > 0, volume.array, 0))
+        # the block's edges and corners are √2 and √3 voxels away
+        one = put_back(grains_from_labels(volume, labels, reach=1), volume)
+        assert one[2, 5, 5] == volume.array[2, 5, 5]
+        assert one[2, 3, 5] == 0
+        two = put_back(grains_from_labels(volume, labels, reach=2), volume)
+        np.testing.assert_allclose(two, volume.array)
+
+    def test_contested_voxels_go_to_the_nearer_grain(self):
+        array = np.ones((5, 5, 9), np.float32)
+        labels = np.zeros(array.shape, np.uint8)
+        labels[:, :, :2], labels[:, :, 7:] = 1, 2
+        left, right = grains_from_labels(Volume(array, 1.0), labels).grains
+        assert left.volume.array.sum() == pytest.approx(25 * 4, abs=25)
+        assert left.volume.array.sum() + right.volume.array.sum() == 25 * 9
+
+    def test_centre_of_mass_by_hand(self, two_blocks):
+        volume, labels = two_blocks
+        z, y, x = (volume.origin[::-1, None] + VOXEL * np.arange(20)[None])[:, :20]
+        for grain, columns in zip(
+            grains_from_labels(volume, labels).grains, (slice(0, 10), slice(10, 20)), strict=True
+        ):
+            mine = volume.array[:, :, columns].astype(float)
+            by_hand = [
+                (mine.sum(axis=(0, 1)) @ x[columns]) / mine.sum(),
+                (mine.sum(axis=(0, 2)) @ y[:14]) / mine.sum(),
+                (mine.sum(axis=(1, 2)) @ z[:12]) / mine.sum(),
+            ]
+            np.testing.assert_allclose(grain.center, by_hand, atol=1e-6)
+
+    def test_padding_is_empty(self, two_blocks):
+        for grain in grains_from_labels(*two_blocks).grains:
+            inner = np.zeros(grain.volume.shape, bool)
+            inner[PADDING:-PADDING, PADDING:-PADDING, PADDING:-PADDING] = True
+            assert not grain.volume.array[~inner].any()
+            assert grain.volume.array[inner].any()
+
+    def test_a_grain_that_fills_the_whole_volume(self):
+        volume = Volume(np.ones((3, 4, 5)), VOXEL, (1, 2, 3))
+        (grain,) = grains_from_labels(volume, np.full((3, 4, 5), 9)).grains
+        np.testing.assert_allclose(grain.center, [1, 2, 3])
+        np.testing.assert_allclose(grain.volume.center, [1, 2, 3])
+        assert grain.volume.shape == (7, 8, 9)
+
+    @pytest.mark.parametrize("kind", [np.uint8, np.int16, np.uint16, np.int32, np.int64, np.uint32])
+    def test_any_integer_labels(self, two_blocks, kind):
+        volume, labels = two_blocks
+        np.testing.assert_array_equal(grains_from_labels(volume, labels.astype(kind)).labels, [3, 7])
+
+    def test_border_flags(self, two_blocks):
+        flags = [g.touches_border for g in grains_from_labels(*two_blocks, border=[7]).grains]
+        assert flags == [False, True]
+
+    def test_a_label_without_attenuation_is_no_grain(self, two_blocks):
+        volume, labels = two_blocks
+        labels[11, 13, 0] = 5
+        np.testing.assert_array_equal(grains_from_labels(volume, labels).labels, [3, 7])
+
+
+class TestGrainSet:
+    def test_arrays(self, two_blocks):
+        grains = grains_from_labels(*two_blocks)
+        assert len(grains) == 2
+        assert grains.centers.shape == (2, 3)
+        assert grains.voxel_size == VOXEL
+        assert grains.background is None
+
+    def test_without(self, two_blocks):
+        grains = grains_from_labels(*two_blocks)
+        np.testing.assert_array_equal(grains.without([0]).labels, [7])
+        np.testing.assert_array_equal(grains.without([]).labels, [3, 7])
+        with pytest.raises(InputError, match="no grain"):
+            grains.without([0, 1])
+
+    def test_empty(self):
+        with pytest.raises(InputError, match="no grain"):
+            GrainSet(())
+
+    def test_voxel_sizes_differ(self):
+        grains = tuple(Grain(k, Volume.zeros((5, 5, 5), h), np.zeros(3)) for k, h in ((1, 0.1), (2, 0.2)))
+        with pytest.raises(InputError, match=r"voxel size.*0\.2"):
+            GrainSet(grains)
+
+    def test_labels_twice(self):
+        one = Grain(4, Volume.zeros((5, 5, 5), 0.1), np.zeros(3))
+        with pytest.raises(InputError, match="label 4 is there twice"):
+            GrainSet((one, one))
+
+
+class TestRefused:
+    def test_shapes_differ(self, two_blocks):
+        volume, labels = two_blocks
+        with pytest.raises(InputError, match=r"labels: shape .* is not the volume's"):
+            grains_from_labels(volume, labels[1:])
+
+    def test_no_label(self, two_blocks):
+        with pytest.raises(InputError, match="no grains found"):
+            grains_from_labels(two_blocks[0], np.zeros_like(two_blocks[1]))
+
+    def test_all_labels_on_air(self):
+        with pytest.raises(InputError, match="no grains found"):
+            grains_from_labels(Volume.zeros((5, 5, 5), 1.0), np.ones((5, 5, 5), int))
+
+    def test_labels_that_are_not_integers(self, two_blocks):
+        volume, labels = two_blocks
+        with pytest.raises(InputError, match=r"labels: .*float64.*integers"):
+            grains_from_labels(volume, labels.astype(float))
+
+    @pytest.mark.parametrize("odd", [-1, 2_000_000_000])
+    def test_labels_out_of_range(self, two_blocks, odd):
+        volume, labels = two_blocks
+        with pytest.raises(InputError, match=rf"labels: they run from .*{odd}.*from 1 on"):
+            grains_from_labels(volume, np.where(labels == 7, odd, labels).astype(np.int64))
+
+
+class TestBackground:
+    @pytest.fixture
+    def tubed(self, two_blocks):
+        """The two blocks, and a wall further away than they reach."""
+        volume, labels = two_blocks
+        array = np.pad(volume.array, ((0, 0), (0, 0), (0, 8)))
+        array[:, :, 26] = 0.4
+        return Volume(array, VOXEL, volume.center), np.pad(labels, ((0, 0), (0, 0), (0, 8)))
+
+    @pytest.mark.parametrize(("background", "moves"), [("ignore", False), ("fixed", False), ("moving", True)])
+    def test_what_becomes_of_it(self, tubed, background, moves):
+        volume, labels = tubed
+        grains = grains_from_labels(volume, labels, background=background)
+        assert grains.background_moves is moves
+        if background == "ignore":
+            assert grains.background is None
+            return
+        assert grains.background.center == volume.center
+        np.testing.assert_allclose(put_back(grains, volume) + grains.background.array, volume.array, atol=1e-6)
+        np.testing.assert_allclose(grains.background.array[:, :, 26], 0.4)
+        near = ndimage.distance_transform_edt(labels == 0) <= 1  # a grain's rim is never the wall's
+        assert not grains.background.array[near].any()
+
+    def test_without_some_grains_it_stays_what_it_is(self, tubed):
+        fewer = grains_from_labels(*tubed, background="moving").without([0])
+        assert fewer.background_moves
+        assert fewer.background is not None

@@ -1,0 +1,140 @@
+"""Rigid motions obey the laws of their group."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from grainmotion.rotations import apply_motion, compose, invert, recenter, rotation_matrix, rotation_vector, skew_matrix
+
+numbers = st.floats(-50, 50)
+vectors = arrays(float, 3, elements=numbers)
+rotation_vectors = arrays(float, 3, elements=st.floats(-1.75, 1.75))  # shorter than π
+motions = st.tuples(rotation_vectors.map(rotation_matrix), vectors)
+
+
+def assert_close(a, b, atol=1e-10):
+    np.testing.assert_allclose(a, b, rtol=0, atol=atol)
+
+
+class TestRotations:
+    @given(arrays(float, 3, elements=st.floats(-20, 20)))
+    def test_exp_is_a_rotation(self, w):
+        r = rotation_matrix(w)
+        assert_close(r @ r.T, np.eye(3))
+        assert np.linalg.det(r) == pytest.approx(1)
+        assert_close(r @ w, w)  # the axis stays
+
+    @given(rotation_vectors)
+    def test_log_undoes_exp(self, w):
+        assert_close(rotation_vector(rotation_matrix(w)), w, 1e-9)
+
+    @given(arrays(float, 3, elements=st.floats(-20, 20)))
+    def test_exp_undoes_log_for_any_turn(self, w):
+        r = rotation_matrix(w)
+        assert np.linalg.norm(rotation_vector(r)) <= np.pi + 1e-12
+        assert_close(rotation_matrix(rotation_vector(r)), r, 1e-7)
+
+    @pytest.mark.parametrize(
+        ("axis", "start", "end"), [("x", "y", "z"), ("y", "z", "x"), ("z", "x", "y")], ids=["x", "y", "z"]
+    )
+    def test_right_hand_rule(self, axis, start, end):
+        unit = dict(zip("xyz", np.eye(3)))
+        assert_close(rotation_matrix(np.pi / 2 * unit[axis]) @ unit[start], unit[end])
+
+    @given(rotation_vectors, vectors)
+    def test_rodrigues(self, w, x):
+        angle = np.linalg.norm(w)
+        if angle < 1e-3:
+            return
+        k = w / angle
+        by_hand = x * np.cos(angle) + np.cross(k, x) * np.sin(angle) + k * (k @ x) * (1 - np.cos(angle))
+        assert_close(rotation_matrix(w) @ x, by_hand)
+
+    @given(vectors, vectors)
+    def test_skew_is_the_cross_product(self, v, w):
+        assert_close(skew_matrix(v) @ w, np.cross(v, w))
+
+    @given(rotation_vectors)
+    def test_skew_generates_exp(self, w):
+        small = 1e-5 * w
+        assert_close(
+            rotation_matrix(small), np.eye(3) + skew_matrix(small) + skew_matrix(small) @ skew_matrix(small) / 2
+        )
+
+    def test_stacks_of_any_shape(self):
+        w = np.random.default_rng(0).normal(size=(2, 4, 3))
+        r = rotation_matrix(w)
+        assert r.shape == (2, 4, 3, 3)
+        assert_close(r[1, 2], rotation_matrix(w[1, 2]))
+        assert_close(rotation_vector(r), w)
+        assert rotation_matrix(np.zeros((0, 3))).shape == (0, 3, 3)
+        assert rotation_vector(np.zeros((0, 3, 3))).shape == (0, 3)
+
+    def test_unknown_rotations_stay_unknown_and_alone(self):
+        w = np.array([[0.1, 0.2, 0.3], [np.nan] * 3, [-1.0, 0.0, 0.5]])
+        r = rotation_matrix(w)
+        assert np.isnan(r[1]).all()
+        back = rotation_vector(r)
+        assert np.isnan(back[1]).all()
+        assert_close(back[[0, 2]], w[[0, 2]])
+
+
+class TestGroup:
+    @given(motions, motions, vectors, vectors)
+    def test_composition_acts_one_after_the_other(self, first, second, center, point):
+        both = compose(second, first, center)
+        one_by_one = apply_motion(*second, center, apply_motion(*first, center, point))
+        assert_close(apply_motion(*both, center, point), one_by_one, 1e-9)
+
+    @given(motions, motions, motions)
+    def test_associative(self, a, b, c):
+        zero = np.zeros(3)
+        left = compose(compose(a, b, zero), c, zero)
+        right = compose(a, compose(b, c, zero), zero)
+        for one, other in zip(left, right, strict=True):
+            assert_close(one, other)
+
+    @given(motions)
+    def test_identity(self, a):
+        nothing = np.eye(3), np.zeros(3)
+        for one in (compose(a, nothing, np.zeros(3)), compose(nothing, a, np.zeros(3))):
+            assert_close(one[0], a[0])
+            assert_close(one[1], a[1])
+
+    @given(motions, vectors, vectors)
+    def test_inverse(self, a, center, point):
+        back = invert(*a)
+        for product in (compose(back, a, center), compose(a, back, center)):
+            assert_close(product[0], np.eye(3))
+            assert_close(product[1], np.zeros(3))
+        assert_close(apply_motion(*back, center, apply_motion(*a, center, point)), point, 1e-9)
+
+    @given(motions, vectors, vectors, vectors)
+    def test_recentred_motion_is_the_same_motion(self, a, old, new, point):
+        matrix, translation = a
+        moved = recenter(matrix, translation, old, new)
+        assert_close(apply_motion(matrix, moved, new, point), apply_motion(matrix, translation, old, point), 1e-9)
+        assert_close(recenter(matrix, moved, new, old), translation, 1e-9)
+
+    @given(motions, vectors)
+    def test_the_centre_moves_by_the_translation(self, a, center):
+        assert_close(apply_motion(*a, center, center) - center, a[1])
+
+    @given(motions, vectors, vectors, vectors)
+    def test_distances_are_kept(self, a, center, p, q):
+        moved = apply_motion(*a, center, p) - apply_motion(*a, center, q)
+        assert np.linalg.norm(moved) == pytest.approx(np.linalg.norm(p - q), abs=1e-9)
+
+    def test_stacks(self):
+        rng = np.random.default_rng(1)
+        w, u, c, p = rng.normal(size=(4, 5, 3))
+        r = rotation_matrix(w)
+        moved = apply_motion(r, u, c, p)
+        back, shift = invert(r, u)
+        both = compose((back, shift), (r, u), c)
+        for k in range(5):
+            assert_close(moved[k], r[k] @ (p[k] - c[k]) + u[k] + c[k])
+            assert_close(shift[k], -r[k].T @ u[k])
+        assert_close(both[0], np.broadcast_to(np.eye(3), (5, 3, 3)))

@@ -1,0 +1,123 @@
+"""Grains whose shadow is not on the radiographs: how they are told, and how they are left out."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from few_grains import grain_set, motions, radiographs, small_motions
+from grainmotion.model.motions import Motions, StateFit, Status
+from grainmotion.model.pose import Pose
+from grainmotion.model.scan import Scan
+from grainmotion.objective.data_term import Target
+from grainmotion.objective.residual import StateProblem
+from grainmotion.objective.response_parameters import DRIFT
+from grainmotion.projection.grain_arrays import GrainArrays
+from grainmotion.tracking.missing_grains import complete, improves, shadows_held, suspects
+
+GRAINS = grain_set()
+TRUTH = small_motions(GRAINS)
+
+
+def supports_of(scan, truth=TRUTH):
+    target = Target(scan, np.zeros(scan.line_integrals.shape, np.float32), "trilinear", 2.0, DRIFT)
+    held = shadows_held(StateProblem(GrainArrays.of(GRAINS), target), Pose(truth.translations, truth.matrices))
+    return np.array([shadow.support for shadow in held])
+
+
+class TestSupport:
+    def test_present(self):
+        np.testing.assert_allclose(supports_of(radiographs(GRAINS, TRUTH)), 1, atol=0.02)
+
+    def test_absent(self):
+        rest = GRAINS.without([1])
+        truth = replace(
+            Motions.identity(rest.labels, rest.centers),
+            translations=np.delete(TRUTH.translations, 1, axis=0),
+            rotations=np.delete(TRUTH.rotations, 1, axis=0),
+        )
+        found = supports_of(radiographs(rest, truth))
+        assert found[1] == pytest.approx(0, abs=0.02)
+        assert np.delete(found, 1).min() > 0.75  # they share pixels with it
+
+    def test_half_there(self):
+        scan = radiographs(GRAINS, TRUTH, gain=0.5)
+        assert (np.abs(supports_of(scan) - 0.4) < 0.15).all()  # less than a half, where two lack half each
+
+    def test_masked_pixels_do_not_count(self):
+        scan = radiographs(GRAINS, TRUTH)
+        valid = np.random.default_rng(0).uniform(size=scan.line_integrals.shape) > 0.3
+        images = np.where(valid, scan.line_integrals, 100).astype(np.float32)
+        np.testing.assert_allclose(supports_of(Scan(images, scan.geometry, valid)), 1, atol=0.02)
+
+    def test_unseen_is_nan(self):
+        away = replace(TRUTH, translations=TRUTH.translations + np.array([0, 0, 50.0]))
+        assert np.isnan(supports_of(radiographs(GRAINS, TRUTH), away)).all()
+
+
+def judged(statuses, cost=0.1):
+    n = len(statuses)
+    start = Motions.identity(np.arange(1, n + 1), np.zeros((n, 3)))
+    return replace(
+        start, statuses=np.array([s.value for s in statuses]), fit=StateFit(costs=(("free", 1.0), ("free", cost)))
+    )
+
+
+OK, BAD, LEFT = Status.CONVERGED, Status.NOT_CONVERGED, Status.LEFT_FIELD
+
+
+class TestSuspects:
+    @pytest.mark.parametrize(
+        ("statuses", "supports", "expected"),
+        [
+            ([OK, OK, OK, BAD], [0.1, 1, 1, 0.2], [[3]]),
+            ([OK, OK, OK, BAD], [1, 1, 1, 0.9], []),
+            ([OK, OK, OK, LEFT], [1, 1, 1, 0.0], []),
+            ([OK, OK, OK, BAD], [1, 1, 1, np.nan], []),
+            ([OK, OK, BAD, BAD], [1, 1, 0.3, 0.1], [[3], [2]]),
+            ([OK, BAD, BAD, BAD], [1, 0.3, 0.1, 0.1], []),
+            ([OK] * 5 + [BAD] * 12, [1] * 5 + [0.1] * 12, []),
+            ([BAD], [0.0], []),
+            ([OK] * 8 + [BAD] * 4, [1] * 8 + [0.4, 0.3, 0.2, 0.1], [[11], [10], [9]]),
+            ([OK] * 8 + [BAD] * 6, [1] * 8 + [0.5, 0.4, 0.3, 0.2, 0.1, 0], [[13, 12, 11, 10, 9, 8]]),
+        ],
+    )
+    def test_sets(self, statuses, supports, expected):
+        found = suspects(judged(statuses), np.array(supports, dtype=float))
+        assert [list(rows) for rows in found] == expected
+
+    @pytest.mark.parametrize(("gain", "tried"), [(0.8, 4), (1.0, 0), (0.3, 0), (-0.2, 0), (1.2, 0)])
+    def test_each_is_tried_where_attenuation_is_lacking(self, gain, tried):
+        """Most in doubt: one absent grain may have shaken all, if the others show less than all of them should."""
+        measured = judged([OK, BAD, BAD, BAD])
+        lacking = replace(measured, fit=replace(measured.fit, gain=gain))
+        assert [list(rows) for rows in suspects(lacking, np.ones(4))] == [[k] for k in range(tried)]
+
+    def test_better(self):
+        before = judged([OK, BAD, BAD], 0.1)
+        assert improves(judged([OK, OK], 0.3), before)
+        assert improves(judged([OK, BAD], 0.05), before)
+        assert not improves(judged([OK, BAD], 0.09), before)
+        assert not improves(judged([BAD, BAD], 0.01), before)
+
+
+class TestComplete:
+    def test_rows_in_the_grains_order_whatever_the_labels(self):
+        grains = replace(GRAINS, grains=tuple(GRAINS.grains[k] for k in (3, 0, 4, 1, 2)))
+        rest = grains.without([2])
+        found = replace(
+            motions(rest, np.arange(12.0).reshape(4, 3)),
+            statuses=np.array(["converged", "converged", "poorly-determined", "converged"]),
+            reasons=("", "", "round; look elsewhere", ""),
+            fit=StateFit(1.1, 0.2),
+        )
+        whole = complete(found, grains)
+        np.testing.assert_array_equal(whole.labels, [4, 1, 5, 2, 3])
+        np.testing.assert_array_equal(np.delete(whole.translations, 2, axis=0), found.translations)
+        assert np.isnan(whole.translations[2]).all()
+        assert np.isnan(whole.rotations[2]).all()
+        assert np.isnan(whole.residuals[2])
+        assert list(whole.statuses) == ["converged", "converged", "not-fitted", "poorly-determined", "converged"]
+        assert whole.reasons[3] == "round; look elsewhere"
+        assert ";" in whole.reasons[2]
+        assert whole.fit == found.fit

@@ -1,0 +1,166 @@
+"""Annealing: scores against brute force, and grains that are found from far away."""
+
+from dataclasses import replace
+
+import numpy as np
+from validation.paper import images
+
+from few_grains import VOXEL, errors, grain_set, motions, radiographs
+from grainmotion.kernels import gibbs_sampling as kernel
+from grainmotion.model.geometry import Geometry
+from grainmotion.model.pose import Pose
+from grainmotion.model.scan import Scan
+from grainmotion.objective.data_term import Target
+from grainmotion.projection.grain_arrays import GrainArrays
+from grainmotion.projection.grains import simulate_radiographs
+from grainmotion.rotations import rotation_matrix, rotation_vector
+from grainmotion.tracking import simulated_annealing as module
+from grainmotion.tracking.global_search import PLANAR
+from grainmotion.tracking.simulated_annealing import Ranges, anneal
+
+GRAINS = grain_set()
+PACKED = GrainArrays.of(GRAINS)
+FAR = Ranges(angle=np.deg2rad(60), reach=0.5, across=10.0, step=1.0, turn_step=1.2, sweeps=15)
+
+
+def moved(rows, shift, turn_deg, seed=0):
+    """The grains of ``rows`` carried by ``shift`` (mm) and turned, each its own way; the others at rest."""
+    rng = np.random.default_rng(seed)
+    u, w = np.zeros((2, len(GRAINS), 3))
+    for vectors, size in ((u, shift), (w, turn_deg)):
+        ways = rng.normal(size=(len(rows), 3))
+        vectors[rows] = size * ways / np.linalg.norm(ways, axis=1, keepdims=True)
+    return motions(GRAINS, u, w)
+
+
+def start():
+    return Pose(np.zeros((len(GRAINS), 3)), np.tile(np.eye(3), (len(GRAINS), 1, 1)))
+
+
+def target(truth):
+    scan = radiographs(GRAINS, truth)
+    return Target(scan, np.zeros(scan.line_integrals.shape, np.float32), "trilinear", sigma=0.0)
+
+
+class TestKernel:
+    def problem(self):
+        """One grain of 4 turns, 2 views; the truth is turn 2 moved by (1, −2) pixels in both views."""
+        rng = np.random.default_rng(3)
+        tables = rng.integers(0, 4096, (4, 2 * 5 * 6)).astype(np.float32)
+        anchors = np.array([[6, 7], [8, 6]])
+        images = np.zeros((2, 20, 22))
+        for v, (r, c) in enumerate(anchors):
+            images[v, r + 1 : r + 6, c - 2 : c + 4] = tables[2, 30 * v : 30 * v + 30].reshape(5, 6)
+        energies = (tables.astype(float) ** 2).reshape(4, 2, 30).sum(axis=2)
+        return images, tables, energies, anchors
+
+    def run(self, heats, images, turn=0, move=12):
+        images = images.copy()
+        _, tables, energies, anchors = self.problem()
+        steps = np.arange(-2.0, 3.0)
+        shifts = np.stack([a.ravel() for a in np.meshgrid(steps, steps, [0.0], indexing="ij")], axis=1)
+        slopes = np.zeros((1, 2, 2, 3))
+        slopes[:, :, 0, 0] = slopes[:, :, 1, 1] = 1
+        turns, moves = np.array([turn]), np.array([move])
+        kernel._put(
+            images, tables, np.array([[0, 1]]), anchors, np.full((2, 2), (5, 6)), np.array([0, 30, 60]), slopes, 0,
+            turn, shifts[move], -1.0,
+        )  # fmt: skip
+        cost = kernel.anneal(
+            np.random.default_rng(0), np.asarray(heats, float), (256, 512), images, tables, energies,
+            np.array([[0, 1]]), anchors, np.full((2, 2), (5, 6)), np.array([0, 30, 60]), slopes, shifts,
+            np.array([2, 2]), turns, moves,
+        )  # fmt: skip
+        return cost, turns[0], shifts[moves[0]]
+
+    def test_without_heat_the_best_candidate_wins(self):
+        cost, turn, shift = self.run([0.0], self.problem()[0])
+        assert turn == 2
+        np.testing.assert_array_equal(shift, [1, -2, 0])
+        assert cost == 0
+
+    def test_the_cost_is_that_of_the_candidates_left_behind(self):
+        """At great heat candidates are drawn at random; what is handed back is the best seen and its cost."""
+        images, tables, _, anchors = self.problem()
+        cost, turn, shift = self.run([1e12] * 5, images)
+        left = images.astype(float).copy()
+        for v, (r, c) in enumerate(anchors + shift[:2].astype(int)):
+            left[v, r : r + 5, c : c + 6] -= tables[turn, 30 * v : 30 * v + 30].reshape(5, 6)
+        assert cost == (left**2).sum()
+
+
+class TestAnneal:
+    def test_grains_far_away_and_turned_far(self):
+        """Two of five, half a diameter away and turned by 50°: near enough for Gauss–Newton afterwards."""
+        rows = np.array([1, 3])
+        truth = moved(rows, 0.5 * 14 * VOXEL, 50.0)
+        found = anneal(PACKED, target(truth), start(), rows, FAR, seed=1)
+        apart = np.linalg.norm(found.translations - truth.translations, axis=1) / VOXEL
+        turned = np.rad2deg(np.linalg.norm(rotation_vector(found.matrices @ np.swapaxes(truth.matrices, 1, 2)), axis=1))
+        assert apart[rows].max() < 2.5
+        assert turned[rows].max() < 25
+        held = np.setdiff1d(np.arange(len(GRAINS)), rows)
+        np.testing.assert_array_equal(found.translations[held], 0)
+        np.testing.assert_array_equal(found.matrices[held], np.tile(np.eye(3), (len(held), 1, 1)))
+
+    def test_many_grains_get_fewer_turns(self, monkeypatch):
+        """The table of patches is bounded: with a tenth of the room there are fewer turns, none among them."""
+        room = []
+        of = module._CandidateTable.of.__func__
+
+        def kept(cls, *arguments):
+            room.append(of(cls, *arguments))
+            return room[-1]
+
+        monkeypatch.setattr(module._CandidateTable, "of", classmethod(kept))
+        truth = moved(np.array([1]), 0.2, 20.0)
+        anneal(PACKED, target(truth), start(), np.arange(5), FAR, seed=0)
+        monkeypatch.setattr(module, "LARGEST_TABLE", room[0].values.size // 4)
+        anneal(PACKED, target(truth), start(), np.arange(5), FAR, seed=0)
+        assert room[1].values.size <= module.LARGEST_TABLE + room[0].values.shape[1]
+        assert any(np.allclose(turn, np.eye(3)) for turn in room[1].turns)
+
+    def test_a_seed_says_it_all(self):
+        truth = moved(np.array([2]), 0.5, 40.0)
+        ends = [anneal(PACKED, target(truth), start(), np.array([2]), FAR, seed=s) for s in (5, 5)]
+        np.testing.assert_array_equal(ends[0].translations, ends[1].translations)
+        np.testing.assert_array_equal(ends[0].matrices, ends[1].matrices)
+
+    def test_a_grain_in_its_place_stays(self):
+        truth = moved(np.array([0]), 0.0, 0.0)
+        found = anneal(PACKED, target(truth), start(), np.arange(5), FAR, seed=0)
+        u, w = errors(motions(GRAINS, found.translations, np.rad2deg(rotation_vector(found.matrices))), truth)
+        assert np.abs(u).max() < 1.5
+        assert np.abs(w).max() < 12
+
+    def test_rounding_does_not_show(self):
+        """Radiographs and starts that differ in their last digits give the same draws: whole numbers are weighed."""
+        rng = np.random.default_rng(6)
+        truth = moved(np.array([1, 3]), 0.5, 40.0)
+        scan, begin = target(truth).scan, start()
+        ends = []
+        for change in (0.0, 1e-13, -1e-13):
+            last_digit = np.float32(6e-8) * rng.integers(-1, 2, scan.line_integrals.shape) * (change != 0)
+            other = (scan.line_integrals * (1 + last_digit)).astype(np.float32)
+            assert (other != scan.line_integrals).any() == (change != 0)
+            again = replace(target(truth), scan=replace(scan, line_integrals=other))
+            near = Pose(begin.translations + change, rotation_matrix(np.full((len(GRAINS), 3), change)))
+            ends.append(anneal(PACKED, again, near, np.arange(5), FAR, seed=2))
+        for end in ends[1:]:
+            np.testing.assert_array_equal(end.translations, ends[0].translations)
+            np.testing.assert_array_equal(end.matrices, ends[0].matrices)
+
+    def test_half_a_pixel_is_half_a_pixel(self, monkeypatch):
+        """With views at 0° and 90° shifts by half a pixel are ties, whose slopes' last digits must not decide."""
+        grains = images.draw(3).grains("dense")
+        views = Geometry.parallel((0.0, 90.0), images.PANEL, 1.0)
+        scan = Scan(simulate_radiographs(grains, images.large_motions(grains, 3), views), views)
+        seen = Target(scan, np.zeros(scan.line_integrals.shape), "trilinear", sigma=0.0)
+        still = Pose(np.zeros((6, 3)), np.tile(np.eye(3), (6, 1, 1)))
+        slopes, rng, ends = module._slopes, np.random.default_rng(0), []
+        for size in (0.0, 1e-14, 1e-14):
+            monkeypatch.setattr(module, "_slopes", lambda *a, s=size: slopes(*a) + s * rng.normal(size=(6, 2, 2, 3)))
+            ends.append(anneal(GrainArrays.of(grains), seen, still, np.arange(6), PLANAR[0], seed=1))
+        for end in ends[1:]:
+            np.testing.assert_array_equal(end.translations, ends[0].translations)
+            np.testing.assert_array_equal(end.matrices, ends[0].matrices)

@@ -1,0 +1,230 @@
+"""Weights of pixels: noise that was planted is found, outliers count less, and likelihood means what it says."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from few_grains import VOXEL, geometry, grain_set, small_motions, smooth_grains
+from grainmotion.model.pose import Pose
+from grainmotion.model.scan import Scan
+from grainmotion.objective.data_term import Target
+from grainmotion.objective.residual import StateProblem
+from grainmotion.objective.response_parameters import KNOWN, ResponseModel
+from grainmotion.projection.grain_arrays import GrainArrays
+from grainmotion.projection.grains import simulate_radiographs
+from grainmotion.solvers.gauss_newton import Stopping, gauss_newton
+from grainmotion.uncertainty.noise_model import (
+    HUBER,
+    NoiseModel,
+    noise_model,
+    noise_shares,
+    open_beam,
+    reweighted,
+    shaded_pixels,
+    slope_squared,
+)
+
+GRAINS = grain_set(finer=1)
+PACKED = GrainArrays.of(GRAINS)
+TRUTH = small_motions(GRAINS)
+POSE = Pose(TRUTH.translations, TRUTH.matrices)
+IDEAL = simulate_radiographs(GRAINS, TRUTH, geometry()).astype(float)
+BEAM = 1 + 0.4 * np.linspace(-1, 1, 64) * np.ones((52, 1))
+
+
+def rng(seed=0):
+    return np.random.default_rng(seed)
+
+
+def counted(photons, beam=1.0, seed=0):
+    """Line integrals of Poisson counts."""
+    counts = rng(seed).poisson(photons * beam * np.exp(-IDEAL))
+    return -np.log(np.maximum(counts, 0.5) / (photons * beam))
+
+
+def problem(images, valid=None, beam=None, freedom=KNOWN, sigma=0.0):
+    scan = Scan(images.astype(np.float32), geometry(), valid, beam)
+    return StateProblem(PACKED, Target(scan, np.zeros(IDEAL.shape, np.float32), "trilinear", sigma, freedom))
+
+
+def model(images, pose=POSE, **target):
+    at = problem(images, **target)
+    return noise_model(at.target, at.look(pose))
+
+
+class TestNoiseModel:
+    @pytest.mark.parametrize("photons", [1e3, 2e4])
+    @pytest.mark.parametrize("beam", [None, BEAM], ids=["even beam", "uneven beam"])
+    def test_photons(self, photons, beam):
+        found = [model(counted(photons, 1.0 if beam is None else beam, k), beam=beam) for k in range(4)]
+        assert np.mean([f.photons for f in found]) == pytest.approx(photons, rel=0.15)
+        assert max(f.even for f in found) < 0.7 * np.sqrt(1 / photons)
+        assert max(f.edge for f in found) < 0.05
+        truth = NoiseModel(photons, 0.0, 0.0).variance(IDEAL, open_beam(problem(IDEAL, beam=beam).target))
+        np.testing.assert_allclose(np.mean([f.variance(IDEAL, 1.0) for f in found]) / truth.mean(), 1, atol=0.25)
+
+    def test_white_noise(self):
+        found = model(IDEAL + 0.03 * rng().standard_normal(IDEAL.shape))
+        assert found.even == pytest.approx(0.03, rel=0.1)
+        assert 1 / found.photons < 0.3 * 0.03**2
+
+    def test_both(self):
+        found = model(counted(2e3) + 0.05 * rng(1).standard_normal(IDEAL.shape))
+        assert found.even == pytest.approx(0.05, rel=0.2)
+        assert found.photons == pytest.approx(2e3, rel=0.4)
+        truth = NoiseModel(2e3, 0.05, 0.0).variance(IDEAL, 1.0)
+        np.testing.assert_allclose(found.variance(IDEAL, 1.0), truth, rtol=0.2)
+
+    def test_an_error_of_edges(self):
+        """Views seen a fraction of a pixel aside: what is left goes with the slope of the shadow."""
+        step = np.gradient(IDEAL, axis=2)
+        aside = IDEAL + 0.3 * rng(2).choice([-1, 1], size=(4, 1, 1)) * step + 0.005 * rng().standard_normal(IDEAL.shape)
+        found = model(aside)
+        up = np.gradient(IDEAL, axis=1)
+        share = np.sqrt((step**2).sum() / (step**2 + up**2).sum())
+        assert found.edge == pytest.approx(0.3 * share, rel=0.3)
+        assert found.even < 0.02
+
+    def test_outliers_and_masked_pixels_do_not_matter(self):
+        images = counted(2e3)
+        valid = rng(3).uniform(size=IDEAL.shape) > 0.05
+        plain = model(images)
+        spoiled = np.where(valid, images, 50.0)
+        np.testing.assert_allclose(model(spoiled, valid=valid).photons, plain.photons, rtol=0.15)
+        some = np.where(rng(4).uniform(size=IDEAL.shape) < 0.01, images + 1.0, images)
+        np.testing.assert_allclose(model(some).photons, plain.photons, rtol=0.25)
+
+    def test_no_noise_at_all(self):
+        found = model(IDEAL)
+        assert np.isfinite(found.variance(IDEAL, 1.0)).all()
+        assert found.variance(IDEAL, 1.0).max() < 1e-6
+
+    @pytest.mark.parametrize("shape", [(1, 1), (5, 2), (1, 64)])
+    def test_panels_far_too_small(self, shape):
+        unit = np.ones((2, *shape))
+        assert np.isfinite(noise_shares(0.1 * rng().standard_normal((2, *shape)), unit, unit > 0)).all()
+
+    def test_slopes(self):
+        y, x = np.mgrid[:6, :7].astype(float)
+        np.testing.assert_allclose(slope_squared((2 * x - 3 * y)[None]), 13)
+        np.testing.assert_allclose(slope_squared(2 * x[None, :1]), 4)
+        np.testing.assert_array_equal(slope_squared(np.ones((2, 1, 1))), 0)
+
+
+class TestWeights:
+    def test_uniform_squares_are_left_alone(self):
+        at = problem(counted(1e3))
+        target, share = reweighted(at.target, at.look(POSE), "uniform", "squares")
+        np.testing.assert_array_equal(target.weights, 1)
+        assert share == 0
+
+    def test_photons_give_the_inverse_variance(self):
+        at = problem(counted(1e3, BEAM), beam=BEAM)
+        target, _ = reweighted(at.target, at.look(POSE), "photons", "squares")
+        truth = BEAM * np.exp(-IDEAL)
+        assert target.weights.mean() == pytest.approx(1)
+        np.testing.assert_allclose(target.weights, truth / truth.mean(), rtol=0.15)
+
+    def test_masked_pixels_do_not_count_in_their_mean(self):
+        valid = rng(3).uniform(size=IDEAL.shape) > 0.5
+        at = problem(counted(1e3), valid)
+        target, _ = reweighted(at.target, at.look(POSE), "photons", "squares")
+        assert target.weights[valid].mean() == pytest.approx(1)
+
+    def test_hubers_share_is_that_of_the_outliers(self):
+        images = IDEAL + 0.02 * rng().standard_normal(IDEAL.shape)
+        clean = problem(images)
+        target, share = reweighted(clean.target, clean.look(POSE), "uniform", "huber")
+        assert share < 0.01  # 0.27 % of normal numbers are beyond three deviations
+        out = rng(5).uniform(size=IDEAL.shape) < 0.05
+        spoiled = problem(np.where(out, images + 0.8, images))
+        target, share = reweighted(spoiled.target, spoiled.look(POSE), "uniform", "huber")
+        shaded = shaded_pixels(spoiled.target, spoiled.look(POSE))
+        assert share == pytest.approx(out[shaded].mean(), rel=0.2)
+        inside = np.median(target.weights[~out])
+        assert target.weights[out].max() < 0.2 * inside
+        assert (target.weights[~out] > 0.99 * inside).mean() > 0.98
+
+    def test_hubers_weight_is_three_deviations_over_the_residual(self):
+        noisy = IDEAL + 0.02 * rng().standard_normal(IDEAL.shape)
+        at = problem(np.where(rng(5).uniform(size=IDEAL.shape) < 0.01, noisy + 0.5, noisy))
+        seen = at.look(POSE)
+        target, _ = reweighted(at.target, seen, "uniform", "huber")
+        noise = noise_model(at.target, seen, HUBER)
+        assert noise.even == pytest.approx(0.02, rel=0.1)
+        size = np.abs(seen.raw) / np.sqrt(noise.variance(IDEAL, 1.0))
+        expected = np.minimum(1, HUBER / size)
+        np.testing.assert_allclose(target.weights / target.weights.max(), expected / expected.max(), rtol=1e-3)
+
+    def test_open_beam(self):
+        assert open_beam(problem(IDEAL).target) == 1.0
+        assert open_beam(problem(IDEAL, beam=BEAM).target) is not None
+
+
+SMOOTH = GrainArrays.of(smooth_grains())
+PLACED = Pose(np.array([[0.05, -0.08, 0.1], [-0.1, 0.03, 0.06]]), np.tile(np.eye(3), (2, 1, 1)))
+
+
+def counts(photons):
+    """Counts of two smooth grains, as a problem, and themselves."""
+    views = geometry()
+    nothing = Target(Scan(np.zeros(IDEAL.shape, np.float32), views), np.zeros(IDEAL.shape), "trilinear", 0.0)
+    path = StateProblem(SMOOTH, nothing).look(PLACED).path
+    seen = np.maximum(rng().poisson(photons * np.exp(-path)), 0.5)
+    return StateProblem(SMOOTH, replace(nothing, scan=Scan(-np.log(seen / photons), views))), seen
+
+
+class TestPoisson:
+    def likelihood(self, problem, counts, photons, pose):
+        """Minus its logarithm."""
+        path = problem.look(pose).path
+        return float((counts * path + photons * np.exp(-path)).sum())
+
+    def score(self, problem, counts, photons, pose, step=2e-3):
+        """Slope of minus the log-likelihood by every unknown, by central differences, over its own deviation."""
+        slopes = np.zeros(12)
+        for k in range(12):
+            ends = [
+                self.likelihood(problem, counts, photons, problem.retract(pose, sign * step * np.eye(12)[k]))
+                for sign in (1, -1)
+            ]
+            slopes[k] = (ends[0] - ends[1]) / (2 * step)
+        weights = photons * np.exp(-problem.look(pose).path)
+        fisher = replace(problem, target=replace(problem.target, weights=weights)).linearize(pose).hessian.diagonal()
+        return slopes / np.sqrt(fisher), np.sqrt(fisher)
+
+    def test_the_weighted_gap_is_the_score(self):
+        """The gradient of the reweighted squares is that of the likelihood, whatever the pose."""
+        photons = 200.0
+        at, seen = counts(photons)
+        pose = Pose(PLACED.translations + 0.3 * VOXEL, PLACED.matrices)
+        target, _ = reweighted(at.target, at.look(pose), "uniform", "poisson")
+        scale = photons * np.exp(-at.look(pose).path).mean()  # weights have a mean of 1
+        gradient = scale * replace(at, target=target).linearize(pose).gradient
+        slopes, deviations = self.score(at, seen, photons, pose)
+        assert np.abs(slopes).max() > 3
+        np.testing.assert_allclose(gradient / deviations, slopes, atol=0.1)
+
+    def test_a_fixed_point_has_no_score(self):
+        """Iterated, it ends where the likelihood of the counts has no slope; plain squares do not."""
+        photons = 40.0
+        at, seen = counts(photons)
+        stopping = Stopping(30, 1e-6, 1e-14)
+        pose = plain = gauss_newton(at, PLACED, stopping).state
+        working, share = at, 1.0
+        for _ in range(5):
+            target, share = reweighted(at.target, at.look(pose), "uniform", "poisson")
+            working = replace(working, target=target)
+            pose = gauss_newton(working, pose, stopping).state
+        assert share == 0
+        assert np.abs(self.score(at, seen, photons, pose)[0]).max() < 0.08
+        assert np.abs(self.score(at, seen, photons, plain)[0]).max() > 0.25
+
+    def test_pixels_without_a_photon(self):
+        images = counted(60.0)
+        images[:, 20:24, 30:34] = 30.0
+        at = problem(images, freedom=ResponseModel("global"))
+        target, _ = reweighted(at.target, at.look(POSE), "photons", "poisson")
+        assert np.isfinite(target.scan.line_integrals).all()
+        assert np.isfinite(target.weights).all()

@@ -1,0 +1,214 @@
+"""Directions that views hardly tell: named, held near what is expected, and no harm to what is told."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+from few_grains import PANEL, VOXEL, errors, grain_set, motions, radiographs, small_motions
+from grainmotion.model.geometry import Geometry
+from grainmotion.model.motions import Status
+from grainmotion.model.pose import Pose
+from grainmotion.model.scan import Scan
+from grainmotion.projection.grain_arrays import GrainArrays
+from grainmotion.projection.grains import shadows
+from grainmotion.rotations import rotation_vector
+from grainmotion.tracking.track import TrackSettings, track
+from grainmotion.uncertainty.weak_directions import SHIFT, TURN, UNKNOWN, WEAK, diagonal_blocks, poorly, weak_directions
+
+GRAINS = grain_set(finer=1)
+PACKED = GrainArrays.of(GRAINS)
+POSE = Pose(np.zeros((5, 3)), np.tile(np.eye(3), (5, 1, 1)))
+SCALES = np.stack([np.repeat([SHIFT * 2 * r, TURN], 3) for r in PACKED.radii])
+
+
+def random_covariances(size, seed=0):
+    """Of any shape, about ``size`` of the prior's deviations wide."""
+    roots = np.random.default_rng(seed).normal(size=(5, 6, 8))
+    own = size**2 * roots @ roots.transpose(0, 2, 1) / 8
+    return own * SCALES[:, :, None] * SCALES[:, None, :]
+
+
+def block_diagonal(blocks):
+    n = len(blocks)
+    return sparse.bsr_array((blocks, np.arange(n), np.arange(n + 1)), shape=(6 * n, 6 * n))
+
+
+class TestFormula:
+    """All directions weak, the prior is one more observation; none weak, there is no prior."""
+
+    PRECISIONS = np.stack([np.diag(1 / s**2) for s in SCALES])
+
+    def test_posterior_where_all_is_weak(self):
+        known = random_covariances(30.0)
+        weak = weak_directions(known, PACKED)
+        assert weak.flags.all()
+        expected = np.linalg.inv(np.linalg.inv(known) + self.PRECISIONS)
+        shape = SCALES[:, :, None] * SCALES[:, None, :]
+        np.testing.assert_allclose(weak.posterior() / shape, expected / shape, atol=1e-9)
+
+    def test_nothing_weak(self):
+        known = random_covariances(0.02)
+        weak = weak_directions(known, PACKED)
+        assert not weak.flags.any()
+        np.testing.assert_allclose(weak.posterior(), known, rtol=1e-9)
+        hessian = block_diagonal(np.linalg.inv(known))
+        assert not weak.prior(hessian, POSE).precisions.any()
+
+    @pytest.mark.parametrize("variance", [1.0, 1e-4])
+    def test_prior_in_units_of_the_cost(self, variance):
+        """For a covariance of σ² H⁻¹, the prior's precision in the cost is σ² over its own variances."""
+        known = random_covariances(30.0)
+        hessian = block_diagonal(variance * np.linalg.inv(known))
+        prior = weak_directions(known, PACKED).prior(hessian, POSE)
+        shape = SCALES[:, :, None] * SCALES[:, None, :]
+        np.testing.assert_allclose(
+            prior.precisions * shape, np.tile(variance * np.eye(6), (5, 1, 1)), atol=1e-6 * variance
+        )
+        assert prior.pose is POSE
+
+    def test_one_weak_direction_aslant(self):
+        """Only along it does the prior pull, and only its variance shrinks."""
+        turn = np.linalg.qr(np.random.default_rng(1).normal(size=(6, 6)))[0]
+        variances = np.array([1e-4, 1e-3, 1e-4, 9.0, 1e-4, 1e-3])
+        scaled = np.einsum("ij,j,kj->ik", turn, variances, turn)
+        known = scaled * SCALES[:, :, None] * SCALES[:, None, :]
+        weak = weak_directions(known, PACKED)
+        np.testing.assert_array_equal(weak.flags.sum(axis=1), 1)
+        own = weak.posterior() / (SCALES[:, :, None] * SCALES[:, None, :])
+        variances[3] = 9 / 10
+        np.testing.assert_allclose(own, np.tile(np.einsum("ij,j,kj->ik", turn, variances, turn), (5, 1, 1)), atol=1e-9)
+        rows = weak.prior(block_diagonal(np.linalg.inv(known)), POSE).precisions
+        rows *= SCALES[:, :, None] * SCALES[:, None, :]
+        np.testing.assert_allclose(rows, np.tile(np.outer(turn[:, 3], turn[:, 3]), (5, 1, 1)), atol=1e-6)
+
+    def test_what_no_view_tells_at_all(self):
+        known = random_covariances(0.02)
+        known[2] = 1e12 * np.eye(6)
+        known[3, 1] = known[3, :, 1] = 0
+        known[3, 1, 1] = np.inf
+        weak = weak_directions(np.where(np.isinf(known), 1e30, known), PACKED)
+        assert (weak.variances <= 1.01 * UNKNOWN).all()
+        sd = np.sqrt(np.diagonal(weak.posterior(), axis1=1, axis2=2)) / SCALES
+        np.testing.assert_allclose(sd[2], 1, rtol=1e-3)
+        assert sd[3, 1] == pytest.approx(1, rel=1e-3)
+        assert np.delete(sd[3], 1).max() < 0.1
+        assert np.isfinite(weak_directions(np.full((5, 6, 6), np.nan), PACKED).posterior()).all()
+
+    def test_limit(self):
+        for share, expected in ((0.9 * WEAK, False), (1.1 * WEAK, True)):
+            known = share**2 * np.stack([np.diag(s**2) for s in SCALES])
+            np.testing.assert_array_equal(weak_directions(known, PACKED).flags, expected)
+
+    def test_blocks(self):
+        blocks = np.random.default_rng(2).normal(size=(5, 6, 6))
+        np.testing.assert_array_equal(diagonal_blocks(block_diagonal(blocks)), blocks)
+        missing = sparse.bsr_array((blocks[:1], [1], [0, 1, 1]), shape=(12, 12), blocksize=(6, 6))
+        assert not diagonal_blocks(missing).any()
+
+
+class TestNames:
+    @pytest.mark.parametrize(
+        ("sd", "names"),
+        [
+            ([1, 1, 1, 1, 1, 1], []),
+            ([1, 9, 1, 1, 1, 1], ["translation along y"]),
+            ([9, 9, 9, 1, 1, 1], ["translation along any axis"]),
+            ([1, 1, 9, 9, 1, 1], ["translation along z", "rotation about x"]),
+        ],
+    )
+    def test_axes(self, sd, names):
+        covariance = np.diag(np.square(sd).astype(float))
+        assert poorly(covariance, (3.0, 3.0)) == names
+
+    def test_aslant(self):
+        way = np.array([0.6, -0.8, 0.0])
+        covariance = np.eye(6)
+        covariance[:3, :3] += 99 * np.outer(way, way)
+        (name,) = poorly(covariance, (3.0, 3.0))
+        x, y, z = (float(part) for part in name.removeprefix("translation along (").removesuffix(")").split(","))
+        np.testing.assert_allclose(abs(x * 0.6 - y * 0.8), 1)
+        assert z == 0
+
+
+VIEWS = Geometry.parallel((0.0, 50.0, 95.0, 140.0), PANEL, VOXEL)
+FULL = grain_set()
+TRUTH = small_motions(FULL, voxels=1.0, degrees=2.0)
+
+
+def hidden(grain, seen_by):
+    """Radiographs on which one grain's shadow, and two pixels around it, count in some views alone."""
+    packed = GrainArrays.of(FULL)
+    boxes = shadows(packed, Pose(TRUTH.translations, TRUTH.matrices), VIEWS, margin=2).boxes
+    valid = np.ones((4, *PANEL), bool)
+    for _, view, r0, r1, c0, c1 in boxes[boxes[:, 0] == grain]:
+        valid[view, r0:r1, c0:c1] = view in seen_by
+    scan = radiographs(FULL, TRUTH, views=VIEWS)
+    return Scan(scan.line_integrals, VIEWS, valid)
+
+
+BEHIND = 4
+
+
+@pytest.fixture(scope="module")
+def measured():
+    return track(FULL, hidden(BEHIND, {0}), settings=TrackSettings(search=False))
+
+
+class TestHidden:
+    """A grain behind something opaque in all views but one."""
+
+    GRAIN = BEHIND
+
+    def test_its_depth_is_named(self, measured):
+        assert measured.statuses[self.GRAIN] == Status.POORLY_DETERMINED.value
+        assert "translation along y" in measured.reasons[self.GRAIN]
+        assert "translation along x" not in measured.reasons[self.GRAIN]
+
+    def test_its_depth_is_held_near_what_is_expected(self, measured):
+        """No further away than three of the prior's deviations, which its covariance states."""
+        deviation = SHIFT * 2 * PACKED.radii[self.GRAIN]
+        sd = np.sqrt(np.diagonal(measured.covariances[self.GRAIN]))
+        assert sd[1] == pytest.approx(deviation, rel=0.1)
+        assert np.abs(measured.translations[self.GRAIN, 1] - TRUTH.translations[self.GRAIN, 1]) < 3 * deviation
+        assert sd[[0, 2]].max() < 0.1 * deviation
+
+    def test_what_is_told_is_right(self, measured):
+        u, _ = errors(measured, TRUTH)
+        assert np.abs(u[self.GRAIN, [0, 2]]).max() < 0.1
+
+    def test_the_neighbours_are_as_good_as_ever(self, measured):
+        u, w = errors(measured, TRUTH)
+        others = np.delete(np.arange(5), self.GRAIN)
+        assert measured.ok[others].all(), measured.reasons
+        assert np.abs(u[others]).max() < 0.06
+        assert np.abs(w[others]).max() < 1.5
+
+
+class TestOneParallelView:
+    def test_every_depth_stays_where_it_was_expected(self):
+        """The start says 0.3 mm, and the view cannot contradict it."""
+        grains = grain_set(2)
+        truth = motions(grains, (0.05, 0.3, -0.05), (0.0, 3.0, 0.0))
+        start = motions(grains, (0.0, 0.3, 0.0))
+        views = Geometry.parallel([0.0], PANEL, VOXEL)
+        settings = TrackSettings(fields=False, search=False)
+        measured = track(grains, radiographs(grains, truth, views=views), start, settings)
+        u, _ = errors(measured, truth)
+        np.testing.assert_allclose(measured.translations[:, 1], 0.3, atol=0.02)
+        assert np.abs(u[:, [0, 2]]).max() < 0.1
+        assert set(measured.statuses) == {Status.POORLY_DETERMINED.value}
+        sd = np.sqrt(np.diagonal(measured.covariances, axis1=1, axis2=2))
+        np.testing.assert_allclose(sd[:, 1], SHIFT * 2 * GrainArrays.of(grains).radii, rtol=0.05)
+        turns = rotation_vector(measured.matrices @ truth.matrices.transpose(0, 2, 1))
+        assert np.abs(turns[:, 1]).max() < 0.02  # about the beam it is told
+
+    def test_a_better_start_is_kept(self):
+        grains = grain_set(2)
+        truth = motions(grains, (0.0, 0.2, 0.0))
+        views = Geometry.parallel([0.0], PANEL, VOXEL)
+        scan = radiographs(grains, truth, views=views)
+        settings = TrackSettings(fields=False, search=False)
+        ends = [track(grains, scan, replace(motions(grains, (0.0, y, 0.0))), settings) for y in (0.0, 0.2)]
+        np.testing.assert_allclose(ends[1].translations[:, 1] - ends[0].translations[:, 1], 0.2, atol=0.02)

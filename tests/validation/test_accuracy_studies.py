@@ -1,0 +1,208 @@
+"""The accuracy studies at their smallest size: what they compute, and what their pages say of it."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from validation.accuracy import coverage, full_scans, hard_cases, limits, outcomes, page, projectors, specimens
+from validation.accuracy.remedies import DEFAULT, REMEDIES, Remedy, remedies
+from validation.accuracy.specimens import Specimen
+from validation.common import cache
+from validation.common.page import Page, Section
+
+from grainmotion.model.motions import Status
+from grainmotion.simulate import HARD_CASES
+
+CONVERGED = Status.CONVERGED.value
+FEW = Specimen(grains=3)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def own_cache(tmp_path_factory):
+    """Nothing is read from, or left in, the cache of the studies."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(page, "CACHE", tmp_path_factory.mktemp("cache"))
+        yield
+
+
+def made(errors, sds, statuses=None, **changes):
+    """An outcome of a few grains."""
+    n = len(errors)
+    plain = outcomes.Outcome(
+        labels=list(range(1, n + 1)),
+        statuses=statuses or [CONVERGED] * n,
+        reasons=[""] * n,
+        errors=np.asarray(errors, dtype=float).tolist(),
+        sds=np.asarray(sds, dtype=float).tolist(),
+        failed=[s != CONVERGED for s in statuses or [CONVERGED] * n],
+        spurious=0,
+        notes=[],
+        cpu=1.0,
+    )
+    return dataclasses.replace(plain, **changes)
+
+
+class TestOutcomes:
+    def test_wrong_is_far_off_by_its_own_measure_and_by_ours(self):
+        sd = np.full(6, 0.01)
+        rows = np.zeros((5, 6))
+        rows[0, 1], rows[1, 4] = 0.31, 2.1  # wrong: translation, rotation
+        rows[2, 0], rows[2, 5] = 0.29, 1.9  # far beyond its sd, but not far
+        rows[3, 2], rows[4, 2] = 0.4, 9.0  # within 5 sd; not converged
+        sds = np.stack([sd, sd, sd, np.full(6, 0.1), sd])
+        statuses = [CONVERGED] * 4 + [Status.NOT_CONVERGED.value]
+        assert outcomes.pool([made(rows, sds, statuses)]).wrong == 2
+
+    def test_errors_are_of_converged_grains_alone(self):
+        one = made([[0.3] * 3 + [2.0] * 3, [9.0] * 6], np.ones((2, 6)), [CONVERGED, "not-converged"], spurious=1)
+        some = outcomes.pool([one])
+        assert some.rms == pytest.approx((0.3, 2.0))
+        assert some.over_sd == pytest.approx((0.3, 2.0))
+        assert some.failures == 2
+        assert some.counts() == "1 converged, 1 not-converged"
+
+    def test_marked_grains_are_left_out(self):
+        one = made([[1.0] * 6, [9.0] * 6], np.ones((2, 6)))
+        assert outcomes.pool([one, one], [(2,), (1,)]).rms == pytest.approx((np.sqrt(41), np.sqrt(41)))
+
+    def test_grains_that_the_reference_does_not_hold(self):
+        twin = specimens.case(FEW)
+        truth = twin.motions["random"]
+        some = dataclasses.replace(
+            truth, **{name: getattr(truth, name)[1:] for name in outcomes_columns()}, fit=truth.fit
+        )
+        found = outcomes.outcome(some, truth, 0.1, 0.0)
+        assert found.statuses == [outcomes.MISSING, CONVERGED, CONVERGED]
+        assert np.isnan(found.errors[0]).all()
+        assert np.abs(found.errors[1:]).max() < 1e-6
+
+    def test_are_kept_with_their_missing_values(self):
+        calls = []
+
+        def make():
+            calls.append(1)
+            return made([[np.nan] * 6], [[np.nan] * 6])
+
+        first, second = (outcomes.remembered("test/kept", "this", make) for _ in range(2))
+        assert len(calls) == 1
+        assert first.labels == second.labels
+        assert np.isnan(second.errors).all()
+
+
+def outcomes_columns():
+    return ("labels", "centers", "translations", "rotations", "covariances", "statuses", "residuals", "iterations",
+            "reasons")  # fmt: skip
+
+
+class TestBounds:
+    def test_go_as_one_over_the_root_of_the_photons(self):
+        clean, noisy = specimens.bounds(FEW, "random", 2), specimens.bounds(
+            dataclasses.replace(FEW, snr=10.0), "random", 2
+        )  # fmt: skip
+        photons = [specimens.case(dataclasses.replace(FEW, snr=snr)).physics.photons for snr in (50.0, 10.0)]
+        np.testing.assert_allclose(noisy / clean, np.sqrt(photons[0] / photons[1]))
+        assert (noisy > 3 * clean).all()
+
+    def test_more_views_tell_more(self):
+        assert (specimens.bounds(FEW, "random", 4) < specimens.bounds(FEW, "random", 2)).mean() > 0.9
+
+
+class TestStudies:
+    def test_limits(self):
+        found = limits.trial(limits.Trial(FEW, (("random", 4),)))["random", 4]
+        u, turn = limits.over_bounds([found])
+        assert 0.6 < u < 5
+        assert 0.6 < turn < 6
+        assert limits.cells([found])[-2] == "0"
+
+    def test_coverage(self):
+        done = coverage.trial(coverage.Trial(FEW, repeats=1))
+        some = outcomes.pool([o for found in done.values() for o in found])
+        assert len(some.statuses) == 6
+        assert some.wrong == 0
+        assert coverage.coverage(some.ratios) > 0.7
+
+    def test_coverage_of_normal_errors(self):
+        rng = np.random.default_rng(0)
+        ratios = rng.normal(size=(4000, 6))
+        assert coverage.coverage(ratios) == pytest.approx(0.95, abs=0.005)
+        assert coverage.coverage(2 * ratios) < 0.7
+
+    def test_projectors(self):
+        some = [projectors.VARIANTS[k] for k in (0, 1, 2)]
+        done = projectors.trial(projectors.Trial(FEW, tuple(some)))
+        fine, exact, coarse = (limits.over_bounds([done[v.name, 4]]) for v in some)
+        assert fine[1] < coarse[1] < exact[1]
+        assert fine[0] < exact[0]
+
+    def test_hard_cases(self):
+        own = REMEDIES["gain-drift-views"][0]
+        job = hard_cases.Trial("gain-drift-views", 0, (own,))
+        some = hard_cases.together({job.name: [hard_cases.trial(job)]}, job.name, own.name, 4)
+        assert some.counts() == "6 converged"
+        assert some.wrong == 0
+        assert some.rms[0] < 0.02
+
+
+class TestRemedies:
+    def test_are_of_cases_that_there_are(self):
+        assert set(REMEDIES) <= set(HARD_CASES)
+
+    def test_names_are_distinct_and_the_default_comes_first(self):
+        for name in HARD_CASES:
+            chosen = remedies(name)
+            assert chosen[0] == DEFAULT == Remedy("default")
+            assert len({r.name for r in chosen}) == len(chosen)
+        assert len({v.name for v in projectors.VARIANTS}) == len(projectors.VARIANTS)
+
+
+class TestPages:
+    def test_a_section_and_its_headline_replace_their_own(self, tmp_path):
+        (tmp_path / "docs").mkdir()
+        it = Page("some", tmp_path)
+        it.path.write_text(
+            "| a | <!-- headline a --> |\n| b | <!-- headline b --> |\n"
+            "<!-- begin a -->\n<!-- end a -->\n<!-- begin b -->\n<!-- end b -->\n"
+        )
+        it.write("b", Section("The b", "other", "kept"))
+        for text in ("first", "second"):
+            it.write("a", Section("The a, at 1 %", text, f"{text} of all"))
+        page_text = it.path.read_text()
+        assert "first" not in page_text
+        assert "| [The a, at 1 %](#the-a-at-1-) | second of all <!-- headline a --> |" in page_text
+        assert "## The b\n\nother\n\nMade by `python -m validation.some b`." in page_text
+        with pytest.raises(ValueError, match="no place for c"):
+            it.write("c", Section("c", ""))
+
+    def test_the_page_has_a_place_for_every_study(self):
+        from validation.accuracy.__main__ import STUDIES
+
+        text = page.PAGE.path.read_text()
+        for name in STUDIES:
+            assert text.count(f"<!-- begin {name} -->") == text.count(f"<!-- headline {name} -->") == 1
+
+    def test_full_scans_hold_the_benchmarks_table(self):
+        said = full_scans.section("# Title\n\nwords\n\n| a | b |\n|---|---|\n| 1 | 2 |\n\nMachine.  Made by `it`.\n")
+        assert "| 1 | 2 |" in said.text
+        assert "Made by `it`;" in said.text
+
+    def test_marked_grains_are_named(self):
+        gone = made(np.zeros((2, 6)), np.ones((2, 6)), ["not-fitted", CONVERGED])
+        gone = dataclasses.replace(gone, reasons=["it is missing, 3 of 4", ""])
+        kept = dataclasses.replace(gone, reasons=["a bad fit", ""])
+        found = {("default", 4): hard_cases.Found(gone, (1,))}, {("default", 4): hard_cases.Found(kept, (1,))}
+        text = hard_cases.section({"missing": list(found)}).text
+        assert "| missing | default | 4 | 2 not-fitted | 1 of 2 |" in text
+        assert "not-fitted: it is missing, … of …" in text
+
+
+def test_source_names_change_with_the_source(tmp_path, monkeypatch):
+    (tmp_path / "rays.py").write_text("a = 1")
+    monkeypatch.setattr(cache.grainmotion, "__file__", str(tmp_path / "__init__.py"))
+    cache.source.cache_clear()
+    before = cache.source("rays")
+    (tmp_path / "rays.py").write_text("a = 2")
+    cache.source.cache_clear()
+    assert cache.source("rays") != before
+    monkeypatch.undo()
+    cache.source.cache_clear()

@@ -1,0 +1,55 @@
+"""The benchmark of the card runs through, in CUDA's simulator; where there is no card it makes no table."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from grainmotion.backends.device import chosen
+from grainmotion.errors import InputError
+
+pytest.importorskip("numba_cuda", reason="numba-cuda is not installed: pip install grainmotion[dev]")
+
+ROOT = Path(__file__).parents[2]
+BENCHMARK = ROOT / "validation" / "benchmarks" / "gpu.py"
+
+
+def run(*arguments: str, **environment: str) -> subprocess.CompletedProcess:
+    paths = os.pathsep.join([str(ROOT), *(p for p in sys.path if p)])
+    everything = {**os.environ, "PYTHONPATH": paths, **environment}
+    return subprocess.run(
+        [sys.executable, "-m", "validation.benchmarks.gpu", *arguments],
+        env=everything,
+        capture_output=True,
+        text=True,
+    )
+
+
+@pytest.mark.slow
+def test_toy_runs_through_and_its_answers_are_right():
+    toy = ["--toy", "--grains", "2", "--across", "4", "--repeats", "1", "--compare", "2"]
+    done = run(*toy, NUMBA_ENABLE_CUDASIM="1", NUMBA_DISABLE_JIT="1")
+
+    assert done.returncode == 0, done.stdout + done.stderr[-2000:]
+    assert "CUDA's simulator: times mean nothing" in done.stdout
+    for row in ("one sweep, all on the card", "values and derivatives", "filter of derivatives", "gradient"):
+        assert row in done.stdout
+
+
+def test_without_a_card_there_is_no_table():
+    try:
+        chosen("cuda")
+    except InputError:
+        table = BENCHMARK.parent / "results" / "gpu.md"
+        before = table.read_text() if table.exists() else None
+        done = run()
+        assert done.returncode == 2
+        assert "no benchmark of the card, and no table" in done.stderr
+        assert done.stdout == ""
+        assert (table.read_text() if table.exists() else None) == before
+    else:
+        pytest.skip("a card is there")

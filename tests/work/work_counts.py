@@ -1,0 +1,131 @@
+"""How much work is done, counted from what the kernels are given: nothing inside them counts.
+
+`Walks` of one call say how many rays it walks and how many planes these cross; `watched` gathers them over a run,
+stage by stage, by standing in front of the kernels.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections import defaultdict
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, fields
+from unittest import mock
+
+import numba as nb
+import numpy as np
+
+from grainmotion.kernels import grain_projection as kernel
+from grainmotion.kernels.grain_ray_tracing import between, ordered, row_of_rays
+from grainmotion.model.geometry import Geometry
+from grainmotion.model.pose import Pose
+from grainmotion.projection.grain_arrays import GrainArrays
+from grainmotion.projection.grains import Patches
+
+WALKERS = ("project", "project_with_derivatives")
+
+
+@dataclass(frozen=True)
+class Walks:
+    """Work of walks: calls, projections of a grain to a view, rays, those that meet a grain's extents, planes
+    crossed there, and planes walked: eights."""
+
+    calls: int = 0
+    projections: int = 0
+    rays: int = 0
+    meeting: int = 0
+    planes: int = 0
+    walked: int = 0
+
+    def __add__(self, other: Walks) -> Walks:
+        return Walks(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
+
+
+@nb.njit(error_model="numpy")
+def _counted(shapes, corners, extents, voxel, positions, matrices, views, cone, panel, boxes, jobs):
+    """Rays that meet, planes crossed and planes walked, job by job as the kernels go."""
+    meeting, planes, walked = 0, 0, 0
+    middle = (panel[1] - 1) / 2
+    for j in range(len(jobs)):
+        p, r, c0, c1 = jobs[j, 0], jobs[j, 1], jobs[j, 2], jobs[j, 3]
+        g, i = boxes[p, 0], boxes[p, 1]
+        row = r - (panel[0] - 1) / 2
+        o0, o1, d0, d1 = row_of_rays(views[i], cone, row, positions[g], matrices[g], corners[g], 1.0 / voxel)
+        span = np.empty((2, c1 - c0), np.float32)
+        between(extents[g], o0, o1, d0, d1, c0 - middle, span)
+        for c in range(c0, c1):
+            low, high = span[0, c - c0], span[1, c - c0]
+            if low > high:
+                continue
+            x = c - middle
+            o = (o0[0] + x * o1[0], o0[1] + x * o1[1], o0[2] + x * o1[2])
+            d = (d0[0] + x * d1[0], d0[1] + x * d1[1], d0[2] + x * d1[2])
+            count = ordered(o, d, shapes[g], low, high)[2]
+            meeting += 1
+            planes += count
+            walked += (count + 7) // 8 * 8
+    return meeting, planes, walked
+
+
+def walks_of(given: dict[str, np.ndarray]) -> Walks:
+    """The work of one call of a kernel of `kernels.grain_projection`, from its arguments by name."""
+    names = inspect.signature(_counted.py_func).parameters
+    jobs = given["jobs"]
+    rays = int((jobs[:, 3] - jobs[:, 2]).sum())
+    return Walks(1, len(given["boxes"]), rays, *_counted(*(given[name] for name in names)))
+
+
+def walks(packed: GrainArrays, pose: Pose, geometry: Geometry, patches: Patches) -> Walks:
+    """The work of projecting patches once."""
+    return walks_of(
+        {
+            "shapes": packed.shapes,
+            "corners": packed.corners,
+            "extents": packed.extents,
+            "voxel": packed.voxel_size,
+            "positions": packed.centers + pose.translations,
+            "matrices": np.ascontiguousarray(pose.matrices),
+            "views": geometry.vectors,
+            "cone": geometry.beam == "cone",
+            "panel": np.array(geometry.shape),
+            "boxes": patches.boxes,
+            "jobs": patches.jobs,
+        }
+    )
+
+
+@dataclass
+class Watch:
+    """What was done while `watched`, by stage; ``listen`` is to be told the progress."""
+
+    stages: dict[str, Walks] = field(default_factory=lambda: defaultdict(Walks))
+    stage: str = "start"
+
+    def listen(self, message: str, done: int, total: int) -> None:
+        """Take a stage's name from a message of progress."""
+        self.stage = message.split(":")[0]
+
+    @property
+    def whole(self) -> Walks:
+        """All stages together."""
+        return sum(self.stages.values(), Walks())
+
+
+@contextmanager
+def watched() -> Iterator[Watch]:
+    """Count the walks of all grains while it lasts."""
+    watch = Watch()
+
+    def counting(name):
+        inner = getattr(kernel, name)
+        signature = inspect.signature(inner.py_func)
+
+        def walk(*arguments):
+            watch.stages[watch.stage] += walks_of(signature.bind(*arguments).arguments)
+            inner(*arguments)
+
+        return walk
+
+    with mock.patch.multiple(kernel, **{name: counting(name) for name in WALKERS}):
+        yield watch

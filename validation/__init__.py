@@ -1,0 +1,1 @@
+"""Measurements: the paper rerun, the accuracy, the benchmarks."""

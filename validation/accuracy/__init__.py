@@ -1,0 +1,1 @@
+"""How accurate grainmotion is, on simulated samples: ``python -m validation.accuracy`` writes ``docs/accuracy.md``."""

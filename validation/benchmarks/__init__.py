@@ -1,0 +1,1 @@
+"""Benchmarks: each measures grainmotion against a named peer in the same run."""

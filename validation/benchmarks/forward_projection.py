@@ -1,0 +1,145 @@
+"""Forward projection of the paper-scale reference scan: grainmotion's two projectors and RTK's Joseph.
+
+    python -m validation.benchmarks.forward_projection [--views 352] [--repeats 2]
+
+The volume is a voxelised lattice of ellipsoids whose line integrals are known in closed form, so that
+speed is compared at a known error.  The projectors run in turn on the same volume and views; the cost is
+CPU time (user + system, all threads) of the projection alone, the least of the repeats, after
+compilation.  RTK lives in ``.venv-bench``, made on the first run.  Writes
+``validation/benchmarks/results/forward_projection.md``; ends with code 1 if an answer is wrong or grainmotion
+takes more than a quarter of RTK's time, half of it for the exact path, which is no formula of RTK's Joseph.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grainmotion._typing import Projector
+from grainmotion.model.geometry import Geometry
+from grainmotion.model.volume import Volume
+from grainmotion.projection.volumes import project
+from grainmotion.rotations import rotation_matrix
+from grainmotion.simulate import Sample, Scanner, attenuation_volume, ellipsoid_particle, line_integrals
+from validation.benchmarks.peers.environment import machine, run_peer
+
+SCANNER = Scanner((280, 180), 0.508, 150.0, 0.508 * 150.0 / 0.112, 352)  # as simulate.paper_scale
+AGREEMENT = 1e-4  # between our trilinear projector and RTK's Joseph, relative: the same formula
+TRUTH = 0.03  # between voxels and the closed form, relative
+RESULT = Path(__file__).parent / "results" / "forward_projection.md"
+NAMES: dict[str, Projector] = {"grainmotion, trilinear": "trilinear", "grainmotion, exact path": "exact"}
+BARS = {"grainmotion, trilinear": 0.25, "grainmotion, exact path": 0.5}  # of RTK's CPU time
+PEER = "RTK, Joseph"
+
+
+def sample() -> Sample:
+    """15 ellipsoids about 45 voxels across with a denser core each, in random attitudes."""
+    rng = np.random.default_rng(0)
+    h = SCANNER.voxel_size
+    spots = [(x, y, z) for z in (-108, -54, 0, 54, 108) for x, y in ((-32, -26), (34, -20), (0, 38))]
+    particles = [ellipsoid_particle(rng, 45 * h, 0.1, inclusion_attenuation=0.2) for _ in spots]
+    turns = rotation_matrix(rng.normal(size=(len(spots), 3)))
+    return Sample(tuple(p.moved(r, h * np.array(s, float)) for p, r, s in zip(particles, turns, spots)))
+
+
+def ours(volume: Volume, geometry: Geometry, projector: Projector) -> tuple[float, NDArray[np.float32]]:
+    """CPU seconds and radiographs."""
+    project(volume, geometry[0], projector)  # compile
+    start = time.process_time()
+    images = project(volume, geometry, projector)
+    return time.process_time() - start, images
+
+
+def rtks(volume: Volume, angles: list[float], folder: Path) -> tuple[float, NDArray[np.float32], str]:
+    """CPU seconds, radiographs and version."""
+    np.save(folder / "volume.npy", volume.array)
+    job = {
+        "volume": str(folder / "volume.npy"),
+        "out": str(folder / "rtk.npy"),
+        "panel": SCANNER.panel,
+        "voxel_size": SCANNER.voxel_size,
+        "pixel_size": SCANNER.pixel_size,
+        "source_to_axis": SCANNER.source_to_axis,
+        "source_to_detector": SCANNER.source_to_detector,
+        "angles_deg": angles,
+    }
+    told = run_peer("rtk_joseph.py", job, folder)
+    return told["cpu"], np.load(folder / "rtk.npy"), told["version"]
+
+
+def relative(images: NDArray[np.float32], wanted: NDArray[np.float32]) -> float:
+    """‖images − wanted‖/‖wanted‖."""
+    return float(np.linalg.norm((images - wanted).ravel()) / np.linalg.norm(wanted.ravel()))
+
+
+def main() -> int:
+    """Run, write the table, and say whether the bar is met."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--views", type=int, default=SCANNER.reference_views, help="views of the full circle")
+    parser.add_argument("--repeats", type=int, default=2, help="runs of each, the fastest counts")
+    options = parser.parse_args()
+    angles = [360.0 * k / options.views for k in range(options.views)]
+    geometry = SCANNER.geometry(tuple(angles))
+    body = sample()
+    volume = attenuation_volume(body, SCANNER.grid)
+    truth = line_integrals(body, geometry, subsamples=1)
+
+    seconds: dict[str, list[float]] = {name: [] for name in (PEER, *NAMES)}
+    images: dict[str, NDArray[np.float32]] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for _ in range(options.repeats):
+            cpu, images[PEER], rtk_version = rtks(volume, angles, Path(folder))
+            seconds[PEER].append(cpu)
+            for name, projector in NAMES.items():
+                cpu, images[name] = ours(volume, geometry, projector)
+                seconds[name].append(cpu)
+
+    best = {name: min(s) for name, s in seconds.items()}
+    errors = {name: relative(found, truth) for name, found in images.items()}
+    apart = {name: relative(found, images[PEER]) for name, found in images.items()}
+    same_formula = apart["grainmotion, trilinear"]
+    quick = all(best[name] <= bar * best[PEER] for name, bar in BARS.items())
+    passed = quick and same_formula < AGREEMENT and max(errors.values()) < TRUTH
+
+    nz, ny, nx = volume.shape
+    rows = [
+        f"| {name} | {best[name]:.1f} | {best[name] / best[PEER]:.2f} | {apart[name]:.1e} | {errors[name]:.4f} |"
+        for name in best
+    ]
+    text = "\n".join(
+        [
+            "# Forward projection of the reference scan",
+            "",
+            f"{nz} × {ny} × {nx} voxels, {options.views} cone-beam views of {SCANNER.panel[0]} × "
+            f"{SCANNER.panel[1]} pixels, float32.  CPU time of all threads, the least of "
+            f"{options.repeats} runs, the projectors in turn.",
+            "",
+            "| projector | CPU s | of RTK's | difference from RTK | error against the closed form |",
+            "|---|---|---|---|---|",
+            *rows,
+            "",
+            "Differences and errors are relative, ‖a − b‖/‖b‖.  The error against the closed form of the",
+            "ellipsoids is that of the voxels.",
+            "",
+            "The bars, of RTK's Joseph: "
+            + ", ".join(f"{name.removeprefix('grainmotion, ')} at most {bar:g}" for name, bar in BARS.items())
+            + f": {'met' if passed else 'NOT met'}.",
+            "",
+            f"{machine()}, itk-rtk {rtk_version}.  Made by `python -m validation.benchmarks.forward_projection`.",
+            "",
+        ]
+    )
+    RESULT.parent.mkdir(exist_ok=True)
+    RESULT.write_text(text)
+    print(text)
+    return 0 if passed else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
