@@ -1,0 +1,89 @@
+"""Check that everything public has a numpydoc docstring: ``python docs/check_docstrings.py``, part of `make check`.
+
+Public is what `grainmotion` and `grainmotion.simulate` export, and the public methods of exported classes.  A function
+with parameters documents each of them; one that returns something says what; one that raises an error of ours itself
+says when.  A frozen record documents its fields as attributes.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import re
+import sys
+from collections.abc import Iterator
+from typing import Any
+
+from numpydoc.docscrape import FunctionDoc
+from numpydoc.validate import validate
+
+import grainmotion
+
+CHECKS = {"GL08", "PR01", "PR02", "PR07", "RT01", "RT03", "YD01", "SS03"}
+"""No docstring; parameters missing, unknown, without description; returns or yields missing; summary without period."""
+
+
+def public() -> Iterator[tuple[str, Any]]:
+    """Name and object of every public function, class and method."""
+    for module in (grainmotion, grainmotion.simulate):
+        for name in sorted(set(module.__all__) - {"simulate"}):
+            thing = getattr(module, name)
+            if not (inspect.isclass(thing) or inspect.isfunction(thing)):
+                continue
+            where = f"{thing.__module__}.{thing.__qualname__}"
+            yield where, thing
+            if inspect.isclass(thing):
+                for key, member in vars(thing).items():
+                    if not key.startswith("_") and isinstance(member, property | classmethod | staticmethod) | (
+                        inspect.isfunction(member)
+                    ):
+                        yield f"{where}.{key}", member
+
+
+def faults(where: str, thing: Any) -> list[str]:
+    """What the docstring of a public thing lacks."""
+    if inspect.isclass(thing):
+        doc = inspect.getdoc(thing) or ""
+        if not dataclasses.is_dataclass(thing):
+            return [] if doc else ["it has no docstring"]
+        own = [f.name for f in dataclasses.fields(thing) if not f.name.startswith("_")]
+        settings = getattr(thing, "__pydantic_fields__", {})
+        described = [name for name, field in settings.items() if field.description]
+        return [f"field {name} is not described" for name in own if name not in described and not _named(name, doc)]
+    if isinstance(thing, property):
+        return [] if thing.fget is not None and thing.fget.__doc__ else ["it has no docstring"]
+    function = thing.__func__ if isinstance(thing, classmethod | staticmethod) else thing
+    if not function.__doc__:
+        return ["it has no docstring"]
+    found = [text for code, text in validate(where)["errors"] if code in CHECKS]
+    simple = len(inspect.signature(function).parameters) - (not isinstance(thing, staticmethod) and "." in where) == 0
+    if simple:  # a method without parameters may say in its summary what it returns
+        found = [text for text in found if "Returns" not in text]
+    raises = re.findall(r"^\s+raise (\w+Error)\(", inspect.getsource(function), flags=re.MULTILINE)
+    if raises and not FunctionDoc(function)["Raises"]:
+        found.append(f"it raises {raises[0]} and has no Raises section")
+    return found
+
+
+def _named(field: str, doc: str) -> bool:
+    return re.search(rf"(^|[\s`,]){field}\b", doc, flags=re.MULTILINE) is not None
+
+
+def main() -> int:
+    """Print what is missing; 1 if anything is."""
+    lacking, count = {}, 0
+    chosen = sys.argv[1:]
+    for where, thing in dict(public()).items():
+        if chosen and not any(where.startswith(f"grainmotion.{name}") for name in chosen):
+            continue
+        count += 1
+        if found := faults(where, thing):
+            lacking[where] = found
+    for where, found in sorted(lacking.items()):
+        print(f"{where}: {'; '.join(found)}")
+    print(f"{count - len(lacking)} of {count} public functions, classes and methods are documented in full")
+    return 1 if lacking else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
