@@ -28,7 +28,7 @@ pytestmark = pytest.mark.targets
 ROOT = Path(__file__).parents[2]
 KEPT, SOURCE = ROOT / ".targets", ROOT / "src" / "grainmotion"
 OF_SD, OF_VOXEL = 0.05, 1e-4
-SOLVER = ("test_solve.py", "test_semidefinite.py")
+SOLVER_TESTS = ("solvers/test_gauss_newton.py", "solvers/test_semidefinite.py")
 AT_ONCE = 2  # processes, of one thread each
 
 AVX2 = frozenset({"avx2", "fma", "bmi2"})
@@ -62,7 +62,14 @@ class Target:
         if self.variable == "NUMBA_CPU_NAME":  # only what that processor has, whatever more this one can do
             mine |= {"NUMBA_CPU_FEATURES": "", "NUMBA_CACHE_DIR": str(KEPT / kernels() / self.name)}
         left = {k: v for k, v in os.environ.items() if not k.startswith(("NUMBA_CPU", "OPENBLAS_CORETYPE"))}
-        solver = ["-m", "pytest", "-q", "-p", "no:cacheprovider", *(str(ROOT / "tests" / name) for name in SOLVER)]
+        solver = [
+            "-m",
+            "pytest",
+            "-q",
+            "-p",
+            "no:cacheprovider",
+            *(str(ROOT / "tests" / name) for name in SOLVER_TESTS),
+        ]
         for command in ([str(Path(__file__).with_name("cases.py")), str(out)], solver):
             done = subprocess.run(
                 [sys.executable, *command], env=left | mine, cwd=folder, capture_output=True, text=True

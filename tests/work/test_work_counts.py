@@ -2,7 +2,7 @@
 
 Counts are the same on every machine, but for the rounding that may decide a last step: each bound lies about an
 eighth above what was counted, or one above a small number.  A change that breaks one does more work than before:
-find out why.  A change that does less lowers it: `pytest tests/watch -rP` prints what is counted now.
+find out why.  A change that does less lowers it: `pytest tests/work -rP` prints what is counted now.
 """
 
 import tracemalloc

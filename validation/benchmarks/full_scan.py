@@ -26,7 +26,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
-from track_state import ACCURACY_BARS, compile_kernels, load, save
 
 from grainmotion.analysis.validation import compare
 from grainmotion.io.spam import read_ddic_tsv
@@ -42,6 +41,7 @@ from grainmotion.simulate import LATER_ANGLES_DEG, Case, gaps, paper_scale, smal
 from grainmotion.tracking.track import track
 from validation.benchmarks.peers.environment import machine, run_peer
 from validation.benchmarks.peers.spam_ddic import Pair, make_environment, spam_version
+from validation.benchmarks.track_state import ACCURACY_BARS, compile_kernels, load, save
 
 RESULT = Path(__file__).parent / "results" / "full_scan.md"
 CASES: dict[str, tuple[str, Callable[[int], Case]]] = {

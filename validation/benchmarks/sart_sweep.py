@@ -20,7 +20,6 @@ import time
 from pathlib import Path
 
 import numpy as np
-from forward_projection import SCANNER, relative, sample
 from numpy.typing import NDArray
 
 from grainmotion.model.geometry import Geometry
@@ -29,6 +28,7 @@ from grainmotion.model.volume import Volume
 from grainmotion.projection.volumes import project
 from grainmotion.reconstruction.reconstruct import ReconstructSettings, reconstruct
 from grainmotion.simulate import attenuation_volume, line_integrals
+from validation.benchmarks.forward_projection import SCANNER, relative, sample
 from validation.benchmarks.peers.environment import machine, run_peer
 
 BAR = 0.25  # of RTK's CPU time

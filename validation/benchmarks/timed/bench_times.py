@@ -1,12 +1,12 @@
 """CPU times of kernels and stages on small cases, kept in ``validation/benchmarks/history`` by `make bench-history`.
 
 Run by pytest-benchmark with `time.process_time` as its clock: user and system time of all threads.  Nothing is
-asserted: the bars are the scripts' one folder up, what may not grow unseen is counted in ``tests/watch``.
+asserted: the bars are the scripts' one folder up, what may not grow unseen is counted in ``tests/work``.
 """
 
 import numpy as np
 import pytest
-from grain_derivatives import brick, scene, stone
+from validation.benchmarks.grain_derivatives import brick, scene, stone
 
 from few_grains import grain_set, radiographs, small_motions
 from grainmotion.model.scan import Scan
