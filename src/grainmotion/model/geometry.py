@@ -27,7 +27,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from grainmotion._typing import Beam
+from grainmotion._typing import Beam, Float
 from grainmotion.errors import InputError
 from grainmotion.rotations import rotation_matrix
 
@@ -55,7 +55,7 @@ class Geometry:
         the source lies in the panel's plane.
     """
 
-    vectors: NDArray[np.float64]
+    vectors: Float
     shape: tuple[int, int]
     beam: Beam = "cone"
 
@@ -117,29 +117,63 @@ class Geometry:
         return f"<Geometry {self.beam}, {len(self)} views of {self.shape[0]} x {self.shape[1]} pixels>"
 
     @property
-    def pixel_sizes(self) -> NDArray[np.float64]:
-        """Lengths of v and u (row, column step) of each view, ``(n, 2)``, mm."""
-        v, u = self.vectors[:, 9:12], self.vectors[:, 6:9]
-        return np.stack([np.linalg.norm(v, axis=1), np.linalg.norm(u, axis=1)], axis=1)
+    def source(self) -> Float:
+        """Position of the source (mm), or direction of the rays of a parallel beam, ``(n, 3)``."""
+        return self.vectors[:, :3]
 
-    def pixel_positions(self, view: int) -> NDArray[np.float64]:
+    @property
+    def detector(self) -> Float:
+        """Centres of the panels, ``(n, 3)``, mm."""
+        return self.vectors[:, 3:6]
+
+    @property
+    def u(self) -> Float:
+        """Steps from column 0 to column 1, ``(n, 3)``, mm."""
+        return self.vectors[:, 6:9]
+
+    @property
+    def v(self) -> Float:
+        """Steps from row 0 to row 1, ``(n, 3)``, mm."""
+        return self.vectors[:, 9:]
+
+    @property
+    def rays(self) -> Float:
+        """Central rays ``(n, 3)``: from the source to the panel's centre (mm), or the direction of a parallel beam."""
+        return self.detector - self.source if self.beam == "cone" else self.source
+
+    @property
+    def normals(self) -> Float:
+        """u × v of each panel, ``(n, 3)``, mm²."""
+        return np.cross(self.u, self.v)
+
+    @property
+    def azimuths_deg(self) -> Float:
+        """Angle of each view about z, degrees in [0, 360): 0 where the beam runs along +y, counter-clockwise."""
+        angles = np.rad2deg(np.arctan2(-self.rays[:, 0], self.rays[:, 1]))
+        return np.asarray(np.round(angles, 6) % 360, dtype=float)
+
+    @property
+    def pixel_sizes(self) -> Float:
+        """Lengths of v and u (row, column step) of each view, ``(n, 2)``, mm."""
+        return np.stack([np.linalg.norm(self.v, axis=1), np.linalg.norm(self.u, axis=1)], axis=1)
+
+    def pixel_positions(self, view: int) -> Float:
         """Centres of all pixels of one view, ``(rows, columns, 3)``, mm."""
-        d, u, v = (self.vectors[view, i : i + 3] for i in (3, 6, 9))
         r = np.arange(self.shape[0]) - (self.shape[0] - 1) / 2
         c = np.arange(self.shape[1]) - (self.shape[1] - 1) / 2
-        return d + c[None, :, None] * u + r[:, None, None] * v
+        return self.detector[view] + c[None, :, None] * self.u[view] + r[:, None, None] * self.v[view]
 
-    def project_points(self, points: ArrayLike) -> NDArray[np.float64]:
+    def project_points(self, points: ArrayLike) -> Float:
         """Where points ``(m, 3)`` fall: (row, column) in pixels, ``(n, m, 2)``, NaN behind the source."""
         points = np.asarray(points, dtype=float).reshape(-1, 3)
-        s, d, u, v = (self.vectors[:, i : i + 3] for i in (0, 3, 6, 9))
+        s, d, u, v = self.source, self.detector, self.u, self.v
         if self.beam == "cone":
             ray = points[None] - s[:, None]
             start = np.broadcast_to(s[:, None], ray.shape)
         else:
             start = np.broadcast_to(points[None], (len(self), len(points), 3))
             ray = np.broadcast_to(s[:, None], start.shape)
-        normal = np.cross(u, v)[:, None]
+        normal = self.normals[:, None]
         with np.errstate(divide="ignore", invalid="ignore"):
             t = ((d[:, None] - start) * normal).sum(-1) / (ray * normal).sum(-1)
         if self.beam == "cone":
@@ -161,9 +195,8 @@ class Geometry:
         size = self.pixel_sizes.mean(axis=1)
         if self.beam == "parallel":
             return float(size.mean())
-        s, d = self.vectors[:, :3], self.vectors[:, 3:6]
-        normal = np.cross(self.vectors[:, 6:9], self.vectors[:, 9:12])
-        depth = ((np.asarray(point, dtype=float) - s) * normal).sum(1) / ((d - s) * normal).sum(1)
+        normals, ray = self.normals, np.asarray(point, dtype=float) - self.source
+        depth = (ray * normals).sum(1) / (self.rays * normals).sum(1)
         return float((size * depth).mean())
 
     def window(self, first: tuple[int, int], shape: tuple[int, int]) -> Geometry:
@@ -171,10 +204,9 @@ class Geometry:
 
         ``first`` (row, column) may be negative, and the window larger than the panel.
         """
-        u, v = self.vectors[:, 6:9], self.vectors[:, 9:12]
         down, right = (f + (new - old) / 2 for f, new, old in zip(first, shape, self.shape, strict=True))
         vectors = self.vectors.copy()
-        vectors[:, 3:6] += right * u + down * v
+        vectors[:, 3:6] += right * self.u + down * self.v
         return Geometry(vectors, shape, self.beam)
 
     def binned(self, factor: int) -> Geometry:
@@ -243,14 +275,14 @@ class DetectorAlignment:
 
 
 def _circular(
-    start: NDArray[np.float64],
-    center: NDArray[np.float64],
+    start: Float,
+    center: Float,
     angles_deg: ArrayLike,
     pixel_size: float,
     panel: DetectorAlignment | None,
     *,
     moves: bool,
-) -> NDArray[np.float64]:
+) -> Float:
     """The 12-vectors of a circular scan; ``moves``: the first vector is a position, not a direction."""
     panel = panel or DetectorAlignment()
     angles = np.atleast_1d(np.asarray(angles_deg, dtype=float))
@@ -273,7 +305,7 @@ def _circular(
     return np.concatenate([rotations @ b for b in blocks], axis=1)
 
 
-def _check_views(vectors: NDArray[np.float64], beam: Beam) -> None:
+def _check_views(vectors: Float, beam: Beam) -> None:
     for i, row in enumerate(vectors):
         where = f"geometry view {i} (row {i + 1})"
         if not np.isfinite(row).all():

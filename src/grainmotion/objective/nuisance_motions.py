@@ -103,7 +103,7 @@ def corrected(geometry: Geometry, at: NuisanceMotion | None) -> Geometry:
     if at is None or not at.views.any():
         return geometry
     vectors = geometry.vectors.copy()
-    vectors[:, 3:6] += at.views[:, :1] * vectors[:, 6:9] + at.views[:, 1:2] * vectors[:, 9:12]
+    vectors[:, 3:6] += at.views[:, :1] * geometry.u + at.views[:, 1:2] * geometry.v
     turns = rotation_matrix(at.views[:, 2:] * np.array([0.0, 0.0, 1.0]))
     blocks = np.einsum("vij,vkj->vki", turns, vectors.reshape(-1, 4, 3))
     return replace(geometry, vectors=blocks.reshape(-1, 12))

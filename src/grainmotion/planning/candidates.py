@@ -19,25 +19,15 @@ def candidate_angles(beam: Beam, settings: PlanSettings) -> Float:
     return np.arange(0, span * (1 - 1e-9), settings.step_deg)
 
 
-def angles_of(geometry: Geometry) -> Float:
-    """Angle of each view about z, degrees in [0, 360): 0 where the beam runs along +y, counter-clockwise."""
-    s, d = geometry.vectors[:, :3], geometry.vectors[:, 3:6]
-    beam = d - s if geometry.beam == "cone" else s
-    angles = np.rad2deg(np.arctan2(-beam[:, 0], beam[:, 1]))
-    return np.asarray(np.round(angles, 6) % 360, dtype=float)
-
-
 def angles_between(geometry: Geometry) -> Float:
     """Angles ``(m, m)`` between the views' central rays as lines, degrees: 0 for opposite views, 90 at most."""
-    s, d = geometry.vectors[:, :3], geometry.vectors[:, 3:6]
-    rays = d - s if geometry.beam == "cone" else s
-    rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    rays = geometry.rays / np.linalg.norm(geometry.rays, axis=1, keepdims=True)
     return np.rad2deg(np.arccos(np.clip(np.abs(rays @ rays.T), 0, 1)))
 
 
 def nearest_views(geometry: Geometry, settings: PlanSettings) -> Geometry:
     """Of a scan's own views those nearest to the candidate angles, each once."""
-    chosen = _nearest(angles_of(geometry), candidate_angles(geometry.beam, settings), 360.0)
+    chosen = _nearest(geometry.azimuths_deg, candidate_angles(geometry.beam, settings), 360.0)
     return geometry[np.unique(chosen)]
 
 

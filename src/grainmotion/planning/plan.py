@@ -19,7 +19,7 @@ from grainmotion._typing import Float, Progress
 from grainmotion.errors import InputError
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.grains import GrainSet
-from grainmotion.planning.candidates import angles_of, even_set
+from grainmotion.planning.candidates import even_set
 from grainmotion.planning.capture_range import Capture, expected_capture, room
 from grainmotion.planning.fisher_information import Candidates
 from grainmotion.planning.settings import PlanSettings
@@ -198,7 +198,7 @@ def plan(
 
 
 def _plan(candidates: Candidates, counts: list[int], progress: Progress | None) -> Plan:
-    angles, packed = angles_of(candidates.geometry), candidates.packed
+    angles, packed = candidates.geometry.azimuths_deg, candidates.packed
     chooser = Chooser.of(candidates, progress)
     if not chooser.stacks.any():
         raise InputError("plan", "no candidate view sees a grain", "check the geometry and the volume's place")

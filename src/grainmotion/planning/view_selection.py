@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from grainmotion._typing import Float, Progress
-from grainmotion.planning.candidates import angles_between, angles_of, even_set
+from grainmotion.planning.candidates import angles_between, even_set
 from grainmotion.planning.fisher_information import Candidates, invert
 
 DENSE_WORK = 1e11  # operations for all pairs, up to which the coupling between grains is kept in the choice
@@ -126,7 +126,7 @@ class Chooser:
 
     def extend(self, views: Sequence[int]) -> tuple[int, ...]:
         """The best set of one view more than the given one."""
-        count, angles = len(views) + 1, angles_of(self.candidates.geometry)
+        count, angles = len(views) + 1, self.candidates.geometry.azimuths_deg
         more = [(*views, v) for v in range(len(self)) if v not in views]
         even = [s for first in range(len(self)) if (s := even_set(angles, count, first)) is not None]
         starts = [min(sets, key=self.rank) for sets in (more, even) if sets]

@@ -97,10 +97,9 @@ def shadows(
 
 def _frames(geometry: Geometry) -> tuple[Float, Float]:
     """What carries a point to pixels of each view, see `kernels.footprints.extents`."""
-    s, d, u, v = (geometry.vectors[:, k : k + 3] for k in (0, 3, 6, 9))
-    cone = geometry.beam == "cone"
-    third = d - s if cone else s
-    return np.linalg.inv(np.stack([u, v, third], axis=-1)), np.ascontiguousarray(s if cone else d)
+    start = geometry.source if geometry.beam == "cone" else geometry.detector
+    frames: Float = np.linalg.inv(np.stack([geometry.u, geometry.v, geometry.rays], axis=-1))
+    return frames, np.ascontiguousarray(start)
 
 
 def project_patches(

@@ -51,12 +51,12 @@ class VolumeOperator:
         """Whether the walk for upright panels serves: many views, columns along z, no ray steeper than 45°."""
         if self.projector != "trilinear" or len(self.geometry) < MANY:
             return False
-        s, d, u, v = (self.geometry.vectors[:, i : i + 3] for i in (0, 3, 6, 9))
+        d, u, v = self.geometry.detector, self.geometry.u, self.geometry.v
         if np.abs(v[:, :2]).max() > 1e-9 * np.abs(v[:, 2]).min():
             return False
         rows, columns = self.geometry.shape
         across, along = (columns - 1) / 2 * np.array([-1, 0, 1]), (rows - 1) / 2 * np.array([-1, 1])
-        rays = s[:, None, None]
+        rays = self.geometry.source[:, None, None]
         if self.geometry.beam == "cone":
             rays = (
                 d[:, None, None] + across[:, None, None] * u[:, None, None] + along[:, None] * v[:, None, None] - rays

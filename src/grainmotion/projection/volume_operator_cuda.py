@@ -1,6 +1,6 @@
 """CardOperator: the line integrals A x of a whole volume and the adjoint Aᵀ y on an NVIDIA card.
 
-As `volume_operator.VolumeOperator`, but volumes and images stay on the card; only what is asked for comes back. 
+As `volume_operator.VolumeOperator`, but volumes and images stay on the card; only what is asked for comes back.
 Volumes lie with z fastest and images with rows fastest, whatever the views (see `kernels.cuda.volume_projection`).
 """
 

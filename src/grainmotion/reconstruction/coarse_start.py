@@ -135,7 +135,7 @@ def _piece(layout: Layout, slabs: range) -> Piece:
 def _crossed(layout: Layout, rows: Rows) -> tuple[float, float]:
     """Lowest and highest edge of what the rays of some rows cross, planes from the grid's first edge on."""
     geometry = layout.geometry
-    s, d, u, v = (geometry.vectors[:, None, i : i + 3] for i in (0, 3, 6, 9))
+    s, d, u, v = (part[:, None] for part in (geometry.source, geometry.detector, geometry.u, geometry.v))
     down, right = np.meshgrid(np.array(rows) - geometry.shape[0] / 2, ACROSS * geometry.shape[1], indexing="ij")
     pixels = d + right.reshape(-1, 1) * u + down.reshape(-1, 1) * v
     start, ray = (s, pixels - s) if geometry.beam == "cone" else (pixels, np.broadcast_to(s, pixels.shape))

@@ -105,14 +105,13 @@ class Imaging:
 
 def column_sums(geometry: Geometry, grid: Volume) -> Float:
     """Column sums of each view at the grid's centre: h³ over the area of a pixel seen along the ray there."""
-    s, d, u, v = (geometry.vectors[:, i : i + 3] for i in (0, 3, 6, 9))
-    normal = np.cross(u, v)
+    normals = geometry.normals
     if geometry.beam == "cone":
-        ray = np.array(grid.center) - s
-        shrink = (ray * normal).sum(1) / ((d - s) * normal).sum(1)
+        ray = np.array(grid.center) - geometry.source
+        shrink = (ray * normals).sum(1) / (geometry.rays * normals).sum(1)
     else:
-        ray, shrink = s, np.ones(len(s))
-    area = np.abs((ray * normal).sum(1)) / np.linalg.norm(ray, axis=1) * shrink**2
+        ray, shrink = geometry.rays, np.ones(len(geometry))
+    area = np.abs((ray * normals).sum(1)) / np.linalg.norm(ray, axis=1) * shrink**2
     return grid.voxel_size**3 / area
 
 

@@ -59,12 +59,10 @@ def misaligned(
     except ValueError:
         fact = f"{np.shape(shift_pixels)}, {np.shape(turn_deg)}, {np.shape(stage_deg)} do not fit {n} views"
         raise InputError("misalignment", fact, "give one number for all views, or one a view") from None
-    s, d, u, v = (geometry.vectors[:, i : i + 3] for i in (0, 3, 6, 9))
-    d = d + shift[:, :1] * u + shift[:, 1:] * v
-    normals = np.cross(u, v)
-    normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    d = geometry.detector + shift[:, :1] * geometry.u + shift[:, 1:] * geometry.v
+    normals = geometry.normals / np.linalg.norm(geometry.normals, axis=1, keepdims=True)
     turns = rotation_matrix(np.deg2rad(turn)[:, None] * normals)
-    u, v = (np.einsum("nij,nj->ni", turns, a) for a in (u, v))
+    u, v = (np.einsum("nij,nj->ni", turns, a) for a in (geometry.u, geometry.v))
     stages = rotation_matrix(np.deg2rad(stage)[:, None] * np.array([0.0, 0.0, 1.0]))
-    vectors = np.concatenate([np.einsum("nij,nj->ni", stages, a) for a in (s, d, u, v)], axis=1)
+    vectors = np.concatenate([np.einsum("nij,nj->ni", stages, a) for a in (geometry.source, d, u, v)], axis=1)
     return Geometry(vectors, geometry.shape, geometry.beam)

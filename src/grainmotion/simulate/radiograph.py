@@ -71,8 +71,8 @@ def transmission(
     cone = geometry.beam == "cone"
     views = geometry.vectors.copy()
     if not cone:
-        views[:, :3] /= np.linalg.norm(views[:, :3], axis=1, keepdims=True)
-    inverses, origins, signs = _frames(views, geometry.shape, cone)
+        views[:, :3] /= np.linalg.norm(geometry.source, axis=1, keepdims=True)
+    inverses, origins, signs = _frames(Geometry(views, geometry.shape, geometry.beam))
     vertices, faces, face_weights = _triangles(sample)
     _check_in_front(vertices, inverses, origins, cone)
     ellipsoids = [(s, w) for p in sample.particles for s, w in p.parts if isinstance(s, Ellipsoid)]
@@ -103,10 +103,11 @@ def transmission(
     return out
 
 
-def _frames(views: Float, shape: tuple[int, int], cone: bool) -> tuple[Float, Float, Float]:
+def _frames(geometry: Geometry) -> tuple[Float, Float, Float]:
     """Matrices, origins and handedness of each view's coordinates q (see `rasterise`)."""
-    s, d, u, v = (views[:, i : i + 3] for i in (0, 3, 6, 9))
-    corner = d - (shape[1] - 1) / 2 * u - (shape[0] - 1) / 2 * v
+    (rows, columns), s, u, v = geometry.shape, geometry.source, geometry.u, geometry.v
+    corner = geometry.detector - (columns - 1) / 2 * u - (rows - 1) / 2 * v
+    cone = geometry.beam == "cone"
     frames = np.stack([u, v, corner - s if cone else s], axis=-1)
     signs = np.sign(np.linalg.det(frames)).astype(float)
     return np.linalg.inv(frames).astype(float), (s if cone else corner).copy(), signs

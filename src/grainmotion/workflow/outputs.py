@@ -18,7 +18,6 @@ from grainmotion.io.results import Reference
 from grainmotion.io.spam import write_ddic_tsv
 from grainmotion.io.tiff import read_tiff, write_tiff
 from grainmotion.io.vtk import write_grains_vtp, write_image_vti
-from grainmotion.model.geometry import Geometry
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions
 from grainmotion.model.scan import Scan
@@ -107,7 +106,7 @@ def _state_report(
     measured = scan.line_integrals.copy()
     if scan.valid is not None:
         measured[~scan.valid] = np.nan
-    upright = float(source.geometry.vectors[:, 11].mean()) >= 0
+    upright = float(source.geometry.v[:, 2].mean()) >= 0
     return StateReport(
         name=name,
         measured=measured,
@@ -115,17 +114,10 @@ def _state_report(
         residual=residual,
         motions=motions,
         voxel_size=voxel_size,
-        views=tuple(f"view {k}, {angle:.1f}°" for k, angle in enumerate(_azimuths_deg(source.geometry))),
+        views=tuple(f"view {k}, {angle:.1f}°" for k, angle in enumerate(source.geometry.azimuths_deg)),
         comparison=comparison,
         first_row="bottom" if upright else "top",
     )
-
-
-def _azimuths_deg(geometry: Geometry) -> np.ndarray:
-    """Angle of each view about z, counter-clockwise from a beam along +y, degrees."""
-    s, d = geometry.vectors[:, :3], geometry.vectors[:, 3:6]
-    ray = d - s if geometry.beam == "cone" else s
-    return np.rad2deg(np.arctan2(-ray[:, 0], ray[:, 1])) % 360 + 0.0
 
 
 def _facts(inputs: Inputs, reference: Reference) -> Rows:
