@@ -7,7 +7,7 @@ import tifffile
 
 from grainmotion.errors import InputError
 from grainmotion.io.hdf5 import DARK, FLAT, read_nxtomo
-from grainmotion.io.stacks import find_stack, read_stack
+from grainmotion.io.stacks import find_stack
 
 STACK = np.arange(12 * 4 * 5, dtype=np.uint16).reshape(12, 4, 5)
 
@@ -31,15 +31,15 @@ def test_one_file(folder, spec):
     stack = find_stack(spec, folder)
     assert stack.info() == (STACK.shape, np.dtype(np.uint16))
     np.testing.assert_array_equal(stack.read(), STACK)
-    assert read_stack(spec, folder).dtype == np.uint16
+    assert stack.read().dtype == np.uint16
 
 
 def test_glob_counts_numbers_as_numbers(folder):
-    np.testing.assert_array_equal(read_stack("proj_*.tif", folder / "a[1]"), STACK)
+    np.testing.assert_array_equal(find_stack("proj_*.tif", folder / "a[1]").read(), STACK)
 
 
 def test_list_keeps_its_order(folder):
-    images = read_stack(["one.npy", "stack.TIFF", "one.npy"], folder)
+    images = find_stack(["one.npy", "stack.TIFF", "one.npy"], folder).read()
     np.testing.assert_array_equal(images, np.concatenate([STACK[3:4], STACK, STACK[3:4]]))
 
 

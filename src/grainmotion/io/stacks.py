@@ -7,7 +7,6 @@ A spec is a path, a glob or a list of those.  Files of a glob are taken in natur
 from __future__ import annotations
 
 import glob
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,6 +15,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from tifffile import natural_sorted
 
 from grainmotion.errors import InputError
 from grainmotion.io import hdf5, tiff
@@ -125,18 +125,13 @@ def find_stack(spec: str | Path | Sequence[str | Path], folder: str | Path = "."
     return Stack(str(spec) if isinstance(spec, str | Path) else f"{items[0]} ...", parts)
 
 
-def read_stack(spec: str | Path | Sequence[str | Path], folder: str | Path = ".") -> NDArray[Any]:
-    """Read the images of a spec, ``(images, rows, columns)``; see the module's page for specs."""
-    return find_stack(spec, folder).read()
-
-
 def _parts(item: str, folder: Path) -> list[Part]:
     name, _, inner = item.partition("::")
     path = folder / name
     if path.exists() or not glob.has_magic(name):
         paths = [checked_file(path)]
     else:
-        paths = sorted((checked_file(folder / hit) for hit in glob.glob(name, root_dir=folder)), key=_natural)
+        paths = [checked_file(folder / hit) for hit in natural_sorted(glob.glob(name, root_dir=folder))]
         if not paths:
             raise InputError(str(path), "no file matches", "check the pattern and its folder")
     parts = []
@@ -149,11 +144,6 @@ def _parts(item: str, folder: Path) -> list[Part]:
         key = hdf5.PROJECTION if suffix in HDF5 and not inner else None
         parts.append(Part(found, inner or None, key))
     return parts
-
-
-def _natural(path: Path) -> list[tuple[int, int, str]]:
-    """Sort key in which numbers count as numbers."""
-    return [(0, int(t), "") if t.isdigit() else (1, 0, t) for t in re.split(r"(\d+)", str(path)) if t]
 
 
 def _info(part: Part) -> tuple[tuple[int, int, int], np.dtype]:

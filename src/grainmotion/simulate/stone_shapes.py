@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,19 +51,3 @@ def read_stone_shapes() -> StoneShapes:
             orders=data["orders"].astype(np.int64),
             coefficients=data["real"].astype(float) + 1j * data["imag"].astype(float),
         )
-
-
-def pack_stone_shapes(folder: Path, target: Path) -> None:
-    """Pack the source's ``*-anm-*.dat`` files (rows n, m, Re, Im) into the file that the package ships."""
-    files = sorted(folder.glob("*-anm-*.dat"))
-    tables = [np.loadtxt(f) for f in files]
-    n, m = tables[0][:, 0].astype(int), tables[0][:, 1].astype(int)
-    keep = m >= 0
-    np.savez_compressed(
-        target,
-        names=np.array([f.stem for f in files]),
-        degrees=n[keep].astype(np.int16),
-        orders=m[keep].astype(np.int16),
-        real=np.array([t[keep, 2] for t in tables], dtype=np.float32),
-        imag=np.array([t[keep, 3] for t in tables], dtype=np.float32),
-    )
