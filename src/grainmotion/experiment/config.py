@@ -8,11 +8,10 @@ A key that nobody knows is an error, with the nearest known one.
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
@@ -20,6 +19,7 @@ from grainmotion._typing import Beam
 from grainmotion.backends.device import Choice
 from grainmotion.calibration.corrections import Parameter
 from grainmotion.errors import InputError
+from grainmotion.experiment.config_errors import input_error
 from grainmotion.io.files import checked_file
 from grainmotion.planning.plan import PlanSettings
 from grainmotion.reconstruction.reconstruct import ReconstructSettings
@@ -202,50 +202,15 @@ def read_experiment(path: str | Path) -> Experiment:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(str(path), f"malformed TOML: {error}", "correct it there") from error
     try:
-        _check_tables(data)
-        tables = ExperimentFile.model_validate(_inherited(data))
+        data = _inherited(data)
+        try:
+            tables = ExperimentFile.model_validate(data)
+        except ValidationError as error:
+            raise input_error(error, ExperimentFile, data) from error
         _check_states(tables)
-    except ValidationError as error:
-        raise _first_error(path, data, error) from error
     except InputError as error:
         raise InputError(f"{path}: {error.where}", error.fact, error.remedy) from error
     return Experiment(path, tables)
-
-
-# ---------------------------------------------------------------------- checks
-def _check_tables(data: dict[str, Any]) -> None:
-    """Refuse unknown keys, table by table, before the values are looked at."""
-    _check_keys("", data, ExperimentFile.model_fields)
-    scans: list[tuple[str, Any, type[ScanTable]]] = [("reference", data.get("reference"), ReferenceTable)]
-    states = data.get("states", [])
-    if not isinstance(states, list):
-        raise InputError("states", "it is no list of tables", "write [[states]] with double brackets")
-    scans += [(_state_key(data, i), state, StateTable) for i, state in enumerate(states)]
-    for where, table, model in scans:
-        _check_keys(where, table, model.model_fields)
-        if isinstance(table, dict):
-            _check_keys(f"{where}.geometry", table.get("geometry"), Circular.model_fields)
-            _check_keys(f"{where}.air", table.get("air"), Air.model_fields)
-    _check_keys("volume", data.get("volume"), VolumeTable.model_fields)
-    _check_keys("calibrate", data.get("calibrate"), CalibrateTable.model_fields)
-    _check_keys("output", data.get("output"), OutputTable.model_fields)
-    for name, settings in (
-        ("reconstruct", ReconstructSettings), ("segment", SegmentSettings), ("track", TrackSettings),
-        ("plan", PlanSettings),
-    ):  # fmt: skip
-        _check_keys(name, data.get(name), [f.name for f in dataclasses.fields(settings)])
-
-
-def _check_keys(where: str, table: object, known: Iterable[str]) -> None:
-    if not isinstance(table, dict):
-        return
-    known = list(known)
-    for key in table:
-        if key in known:
-            continue
-        near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
-        remedy = f"did you mean '{near[0]}'?" if near else f"known keys are {', '.join(known)}"
-        raise InputError(f"{where}.{key}" if where else key, "unknown key", remedy)
 
 
 def _check_states(tables: ExperimentFile) -> None:
@@ -257,59 +222,24 @@ def _check_states(tables: ExperimentFile) -> None:
             raise InputError("states", f"the name '{name}' is given twice", "give each state its own name")
 
 
-def _inherited(data: dict[str, Any]) -> dict[str, Any]:
-    """What one table takes from another: tracking the projector, a state's circular table the reference's keys."""
-    reconstruct, track = data.get("reconstruct", {}), data.get("track", {})
+def _inherited(data: Mapping[str, object]) -> dict[str, object]:
+    """The tables with what they take from others: tracking the projector, a state's circular scan the reference's."""
+    states = data.get("states", [])
+    if not isinstance(states, list):
+        raise InputError("states", "it is no list of tables", "write [[states]] with double brackets")
+    tables = {**data, "states": states}
+    reconstruct, track = data.get("reconstruct"), data.get("track", {})
     if isinstance(reconstruct, dict) and isinstance(track, dict) and "projector" in reconstruct:
-        data = {**data, "track": {"projector": reconstruct["projector"], **track}}
-    reference = data.get("reference")
-    base = reference.get("geometry") if isinstance(reference, dict) else None
-    if not isinstance(base, dict):
-        return data
-    common = {k: v for k, v in base.items() if k not in ("angles_deg", "first", "last", "count")}
-    states = []
-    for state in data.get("states", []):
-        own = state.get("geometry") if isinstance(state, dict) else None
-        states.append({**state, "geometry": {**common, **own}} if isinstance(own, dict) else state)
-    return {**data, "states": states}
+        tables["track"] = {"projector": reconstruct["projector"], **track}
+    scan = _geometry(data.get("reference"))
+    if scan is not None:
+        common = {key: value for key, value in scan.items() if key not in ("angles_deg", "first", "last", "count")}
+        own = [_geometry(state) for state in states]
+        tables["states"] = [s if g is None else {**s, "geometry": {**common, **g}} for s, g in zip(states, own)]
+    return tables
 
 
-def _state_key(data: dict[str, Any], index: int) -> str:
-    """``states.NAME``, or ``states[3]`` (the third) for one without a name."""
-    states = data.get("states")
-    state = states[index] if isinstance(states, list) and index < len(states) else None
-    name = state.get("name") if isinstance(state, dict) else None
-    return f"states.{name}" if isinstance(name, str) else f"states[{index + 1}]"
-
-
-def _first_error(path: Path, data: dict[str, Any], error: ValidationError) -> InputError:
-    """What pydantic found first, in the words of every other error."""
-    errors = error.errors(include_url=False)
-    beside = errors[0]["loc"][:-1]  # the choices of a union stand side by side: take the one that fits best
-    first = max((e for e in errors if e["loc"][: len(beside)] == beside), key=lambda e: len(e["loc"]))
-    keys: list[str] = []
-    here: Any = data
-    for depth, place in enumerate(first["loc"], start=1):
-        missing = first["type"] == "missing" and depth == len(first["loc"])
-        if keys == ["states"] and isinstance(place, int):
-            keys = [_state_key(data, place)]
-        elif isinstance(place, int):
-            keys[-1] += f"[{place}]"
-        elif missing or (isinstance(here, dict) and place in here):
-            keys.append(place)
-        else:
-            continue  # the name of one choice of a union, not a key
-        here = _inside(here, place)
-    where = f"{path}: {'.'.join(keys) or 'the file'}"
-    if first["type"] == "missing":
-        return InputError(where, "it is missing", "add this key")
-    value = first["input"]
-    given = f", got {value!r}" if isinstance(value, str | int | float | bool | list) else ""
-    return InputError(where, first["msg"][0].lower() + first["msg"][1:] + given, "correct the value")
-
-
-def _inside(table: Any, place: str | int) -> Any:
-    try:
-        return table[place]
-    except (KeyError, IndexError, TypeError):
-        return table
+def _geometry(scan: object) -> dict[str, object] | None:
+    """The table of a circular scan, if the scan has one."""
+    geometry = scan.get("geometry") if isinstance(scan, dict) else None
+    return geometry if isinstance(geometry, dict) else None

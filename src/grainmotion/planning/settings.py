@@ -10,7 +10,7 @@ from pydantic.dataclasses import dataclass
 Count = Annotated[int, Field(ge=2, le=100)]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config={"extra": "forbid"})
 class PlanSettings:
     """What `grainmotion plan` assumes, and what it chooses from."""
 

@@ -16,7 +16,7 @@ ENOUGH = 240
 Method = Literal["auto", "accelerated", "sart"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config={"extra": "forbid"})
 class ReconstructSettings:
     """How to reconstruct the reference."""
 

@@ -10,7 +10,7 @@ from pydantic.dataclasses import dataclass
 from grainmotion.segmentation.extraction import Background
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config={"extra": "forbid"})
 class SegmentSettings:
     """How to find the grains."""
 

@@ -27,7 +27,7 @@ def _whether(corrections: object) -> object:
     return {True: "always", False: "never"}[corrections] if isinstance(corrections, bool) else corrections
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config={"extra": "forbid"})
 class TrackSettings:
     """How to track."""
 
