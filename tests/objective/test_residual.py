@@ -20,7 +20,8 @@ from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.projection.grains import assemble, differentiate_patches, project_patches, shadows
 from grainmotion.rotations import rotation_matrix
 from grainmotion.segmentation.extraction import grains_from_labels
-from grainmotion.uncertainty.goodness_of_fit import Misfits, misfits, noise_level
+from grainmotion.uncertainty.goodness_of_fit import Misfits, misfits
+from grainmotion.uncertainty.noise_model import noise_level
 
 PANEL = (34, 46)
 VOXEL = 0.1

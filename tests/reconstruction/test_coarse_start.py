@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from grainmotion.model.geometry import DetectorAlignment, Geometry
-from grainmotion.model.scan import Scan, binned
+from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
+from grainmotion.preprocessing.binning import binned_scan
 from grainmotion.projection.volumes import project
 from grainmotion.reconstruction import coarse_start as module
 from grainmotion.reconstruction import slabs
@@ -98,9 +99,9 @@ def test_pieces_give_what_the_whole_would(layout, monkeypatch):
     scan = Scan(images, layout.geometry)
     (whole,) = one = pieces_of_all(layout, monkeypatch)
     assert len(pieces_of(layout)) > len(one)
-    full = finer(coarse_start(binned(scan, 2, rows=whole.rows), layout, whole), SHAPE)
+    full = finer(coarse_start(binned_scan(scan, 2, rows=whole.rows), layout, whole), SHAPE)
     parts = [
-        finer_slab(coarse_start(binned(scan, 2, rows=piece.rows), layout, piece), layout, piece, k)
+        finer_slab(coarse_start(binned_scan(scan, 2, rows=piece.rows), layout, piece), layout, piece, k)
         for piece in pieces_of(layout)
         for k in piece.slabs
     ]

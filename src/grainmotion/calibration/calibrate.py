@@ -26,10 +26,11 @@ from pydantic.dataclasses import dataclass
 
 from grainmotion._typing import Float, Progress
 from grainmotion.calibration.corrections import DEFAULT, LENGTHS, Calibration, Correction, Parameter
-from grainmotion.calibration.cross_validation import Trial, bin_factor
+from grainmotion.calibration.cross_validation import Trial
 from grainmotion.errors import InputError
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
+from grainmotion.preprocessing.binning import binning_factor
 
 SIDEWAYS: tuple[Parameter, ...] = ("shift_u", "axis_offset")  # what the search for a start moves
 COARSE = (20, 40)  # columns of the search for a start, and of the first Gauss-Newton steps
@@ -90,7 +91,8 @@ def calibrate(
         raise InputError("calibrate", f"{len(scan)} views", f"give the full scan, {FEWEST_VIEWS} views at least")
     if not scan.line_integrals.any():
         raise InputError("calibrate", "the radiographs are empty", "give a scan of a sample")
-    factors = dict.fromkeys(bin_factor(scan.geometry, min(n, settings.columns)) for n in (*COARSE, settings.columns))
+    widths = (min(n, settings.columns) for n in (*COARSE, settings.columns))
+    factors = dict.fromkeys(binning_factor(scan.geometry.shape, width) for width in widths)
     trials = [Trial.of(scan, grid, factor, names, settings.sweeps) for factor in factors]
     tell = progress or (lambda message, done, total: None)
     tell("start", 0, len(trials))

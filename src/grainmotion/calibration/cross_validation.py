@@ -8,8 +8,9 @@ from pydantic.dataclasses import dataclass
 from grainmotion._typing import Float
 from grainmotion.calibration.corrections import Parameter, corrected, unit
 from grainmotion.model.geometry import Geometry
-from grainmotion.model.scan import Scan, binned
+from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
+from grainmotion.preprocessing.binning import binned_grid, binned_scan
 from grainmotion.projection.volumes import project
 from grainmotion.reconstruction.reconstruct import ReconstructSettings, reconstruct
 
@@ -32,10 +33,8 @@ class Trial:
     @classmethod
     def of(cls, scan: Scan, grid: Volume, factor: int, names: tuple[Parameter, ...], sweeps: int) -> Trial:
         """Radiographs and voxels ``factor`` times as large."""
-        small = binned(scan, factor)
-        shape = tuple(-(-n // factor) for n in grid.shape)
-        volume = Volume(np.zeros(shape, np.float32), grid.voxel_size * factor, grid.center)
-        return cls(small, volume, names, np.array([unit(n, small.geometry) for n in names]), sweeps)
+        small = binned_scan(scan, factor)
+        return cls(small, binned_grid(grid, factor), names, np.array([unit(n, small.geometry) for n in names]), sweeps)
 
     def correct(self, geometry: Geometry, values: Float) -> Geometry:
         """A geometry corrected by values in the order of ``names``."""
@@ -61,8 +60,3 @@ class Trial:
         """∂r by each correction in its unit, ``(pixels, parameters)``."""
         steps = STEP * np.diag(self.units)
         return np.stack([(self.residual(values + s) - self.residual(values - s)) / (2 * STEP) for s in steps], axis=1)
-
-
-def bin_factor(geometry: Geometry, columns: int) -> int:
-    """By how much to bin; a panel of few rows is not binned away."""
-    return max(1, min(-(-geometry.shape[1] // columns), geometry.shape[0] // 2))

@@ -12,8 +12,8 @@ from grainmotion.cluster import reconstruction_tasks
 from grainmotion.cluster.executor import Executor
 from grainmotion.cluster.shared_store import SharedStore, StoredObject
 from grainmotion.experiment.scan_inputs import ScanInput
-from grainmotion.model.scan import views_for
 from grainmotion.model.volume import Volume
+from grainmotion.preprocessing.binning import sufficient_views
 from grainmotion.reconstruction.coarse_start import COARSER, has_coarse_start, pieces_of
 from grainmotion.reconstruction.ordered_subsets import accelerated, plain_sart
 from grainmotion.reconstruction.reconstruct import Reconstruction
@@ -105,7 +105,7 @@ class Scattered:
     def _coarse_start(self, groups: list[Views], scans: list[tuple[str, Delayed]]) -> list[Delayed]:
         """Slabs of a coarse start, which whoever is to hold them makes of some of the views that others read."""
         task_at, found = self.work.task_at, []
-        wanted = views_for(len(self._place), self.layout.geometry.shape[1] // COARSER)
+        wanted = sufficient_views(len(self._place), self.layout.geometry.shape[1] // COARSER)
         picks = [np.flatnonzero(np.isin(group, wanted)) for group in groups]
         order = np.argsort(np.concatenate([group[pick] for group, pick in zip(groups, picks, strict=True)]))
         for piece in pieces_of(self.layout):

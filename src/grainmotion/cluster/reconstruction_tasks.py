@@ -13,7 +13,8 @@ from grainmotion.cluster.buffer_pool import copied
 from grainmotion.cluster.worker_threads import own_threads
 from grainmotion.experiment.scan_inputs import ScanInput
 from grainmotion.model.geometry import Geometry
-from grainmotion.model.scan import Scan, binned
+from grainmotion.model.scan import Scan
+from grainmotion.preprocessing.binning import binned_scan
 from grainmotion.reconstruction import slabs
 from grainmotion.reconstruction.coarse_start import COARSER, Piece, coarse_start, finer_slab
 from grainmotion.reconstruction.slabs import Layout, RadiographRows, Rows, Slab, Strip
@@ -59,7 +60,7 @@ def handed(rows: RadiographRows) -> RadiographRows:
 
 def rough_of(scan: Scan, picks: Views, rows: Rows) -> Scan:
     """Some rows of coarse pixels of some of the views."""
-    return binned(scan, COARSER, picks, rows)
+    return binned_scan(scan, COARSER, picks, rows)
 
 
 def rough_piece(layout: Layout, parts: list[Scan], order: Views, piece: Piece) -> Image:

@@ -68,36 +68,6 @@ class Scan:
         return f"<Scan of {len(self)} {self.geometry.beam}-beam radiographs, {self.geometry.shape}>"
 
 
-def binned(
-    scan: Scan, factor: int, views: NDArray[np.int64] | None = None, rows: tuple[int, int] | None = None
-) -> Scan:
-    """Radiographs of larger pixels; masked pixels do not count.
-
-    By default of no more views than these need, and of all rows; ``rows`` are the first of the larger ones and the
-    one after the last.
-    """
-    height, columns = (n // factor for n in scan.geometry.shape)
-    r0, c0 = ((n - m * factor) // 2 for n, m in zip(scan.geometry.shape, (height, columns), strict=True))
-    views = views_for(len(scan), columns) if views is None else views
-    first, end = (0, height) if rows is None else rows
-    r0, height = r0 + first * factor, end - first
-    cut = (views[:, None, None], np.arange(r0, r0 + height * factor)[:, None], np.arange(c0, c0 + columns * factor))
-    blocks = (len(views), height, factor, columns, factor)
-    geometry = scan.geometry[views].window((r0, c0), (height * factor, columns * factor)).binned(factor)
-    images = scan.line_integrals[cut].reshape(blocks)
-    if scan.valid is None:
-        return Scan(images.mean(axis=(2, 4)), geometry)
-    good = scan.valid[cut].reshape(blocks)
-    number = good.sum(axis=(2, 4))
-    mean = np.where(good, images, 0).sum(axis=(2, 4)) / np.maximum(number, 1)
-    return Scan(mean, geometry, number > 0)
-
-
-def views_for(count: int, columns: int) -> NDArray[np.int64]:
-    """As many of ``count`` views as radiographs of so many columns need."""
-    return np.arange(0, count, max(1, round(count / (2 * columns))))
-
-
 def air_levels(
     scan: Scan, *, margin: int | None = None, region: tuple[int, int, int, int] | None = None
 ) -> NDArray[np.float64]:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from skimage.measure import block_reduce
 
 from grainmotion._typing import Float, Image
 from grainmotion.backends.device import CPU, Device
@@ -110,10 +111,7 @@ class GrainArrays:
         images, shapes = [], []
         for start, shape in zip(self.starts, self.shapes, strict=True):
             inner = self.images[start : start + shape.prod()].reshape(shape)
-            whole = np.pad(inner, [(0, -n % factor) for n in shape])
-            nz, ny, nx = np.array(whole.shape) // factor
-            means = whole.reshape(nz, factor, ny, factor, nx, factor).mean(axis=(1, 3, 5))
-            images.append(np.pad(means, PADDING))
+            images.append(np.pad(block_reduce(inner, factor, np.mean), PADDING))
             shapes.append(images[-1].shape)
         sizes = np.array([i.size for i in images])
         # the first coarse voxel's centre lies (factor − 1)/2 voxels inside; then come the empty layers
@@ -130,8 +128,8 @@ def planar(grains: GrainArrays, geometry: Geometry) -> bool:
     if geometry.shape[0] != 1 or np.any(grains.shapes[:, 0] != 1 + 2 * PADDING):
         return False
     height = grains.centers[0, 2]
-    rays = geometry.vectors[:, 2] - (height if geometry.beam == "cone" else 0.0)
-    off = np.concatenate([grains.centers[:, 2] - height, geometry.vectors[:, 5] - height, rays, geometry.vectors[:, 8]])
+    rays = geometry.source[:, 2] - (height if geometry.beam == "cone" else 0.0)
+    off = np.concatenate([grains.centers[:, 2] - height, geometry.detector[:, 2] - height, rays, geometry.u[:, 2]])
     return bool(np.abs(off).max() <= 1e-6 * grains.voxel_size)
 
 

@@ -14,8 +14,9 @@ from itertools import pairwise
 import numpy as np
 
 from grainmotion._typing import Image
-from grainmotion.model.scan import Scan, binned
+from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
+from grainmotion.preprocessing.binning import binned_scan
 from grainmotion.reconstruction.iterate import CudaIterate, HostIterate, held
 from grainmotion.reconstruction.ordered_subsets import plain_sart
 from grainmotion.reconstruction.settings import ReconstructSettings
@@ -77,12 +78,12 @@ def started(scan: Scan, grid: Volume, settings: ReconstructSettings) -> HostIter
 def _starts(scan: Scan, layout: Layout) -> Iterator[Image]:
     """Of each slab in turn the values of its planes."""
     for piece in pieces_of(layout):
-        array = coarse_start(binned(scan, COARSER, rows=piece.rows), layout, piece)
+        array = coarse_start(binned_scan(scan, COARSER, rows=piece.rows), layout, piece)
         yield from (finer_slab(array, layout, piece, number) for number in piece.slabs)
 
 
 def coarse_start(rough: Scan, layout: Layout, piece: Piece) -> Image:
-    """A sweep of plain SART on the coarse voxels of a piece; ``rough`` are its rows of the scan `binned` by as much."""
+    """A sweep of plain SART on the coarse voxels of a piece; ``rough`` are its rows of the scan binned by as much."""
     (first, end), (x, y, z), size = piece.planes, layout.center, layout.voxel_size * COARSER
     array = np.zeros((end - first, *(halved(n) for n in layout.shape[1:])), np.float32)
     z += size * ((first + end) - halved(layout.shape[0])) / 2

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from grainmotion._typing import Image
 from grainmotion.model.scan import Scan
 from grainmotion.objective.data_term import Target
+from grainmotion.preprocessing.binning import binned_images
 from grainmotion.projection.grain_arrays import GrainArrays, planar
 
 SAMPLED = 1.0
@@ -49,10 +50,7 @@ def coarsened(target: Target, factor: int, margin: tuple[int, int] | NDArray[np.
     around = [(0, 0), *((b, n - o - b) for b, n, o in zip(before, new, old, strict=True))]
 
     def binned(images: Image) -> Image:
-        padded = np.pad(images, around)
-        views, rows, columns = padded.shape
-        blocks = padded.reshape(views, rows // factor, factor, columns // factor, factor)
-        return blocks.mean(axis=(2, 4))
+        return binned_images(np.pad(images, around), factor)
 
     share = binned(target.valid)
     weight = np.maximum(share, 1e-6)

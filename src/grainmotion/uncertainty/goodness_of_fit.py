@@ -12,6 +12,7 @@ from grainmotion.model.pose import Pose
 from grainmotion.model.scan import Scan
 from grainmotion.objective.residual import Evaluation, StateProblem
 from grainmotion.projection.grains import assemble
+from grainmotion.uncertainty.noise_model import noise_level
 
 LEAST, USUAL = 0.08, 0.05
 """Shares of a grain's line integrals: the least misfit, and the most that the sample's usual one counts."""
@@ -108,15 +109,6 @@ def misfits(problem: StateProblem, seen: Evaluation) -> Misfits:
     means[:, 1:] *= float(np.clip(seen.response.gain, 0.0, 1.0))
     residuals, paths, crowds = means.T
     return Misfits(residuals, paths, crowds, noise_level(problem.target.scan))
-
-
-def noise_level(scan: Scan) -> float:
-    """Noise of a pixel: robust spread of second differences along rows, which smooth shadows do not have."""
-    images = scan.line_integrals
-    if images.shape[2] < 3:
-        return 0.0
-    second = images[:, :, 2:] - 2 * images[:, :, 1:-1] + images[:, :, :-2]
-    return float(1.4826 * np.median(np.abs(second)) / np.sqrt(6))
 
 
 def lost_grains(problem: StateProblem, pose: Pose) -> NDArray[np.bool_]:

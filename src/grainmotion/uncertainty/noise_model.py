@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from grainmotion._typing import Float, Image
+from grainmotion.model.scan import Scan
 from grainmotion.objective.data_term import Target
 from grainmotion.objective.residual import Evaluation
 
@@ -84,7 +85,7 @@ def noise_shares(raw: Image, unit: Float, good: NDArray[np.bool_]) -> tuple[floa
     """
     if raw.shape[2] < 3:
         return 0.0, 0.0
-    second = raw[:, :, 2:].astype(float) - 2 * raw[:, :, 1:-1] + raw[:, :, :-2]
+    second = _second_differences(raw.astype(float))
     whole = good[:, :, 2:] & good[:, :, 1:-1] & good[:, :, :-2]
     squares, units = second[whole] ** 2 / 6, unit[:, :, 1:-1][whole]
     if len(squares) < CLASSES:
@@ -102,6 +103,18 @@ def noise_shares(raw: Image, unit: Float, good: NDArray[np.bool_]) -> tuple[floa
         share, white = nnls(rows * scale[:, None], values * scale)[0]
         fitted = rows @ [share, white]
     return float(share), float(white)
+
+
+def noise_level(scan: Scan) -> float:
+    """Noise of a pixel, line-integral units: robust spread of second differences along rows."""
+    if scan.line_integrals.shape[2] < 3:
+        return 0.0
+    return float(1.4826 * np.median(np.abs(_second_differences(scan.line_integrals))) / np.sqrt(6))
+
+
+def _second_differences(images: Image) -> Image:
+    """Along rows: smooth images leave nothing of themselves in them, and six times the variance of the noise."""
+    return images[:, :, 2:] - 2 * images[:, :, 1:-1] + images[:, :, :-2]
 
 
 def shaded_pixels(target: Target, seen: Evaluation) -> NDArray[np.bool_]:

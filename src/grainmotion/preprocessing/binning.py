@@ -1,0 +1,62 @@
+"""Binning: radiographs, grids and geometries of larger pixels and voxels."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from skimage.measure import block_reduce
+
+from grainmotion.model.scan import Scan
+from grainmotion.model.volume import Volume
+
+
+def binned_images(images: NDArray, factor: int) -> NDArray[np.floating]:
+    """Means over ``factor`` × ``factor`` pixels of images ``(views, rows, columns)``, which must divide by it."""
+    return np.asarray(block_reduce(images, (1, factor, factor), np.mean))
+
+
+def binned_grid(grid: Volume, factor: int) -> Volume:
+    """An empty grid of voxels ``factor`` times as large around the same centre, not smaller than ``grid``."""
+    nz, ny, nx = (-(-n // factor) for n in grid.shape)
+    return Volume.zeros((nz, ny, nx), grid.voxel_size * factor, grid.center)
+
+
+def binned_scan(
+    scan: Scan, factor: int, views: NDArray[np.int64] | None = None, rows: tuple[int, int] | None = None
+) -> Scan:
+    """Radiographs of pixels ``factor`` times as large; masked pixels carry no weight.
+
+    Parameters
+    ----------
+    scan : Scan
+    factor : int
+        What does not divide by it is cut off on both sides of the panel alike.
+    views : (n,) int array, optional
+        Views to take; by default no more than radiographs of so few columns need (`sufficient_views`).
+    rows : (int, int), optional
+        First of the larger rows to take and the one after the last; by default all.
+    """
+    height, columns = (n // factor for n in scan.geometry.shape)
+    r0, c0 = ((n - m * factor) // 2 for n, m in zip(scan.geometry.shape, (height, columns), strict=True))
+    views = sufficient_views(len(scan), columns) if views is None else views
+    first, end = (0, height) if rows is None else rows
+    r0, height = r0 + first * factor, end - first
+    cut = (views[:, None, None], np.arange(r0, r0 + height * factor)[:, None], np.arange(c0, c0 + columns * factor))
+    geometry = scan.geometry[views].window((r0, c0), (height * factor, columns * factor)).binned(factor)
+    images = scan.line_integrals[cut]
+    if scan.valid is None:
+        return Scan(binned_images(images, factor), geometry)
+    good, block = scan.valid[cut], (1, factor, factor)
+    number = block_reduce(good, block, np.sum)
+    mean = block_reduce(np.where(good, images, 0), block, np.sum) / np.maximum(number, 1)
+    return Scan(mean, geometry, number > 0)
+
+
+def sufficient_views(count: int, columns: int) -> NDArray[np.int64]:
+    """Evenly spaced views of ``count``, about two for each of so many columns."""
+    return np.arange(0, count, max(1, round(count / (2 * columns))))
+
+
+def binning_factor(shape: tuple[int, int], columns: int) -> int:
+    """Factor that leaves a panel of (rows, columns) pixels about ``columns`` columns, and two rows at least."""
+    return max(1, min(-(-shape[1] // columns), shape[0] // 2))
