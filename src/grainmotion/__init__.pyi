@@ -6,6 +6,7 @@ from .backends.device import Device as Device
 from .calibration.calibrate import CalibrateSettings as CalibrateSettings
 from .calibration.calibrate import calibrate as calibrate
 from .calibration.corrections import Calibration as Calibration
+from .errors import BackendError as BackendError
 from .errors import GrainmotionError as GrainmotionError
 from .errors import InputError as InputError
 from .experiment.config import Air as Air

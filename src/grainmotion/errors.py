@@ -4,16 +4,12 @@ from __future__ import annotations
 
 
 class GrainmotionError(Exception):
-    """Base of every error that grainmotion raises on purpose."""
-
-
-class InputError(GrainmotionError):
-    """Something that the user gave cannot be used.
+    """Base of every error that grainmotion raises on purpose.
 
     Parameters
     ----------
     where : str
-        File, key, view or grain at fault.
+        File, key, view, grain or device at fault.
     fact : str
         What is wrong, echoing the value.
     remedy : str
@@ -24,6 +20,14 @@ class InputError(GrainmotionError):
         self.where, self.fact, self.remedy = where, fact, remedy
         super().__init__(f"{where}: {fact}; {remedy}")
 
-    def __reduce__(self) -> tuple[type[InputError], tuple[str, str, str]]:
-        """Travel whole from one process to another."""
+    def __reduce__(self) -> tuple[type[GrainmotionError], tuple[str, str, str]]:
+        """Keep all three parts when an error is sent from one process to another."""
         return type(self), (self.where, self.fact, self.remedy)
+
+
+class InputError(GrainmotionError, ValueError):
+    """Something that the user gave cannot be used."""
+
+
+class BackendError(GrainmotionError, RuntimeError):
+    """A device that was asked for cannot be used."""

@@ -84,8 +84,8 @@ class TestLeftover:
 
     @pytest.mark.parametrize("projector", ["trilinear", "exact"])
     def test_projector(self, projector):
-        scan = Scan(simulate_radiographs(GRAINS, TRUTH, geometry(), projector), geometry())
-        np.testing.assert_allclose(leftover(GRAINS, TRUTH, scan, projector), 0, atol=1e-6)
+        scan = Scan(simulate_radiographs(GRAINS, TRUTH, geometry(), projector=projector), geometry())
+        np.testing.assert_allclose(leftover(GRAINS, TRUTH, scan, projector=projector), 0, atol=1e-6)
 
     def test_the_scan_is_left_alone(self):
         valid = np.random.default_rng(1).uniform(size=NOISE.shape) > 0.1

@@ -10,7 +10,7 @@ import pytest
 
 from grainmotion.backends import device
 from grainmotion.backends.device import CPU, Device, chosen, place, zeros_beside
-from grainmotion.errors import InputError
+from grainmotion.errors import BackendError
 
 
 @pytest.fixture
@@ -37,7 +37,7 @@ def test_auto_without_the_package_is_the_processor(fresh, monkeypatch):
 
 def test_cuda_without_the_package_names_the_extra(fresh, monkeypatch):
     monkeypatch.setattr(device, "find_spec", without_package)
-    with pytest.raises(InputError, match=r"numba-cuda is not installed; install grainmotion\[gpu\]"):
+    with pytest.raises(BackendError, match=r"numba-cuda is not installed; install grainmotion\[gpu\]"):
         chosen("cuda")
 
 
@@ -46,7 +46,7 @@ def test_cuda_without_a_card_names_the_driver(fresh):
     if cuda.is_available():
         pytest.skip("a card is there")
     assert chosen("auto") == CPU
-    with pytest.raises(InputError, match=r"no NVIDIA card can be used .* check the card and its driver"):
+    with pytest.raises(BackendError, match=r"no NVIDIA card can be used .* check the card and its driver"):
         chosen("cuda")
 
 
@@ -62,7 +62,7 @@ def test_a_card_that_fails_is_not_chosen(fresh, monkeypatch):
     monkeypatch.setattr(device, "_cuda", lambda name: Broken)
 
     assert chosen("auto") == CPU
-    with pytest.raises(InputError, match="no kernel image is available for execution"):
+    with pytest.raises(BackendError, match="no kernel image is available for execution"):
         chosen("cuda")
 
 

@@ -17,7 +17,7 @@ import pytest
 
 from gpu import work
 from grainmotion.backends.device import chosen
-from grainmotion.errors import InputError
+from grainmotion.errors import BackendError
 
 pytest.importorskip("numba_cuda", reason="numba-cuda is not installed: pip install grainmotion[dev]")
 
@@ -32,7 +32,7 @@ def card(request, tmp_path_factory) -> dict:
     if request.param == "card":
         try:
             chosen("cuda")
-        except InputError as error:
+        except BackendError as error:
             pytest.skip(str(error))
     out = tmp_path_factory.mktemp("card") / "results.pkl"
     paths = os.pathsep.join(p for p in sys.path if p)

@@ -157,8 +157,8 @@ def volume(device: Device, projector: str = "trilinear", beam: str = "cone") -> 
     array, images = volume_and_images(beam)
     grid, views = Volume(array, VOXEL, (0.03, 0.0, -0.02)), small_panel(beam)
     if device == CPU:
-        back = back_project(images, views, grid, projector)
-        return {"forward": project(grid, views, projector), "adjoint": array + back.array}
+        back = back_project(images, views, grid, projector=projector)
+        return {"forward": project(grid, views, projector=projector), "adjoint": array + back.array}
     operator = CudaVolumeOperator(views, grid, projector)
     held = operator.laid(array)
     forward = operator.forward(held)

@@ -95,9 +95,9 @@ class TestMatchedAdjoint:
     def test_of_nouns_in_single_precision(self, geometry, projector):
         rng = np.random.default_rng(2)
         x, y = random_volume(), rng.uniform(size=(len(geometry), *PANEL)).astype(np.float32)
-        back = back_project(y, geometry, x, projector)
+        back = back_project(y, geometry, x, projector=projector)
         assert (back.shape, back.voxel_size, back.center) == (x.shape, VOXEL, CENTER)
-        forward = project(x, geometry, projector)
+        forward = project(x, geometry, projector=projector)
         one = np.vdot(forward.astype(float), y)
         assert one == pytest.approx(np.vdot(x.array.astype(float), back.array), rel=1e-5)
 
@@ -105,10 +105,12 @@ class TestMatchedAdjoint:
     def test_back_projection_adds_to_what_is_there_and_skips_empty_pixels(self, projector):
         geometry = GEOMETRIES["cone"]
         y = np.zeros((len(geometry), *PANEL), np.float32)
-        assert not back_project(y, geometry, random_volume(), projector).array.any()
+        assert not back_project(y, geometry, random_volume(), projector=projector).array.any()
         y[1, 6, 7] = 2.0
-        one = back_project(y, geometry, random_volume(), projector).array
-        np.testing.assert_allclose(back_project(2 * y, geometry, random_volume(), projector).array, 2 * one, rtol=1e-6)
+        one = back_project(y, geometry, random_volume(), projector=projector).array
+        np.testing.assert_allclose(
+            back_project(2 * y, geometry, random_volume(), projector=projector).array, 2 * one, rtol=1e-6
+        )
 
 
 class TestExactPath:
@@ -136,11 +138,11 @@ class TestExactPath:
         expected = self.by_boxes(volume, geometry)
         found = double_forward(pad(volume.array.astype(float)), geometry, "exact", padded_origin(volume))
         np.testing.assert_allclose(found, expected, atol=1e-11)
-        np.testing.assert_allclose(project(volume, geometry, "exact"), expected, atol=2e-5)
+        np.testing.assert_allclose(project(volume, geometry, projector="exact"), expected, atol=2e-5)
 
     def test_one_voxel_across_its_diagonal(self):
         geometry = Geometry(np.array([[1.0, 1, 1, 5, 5, 5, 1, -1, 0, 1, 1, -2]]), (1, 1), "parallel")
-        value = project(Volume(np.full((1, 1, 1), 2.0), 0.5), geometry, "exact")
+        value = project(Volume(np.full((1, 1, 1), 2.0), 0.5), geometry, projector="exact")
         np.testing.assert_allclose(value, 2 * 0.5 * np.sqrt(3), rtol=1e-6)
 
     def test_a_straight_ray_through_voxel_centres(self):
@@ -149,7 +151,7 @@ class TestExactPath:
         geometry = Geometry(np.array([[0, 1.0, 0, *CENTER, VOXEL, 0, 0, 0, 0, VOXEL]]), (5, 7), "parallel")
         for projector in PROJECTORS:
             np.testing.assert_allclose(
-                project(volume, geometry, projector)[0], volume.array.sum(axis=1) * VOXEL, rtol=1e-5
+                project(volume, geometry, projector=projector)[0], volume.array.sum(axis=1) * VOXEL, rtol=1e-5
             )
 
 
@@ -177,7 +179,7 @@ class TestSmoothPath:
         expected = self.by_samples(volume, geometry)
         found = double_forward(pad(volume.array.astype(float)), geometry, "trilinear", padded_origin(volume))
         np.testing.assert_allclose(found, expected, atol=1e-11)
-        np.testing.assert_allclose(project(volume, geometry, "trilinear"), expected, atol=2e-5)
+        np.testing.assert_allclose(project(volume, geometry, projector="trilinear"), expected, atol=2e-5)
 
 
 class TestLinearity:
@@ -186,14 +188,14 @@ class TestLinearity:
         geometry = GEOMETRIES["cone, tilted"]
         a, b = random_volume(6), random_volume(7, negative=True)
         both = Volume(2 * a.array - 3 * b.array, VOXEL, CENTER)
-        expected = 2 * project(a, geometry, projector) - 3 * project(b, geometry, projector)
-        np.testing.assert_allclose(project(both, geometry, projector), expected, atol=1e-5)
+        expected = 2 * project(a, geometry, projector=projector) - 3 * project(b, geometry, projector=projector)
+        np.testing.assert_allclose(project(both, geometry, projector=projector), expected, atol=1e-5)
 
     @every_projector
     def test_mass_in_a_parallel_beam_is_the_same_from_every_side(self, projector):
         volume = random_volume(8, (6, 6, 6))
         geometry = Geometry.parallel([0, 30, 45, 90, 120], (200, 200), 0.01)
-        masses = project(volume, geometry, projector).sum(axis=(1, 2), dtype=float) * 0.01**2
+        masses = project(volume, geometry, projector=projector).sum(axis=(1, 2), dtype=float) * 0.01**2
         np.testing.assert_allclose(masses, volume.array.sum(dtype=float) * VOXEL**3, rtol=4e-3)
 
 
@@ -226,7 +228,7 @@ class TestKnownBodies:
         for n in (14, 28, 56):
             volume = attenuation_volume(sample, Volume.zeros((n, n, n), 2.4 / n), samples=3)
             for projector in PROJECTORS:
-                difference = project(volume, geometry, projector) - chords
+                difference = project(volume, geometry, projector=projector) - chords
                 errors[projector, n] = np.sqrt((difference**2).mean()) / chords.max()
         for projector in PROJECTORS:
             assert errors[projector, 14] > 1.6 * errors[projector, 28] > 1.6**2 * errors[projector, 56]
@@ -237,7 +239,7 @@ class TestKnownBodies:
         _, volume = exact_ball(0.1)
         geometry = Geometry.cone([30.0], (61, 61), 0.05, source_to_axis=10, source_to_detector=20)
         for projector in PROJECTORS:
-            image = project(volume, geometry, projector)[0]
+            image = project(volume, geometry, projector=projector)[0]
             row, column = geometry.project_points([0.07, -0.11, 0.05])[0, 0]
             assert image.max() == pytest.approx(2.0, rel=0.02)
             assert image[round(row), round(column)] == pytest.approx(2.0, rel=0.02)
@@ -355,7 +357,9 @@ class TestPatches:
         grains, volume = two_grains()
         still = Motions.identity(grains.labels, grains.centers)
         np.testing.assert_allclose(
-            simulate_radiographs(grains, still, geometry, projector), project(volume, geometry, projector), atol=3e-6
+            simulate_radiographs(grains, still, geometry, projector=projector),
+            project(volume, geometry, projector=projector),
+            atol=3e-6,
         )
 
     @every_projector
@@ -368,7 +372,9 @@ class TestPatches:
         geometry = Geometry.parallel([20.0, 45.0, 70.0], (across, across), pixel, panel=leaning)
         still = Motions.identity(grains.labels, grains.centers)
         np.testing.assert_allclose(
-            simulate_radiographs(grains, still, geometry, projector), project(volume, geometry, projector), atol=3e-6
+            simulate_radiographs(grains, still, geometry, projector=projector),
+            project(volume, geometry, projector=projector),
+            atol=3e-6,
         )
 
     @every_projector
@@ -382,8 +388,8 @@ class TestPatches:
         grains = grains_from_labels(volume, (volume.array > 0).astype(np.int8), reach=0, finer=1)
         geometry = Geometry.cone([11.0, 52.0], (150, 150), 0.2, source_to_axis=60, source_to_detector=120)
         still = Motions.identity(grains.labels, grains.centers)
-        whole = project(volume, geometry, projector)
-        np.testing.assert_allclose(simulate_radiographs(grains, still, geometry, projector), whole, atol=2e-4)
+        whole = project(volume, geometry, projector=projector)
+        np.testing.assert_allclose(simulate_radiographs(grains, still, geometry, projector=projector), whole, atol=2e-4)
 
     @every_projector
     def test_a_background_is_added(self, projector):
@@ -392,8 +398,8 @@ class TestPatches:
         geometry = GEOMETRIES["cone"]
         still = Motions.identity(grains.labels, grains.centers)
         np.testing.assert_allclose(
-            simulate_radiographs(GrainSet(grains.grains, background), still, geometry, projector),
-            project(volume, geometry, projector) + project(background, geometry, projector),
+            simulate_radiographs(GrainSet(grains.grains, background), still, geometry, projector=projector),
+            project(volume, geometry, projector=projector) + project(background, geometry, projector=projector),
             atol=5e-6,
         )
 
@@ -414,7 +420,9 @@ class TestPatches:
                 rows[:, 0] += shift
             along = Geometry(rows.reshape(-1, 12), PANEL, geometry.beam)
             np.testing.assert_allclose(
-                simulate_radiographs(grains, motions, along, projector), project(volume, geometry, projector), atol=1e-5
+                simulate_radiographs(grains, motions, along, projector=projector),
+                project(volume, geometry, projector=projector),
+                atol=1e-5,
             )
 
     @pytest.mark.parametrize("axis", [0, 1, 2], ids="xyz")
@@ -429,8 +437,8 @@ class TestPatches:
         motions.rotations[0, axis] = np.pi / 2
         geometry = GEOMETRIES["cone, tilted"]
         np.testing.assert_allclose(
-            simulate_radiographs(grains, motions, geometry, projector),
-            project(Volume(turned, 0.1, (0.1, 0.2, 0.3)), geometry, projector),
+            simulate_radiographs(grains, motions, geometry, projector=projector),
+            project(Volume(turned, 0.1, (0.1, 0.2, 0.3)), geometry, projector=projector),
             atol=1e-5,
         )
 
@@ -445,7 +453,7 @@ class TestPatches:
         for shift in ([0, 0, 0], [0.2, 0, 0], [0, 0.2, 0], [0, 0, 0.2], [-0.1, 0.15, -0.2]):
             motions = Motions.identity(grains.labels, grains.centers)
             motions.translations[:] = shift
-            images = simulate_radiographs(grains, motions, geometry, projector).astype(float)
+            images = simulate_radiographs(grains, motions, geometry, projector=projector).astype(float)
             mass = images.sum(axis=(1, 2))
             centroids = np.stack([(images * k).sum(axis=(1, 2)) / mass for k in (rows, columns)], axis=1)
             expected = geometry.project_points(grains.centers[0] + shift)[:, 0]

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 
 import few_grains
 from grainmotion import simulate
@@ -301,7 +300,7 @@ class TestBadInput:
 
     @pytest.mark.parametrize("wrong", [{"photons": 0}, {"views": (1,)}, {"views": ()}, {"step_deg": 0}])
     def test_settings(self, wrong):
-        with pytest.raises(ValidationError):
+        with pytest.raises(InputError):
             PlanSettings(**wrong)
 
 

@@ -105,7 +105,7 @@ class TestInput:
         rng = np.random.default_rng(0)
         volume = Volume(rng.random((8, 8, 8)), 1.0)
         with pytest.raises(InputError, match="no voxel above"):
-            calibrate_hardening(scan, volume, HardeningSettings(threshold=2.0))
+            calibrate_hardening(scan, volume, settings=HardeningSettings(threshold=2.0))
 
     def test_uniform_volume(self, case):
         with pytest.raises(InputError, match="uniform"):

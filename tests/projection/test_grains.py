@@ -262,7 +262,7 @@ class TestSimulatedRadiographs:
         coarse, fine = (simulate_radiographs(three_grains(finer, 3), still, stage()) for finer in (1, 2))
         assert np.abs(fine - coarse).max() > 1e-3
         np.testing.assert_allclose(fine.sum(axis=(1, 2)), coarse.sum(axis=(1, 2)), rtol=2e-3)
-        exact = [simulate_radiographs(three_grains(finer), still, stage(), "exact") for finer in (1, 2)]
+        exact = [simulate_radiographs(three_grains(finer), still, stage(), projector="exact") for finer in (1, 2)]
         np.testing.assert_array_equal(*exact)
 
     def test_single_precision_stacks_of_views(self):

@@ -6,7 +6,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 
 from few_grains import (
     ANGLES,
@@ -435,5 +434,5 @@ class TestTelling:
         "wrong", [{"filters": ()}, {"iterations": 0}, {"tolerance": 0}, {"projector": "joseph"}, {"max_sd_deg": 0}]
     )
     def test_settings_check_themselves(self, wrong):
-        with pytest.raises(ValidationError):
+        with pytest.raises(InputError):
             TrackSettings(**wrong)

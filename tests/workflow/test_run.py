@@ -37,7 +37,7 @@ def quick_track(copied, monkeypatch):
     motions = read_motions_h5(copied.parent / "results" / "one" / "motions.h5")
     starts = []
 
-    def known(grains, scan, start, *_):
+    def known(grains, scan, start, *_, **__):
         starts.append(start)
         return motions
 
@@ -154,7 +154,7 @@ class TestResume:
         shutil.rmtree(copied.parent / "results")
         calls = []
 
-        def killed(grains, scan, start, *_):
+        def killed(grains, scan, start, *_, **__):
             calls.append(start)
             if len(calls) > 1:
                 raise KeyboardInterrupt
@@ -173,7 +173,7 @@ class TestResume:
     def test_a_run_killed_in_segmentation_keeps_the_reconstruction(self, copied, monkeypatch):
         shutil.rmtree(copied.parent / "results")
 
-        def killed(*_):
+        def killed(*_, **__):
             raise KeyboardInterrupt
 
         with monkeypatch.context() as patch:

@@ -50,9 +50,9 @@ def sample() -> Sample:
 
 def ours(volume: Volume, geometry: Geometry, projector: Projector) -> tuple[float, NDArray[np.float32]]:
     """CPU seconds and radiographs."""
-    project(volume, geometry[0], projector)  # compile
+    project(volume, geometry[0], projector=projector)  # compile
     start = time.process_time()
-    images = project(volume, geometry, projector)
+    images = project(volume, geometry, projector=projector)
     return time.process_time() - start, images
 
 

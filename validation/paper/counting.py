@@ -57,6 +57,6 @@ def ours(grains: GrainSet, scan: Scan, settings: TrackSettings, start: Motions |
     messages: list[str] = []
     with counted() as count:
         begin = time.process_time()
-        motions = track(grains, scan, start, settings, lambda message, *_: messages.append(message))
+        motions = track(grains, scan, start, settings, progress=lambda message, *_: messages.append(message))
         cpu = time.process_time() - begin
     return Took(motions, sum(": residual" in message for message in messages), cpu, count)

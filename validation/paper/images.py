@@ -103,7 +103,7 @@ def large_motions(grains: GrainSet, seed: int) -> Motions:
 def observe(grains: GrainSet, truth: Motions, views: int, projector: Projector = "trilinear") -> Scan:
     """Radiographs of moved grains without noise, made as the paper does by the tracker's own projector."""
     seen = geometry(views)
-    return Scan(simulate_radiographs(grains, truth, seen, projector), seen)
+    return Scan(simulate_radiographs(grains, truth, seen, projector=projector), seen)
 
 
 def errors(measured: Motions, truth: Motions) -> Float:

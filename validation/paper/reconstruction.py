@@ -43,7 +43,7 @@ def epsilons(name: str, count: int) -> NDArray[np.float64]:
     def make() -> dict[str, NDArray[np.generic]]:
         scans = [gravel.full_scan(SCANS[name]), *(gravel.full_scan(n) for k, n in SCANS.items() if k != name)]
         volume = gravel.sweep(count, noise=SCANS[name]).volume
-        images = project(volume, scans[0].geometry, gravel.SMOOTH.projector)
+        images = project(volume, scans[0].geometry, projector=gravel.SMOOTH.projector)
         found = [_norm(s.line_integrals - images) / _norm(s.line_integrals) for s in scans]
         return {"epsilons": np.array(found)}
 

@@ -16,7 +16,7 @@ from grainmotion.rotations import rotation_matrix
 from grainmotion.segmentation.extraction import packed_body
 
 
-def leftover(grains: GrainSet, motions: Motions, scan: Scan, projector: Projector = "trilinear") -> Image:
+def leftover(grains: GrainSet, motions: Motions, scan: Scan, *, projector: Projector = "trilinear") -> Image:
     """Measured − m(simulated) of each view ``(views, rows, columns)``, line integrals; NaN where a pixel is masked.
 
     Grains with unknown motions are left out of what is simulated.
@@ -29,7 +29,7 @@ def leftover(grains: GrainSet, motions: Motions, scan: Scan, projector: Projecto
         around = NuisanceMotion(around.views, fit.background[:3], rotation_matrix(fit.background[3:]))
     geometry = corrected(scan.geometry, around)
     alone = GrainSet(grains.grains)
-    simulated = simulate_radiographs(alone, motions, geometry, projector)
+    simulated = simulate_radiographs(alone, motions, geometry, projector=projector)
     if grains.background is not None:
         simulated += background_images(packed_body(grains.background), around, geometry, projector, False)[0]
     response = fit.response or Response(np.full((views, 1), fit.gain), np.full((views, 1), fit.offset))

@@ -17,7 +17,7 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from grainmotion.errors import InputError
+from grainmotion.errors import BackendError
 
 Choice = Literal["auto", "cpu", "cuda"]
 """``"auto"``: the card if there is one that works, else the processor."""
@@ -81,7 +81,7 @@ def chosen(choice: Choice) -> Device:
 
     Raises
     ------
-    InputError
+    BackendError
         If ``"cuda"`` is asked for where numba-cuda or a working card is lacking.
     """
     if choice == "cpu":
@@ -91,7 +91,7 @@ def chosen(choice: Choice) -> Device:
         return Device("cuda")
     if choice == "auto":
         return CPU
-    raise InputError("device 'cuda'", *lacking)
+    raise BackendError("device 'cuda'", *lacking)
 
 
 def place(array: Any) -> Device:

@@ -22,9 +22,9 @@ from typing import Annotated
 
 import numpy as np
 from pydantic import Field
-from pydantic.dataclasses import dataclass
 
 from grainmotion._typing import Float, Progress
+from grainmotion._validation import validated
 from grainmotion.calibration.corrections import DEFAULT, LENGTHS, Calibration, Correction, Parameter
 from grainmotion.calibration.cross_validation import Trial
 from grainmotion.errors import InputError
@@ -44,7 +44,7 @@ SAME = 1e-6  # 1 − correlation of two corrections that are one thing to the da
 FEWEST_VIEWS = 12
 
 
-@dataclass(frozen=True)
+@validated
 class CalibrateSettings:
     """Which corrections of panel and axis to find, and how finely."""
 
@@ -60,6 +60,7 @@ def calibrate(
     scan: Scan,
     grid: Volume,
     settings: CalibrateSettings | None = None,
+    *,
     progress: Progress | None = None,
 ) -> Calibration:
     """Find how panel and axis depart from the geometry of a full scan.

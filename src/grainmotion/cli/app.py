@@ -16,12 +16,11 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from pydantic import ValidationError
 
 from grainmotion.cli import console
 from grainmotion.cli.demo import run_demo, write_case
 from grainmotion.cluster.connection import LOCAL, ComputeConfig
-from grainmotion.errors import InputError
+from grainmotion.errors import GrainmotionError, InputError
 from grainmotion.experiment.config import Experiment, read_experiment
 from grainmotion.experiment.inputs import find_inputs
 from grainmotion.experiment.inspection import inspect_inputs
@@ -99,7 +98,7 @@ def _reported(command: Callable[..., None]) -> Callable[..., None]:
     def guarded(*args: Any, **kwargs: Any) -> None:
         try:
             command(*args, **kwargs)
-        except InputError as error:
+        except GrainmotionError as error:
             print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
             raise typer.Exit(2) from None
         except KeyboardInterrupt:
@@ -249,10 +248,9 @@ def plan(
     experiment = read_experiment(file) if file is not None else None
     try:
         settings = dataclasses.replace(experiment.tables.plan if experiment else PlanSettings(), **given)
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        where = f"--{str(first['loc'][0]).replace('_', '-')}"
-        raise InputError(where, f"{first['msg'].lower()}, got {first['input']!r}", "correct the value") from error
+    except InputError as error:
+        option = f"--{error.where.rpartition('.')[2].replace('_', '-')}"
+        raise InputError(option, error.fact, error.remedy) from error
     with console.progress(quiet) as listener:
         if experiment is not None:
             found, folder = plan_experiment(experiment, settings, out=out, progress=listener)

@@ -27,7 +27,7 @@ def track_state(
     """
     radiographs, _ = source.read()
     try:
-        return track(grains, radiographs, start, settings, progress, device)
+        return track(grains, radiographs, start, settings, progress=progress, device=device)
     except InputError as error:
         where = error.where.replace("start", f"initial ({initial})")
         raise InputError(f"{source.key}.{where}", error.fact, error.remedy) from error

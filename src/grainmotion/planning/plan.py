@@ -167,7 +167,7 @@ class Plan:
 
 
 def plan(
-    grains: GrainSet, views: Geometry, settings: PlanSettings | None = None, progress: Progress | None = None
+    grains: GrainSet, views: Geometry, settings: PlanSettings | None = None, *, progress: Progress | None = None
 ) -> Plan:
     """Predict precision, choose angles, and say what can be captured.
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 from typing import Annotated
 
 from pydantic import Field
-from pydantic.dataclasses import dataclass
+
+from grainmotion._validation import validated
 
 Count = Annotated[int, Field(ge=2, le=100)]
 
 
-@dataclass(frozen=True, config={"extra": "forbid"})
+@validated
 class PlanSettings:
     """What `grainmotion plan` assumes, and what it chooses from."""
 

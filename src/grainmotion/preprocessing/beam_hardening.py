@@ -20,12 +20,12 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
-from pydantic.dataclasses import dataclass
 from scipy import ndimage
 from scipy.optimize import nnls
 from skimage.filters import threshold_otsu
 
 from grainmotion._typing import Float, Projector
+from grainmotion._validation import validated
 from grainmotion.errors import InputError
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
@@ -38,7 +38,7 @@ LONG = 99.5  # percentile of the line integrals that stands for the longest path
 SHORT = 0.2  # of the longest path: shorter ones see surfaces more than material
 
 
-@dataclass(frozen=True)
+@validated
 class HardeningSettings:
     """How to find the curve of beam hardening."""
 
@@ -50,7 +50,7 @@ class HardeningSettings:
     projector: Annotated[Projector, Field(description="as the reconstruction's")] = "trilinear"
 
 
-@dataclass(frozen=True)
+@validated
 class Hardening:
     """The curve g(b) = Σ c_k bᵏ from measured to linear line integrals.
 
@@ -104,8 +104,8 @@ class Hardening:
 def calibrate_hardening(
     scan: Scan,
     volume: Volume,
-    settings: HardeningSettings | None = None,
     labels: NDArray[np.integer] | None = None,
+    settings: HardeningSettings | None = None,
 ) -> Hardening:
     """Find the curve of beam hardening from a full scan and its first reconstruction.
 
@@ -115,10 +115,10 @@ def calibrate_hardening(
         As measured.
     volume : Volume
         Reconstructed from it, 1/mm.
-    settings : HardeningSettings, optional
     labels : (nz, ny, nx) integer array, optional
         Grains.  Where given, a template with each grain at its own mean attenuation is tried beside the one with
         each connected piece of material at its mean; the one that fits the radiographs better counts.
+    settings : HardeningSettings, optional
 
     Returns
     -------
@@ -142,7 +142,7 @@ def calibrate_hardening(
 
 def _curve(scan: Scan, template: Volume, settings: HardeningSettings) -> tuple[float, Hardening]:
     """How badly a template fits, ‖t − s g(b)‖/‖t‖, and the curve."""
-    t = project(template, scan.geometry, settings.projector)
+    t = project(template, scan.geometry, projector=settings.projector)
     b = scan.line_integrals.astype(float)
     seen = t > 0 if scan.valid is None else (t > 0) & scan.valid
     if not seen.any():

@@ -174,7 +174,7 @@ def assemble(values: Any, patches: Patches, geometry: Geometry) -> Image:
 
 
 def simulate_radiographs(
-    grains: GrainSet, motions: Motions, geometry: Geometry, projector: Projector = "trilinear"
+    grains: GrainSet, motions: Motions, geometry: Geometry, *, projector: Projector = "trilinear"
 ) -> Image:
     """Line integrals of the moved grains and the background.
 
@@ -203,7 +203,7 @@ def simulate_radiographs(
         patches = shadows(packed, pose, geometry)
         out = assemble(project_patches(packed, pose, geometry, patches, projector), patches, geometry)
     if grains.background is not None:
-        out += project(grains.background, geometry, projector)
+        out += project(grains.background, geometry, projector=projector)
     return out
 
 

@@ -9,7 +9,7 @@ from grainmotion.projection.volume_operator import VolumeOperator
 
 
 # ---------------------------------------------------------------------- whole volumes
-def project(volume: Volume, geometry: Geometry, projector: Projector = "trilinear") -> Image:
+def project(volume: Volume, geometry: Geometry, *, projector: Projector = "trilinear") -> Image:
     """Line integrals of a volume.
 
     Parameters
@@ -30,7 +30,7 @@ def project(volume: Volume, geometry: Geometry, projector: Projector = "trilinea
     return operator.forward(operator.laid(volume.array))
 
 
-def back_project(images: Image, geometry: Geometry, grid: Volume, projector: Projector = "trilinear") -> Volume:
+def back_project(images: Image, geometry: Geometry, grid: Volume, *, projector: Projector = "trilinear") -> Volume:
     """The exact adjoint of `project`: ⟨A x, y⟩ = ⟨x, Aᵀ y⟩; place and precision are those of ``grid``."""
     operator = VolumeOperator(geometry, grid, projector)
     image = operator.empty()

@@ -39,6 +39,7 @@ def reconstruct(
     scan: Scan,
     grid: Volume,
     settings: ReconstructSettings | None = None,
+    *,
     progress: Progress | None = None,
 ) -> Reconstruction:
     """Reconstruct a scan.

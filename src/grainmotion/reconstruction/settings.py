@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
-from pydantic.dataclasses import dataclass
 
 from grainmotion._typing import Projector
+from grainmotion._validation import validated
 from grainmotion.backends.device import Choice
 
 ENOUGH = 240
@@ -16,7 +16,7 @@ ENOUGH = 240
 Method = Literal["auto", "accelerated", "sart"]
 
 
-@dataclass(frozen=True, config={"extra": "forbid"})
+@validated
 class ReconstructSettings:
     """How to reconstruct the reference."""
 

@@ -67,7 +67,9 @@ class Segmentation:
     border: tuple[int, ...]
 
 
-def segment(volume: Volume, settings: SegmentSettings | None = None, progress: Progress | None = None) -> Segmentation:
+def segment(
+    volume: Volume, settings: SegmentSettings | None = None, *, progress: Progress | None = None
+) -> Segmentation:
     """Find the grains of a volume.
 
     Parameters

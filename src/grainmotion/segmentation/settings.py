@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Annotated
 
 from pydantic import Field
-from pydantic.dataclasses import dataclass
 
+from grainmotion._validation import validated
 from grainmotion.segmentation.extraction import Background
 
 
-@dataclass(frozen=True, config={"extra": "forbid"})
+@validated
 class SegmentSettings:
     """How to find the grains."""
 

@@ -8,10 +8,10 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
-from pydantic.dataclasses import dataclass
 from scipy.ndimage import gaussian_filter
 
 from grainmotion._typing import Float
+from grainmotion._validation import validated
 from grainmotion.errors import InputError
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.scan import Scan
@@ -19,7 +19,7 @@ from grainmotion.simulate.radiograph import Averaging, transmission
 from grainmotion.simulate.sample import Sample
 
 
-@dataclass(frozen=True)
+@validated
 class Physics:
     """What stands between the sample and the counts.
 

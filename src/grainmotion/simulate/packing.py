@@ -15,9 +15,9 @@ from typing import Annotated
 
 import numpy as np
 from pydantic import Field
-from pydantic.dataclasses import dataclass
 
 from grainmotion._typing import Float, Progress
+from grainmotion._validation import validated
 from grainmotion.errors import InputError
 from grainmotion.kernels import packing
 from grainmotion.simulate.packing_arrays import Poses, Rules, stack
@@ -25,7 +25,7 @@ from grainmotion.simulate.sample import Particle, Sample
 from grainmotion.simulate.signed_distance import locator
 
 
-@dataclass(frozen=True)
+@validated
 class PackingSettings:
     """How to pack."""
 

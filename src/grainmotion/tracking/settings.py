@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field
-from pydantic.dataclasses import dataclass
 
 from grainmotion._typing import Projector
+from grainmotion._validation import validated
 from grainmotion.backends.device import Choice
 from grainmotion.model.detector_response import Trend
 from grainmotion.objective.data_term import Derivatives
@@ -27,7 +27,7 @@ def _whether(corrections: object) -> object:
     return {True: "always", False: "never"}[corrections] if isinstance(corrections, bool) else corrections
 
 
-@dataclass(frozen=True, config={"extra": "forbid"})
+@validated
 class TrackSettings:
     """How to track."""
 

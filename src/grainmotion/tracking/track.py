@@ -46,6 +46,7 @@ def track(
     scan: Scan,
     start: Motions | None = None,
     settings: TrackSettings | None = None,
+    *,
     progress: Progress | None = None,
     device: Device | None = None,
 ) -> Motions:
@@ -179,7 +180,7 @@ def _target(grains: GrainSet, scan: Scan, settings: TrackSettings, device: Devic
     """What is fitted, and the background that stays or moves."""
     fixed, body, loose = np.zeros(scan.line_integrals.shape, grains.precision), None, NuisanceModel()
     if grains.background is not None:
-        fixed = project(grains.background, scan.geometry, settings.projector)
+        fixed = project(grains.background, scan.geometry, projector=settings.projector)
         body = packed_body(grains.background).on(device)
         h = grains.voxel_size
         loose = NuisanceModel(body=grains.background_moves, body_shift=BODY_SHIFT * h, body_turn=BODY_TURN)

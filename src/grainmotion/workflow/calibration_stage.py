@@ -73,7 +73,7 @@ def calibrate_machine(
     auto = wanted.geometry == "auto"
     if wanted.geometry and not (auto and len(scan) < FEWEST_VIEWS):
         names = tuple(wanted.geometry) if isinstance(wanted.geometry, list) else DEFAULT
-        calibration = calibrate(scan, grid, CalibrateSettings(parameters=names), listener("calibrate"))
+        calibration = calibrate(scan, grid, CalibrateSettings(parameters=names), progress=listener("calibrate"))
         calibration = calibration.clear(scan.geometry) if auto else calibration
         scan = dataclasses.replace(scan, geometry=calibration.geometry)
     if wanted.hardening:
@@ -94,9 +94,9 @@ def _hardening(
     )
     curve = Hardening()
     for name in ROUNDS:
-        volume = reconstruct(curve.apply(scan), grid, tables.reconstruct, listener(name)).volume
+        volume = reconstruct(curve.apply(scan), grid, tables.reconstruct, progress=listener(name)).volume
         found = labels if labels is not None else _grains(volume, tables)
-        curve = calibrate_hardening(scan, volume, settings, found)
+        curve = calibrate_hardening(scan, volume, found, settings)
         if curve.is_linear:
             break
     return curve

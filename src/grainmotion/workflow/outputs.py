@@ -28,7 +28,7 @@ from grainmotion.report.data import Rows
 
 def write_residuals(folder: Path, grains: GrainSet, motions: Motions, scan: Scan, projector: Projector) -> list[Path]:
     """Write ``residuals.tif``: measured − m(simulated) of each view, NaN where a pixel is masked."""
-    residuals = leftover(grains, motions, scan, projector)
+    residuals = leftover(grains, motions, scan, projector=projector)
     path = folder / "residuals.tif"
     write_tiff(path, residuals.astype(np.float32))
     return [path]

@@ -106,7 +106,7 @@ def write_plan(folder: str | Path, found: Plan) -> None:
 def _planned(
     grains: GrainSet, views: Geometry, settings: PlanSettings, out: Path, progress: Progress | None
 ) -> tuple[Plan, Path]:
-    found = plan(grains, views, settings, progress)
+    found = plan(grains, views, settings, progress=progress)
     write_plan(out / FOLDER, found)
     return found, out / FOLDER
 

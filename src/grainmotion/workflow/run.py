@@ -154,7 +154,7 @@ def _reconstruct(job: RunContext) -> None:
         result = job.cluster.reconstruct(job.corrected.reference, grid, settings, listener)
     else:
         assert job.scan is not None
-        result = reconstruct(job.scan, grid, settings, listener)
+        result = reconstruct(job.scan, grid, settings, progress=listener)
     job.scan = None
     job.reference = Reference(result.volume, result.residuals)
     path = job.folder / CHECKPOINT
@@ -171,7 +171,7 @@ def _segment(job: RunContext) -> None:
     if job.given_labels is not None:
         reference = Reference(volume, residuals, job.given_labels, border=border_labels(job.given_labels))
     else:
-        found = segment(volume, job.tables.segment, job.listener("segment"))
+        found = segment(volume, job.tables.segment, progress=job.listener("segment"))
         labels = np.asarray(found.labels, dtype=np.int32)
         reference = Reference(volume, residuals, labels, found.threshold, tuple(int(b) for b in found.border))
         if not labels.any():

@@ -58,11 +58,11 @@ class TestVolumes:
 
     @pytest.mark.parametrize("projector", ["trilinear", "exact"])
     def test_forward(self, benchmark, scan, grid, projector):
-        timed(benchmark, lambda: project(grid, scan.geometry, projector))
+        timed(benchmark, lambda: project(grid, scan.geometry, projector=projector))
 
     @pytest.mark.parametrize("projector", ["trilinear", "exact"])
     def test_back(self, benchmark, scan, grid, projector):
-        timed(benchmark, lambda: back_project(scan.line_integrals, scan.geometry, grid, projector))
+        timed(benchmark, lambda: back_project(scan.line_integrals, scan.geometry, grid, projector=projector))
 
     def test_sweep(self, benchmark, scan: Scan, grid):
         settings = ReconstructSettings(sweeps=1)
