@@ -165,7 +165,7 @@ class TestSafety:
     def test_an_older_report_survives_a_failure(self, tmp_path, monkeypatch):
         path = tmp_path / "report.html"
         path.write_text("older")
-        monkeypatch.setattr("grainmotion.report.page._footer", lambda: 1 / 0)
+        monkeypatch.setattr("grainmotion.report.page._version", lambda package: 1 / 0)
         with pytest.raises(ZeroDivisionError):
             write_report(path, example.data())
         assert path.read_text() == "older"

@@ -1,9 +1,10 @@
-"""Arrays to PNG images inside the page, with their scales."""
+"""Arrays to PNG images inside the page, with their scales and captions."""
 
 from __future__ import annotations
 
 import base64
 import io
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,9 +12,44 @@ from matplotlib import colormaps
 from numpy.typing import NDArray
 from PIL import Image
 
-Array = NDArray[np.floating]
+from grainmotion._typing import Image as Array
+from grainmotion.model.volume import Volume
+from grainmotion.report.data import StateReport
+
+SLICE_PIXELS = 160_000  # of one slice of the volume
 HOLE = 255  # palette index of pixels without a value, transparent
 PALETTES = {"grey": "gray", "diverging": "RdBu_r"}
+
+
+@dataclass(frozen=True)
+class Picture:
+    """An image of the page: its ``data:`` address, and what a reader who cannot see it is given."""
+
+    address: str
+    description: str
+
+
+@dataclass(frozen=True)
+class Slice:
+    """A central slice of the reference volume, and of its labels."""
+
+    caption: str
+    images: tuple[Picture, ...]
+
+
+@dataclass(frozen=True)
+class View:
+    """The radiographs of one view, named measured, simulated and residual.
+
+    ``rms`` is the residual's root mean square, ``percent`` that of the measured line integrals (None where they
+    vanish), ``binned`` the pixels along the edge of a block that was averaged.
+    """
+
+    caption: str
+    images: tuple[tuple[str, Picture], ...]
+    rms: float
+    percent: float | None
+    binned: int
 
 
 @dataclass(frozen=True)
@@ -71,9 +107,44 @@ def label_png(labels: NDArray[np.integer]) -> str:
     return _encode(index, palette, HOLE)
 
 
-def bar(palette: str) -> str:
+def palette_png(palette: str) -> str:
     """A ``data:`` address of a colour bar, low on the left."""
     return png(np.linspace(0, 1, HOLE)[None, :], GreyScale(0.0, 1.0, palette))
+
+
+def central_slices(volume: Volume, labels: NDArray[np.integer] | None, scale: GreyScale) -> list[Slice]:
+    """The three central slices of a volume, the upper axis upwards, with those of its labels if given."""
+    slices = []
+    for axis, axes in enumerate(("x →, y ↑ at mid z", "x →, z ↑ at mid y", "y →, z ↑ at mid x")):
+        image = np.take(volume.array, volume.shape[axis] // 2, axis)[::-1]
+        pictures = [Picture(png(shrink(image, SLICE_PIXELS)[0], scale), f"attenuation, {axes}")]
+        if labels is not None:
+            step = max(1, math.ceil(math.sqrt(image.size / SLICE_PIXELS)))
+            chosen = np.take(labels, labels.shape[axis] // 2, axis)[::-1][::step, ::step]
+            pictures.append(Picture(label_png(chosen), f"labels, {axes}"))
+        height, width = (n * volume.voxel_size for n in image.shape)
+        slices.append(Slice(f"{axes}: {width:.4g} × {height:.4g} mm", tuple(pictures)))
+    return slices
+
+
+def radiographs(state: StateReport, grey: GreyScale, diverging: GreyScale, pixels: int) -> list[View]:
+    """The three images of each view, each of at most ``pixels`` pixels."""
+    assert state.residual is not None  # StateReport fills it
+    views = []
+    for k, caption in enumerate(state.views):
+        stacks = (("measured", state.measured, grey), ("simulated", state.simulated, grey))
+        named, binned = [], 1
+        for name, stack, scale in (*stacks, ("residual", state.residual, diverging)):
+            image, binned = shrink(stack[k][::-1] if state.first_row == "bottom" else stack[k], pixels)
+            named.append((name, Picture(png(image, scale), f"{name}, {caption}")))
+        rms, whole = _rms(state.residual[k]), _rms(state.measured[k])
+        views.append(View(caption, tuple(named), rms, 100 * rms / whole if whole > 0 else None, binned))
+    return views
+
+
+def _rms(image: Array) -> float:
+    values = image[np.isfinite(image)].astype(float)
+    return float(np.sqrt(np.mean(values**2))) if values.size else math.nan
 
 
 def _encode(index: NDArray[np.uint8], palette: Array, hole: int) -> str:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from html import escape
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,16 +18,17 @@ STATUS_COLOURS = {
     Status.NOT_FITTED.value: "#8b929c",
 }
 
-GROUPS = (  # heading and the columns of motions.csv under it, with their units
-    ("", ("label", "status"), ""),
-    ("centre in the reference state", ("x", "y", "z"), "mm"),
-    ("translation", ("ux", "uy", "uz"), "mm"),
-    ("rotation vector", ("wx", "wy", "wz"), "°"),
-    ("standard deviation of u", ("sd_ux", "sd_uy", "sd_uz"), "mm"),
-    ("standard deviation of ω", ("sd_wx", "sd_wy", "sd_wz"), "°"),
-    ("fit", ("residual", "iterations"), ""),
-    ("", ("reason",), ""),
+GROUPS = (
+    ("", ("label", "status")),
+    ("centre in the reference state (mm)", ("x", "y", "z")),
+    ("translation (mm)", ("ux", "uy", "uz")),
+    ("rotation vector (°)", ("wx", "wy", "wz")),
+    ("standard deviation of u (mm)", ("sd_ux", "sd_uy", "sd_uz")),
+    ("standard deviation of ω (°)", ("sd_wx", "sd_wy", "sd_wz")),
+    ("fit", ("residual", "iterations")),
+    ("", ("reason",)),
 )
+"""Headings with the columns of motions.csv under them, and the reason."""
 
 
 def number(value: float, decimals: int) -> str:
@@ -55,46 +55,70 @@ def length_decimals(voxel_size: float) -> int:
     return max(0, math.ceil(-math.log10(voxel_size * 1e-3) - 1e-9))
 
 
-def facts_table(rows: Rows) -> str:
-    """Name and value, a row a fact."""
-    body = "".join(f"<tr><th scope=row>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in rows)
-    return f"<table class=facts><tbody>{body}</tbody></table>" if rows else ""
+@dataclass(frozen=True)
+class SummaryRow:
+    """A state at a glance: grains by status; typical motion, typical uncertainty and fit as text."""
+
+    name: str
+    grains: int
+    counts: tuple[tuple[str, int], ...]
+    values: tuple[str, ...]
 
 
-def status_mark(status: str, text: str | None = None) -> str:
-    """A status as a coloured word."""
-    return f'<span class="status {status}">{escape(text if text is not None else status)}</span>'
+@dataclass(frozen=True)
+class Attention:
+    """Grains that did not converge, all for one reason."""
+
+    status: str
+    grains: str
+    reason: str
 
 
-def summary_table(states: Sequence[StateReport]) -> str:
-    """A row a state: counts by status, typical motion, typical uncertainty, fit."""
-    head = ["state", "grains", *(s.value.replace("-", "-<br>") for s in Status)]
-    head += ["median<br>|u| (mm)", "median<br>|u| (voxel)", "median<br>|ω| (°)"]
-    head += ["median<br>sd u (mm)", "median<br>sd ω (°)", "relative<br>residual", "gain<br>a", "offset<br>b₀"]
-    rows = []
-    for i, state in enumerate(states):
-        m = state.motions
-        counts = [int((m.statuses == s.value).sum()) for s in Status]
-        marks = [status_mark(s.value, str(n)) if n else "0" for s, n in zip(Status, counts)]
-        shift = _median(np.linalg.norm(m.translations, axis=1))
-        turn = _median(np.rad2deg(np.linalg.norm(m.rotations, axis=1)))
-        with np.errstate(invalid="ignore"):
-            sd = np.sqrt(np.diagonal(m.covariances, axis1=1, axis2=2))
-        decimals = length_decimals(state.voxel_size)
-        cells = [f'<a href="#state-{i}">{escape(state.name)}</a>', str(len(m)), *marks]
-        cells += [number(shift, decimals), number(shift / state.voxel_size, 3), number(turn, 3)]
-        cells += [significant(_median(sd[:, :3]), 2), significant(_median(np.rad2deg(sd[:, 3:])), 2)]
-        cells += [significant(m.fit.costs[-1][1]) if m.fit.costs else "–"]
-        cells += [f"{m.fit.gain:.4f}", significant(m.fit.offset)]
-        rows.append("<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>")
-    heads = "".join(f"<th scope=col>{cell}</th>" for cell in head)
-    body = f"<thead><tr>{heads}</tr></thead><tbody>{''.join(rows)}</tbody>"
-    return f"<div class=scroll><table class=summary>{body}</table></div>"
+@dataclass(frozen=True)
+class GrainTable:
+    """The columns of ``motions.csv`` and the reasons.
+
+    ``groups`` are headings with the columns under them, ``rows`` label, status, the other values and the reason of
+    each grain shown, ``total`` the number of all grains.
+    """
+
+    groups: tuple[tuple[str, tuple[str, ...]], ...]
+    rows: tuple[tuple[str, str, tuple[str, ...], str], ...]
+    total: int
 
 
-def response_facts(fit: StateFit) -> list[tuple[str, str]]:
-    """What was found of the detector's response and of the background, beyond one gain and offset."""
-    facts = []
+def summary_row(state: StateReport) -> SummaryRow:
+    """Counts by status, typical motion, typical uncertainty, fit."""
+    motions, fit = state.motions, state.motions.fit
+    counts = tuple((s.value, int((motions.statuses == s.value).sum())) for s in Status)
+    translation = _median(np.linalg.norm(motions.translations, axis=1))
+    rotation_deg = _median(np.rad2deg(np.linalg.norm(motions.rotations, axis=1)))
+    with np.errstate(invalid="ignore"):
+        sd = np.sqrt(np.diagonal(motions.covariances, axis1=1, axis2=2))
+    values = (
+        number(translation, length_decimals(state.voxel_size)),
+        number(translation / state.voxel_size, 3),
+        number(rotation_deg, 3),
+        significant(_median(sd[:, :3]), 2),
+        significant(_median(np.rad2deg(sd[:, 3:])), 2),
+        significant(fit.costs[-1][1]) if fit.costs else "–",
+        f"{fit.gain:.4f}",
+        significant(fit.offset),
+    )
+    return SummaryRow(state.name, len(motions), counts, values)
+
+
+def fit_facts(state: StateReport) -> Rows:
+    """How the fit of a state went, and what it says of the detector's response and of the background."""
+    fit = state.motions.fit
+    facts = [
+        ("views", str(len(state.views))),
+        ("gain a", f"{fit.gain:.5f}"),
+        ("offset b₀", significant(fit.offset)),
+    ]
+    if fit.costs:
+        facts.append(("relative residual at the end", significant(fit.costs[-1][1])))
+        facts.append(("iterations", str(len(fit.costs))))
     response = fit.response
     if response is not None and np.ptp(response.polynomial[:, 0]) > 0:
         facts.append(("gain of each view", ", ".join(f"{g:.4f}" for g in response.polynomial[:, 0])))
@@ -102,77 +126,47 @@ def response_facts(fit: StateFit) -> list[tuple[str, str]]:
         powers = ", ".join(f"{significant(c)} p^{k}" for k, c in enumerate(response.polynomial[0, 1:], start=2))
         facts.append(("beam hardening", powers))
     if fit.background is not None:
-        shift, turn = (float(np.linalg.norm(part)) for part in (fit.background[:3], np.rad2deg(fit.background[3:])))
-        facts.append(("background moved", f"{significant(shift)} mm, {significant(turn)}°"))
+        shift, rotation_deg = np.linalg.norm(fit.background[:3]), np.rad2deg(np.linalg.norm(fit.background[3:]))
+        facts.append(("background moved", f"{significant(float(shift))} mm, {significant(float(rotation_deg))}°"))
     if fit.downweighted:
         facts.append(("shaded pixels counted less", f"{fit.downweighted:.2%}"))
-    return facts
+    return tuple(facts)
 
 
-def corrections_table(fit: StateFit, views: tuple[str, ...]) -> str:
-    """Shift of each view's panel and angle of its stage, with standard deviations."""
-    assert fit.corrections is not None
+def correction_rows(fit: StateFit, views: tuple[str, ...]) -> list[tuple[str, list[str]]]:
+    """Shift of each view's panel along u and v (pixels) and angle of its stage (degrees), with standard deviations."""
+    if fit.corrections is None:
+        return []
     sd = np.full_like(fit.corrections, np.nan) if fit.corrections_sd is None else fit.corrections_sd
-    rows = []
-    for view, value, deviation in zip(views, fit.corrections, sd, strict=True):
-        pairs = zip([*value[:2], np.rad2deg(value[2])], [*deviation[:2], np.rad2deg(deviation[2])])
-        cells = "".join(f"<td>{v:.4f} ± {d:.4f}</td>" for v, d in pairs)
-        rows.append(f"<tr><td>{escape(view)}</td>{cells}</tr>")
-    heads = "".join(f"<th scope=col>{t}</th>" for t in ("view", "along u (pixels)", "along v (pixels)", "angle (°)"))
-    table = f"<table><thead><tr>{heads}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
-    return f"<div class=scroll>{table}</div>"
+    units = np.array([1.0, 1.0, np.rad2deg(1.0)])
+    pairs = zip(views, fit.corrections * units, sd * units, strict=True)
+    return [(view, [f"{v:.4f} ± {d:.4f}" for v, d in zip(value, deviation)]) for view, value, deviation in pairs]
 
 
-def attention_list(motions: Motions) -> str:
+def attention_groups(motions: Motions) -> list[Attention]:
     """The grains that did not converge, by status and reason."""
     groups: dict[tuple[str, str], list[int]] = {}
     for label, status, reason in zip(motions.labels, motions.statuses, motions.reasons):
         if status != Status.CONVERGED.value:
             groups.setdefault((str(status), reason), []).append(int(label))
-    if not groups:
-        return f"<p>All {len(motions)} grains {status_mark(Status.CONVERGED.value)}.</p>" if len(motions) else ""
-    items = []
-    for (status, reason), labels in groups.items():
-        who = ("grain " if len(labels) == 1 else "grains ") + _enumerate(labels)
-        items.append(f"<li>{status_mark(status)} {who}{': ' if reason else ''}{escape(reason)}</li>")
-    return f"<p>Grains to look at:</p><ul class=attention>{''.join(items)}</ul>"
+    return [Attention(status, _enumerate(labels), reason) for (status, reason), labels in groups.items()]
 
 
-def grain_table(state: StateReport, most: int) -> str:
-    """All columns of ``motions.csv`` and the reasons, for at most ``most`` grains; headings sort."""
-    motions = state.motions
-    table = motions.to_table()
+def grain_table(state: StateReport, max_rows: int) -> GrainTable:
+    """The table of at most ``max_rows`` grains, those to look at first if they are more."""
+    motions, table = state.motions, state.motions.to_table()
     order = np.arange(len(table))
-    note = ""
-    if len(table) > most:
-        order = np.argsort(motions.ok, kind="stable")[:most]
-        note = f"<p>{most} of {len(table)} grains, those to look at first; motions.csv holds all.</p>"
+    if len(table) > max_rows:
+        order = np.argsort(motions.ok, kind="stable")[:max_rows]
     decimals = length_decimals(state.voxel_size)
-    columns = [_column(table[name].to_numpy()[order], name, decimals) for name in COLUMNS]
-    reasons = (escape(motions.reasons[i]) for i in order)
-    body = "".join(
-        "<tr>" + "".join(f"<td>{cell}" for cell in row) + f"<td class=reason>{reason}"
-        for row, reason in zip(zip(*columns), reasons)
-    )
-    groups = "".join(
-        f"<th colspan={len(names)} scope=colgroup>{title}{f' ({unit})' if unit else ''}</th>"
-        for title, names, unit in GROUPS
-    )
-    heads = "".join(
-        f"<th scope=col aria-sort=none><button type=button>{name}</button></th>"
-        for _, names, _ in GROUPS
-        for name in names
-    )
-    return (
-        f'{note}<div class="scroll tall"><table class=grains><thead><tr class=groups>{groups}</tr>'
-        f"<tr>{heads}</tr></thead><tbody>{body}</tbody></table></div>"
-    )
+    values = [_column(table[name].to_numpy()[order], name, decimals) for name in COLUMNS[2:]]
+    labels, statuses = (table[name].to_numpy()[order] for name in COLUMNS[:2])
+    reasons = [motions.reasons[i] for i in order]
+    return GrainTable(GROUPS, tuple(zip(map(str, labels), map(str, statuses), zip(*values), reasons)), len(table))
 
 
-def _column(values: np.ndarray, name: str, decimals: int) -> Iterable[str]:
-    if name == "status":
-        return [status_mark(str(v)) for v in values]
-    if name in ("label", "iterations"):
+def _column(values: np.ndarray, name: str, decimals: int) -> list[str]:
+    if name == "iterations":
         return [str(int(v)) for v in values]
     if name.startswith("sd_"):
         return [significant(v, 2) for v in values]
@@ -187,5 +181,6 @@ def _median(values: np.ndarray) -> float:
 
 
 def _enumerate(labels: list[int], most: int = 40) -> str:
-    shown = ", ".join(map(str, labels[:most]))
-    return shown if len(labels) <= most else f"{shown} and {len(labels) - most} more"
+    """The labels after the word grain, or the first of them and how many more there are."""
+    shown = ", ".join(map(str, labels[:most])) + (f" and {len(labels) - most} more" if len(labels) > most else "")
+    return f"grain {shown}" if len(labels) == 1 else f"grains {shown}"
