@@ -13,7 +13,7 @@ from pathlib import Path
 
 from grainmotion.calibration.corrections import Calibration, Correction, corrected
 from grainmotion.errors import InputError
-from grainmotion.io.files import checked_file, written_whole
+from grainmotion.io.files import atomic_write, checked_file
 from grainmotion.model.geometry import Geometry
 from grainmotion.preprocessing.beam_hardening import Hardening
 
@@ -30,7 +30,7 @@ def write_calibration(path: str | Path, calibration: Calibration | None, hardeni
         geometry = {"corrections": rows, "residual_before": before, "residual_after": after}
     if hardening is not None:
         curve = {"coefficients": hardening.coefficients, "longest": hardening.longest, "sd": hardening.sd}
-    with written_whole(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_text(json.dumps({"geometry": geometry, "hardening": curve}, indent=1))
 
 

@@ -37,7 +37,7 @@ def checked_folder(path: str | Path) -> Path:
 
 
 @contextmanager
-def written_whole(path: str | Path) -> Iterator[Path]:
+def atomic_write(path: str | Path) -> Iterator[Path]:
     """A temporary path beside ``path``, put in its place when the block ends well and removed when not."""
     path = Path(path)
     try:

@@ -9,7 +9,7 @@ import pandas as pd
 
 from grainmotion._typing import Beam
 from grainmotion.errors import InputError
-from grainmotion.io.files import checked_file, written_whole
+from grainmotion.io.files import atomic_write, checked_file
 from grainmotion.model.geometry import COLUMNS, Geometry
 
 _HEADER = ",".join(COLUMNS)
@@ -59,5 +59,5 @@ def read_geometry(path: str | Path, shape: tuple[int, int], beam: Beam = "cone")
 def write_geometry(path: str | Path, geometry: Geometry) -> None:
     """Write the views of a scan; every digit comes back."""
     table = pd.DataFrame(geometry.vectors, columns=list(COLUMNS))
-    with written_whole(path) as temporary:
+    with atomic_write(path) as temporary:
         table.to_csv(temporary, index=False)

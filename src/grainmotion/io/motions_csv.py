@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from grainmotion.errors import InputError
-from grainmotion.io.files import checked_file, written_whole
+from grainmotion.io.files import atomic_write, checked_file
 from grainmotion.model.motions import COLUMNS, Motions
 
 
@@ -49,5 +49,5 @@ def read_motions(path: str | Path) -> Motions:
 
 def write_motions(path: str | Path, motions: Motions) -> None:
     """Write a ``motions.csv``; what was not measured is left empty."""
-    with written_whole(path) as temporary:
+    with atomic_write(path) as temporary:
         motions.to_table().to_csv(temporary, index=False)

@@ -18,7 +18,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from grainmotion.io.files import written_whole
+from grainmotion.io.files import atomic_write
 from grainmotion.io.hdf5 import opened
 from grainmotion.model.detector_response import Response
 from grainmotion.model.grains import GrainSet
@@ -56,7 +56,7 @@ class Reference:
 
 def write_reference(path: str | Path, reference: Reference, grains: GrainSet | None = None) -> None:
     """Write ``reference.h5``; with ``grains``, their table too."""
-    with written_whole(path) as temporary, h5py.File(temporary, "w") as file:
+    with atomic_write(path) as temporary, h5py.File(temporary, "w") as file:
         volume = file.create_dataset("volume", data=reference.volume.array)
         volume.attrs.update(voxel_size=reference.volume.voxel_size, center=reference.volume.center, unit="1/mm")
         file["residuals"] = np.asarray(reference.residuals, dtype=float)
@@ -102,7 +102,7 @@ def grain_columns(grains: GrainSet, labels: NDArray[np.int32]) -> dict[str, NDAr
 def write_motions_h5(path: str | Path, motions: Motions) -> None:
     """Write everything that was measured in one state."""
     text = h5py.string_dtype()
-    with written_whole(path) as temporary, h5py.File(temporary, "w") as file:
+    with atomic_write(path) as temporary, h5py.File(temporary, "w") as file:
         for name in _ARRAYS:
             file[name] = getattr(motions, name)
         file.create_dataset("statuses", data=[str(s) for s in motions.statuses], dtype=text)

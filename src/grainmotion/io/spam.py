@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from grainmotion.errors import InputError
-from grainmotion.io.files import checked_file, written_whole
+from grainmotion.io.files import atomic_write, checked_file
 from grainmotion.model.motions import Motions, Status
 from grainmotion.model.volume import Volume
 from grainmotion.rotations import recenter, rotation_matrix, rotation_vector
@@ -102,7 +102,7 @@ def write_ddic_tsv(path: str | Path, motions: Motions, grid: Volume, labels: NDA
     table.loc[motions.labels, "returnStatus"] = [RETURN_STATUS[str(s)] for s in motions.statuses]
     integers = ("Label", "iterations", "returnStatus", "LabelDilate")
     table = table.astype({c: np.int64 for c in integers})
-    with written_whole(path) as part:
+    with atomic_write(path) as part:
         table.to_csv(part, sep="\t", index=False, na_rep="nan", float_format="%.10g")
 
 

@@ -11,7 +11,7 @@ import tifffile
 from numpy.typing import NDArray
 
 from grainmotion.errors import InputError
-from grainmotion.io.files import checked_file, written_whole
+from grainmotion.io.files import atomic_write, checked_file
 
 _COPY = "copy or export the file again"
 
@@ -46,7 +46,7 @@ def write_tiff(path: str | Path, array: NDArray[Any]) -> None:
     """Write an image ``(rows, columns)`` or a stack ``(z, rows, columns)``; labels are compressed."""
     axes = {2: "YX", 3: "ZYX"}[array.ndim]
     compression = "zlib" if np.issubdtype(array.dtype, np.integer) else None
-    with written_whole(path) as temporary:
+    with atomic_write(path) as temporary:
         tifffile.imwrite(temporary, array, photometric="minisblack", metadata={"axes": axes}, compression=compression)
 
 

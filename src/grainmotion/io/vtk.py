@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion.errors import InputError
-from grainmotion.io.files import written_whole
+from grainmotion.io.files import atomic_write
 from grainmotion.model.motions import Motions, Status
 from grainmotion.model.volume import Volume
 from grainmotion.rotations import rotation_matrix
@@ -154,7 +154,7 @@ def _write(path: str | Path, kind: str, body: str, appended: _Appended) -> None:
         f'<?xml version="1.0"?>\n<VTKFile type="{kind}" version="1.0" byte_order="LittleEndian" '
         f'header_type="UInt64" compressor="vtkZLibDataCompressor">\n{body}\n<AppendedData encoding="raw">_'
     )
-    with written_whole(path) as part, part.open("wb") as stream:
+    with atomic_write(path) as part, part.open("wb") as stream:
         stream.write(head.encode())
         appended.write(stream)
         stream.write(b"\n</AppendedData>\n</VTKFile>\n")

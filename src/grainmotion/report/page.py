@@ -13,7 +13,7 @@ import plotly.offline
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from grainmotion.io.files import written_whole
+from grainmotion.io.files import atomic_write
 from grainmotion.report import curves, images, tables
 from grainmotion.report.arrows import scenes
 from grainmotion.report.data import ReportData, StateReport
@@ -42,7 +42,7 @@ def write_report(path: str | Path, data: ReportData) -> None:
     InputError
         If the file cannot be written.
     """
-    with written_whole(path) as part, part.open("w", encoding="utf-8") as stream:
+    with atomic_write(path) as part, part.open("w", encoding="utf-8") as stream:
         stream.writelines(_environment().get_template("page.html.j2").generate(_context(data)))
 
 

@@ -18,7 +18,7 @@ from grainmotion.experiment.circular import circular_geometry
 from grainmotion.experiment.config import Circular, Experiment, ScanTable
 from grainmotion.experiment.inputs import find_inputs
 from grainmotion.experiment.scan_inputs import ScanInput, find_scan
-from grainmotion.io.files import checked_folder, written_whole
+from grainmotion.io.files import atomic_write, checked_folder
 from grainmotion.io.results import read_reference
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.grains import GrainSet
@@ -95,11 +95,11 @@ def plan_case(
 def write_plan(folder: str | Path, found: Plan) -> None:
     """Write ``plan.csv``, ``angles.csv`` and ``plan.png`` to a folder."""
     folder = Path(folder)
-    with written_whole(folder / "plan.csv") as path:
+    with atomic_write(folder / "plan.csv") as path:
         found.to_table().to_csv(path, index=False, float_format="%.8g")
-    with written_whole(folder / "angles.csv") as path:
+    with atomic_write(folder / "angles.csv") as path:
         found.angles_table().to_csv(path, index=False, float_format="%.6g")
-    with written_whole(folder / "plan.png") as path:
+    with atomic_write(folder / "plan.png") as path:
         plan_figure(found).savefig(path, dpi=130)
 
 

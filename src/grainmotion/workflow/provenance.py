@@ -15,7 +15,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from grainmotion.io.files import written_whole
+from grainmotion.io.files import atomic_write
 
 FILE_NAME = "stages.json"
 _BLOCK = 1 << 22
@@ -65,7 +65,7 @@ class StageCache:
 
     def _save(self) -> None:
         kept = {"stages": self._stages, "inputs": self._hashes}
-        with written_whole(self.folder / FILE_NAME) as temporary:
+        with atomic_write(self.folder / FILE_NAME) as temporary:
             temporary.write_text(json.dumps(kept, indent=1))
 
     def _content(self, path: Path) -> str:
