@@ -21,7 +21,8 @@ FEW = Specimen(grains=3)
 def own_cache(tmp_path_factory):
     """Nothing is read from, or left in, the cache of the studies."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(page, "CACHE", tmp_path_factory.mktemp("cache"))
+        folder = tmp_path_factory.mktemp("cache")
+        patch.setattr(Page, "cache", property(lambda page: folder / page.name))
         yield
 
 
@@ -66,8 +67,7 @@ class TestOutcomes:
         assert outcomes.pool([one, one], [(2,), (1,)]).rms == pytest.approx((np.sqrt(41), np.sqrt(41)))
 
     def test_grains_that_the_reference_does_not_hold(self):
-        twin = specimens.case(FEW)
-        truth = twin.motions["random"]
+        truth = specimens.case(FEW).motions["random"]
         some = dataclasses.replace(
             truth, **{name: getattr(truth, name)[1:] for name in outcomes_columns()}, fit=truth.fit
         )
@@ -76,17 +76,29 @@ class TestOutcomes:
         assert np.isnan(found.errors[0]).all()
         assert np.abs(found.errors[1:]).max() < 1e-6
 
-    def test_are_kept_with_their_missing_values(self):
-        calls = []
-
-        def make():
-            calls.append(1)
-            return made([[np.nan] * 6], [[np.nan] * 6])
-
-        first, second = (outcomes.remembered("test/kept", "this", make) for _ in range(2))
-        assert len(calls) == 1
+    def test_are_cached_with_their_missing_values(self):
+        computed.clear()
+        first, second = (cached_outcome(FEW) for _ in range(2))
+        assert len(computed) == 1
         assert first.labels == second.labels
         assert np.isnan(second.errors).all()
+
+    def test_are_computed_anew_for_other_arguments_and_another_source(self, monkeypatch):
+        computed.clear()
+        other = dataclasses.replace(FEW, seed=12)
+        cached_outcome(other)
+        monkeypatch.setattr(cache, "source_digest", lambda *names: "another")
+        cached_outcome(other)
+        assert computed == [other, other]
+
+
+computed = []
+
+
+@page.PAGE.cached("model")
+def cached_outcome(specimen):
+    computed.append(specimen)
+    return made([[np.nan] * 6], [[np.nan] * 6])
 
 
 def outcomes_columns():
@@ -196,13 +208,13 @@ class TestPages:
         assert "not-fitted: it is missing, … of …" in text
 
 
-def test_source_names_change_with_the_source(tmp_path, monkeypatch):
+def test_the_digest_changes_with_the_source(tmp_path, monkeypatch):
     (tmp_path / "rays.py").write_text("a = 1")
     monkeypatch.setattr(cache.grainmotion, "__file__", str(tmp_path / "__init__.py"))
-    cache.source.cache_clear()
-    before = cache.source("rays")
+    cache.source_digest.cache_clear()
+    before = cache.source_digest("rays")
     (tmp_path / "rays.py").write_text("a = 2")
-    cache.source.cache_clear()
-    assert cache.source("rays") != before
+    cache.source_digest.cache_clear()
+    assert cache.source_digest("rays") != before
     monkeypatch.undo()
-    cache.source.cache_clear()
+    cache.source_digest.cache_clear()

@@ -11,17 +11,18 @@ from scipy import stats
 
 from grainmotion.simulate import random
 from validation.accuracy import page, specimens
-from validation.accuracy.outcomes import Float, Outcome, Pool, measure, pool, remembered, rms
+from validation.accuracy.outcomes import Float, Outcome, Pool, measure, pool, rms
 from validation.accuracy.specimens import Specimen
-from validation.common.trials import each
+from validation.common.cache import TRACKING
+from validation.common.trials import run_trials
 
 SEEDS = range(12)
 SNRS = (50.0, 15.0)
 INCLUSIONS = (None, 1.5)
 VIEWS = (4, 2)
 REPEATS = 2
-FARTHEST = (3.0, 10.0)  # voxels, degrees
-INSIDE = 1.96
+MAX_MOTION = 3.0, 10.0  # voxels, degrees
+SDS_95 = 1.96  # half of the interval that holds 95 % of normal errors
 COMPONENTS = ("u_x", "u_y", "u_z", "ω_x", "ω_y", "ω_z")
 
 
@@ -35,27 +36,26 @@ class Trial:
 
 def trial(job: Trial) -> dict[int, list[Outcome]]:
     """The outcomes, by views."""
-    return {views: [_state(job.specimen, views, k) for k in range(job.repeats)] for views in VIEWS}
+    return {views: [tracked(job.specimen, views, k) for k in range(job.repeats)] for views in VIEWS}
 
 
-def _state(specimen: Specimen, views: int, repeat: int) -> Outcome:
+@page.PAGE.cached(*TRACKING)
+def tracked(specimen: Specimen, views: int, repeat: int, max_motion: tuple[float, float] = MAX_MOTION) -> Outcome:
+    """One state of random motions, tracked by default."""
     number = 1 + 10 * repeat + views
     setting = SNRS.index(specimen.snr) + 2 * INCLUSIONS.index(specimen.inclusion)
-
-    def make() -> Outcome:
-        twin = specimens.case(specimen)
-        h = twin.scanner.voxel_size
-        truth = random(twin.sample, FARTHEST[0] * h, FARTHEST[1], 1000 * specimen.seed + 100 * setting + number)
-        return measure(specimens.grains(specimen), specimens.moved(specimen, truth, views, number), truth, h)
-
-    return remembered(f"coverage/{specimen}-{views}-{repeat}", FARTHEST, make)
+    case = specimens.case(specimen)
+    h = case.scanner.voxel_size
+    voxels, degrees = max_motion
+    truth = random(case.sample, voxels * h, degrees, 1000 * specimen.seed + 100 * setting + number)
+    return measure(specimens.grains(specimen), specimens.moved(specimen, truth, views, number), truth, h)
 
 
 def study() -> page.Section:
     """All settings, each by itself and all together."""
     settings = list(product(SNRS, INCLUSIONS))
     jobs = [Trial(Specimen("small", seed, snr, inclusion)) for snr, inclusion in settings for seed in SEEDS]
-    done = each(trial, jobs, page.PROCESSES)
+    done = run_trials(trial, jobs, page.PROCESSES)
     groups = {
         (snr, inclusion, views): [
             o
@@ -66,12 +66,11 @@ def study() -> page.Section:
         for (snr, inclusion), views in product(settings, VIEWS)
     }
     whole = pool([o for group in groups.values() for o in group])
-    whole = pool([o for group in groups.values() for o in group])
     return section({_words(*key): pool(group) for key, group in groups.items()}, whole)
 
 
 def section(pools: dict[str, Pool], whole: Pool) -> page.Section:
-    """What the pools say."""
+    """Tables and figure of the pooled outcomes."""
     head = ["setting", "grain-states", "not converged", "rms u, voxel", "rms ω, °", *COMPONENTS, "u", "ω"]
     rows = [_row(name, some) for name, some in [*pools.items(), ("**all**", whole)]]
     inside, ratio = coverage(whole.ratios), rms(whole.ratios)
@@ -81,12 +80,12 @@ def section(pools: dict[str, Pool], whole: Pool) -> page.Section:
     )
     text = f"""Whether the covariances in `motions.h5` are true: stones of `simulate.small` (6 stones about 20 voxels
 across, 90 views for the reference), tracked by default from a zero start in states of random motions, up to
-{FARTHEST[0]:g} voxels and {FARTHEST[1]:g}°; {len(SEEDS)} packings, each with {len(INCLUSIONS)} kinds of stone
+{MAX_MOTION[0]:g} voxels and {MAX_MOTION[1]:g}°; {len(SEEDS)} packings, each with {len(INCLUSIONS)} kinds of stone
 (uniform, and with an inclusion of {INCLUSIONS[1]} times the attenuation), {len(SNRS)} exposures (of reference and
 states alike), {len(VIEWS)} numbers of views and {REPEATS} motions.  Rotation errors are log(Ω_measured Ω_trueᵀ), the
 increments that the covariances are of.
 
-Each cell: the share of errors within {INSIDE} predicted standard deviations, which should be 95 %; then the root mean
+Each cell: the share of errors within {SDS_95} predicted standard deviations, which should be 95 %; then the root mean
 square of errors over predicted standard deviations, which should be 1.  Only grains that converged count,
 {int(whole.ok.sum())} in all.
 
@@ -96,7 +95,7 @@ Wrongly converged (off by more than 5 own standard deviations, and 0.3 voxel or 
 
 {page.figure("coverage", _draw(whole.ratios), caption)}"""
     headline = (
-        f"{inside:.1%} of {whole.ratios.size} errors within {INSIDE} predicted sd (95 % wanted), errors {ratio:.2f} "
+        f"{inside:.1%} of {whole.ratios.size} errors within {SDS_95} predicted sd (95 % wanted), errors {ratio:.2f} "
         f"times the predicted sd; {whole.wrong} grains wrongly converged"
     )
     return page.Section("Errors against predicted uncertainties", text, headline)
@@ -104,7 +103,7 @@ Wrongly converged (off by more than 5 own standard deviations, and 0.3 voxel or 
 
 def coverage(ratios: Float) -> float:
     """The share of errors within the 95 % interval."""
-    return float(np.mean(np.abs(ratios) < INSIDE)) if ratios.size else float("nan")
+    return float(np.mean(np.abs(ratios) < SDS_95)) if ratios.size else float("nan")
 
 
 def _row(name: str, some: Pool) -> list[str]:

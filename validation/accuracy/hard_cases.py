@@ -12,21 +12,22 @@ from grainmotion.model.grains import GrainSet
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.preprocessing.beam_hardening import calibrate_hardening
+from grainmotion.reconstruction.reconstruct import reconstruct
 from grainmotion.segmentation.extraction import grains_from_labels
 from grainmotion.segmentation.segment import segment
 from grainmotion.simulate import HARD_CASES, LATER_ANGLES_DEG, HardCase, hard_case
 from grainmotion.workflow.calibration_stage import ScannerCalibration
-from validation.accuracy import page, specimens
-from validation.accuracy.outcomes import Outcome, Pool, counted, measure, pool, remembered
+from validation.accuracy import page
+from validation.accuracy.outcomes import Outcome, Pool, counted, measure, pool
 from validation.accuracy.remedies import Remedy, remedies
-from validation.common.cache import digest
-from validation.common.trials import each
+from validation.common.cache import RECONSTRUCTION, TRACKING
+from validation.common.trials import run_trials
 
 SEEDS = range(1)
 VIEWS = (4, 2)
-ROUNDS = 2  # of the curve of beam hardening, as a run does it
-NAMED = {"missing": r"is missing|gone|not on the radiographs", "broken": r"is broken|broke in|not its shape"}
-"""Words by which a sentence names what happened to the grain; one that only names it among others does not."""
+HARDENING_ROUNDS = 2  # of the curve of beam hardening, as a run does it
+NAMING_WORDS = {"missing": r"is missing|gone|not on the radiographs", "broken": r"is broken|broke in|not its shape"}
+"""Words of a sentence that names what happened to this grain, not only the grain among others."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,9 @@ def trial(job: Trial) -> dict[tuple[str, int], Found]:
     """The outcomes, by the remedy's name and views."""
     made = case(job.name, job.seed)
     marked = made.missing + made.broken
-    return {(r.name, views): Found(state(job, r, views), marked) for r in job.remedies for views in VIEWS}
+    return {
+        (r.name, views): Found(tracked(job.name, job.seed, r, views), marked) for r in job.remedies for views in VIEWS
+    }
 
 
 @lru_cache(maxsize=1)
@@ -63,17 +66,14 @@ def case(name: str, seed: int) -> HardCase:
     return hard_case(name, seed)
 
 
-def state(job: Trial, remedy: Remedy, views: int) -> Outcome:
+@page.PAGE.cached(*TRACKING)
+def tracked(name: str, seed: int, remedy: Remedy, views: int) -> Outcome:
     """The later state, tracked in one way."""
-
-    def make() -> Outcome:
-        made = case(job.name, job.seed)
-        volume, machine = reference(job.name, job.seed, remedy.calibrated)
-        sample = grains(volume, remedy)
-        scan = machine.apply(made.state(LATER_ANGLES_DEG[views]))
-        return measure(sample, scan, made.motions, made.case.scanner.voxel_size, remedy.settings)
-
-    return remembered(f"hard_cases/{job.name}{job.seed}-{views}", remedy, make)
+    made = case(name, seed)
+    volume, scanner = reference(name, seed, remedy.calibrated)
+    sample = grains(volume, remedy)
+    scan = scanner.apply(made.state(LATER_ANGLES_DEG[views]))
+    return measure(sample, scan, made.motions, made.case.scanner.voxel_size, remedy.settings)
 
 
 def grains(volume: Volume, remedy: Remedy) -> GrainSet:
@@ -83,29 +83,30 @@ def grains(volume: Volume, remedy: Remedy) -> GrainSet:
 
 @lru_cache(maxsize=2)
 def reference(name: str, seed: int, calibrated: str) -> tuple[Volume, ScannerCalibration]:
-    """The reference, reconstructed, and what is done to every scan of the machine."""
-    made, machine = case(name, seed), ScannerCalibration()
+    """The reference, reconstructed, and the calibration that corrects every scan of the scanner."""
+    made, scanner = case(name, seed), ScannerCalibration()
     grid, scan = made.case.scanner.grid, made.reference()
     if calibrated == "geometry":
-        machine = ScannerCalibration(calibration=calibrate(scan, grid))
-    volume = _reconstructed(f"hard-{name}{seed}", machine, scan, grid)
-    for _ in range(ROUNDS if calibrated == "hardening" else 0):
+        scanner = ScannerCalibration(calibration=calibrate(scan, grid))
+    volume = _reconstructed(scanner.apply(scan), grid)
+    for _ in range(HARDENING_ROUNDS if calibrated == "hardening" else 0):
         curve = calibrate_hardening(scan, volume, labels=segment(volume).labels)
-        machine = ScannerCalibration(hardening=curve)
-        volume = _reconstructed(f"hard-{name}{seed}", machine, scan, grid)
-    return volume, machine
+        scanner = ScannerCalibration(hardening=curve)
+        volume = _reconstructed(scanner.apply(scan), grid)
+    return volume, scanner
 
 
-def _reconstructed(name: str, machine: ScannerCalibration, scan: Scan, grid: Volume) -> Volume:
-    made = digest(repr((machine.calibration and machine.calibration.values, machine.hardening)))
-    return specimens.reconstructed(f"{name}-{made}", lambda: machine.apply(scan), grid)
+@page.PAGE.cached(*RECONSTRUCTION)
+def _reconstructed(scan: Scan, grid: Volume) -> Volume:
+    """By default; cached, as remedies share it."""
+    return reconstruct(scan, grid).volume
 
 
 # ---------------------------------------------------------------------- the page
 def study() -> page.Section:
     """All cases."""
     jobs = [Trial(name, seed, remedies(name)) for name in HARD_CASES for seed in SEEDS]
-    done = each(trial, jobs, page.PROCESSES)
+    done = run_trials(trial, jobs, page.PROCESSES)
     return section({name: [d for job, d in zip(jobs, done) if job.name == name] for name in HARD_CASES})
 
 
@@ -148,13 +149,13 @@ what happened.
 
 
 def together(results: Results, name: str, tracked: str, views: int) -> Pool:
-    """All grains of a case tracked in one way, but for those that are gone or broken."""
+    """All grains of a case tracked in one way, except those that are gone or broken."""
     found = [seed[tracked, views] for seed in results[name]]
     return pool([f.outcome for f in found], [f.marked for f in found])
 
 
 def cells(some: Pool) -> list[str]:
-    """What became of some grains, for a table."""
+    """Errors and statuses of some grains, for a table."""
     (voxels, degrees), (over, over_turn) = some.rms, some.over_sd
     errors = [page.number(voxels, 4), page.number(degrees, 3)]
     own = f"{page.number(over, 2)}, {page.number(over_turn, 2)}"
@@ -171,7 +172,7 @@ def _marked(results: Results) -> str:
                 continue
             mine = [one_grain(f) for f in found]
             shown = sum(
-                bool(re.search(NAMED[name], " ".join([reason, *f.outcome.notes])))
+                bool(re.search(NAMING_WORDS[name], " ".join([reason, *f.outcome.notes])))
                 for (_, reason), f in zip(mine, found)
             )
             rows.append([name, *key, counted([status for status, _ in mine]), f"{shown} of {len(found)}"])

@@ -1,4 +1,4 @@
-"""Limits: how near the errors are to the least that photon noise allows."""
+"""Limits: ratio of the errors to the Cramér–Rao bound of the photon noise."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from validation.accuracy import page, specimens
-from validation.accuracy.outcomes import Float, Outcome, Pool, by_kind, measure, pool, remembered
+from validation.accuracy.outcomes import Float, Outcome, Pool, by_kind, measure, pool
 from validation.accuracy.specimens import STATES, Specimen
-from validation.common.trials import each
+from validation.common.cache import TRACKING
+from validation.common.trials import run_trials
 
 SNRS = (50.0, 10.0)
 VIEWS = (4, 2)
@@ -27,7 +28,7 @@ class Trial:
 
 @dataclass(frozen=True, eq=False)
 class Limited:
-    """An outcome, and the least standard deviations that noise allows ``(n, 6)``: voxels and degrees."""
+    """An outcome, and the Cramér–Rao bounds of its standard deviations ``(n, 6)``: voxels and degrees."""
 
     outcome: Outcome
     bounds: Float
@@ -39,21 +40,22 @@ def trial(job: Trial) -> dict[tuple[str, int], Limited]:
 
 
 def limited(specimen: Specimen, name: str, views: int) -> Limited:
+    """One state of a specimen, tracked by default, and its bounds."""
+    return Limited(tracked(specimen, name, views), specimens.bounds(specimen, name, views))
+
+
+@page.PAGE.cached(*TRACKING)
+def tracked(specimen: Specimen, name: str, views: int) -> Outcome:
     """One state of a specimen, tracked by default."""
-
-    def make() -> Outcome:
-        twin = specimens.case(specimen)
-        scan = specimens.state(specimen, name, views)
-        return measure(specimens.grains(specimen), scan, twin.motions[name], twin.scanner.voxel_size)
-
-    found = remembered(f"limits/{specimen}-{name}-{views}", "default", make)
-    return Limited(found, specimens.bounds(specimen, name, views))
+    case = specimens.case(specimen)
+    scan = specimens.state(specimen, name, views)
+    return measure(specimens.grains(specimen), scan, case.motions[name], case.scanner.voxel_size)
 
 
 def study() -> page.Section:
     """Both scales, both exposures."""
     jobs = [Trial(Specimen(scale, seed, snr)) for scale, seeds in SEEDS.items() for snr in SNRS for seed in seeds]
-    done = each(trial, jobs, page.PROCESSES)
+    done = run_trials(trial, jobs, page.PROCESSES)
     rows, ratios = [], {}
     for scale in SEEDS:
         for snr in SNRS:
@@ -68,7 +70,7 @@ def study() -> page.Section:
 def section(
     rows: list[list[str]], ratios: dict[tuple[str, float, tuple[str, int]], tuple[float, float]]
 ) -> page.Section:
-    """The table, and what it comes to."""
+    """The table, and its averages."""
     head = ["case", "SNR", "state", "views", "rms u, voxel", "bound", "ratio"]
     head += ["rms ω, °", "bound", "ratio", "errors / predicted sd: u, ω", "failures", "wrong", "CPU s"]
     said = []

@@ -1,11 +1,11 @@
-"""Outcomes: what one tracked state came to, grain by grain, and what many of them say together."""
+"""Outcomes: result of one tracked state, grain by grain, and statistics of many of them."""
 
 from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,22 +15,16 @@ from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions, Status
 from grainmotion.model.scan import Scan
 from grainmotion.tracking.track import TrackSettings, track
-from validation.accuracy import page
 from validation.accuracy.specimens import in_voxels_and_degrees
-from validation.common.cache import digest, kept_record, source
 from validation.common.warm import compile_kernels
 
 Float = NDArray[np.float64]
-TRACKED = (
-    *("rotations", "kernels", "model", "backends", "projection", "solvers", "preprocessing", "reconstruction"),
-    *("segmentation", "calibration", "objective", "uncertainty", "tracking", "analysis", "simulate"),
-)
 MISSING = "missing"
-"""The status of a true grain that the reference does not hold."""
-FAR = (0.3, 2.0)
-"""Voxels and degrees: a component that is off by less is never called wrong."""
-SURE = 5.0
-"""Own standard deviations, likewise."""
+"""Status of a true grain that is not among the grains of the reference."""
+WRONG_VOXELS, WRONG_DEG = 0.3, 2.0
+"""A component whose error is less is never called wrong."""
+WRONG_SDS = 5.0
+"""Likewise, in its own standard deviations."""
 
 
 @dataclass(frozen=True)
@@ -40,17 +34,17 @@ class Outcome:
     Attributes
     ----------
     labels, statuses, reasons : lists of n
-        Of the true grain; of the measured one.
+        Label of the true grain; status and reason of the measured one.
     errors, sds : n lists of 6
-        Measured minus true, and the standard deviation that the tracker gives: voxels and degrees.
+        Measured minus true, and the standard deviation that the tracker states: voxels and degrees.
     failed : list of n bool
-        As `compare` has it.
+        As `compare` defines it.
     spurious : int
-        Measured grains that are no true one.
+        Measured grains that match no true one.
     notes : list of str
         Sentences on the state as a whole.
     cpu : float
-        Seconds of tracking.
+        CPU seconds of tracking.
     """
 
     labels: list[int]
@@ -75,11 +69,11 @@ def measure(
 
 
 def outcome(motions: Motions, truth: Motions, voxel_size: float, cpu: float) -> Outcome:
-    """What measured motions come to."""
+    """Compare measured motions with the truth."""
     errors = compare(motions, truth, voxel_size)
-    rows, found = errors.matches, errors.matches >= 0
+    rows, matched = errors.matches, errors.matches >= 0
     deviations = np.full((len(truth), 6), np.nan)
-    deviations[found] = np.sqrt(np.diagonal(motions.covariances, axis1=1, axis2=2))[rows[found]]
+    deviations[matched] = np.sqrt(np.diagonal(motions.covariances, axis1=1, axis2=2))[rows[matched]]
     own = np.hstack([errors.translation_errors / voxel_size, errors.rotation_errors_deg])
     return Outcome(
         labels=[int(k) for k in truth.labels],
@@ -92,13 +86,6 @@ def outcome(motions: Motions, truth: Motions, voxel_size: float, cpu: float) -> 
         notes=list(motions.fit.notes),
         cpu=cpu,
     )
-
-
-def remembered(name: str, what: object, make: Callable[[], Outcome]) -> Outcome:
-    """An outcome, kept under what made it: a name, all that was chosen, and the source."""
-    folder, _, rest = name.partition("/")
-    path = page.CACHE / folder / f"{rest}-{digest(repr(what))}-{source(*TRACKED)}.json"
-    return Outcome(**kept_record(path, lambda: asdict(make())))
 
 
 # ---------------------------------------------------------------------- together
@@ -114,23 +101,23 @@ class Pool:
 
     @property
     def ok(self) -> NDArray[np.bool_]:
-        """Grains that say they converged."""
+        """Grains whose status is *converged*."""
         return self.statuses == Status.CONVERGED.value
 
     @property
     def wrong(self) -> int:
-        """Grains that say they converged and are off by far more than they say."""
-        limits = np.maximum(SURE * self.sds, np.repeat(FAR, 3))
+        """Grains that converged and whose error is far beyond their standard deviation."""
+        limits = np.maximum(WRONG_SDS * self.sds, np.repeat([WRONG_VOXELS, WRONG_DEG], 3))
         return int((self.ok & (np.abs(self.errors) > limits).any(axis=1)).sum())
 
     @property
     def failures(self) -> int:
-        """Grains that failed, and measured ones that are no grain."""
+        """Grains that failed, and measured ones that match no true grain."""
         return int(self.failed.sum()) + sum(o.spurious for o in self.outcomes)
 
     @property
     def rms(self) -> tuple[float, float]:
-        """Of a component over the grains that converged: voxels, degrees."""
+        """Root mean square error of a component over the grains that converged: voxels, degrees."""
         return by_kind(self.errors[self.ok])
 
     @property
@@ -149,14 +136,14 @@ class Pool:
         return float(np.mean([o.cpu for o in self.outcomes]))
 
     def counts(self) -> str:
-        """How many grains have each status, in words."""
+        """How many grains have each status, for a table."""
         return counted(self.statuses.tolist())
 
 
 def pool(outcomes: Sequence[Outcome], left_out: Sequence[Collection[int]] | None = None) -> Pool:
-    """All grains of some outcomes, but for those with the labels ``left_out`` of each."""
-    outs = left_out or [()] * len(outcomes)
-    keep = np.array([label not in out for o, out in zip(outcomes, outs, strict=True) for label in o.labels])
+    """All grains of some outcomes, except those with the labels ``left_out`` of each."""
+    excluded = left_out or [()] * len(outcomes)
+    keep = np.array([label not in out for o, out in zip(outcomes, excluded, strict=True) for label in o.labels])
 
     def rows(name: str) -> NDArray[np.generic]:
         return np.array([row for o in outcomes for row in getattr(o, name)])[keep]
@@ -166,12 +153,12 @@ def pool(outcomes: Sequence[Outcome], left_out: Sequence[Collection[int]] | None
 
 
 def by_kind(rows: Float) -> tuple[float, float]:
-    """Root mean square of translations and of rotations ``(n, 6)``; NaN of none."""
+    """Root mean square of translations and of rotations ``(n, 6)``; NaN if there are none."""
     return rms(rows[:, :3]), rms(rows[:, 3:])
 
 
 def rms(values: Float) -> float:
-    """Root mean square; NaN of none."""
+    """Root mean square; NaN if there are no values."""
     return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
 
 

@@ -1,4 +1,4 @@
-"""Projectors: what each choice of the model of grains buys."""
+"""Projectors: errors with each choice of the model of grains."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from grainmotion.segmentation.segment import segment
 from grainmotion.tracking.track import TrackSettings
 from validation.accuracy import limits, page, specimens
 from validation.accuracy.limits import Limited, over_bounds
-from validation.accuracy.outcomes import Outcome, measure, pool, remembered
+from validation.accuracy.outcomes import Outcome, measure, pool
 from validation.accuracy.specimens import Specimen
-from validation.common.trials import each
+from validation.common.cache import TRACKING
+from validation.common.trials import run_trials
 from validation.paper import gravel
 
 STATE = "random"
@@ -79,20 +80,21 @@ def trial(job: Trial) -> dict[tuple[str, int], Limited]:
 
 
 def state(specimen: Specimen, variant: Variant, views: int) -> Limited:
+    """One state, tracked by one variant, and its bounds."""
+    return Limited(tracked(specimen, variant, views), specimens.bounds(specimen, STATE, views))
+
+
+@page.PAGE.cached(*TRACKING)
+def tracked(specimen: Specimen, variant: Variant, views: int) -> Outcome:
     """One state, tracked by one variant."""
-
-    def make() -> Outcome:
-        twin = specimens.case(specimen)
-        scan = specimens.state(specimen, STATE, views)
-        sample = model(specimen, variant)
-        return measure(sample, scan, twin.motions[STATE], twin.scanner.voxel_size, variant.settings)
-
-    found = remembered(f"projectors/{specimen}-{views}", variant, make)
-    return Limited(found, specimens.bounds(specimen, STATE, views))
+    case = specimens.case(specimen)
+    scan = specimens.state(specimen, STATE, views)
+    sample = model(specimen, variant)
+    return measure(sample, scan, case.motions[STATE], case.scanner.voxel_size, variant.settings)
 
 
 def model(specimen: Specimen, variant: Variant) -> GrainSet:
-    """The grains as a variant has them."""
+    """The grains as a variant models them."""
     if variant.reference == "exact":
         volume = specimens.true_volume(specimen)
     else:
@@ -108,7 +110,7 @@ def study() -> page.Section:
         for scale, seeds in SEEDS.items()
         for seed in seeds
     ]
-    done = dict(zip(jobs, each(trial, jobs, page.PROCESSES), strict=True))
+    done = dict(zip(jobs, run_trials(trial, jobs, page.PROCESSES), strict=True))
     return section({scale: [found for job, found in done.items() if job.specimen.scale == scale] for scale in SEEDS})
 
 

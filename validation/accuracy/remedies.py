@@ -18,12 +18,12 @@ class Remedy:
     Attributes
     ----------
     name : str
-        As the settings are called.
+        The setting as a user writes it.
     settings : TrackSettings
     background : {"auto", "ignore", "fixed", "moving"}
         Of `grains_from_labels`.
     calibrated : {"", "geometry", "hardening"}
-        What the reference scan is asked about the machine before anything else.
+        Calibration on the reference scan before anything else.
     """
 
     name: str

@@ -39,7 +39,8 @@ from grainmotion.segmentation.extraction import grains_from_labels
 from grainmotion.segmentation.segment import segment
 from grainmotion.simulate import LATER_ANGLES_DEG, Case, gaps, paper_scale, small
 from grainmotion.tracking.track import track
-from validation.benchmarks.peers.environment import machine, run_peer
+from validation.benchmarks.peers.environment import machine
+from validation.benchmarks.peers.rtk import filtered_back_projection
 from validation.benchmarks.peers.spam_ddic import Pair, make_environment, spam_version
 from validation.benchmarks.track_state import ACCURACY_BARS, compile_kernels, load, save
 
@@ -164,25 +165,10 @@ class Study:
 
     def fdk(self, state: str) -> tuple[Volume, float]:
         """A state reconstructed by RTK's filtered back-projection, and CPU seconds."""
-        scanner = self.case.scanner
 
         def make() -> tuple[NDArray[np.float32], float]:
-            with tempfile.TemporaryDirectory() as name:
-                folder = Path(name)
-                np.save(folder / "radiographs.npy", self.scan(state).line_integrals)
-                job = {
-                    "radiographs": str(folder / "radiographs.npy"),
-                    "out": str(folder / "volume.npy"),
-                    "shape": scanner.grid.shape,
-                    "voxel_size": scanner.voxel_size,
-                    "pixel_size": scanner.pixel_size,
-                    "source_to_axis": scanner.source_to_axis,
-                    "source_to_detector": scanner.source_to_detector,
-                    "angles_deg": self.angles_deg,
-                    "hann": HANN,
-                }
-                told = run_peer("rtk_fdk.py", job, folder)
-                return np.load(folder / "volume.npy"), told["cpu"]
+            images = self.scan(state).line_integrals
+            return filtered_back_projection(images, self.case.scanner, self.angles_deg, HANN)[:2]
 
         return self._kept(f"{state}-fdk", make)
 

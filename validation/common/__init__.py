@@ -1,1 +1,1 @@
-"""What `paper` and `accuracy` share: pages made of sections, trials on all cores, results that are kept."""
+"""Shared by all studies: pages made of sections, trials on all cores, results cached on disk."""

@@ -1,23 +1,28 @@
-"""A page in ``docs``: one section a study, each between markers, so that one study can be rerun alone."""
+"""A page in ``docs``: one section per study, each between markers, so that one study can be rerun alone."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import wraps
 from pathlib import Path
+from typing import ParamSpec, TypeVar
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from validation.common.cache import memory
+
+P, Result = ParamSpec("P"), TypeVar("Result")
 ROOT = Path(__file__).parents[2]
 
 
 @dataclass(frozen=True)
 class Section:
-    """What a study has to say, in Markdown, without its heading and command.
+    """Result of a study in Markdown, without heading and command.
 
-    ``headline`` is its row in the table that the page begins with, if it has one.
+    ``headline`` is its row in the summary table at the top of the page, if it has one.
     """
 
     title: str
@@ -27,7 +32,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Page:
-    """The page ``docs/NAME.md`` of the package ``validation.NAME``, its figures, and what its studies keep."""
+    """The page ``docs/NAME.md`` of the package ``validation.NAME``, its figures, and the cache of its studies."""
 
     name: str
     root: Path = ROOT
@@ -39,8 +44,20 @@ class Page:
 
     @property
     def cache(self) -> Path:
-        """Results kept between studies; remove it to begin afresh."""
+        """Folder of results that studies share; remove it to compute everything anew."""
         return self.root / f".{self.name}"
+
+    def cached(self, *sources: str) -> Callable[[Callable[P, Result]], Callable[P, Result]]:
+        """Decorator: keep results on disk, valid while arguments, function and the named sources stay as they are."""
+
+        def decorate(function: Callable[P, Result]) -> Callable[P, Result]:
+            @wraps(function)
+            def load_or_compute(*args: P.args, **kwargs: P.kwargs) -> Result:
+                return memory(self.cache, sources).cache(function)(*args, **kwargs)
+
+            return load_or_compute
+
+        return decorate
 
     def write(self, name: str, section: Section) -> None:
         """Put a study's section, and its headline, in their places on the page."""

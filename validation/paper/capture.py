@@ -1,8 +1,7 @@
-"""Capture in three dimensions: the share of grains recovered from a zero start, against the size of the motion."""
+"""Capture range in three dimensions: share of grains recovered from a zero start, against the size of the motion."""
 
 from __future__ import annotations
 
-import pickle
 import time
 from dataclasses import dataclass
 from functools import cache
@@ -29,9 +28,9 @@ from grainmotion.simulate import (
     stone,
 )
 from grainmotion.tracking.track import track
-from validation.common.trials import each
-from validation.paper import page
-from validation.paper.page import Section, figure, table
+from validation.common.cache import SEGMENTATION
+from validation.common.trials import run_trials
+from validation.paper.page import PAGE, Section, figure, table
 
 STONES = 95
 DIAMETER = {15: 20.0, 200: 14.0}  # voxels, by number of grains; a voxel is 1 mm
@@ -86,7 +85,7 @@ def run(n: int, views: tuple[int, ...]) -> dict[tuple[Move, int], Outcome]:
     """All moves of n grains, each with all numbers of views."""
     jobs = [(n, move, v) for move in POINTS[n] for v in views]
     sample(n)  # before the processes share it
-    return {job[1:]: outcome for job, outcome in zip(jobs, each(_run, jobs), strict=True)}
+    return {job[1:]: outcome for job, outcome in zip(jobs, run_trials(_run, jobs), strict=True)}
 
 
 def setting(n: int) -> str:
@@ -109,16 +108,9 @@ Over all cases {wrong} grains say converged and are not.
 
 
 @cache
+@PAGE.cached(*SEGMENTATION)
 def sample(n: int) -> tuple[Sample, GrainSet]:
-    """The packing, and its grains on voxels; slow, so kept in the cache."""
-    kept = page.CACHE / f"capture-{n}.pickle"
-    if not kept.exists():
-        kept.parent.mkdir(exist_ok=True)
-        kept.write_bytes(pickle.dumps(_made(n)))
-    return pickle.loads(kept.read_bytes())
-
-
-def _made(n: int) -> tuple[Sample, GrainSet]:
+    """The packing, and its grains on voxels."""
     rng = np.random.default_rng(0)
     order = rng.permutation(max(n, STONES))
     shapes = [stone(int(i) % STONES, DIAMETER[n] * (1 + 0.08 * rng.uniform(-1, 1))) for i in order]

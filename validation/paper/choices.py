@@ -1,12 +1,10 @@
-"""Where the paper's choices matter: reference, point of view, operators, gain and offset, one at a time."""
+"""Effect of the paper's choices: reference, point of view, operators, gain and offset, one at a time."""
 
 from __future__ import annotations
 
-import tempfile
 import time
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +21,8 @@ from grainmotion.projection.volumes import project
 from grainmotion.segmentation.extraction import grains_from_labels
 from grainmotion.simulate import LATER_ANGLES_DEG
 from grainmotion.tracking.track import TrackSettings
-from validation.benchmarks.peers.environment import run_peer
+from validation.benchmarks.peers.rtk import filtered_back_projection
+from validation.common.cache import SIMULATION
 from validation.paper import gravel, page
 from validation.paper.eulerian import EulerianProblem, track_by_filters
 
@@ -31,7 +30,7 @@ STATES = ("random", "unmoved")
 VIEWS = 4
 FDK = {"FDK, ramp": 0.0, "FDK, ramp with Hann window": 1.0}  # cut-off of the window over Nyquist's frequency
 CHECKED = slice(None, None, 8)  # views by which an FDK volume's place and scale are checked
-ASKEW = 0.1  # ε above which an FDK volume cannot be in its place
+MAX_EPSILON = 0.1  # ε above which an FDK volume cannot be in its place
 NEAR = (1.0, 6.0)  # voxels and degrees: where the unmoved state starts for the Eulerian comparison
 LOSS = 0.1  # of the beam
 MEASURES = ("translation_rms", "rotation_rms_deg")
@@ -71,7 +70,7 @@ def references() -> str:
     for name, (volume, cpu) in volumes.items():
         images = project(volume, scan.geometry)
         epsilon = float(np.linalg.norm((images - scan.line_integrals).ravel()) / np.linalg.norm(scan.line_integrals))
-        if epsilon > ASKEW:
+        if epsilon > MAX_EPSILON:
             raise ValueError(f"{name}: ε = {epsilon:.3f} against its own scan; its axes or its scale are wrong")
         sample = grains_from_labels(volume, gravel.labels())
         for state in STATES:
@@ -102,30 +101,12 @@ def _by_height(runs: dict[tuple[str, str], gravel.Run]) -> str:
     )
 
 
+@page.PAGE.cached(*SIMULATION)
 def fdk(hann: float) -> tuple[Volume, float]:
     """RTK's filtered back-projection of the full scan, and its CPU seconds."""
-
-    def make() -> dict[str, NDArray[np.generic]]:
-        scanner = gravel.case().scanner
-        with tempfile.TemporaryDirectory() as name:
-            folder = Path(name)
-            np.save(folder / "radiographs.npy", gravel.full_scan().line_integrals)
-            job = {
-                "radiographs": str(folder / "radiographs.npy"),
-                "out": str(folder / "volume.npy"),
-                "shape": scanner.grid.shape,
-                "voxel_size": scanner.voxel_size,
-                "pixel_size": scanner.pixel_size,
-                "source_to_axis": scanner.source_to_axis,
-                "source_to_detector": scanner.source_to_detector,
-                "angles_deg": gravel.angles_deg(),
-                "hann": hann,
-            }
-            told = run_peer("rtk_fdk.py", job, folder)
-            return {"array": np.load(folder / "volume.npy"), "cpu": np.array(told["cpu"])}
-
-    found = gravel.kept(f"gravel{gravel.SEED}-scan0-fdk-hann{hann:g}", make)
-    return Volume(found["array"], gravel.case().scanner.voxel_size), float(found["cpu"])
+    scanner, scan = gravel.case().scanner, gravel.full_scan()
+    array, cpu, _ = filtered_back_projection(scan.line_integrals, scanner, gravel.angles_deg(), hann)
+    return Volume(array, scanner.voxel_size), cpu
 
 
 # ---------------------------------------------------------------------- the point of view

@@ -17,13 +17,13 @@ from grainmotion.objective.residual import StateProblem
 from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.rotations import rotation_matrix
 from grainmotion.tracking.track import TrackSettings, track
-from validation.common.trials import each
+from validation.common.trials import run_trials
 from validation.paper import images
 from validation.paper.page import Section, figure, table
 from validation.paper.table1 import EXACT, PLAIN
 
 Float = NDArray[np.float64]
-GRAINS = 20
+SAMPLES = 20
 TURNS_DEG = np.arange(-90.0, 91.0, 5.0)
 SHIFTS = np.array([0.25, 0.5, 0.75, 1.0])  # diameters
 DIRECTIONS_DEG = np.arange(0.0, 360.0, 45.0)
@@ -76,7 +76,7 @@ def trial(seed: int, turns_deg: Float = TURNS_DEG, directions_deg: Float = DIREC
 
 def study() -> Section:
     """Curves of the first grain, and counts over all."""
-    trials = each(trial, range(GRAINS))
+    trials = run_trials(trial, range(SAMPLES))
     plain_range = [_range(t.turned["plain"]) for t in trials]
     distinct = [t for t in trials if not t.symmetric]
     rows = []
@@ -93,7 +93,7 @@ def study() -> Section:
         "Right: share of the grains recovered against the initial guess."
     )
     near = len(trials) - len(distinct)
-    text = f"""One grain alone, 2 views, true motion none, {GRAINS} grains from as many samples.  Starts are turned by
+    text = f"""One grain alone, 2 views, true motion none, {SAMPLES} grains from as many samples.  Starts are turned by
 up to ±90° every 5° ({len(TURNS_DEG)} a grain), or shifted in {len(DIRECTIONS_DEG)} directions.  A start succeeds if the
 end is exact to {EXACT:g} of a pixel and of a radian.  A grain is nearly symmetric if the cost falls below
 {SYMMETRIC:.0%} of its highest value more than 20° away from the truth; {near} of {len(trials)} are.

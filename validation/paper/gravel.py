@@ -1,22 +1,19 @@
-"""The twin of the paper's experiment: 15 gravel grains without voxels, 352 views, SNR 50.
+"""Simulated copy of the paper's experiment: 15 gravel grains without voxels, 352 views, SNR 50.
 
-What is slow, full scans and SART sweeps, is kept as .npz in `page.CACHE` under a name that says what made
-it, so that studies share it.  Every noise has a number of its own, so that every rerun sees the same data.
+Full scans and SART sweeps are slow, so they are cached on disk and shared by the studies.  Every noise has a number
+of its own, so that every rerun sees the same data.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
-from importlib.metadata import version
 
 import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion.analysis.validation import Comparison, compare
-from grainmotion.model.geometry import Geometry
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions
 from grainmotion.model.scan import Scan
@@ -26,11 +23,10 @@ from grainmotion.segmentation.extraction import grains_from_labels
 from grainmotion.segmentation.segment import segment
 from grainmotion.simulate import LATER_ANGLES_DEG, Case, paper_scale
 from grainmotion.tracking.track import TrackSettings, track
-from validation.common.cache import Arrays, digest
-from validation.common.cache import kept as kept_file
+from validation.common.cache import RECONSTRUCTION, SEGMENTATION, SIMULATION
 from validation.common.page import number
 from validation.common.warm import compile_kernels
-from validation.paper import page
+from validation.paper.page import PAGE
 
 SEED = 0
 STATES = ("unmoved", "shift", "random")
@@ -51,7 +47,7 @@ class Reference:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """Motions that were measured, their errors, and CPU seconds."""
+    """Measured motions, their errors, and CPU seconds."""
 
     motions: Motions
     errors: Comparison
@@ -59,7 +55,7 @@ class Run:
 
     @property
     def failures(self) -> int:
-        """Grains that failed, and measured ones that are no grain."""
+        """Grains that failed, and measured ones that match no true grain."""
         return self.errors.failures + len(self.errors.spurious)
 
     def cells(self) -> list[str]:
@@ -69,7 +65,7 @@ class Run:
 
 
 HEAD = ("translation, voxel", "rotation, °", "failures", "CPU s")
-"""Of the columns that `Run.cells` fills."""
+"""Titles of the columns that `Run.cells` fills."""
 
 
 # ---------------------------------------------------------------------- the experiment
@@ -80,27 +76,23 @@ def case() -> Case:
 
 
 def angles_deg() -> tuple[float, ...]:
-    """Of the full scan."""
+    """Angles of the full scan."""
     views = case().scanner.reference_views
     return tuple(np.arange(views) * 360.0 / views)
 
 
 @cache
+@PAGE.cached(*SIMULATION)
 def full_scan(noise: int = 0) -> Scan:
     """The full scan of the reference state; each ``noise`` is a scan of its own."""
-
-    def make() -> Arrays:
-        twin = case()
-        scan = twin.reference() if noise == 0 else twin.state(twin.motions["unmoved"], angles_deg(), 1000 + noise)
-        return {"images": scan.line_integrals, "vectors": scan.geometry.vectors}
-
-    found = kept(f"gravel{SEED}-scan{noise}", make)
-    return Scan(found["images"], Geometry(found["vectors"], found["images"].shape[1:]))
+    if noise == 0:
+        return case().reference()
+    return case().state(case().motions["unmoved"], angles_deg(), 1000 + noise)
 
 
 @cache
 def state(name: str, views: int) -> Scan:
-    """A few radiographs of one of `STATES`, at the paper's angles for 4 or 2 views."""
+    """Radiographs of one of `STATES`, at the paper's angles for 4 or 2 views."""
     return case().state(case().motions[name], LATER_ANGLES_DEG[views], noise_number(name, views))
 
 
@@ -114,45 +106,39 @@ def sweep(count: int, settings: ReconstructSettings = SMOOTH, noise: int = 0) ->
     """SART after ``count`` sweeps over a full scan; 0 is the empty start.
 
     The relaxation of a sweep does not depend on the sweeps that follow, so that any number of sweeps
-    is a beginning of all longer runs, and each is kept.
+    is the beginning of all longer runs; each is cached, whatever the stopping rule.
     """
     if count == 0:
         return Reference(case().scanner.grid, (), 0.0)
-    one = replace(settings, sweeps=1, relaxation=settings.relaxation * settings.decay ** (count - 1))
+    return _sweep(count, replace(settings, sweeps=1, tolerance=0.0, noise=None), noise)
 
-    def make() -> Arrays:
-        before, scan = sweep(count - 1, settings, noise), full_scan(noise)
-        start = time.process_time()
-        found = reconstruct(scan, before.volume, one)
-        cpu = before.cpu + time.process_time() - start
-        residuals = (*before.residuals, *found.residuals)
-        return {"array": found.volume.array, "residuals": np.array(residuals), "cpu": np.array(cpu)}
 
-    whole = repr(replace(settings, sweeps=1, tolerance=0.0, noise=None))
-    name = f"gravel{SEED}-scan{noise}-{settings.projector}-{digest(whole)}-sweep{count}"
-    found = kept(name, make)
-    volume = Volume(found["array"], case().scanner.voxel_size)
-    return Reference(volume, tuple(found["residuals"].tolist()), float(found["cpu"]))
+@PAGE.cached(*RECONSTRUCTION)
+def _sweep(count: int, settings: ReconstructSettings, noise: int) -> Reference:
+    one = replace(settings, relaxation=settings.relaxation * settings.decay ** (count - 1))
+    before, scan = sweep(count - 1, settings, noise), full_scan(noise)
+    start = time.process_time()
+    after = reconstruct(scan, before.volume, one)
+    cpu = before.cpu + time.process_time() - start
+    return Reference(after.volume, (*before.residuals, *after.residuals), cpu)
 
 
 @cache
 def reference(settings: ReconstructSettings = SMOOTH, noise: int = 0) -> Reference:
     """The reconstruction of a full scan, with the sweeps that the settings' own stopping rule takes."""
     for count in range(1, settings.sweeps + 1):
-        found = sweep(count, settings, noise)
-        last = found.residuals
-        if count > 1 and last[-1] > last[-2] * (1 - settings.tolerance):
+        current = sweep(count, settings, noise)
+        residuals = current.residuals
+        if count > 1 and residuals[-1] > residuals[-2] * (1 - settings.tolerance):
             break
-    return found
+    return current
 
 
 @cache
+@PAGE.cached(*SEGMENTATION)
 def labels(settings: ReconstructSettings = SMOOTH) -> NDArray[np.integer]:
-    """Which grain each voxel of a reference belongs to, by default segmentation."""
-    return kept(
-        f"gravel{SEED}-{settings.projector}-{digest(repr(settings))}-labels",
-        lambda: {"labels": segment(reference(settings).volume).labels},
-    )["labels"]
+    """Label of each voxel of a reference, by default segmentation."""
+    return segment(reference(settings).volume).labels
 
 
 @cache
@@ -180,23 +166,17 @@ def track_state(
 
 
 def near_truth(sample: GrainSet, name: str, voxels: float, degrees: float, seed: int) -> Motions:
-    """A start away from the truth by up to so much, each grain its own way: random axes, uniform amounts."""
+    """A start away from the truth by up to these amounts, for each grain along a random axis, uniformly."""
     true, still = case().motions[name], Motions.identity(sample.labels, sample.centers)
     rows = compare(still, true).matches
     rng = np.random.default_rng(seed)
     away = rng.normal(size=(2, len(sample), 3))
     away *= rng.uniform(size=(2, len(sample), 1)) / np.linalg.norm(away, axis=2, keepdims=True)
-    found = rows >= 0
+    matched = rows >= 0
     translations, rotations = still.translations.copy(), still.rotations.copy()
-    translations[rows[found]], rotations[rows[found]] = true.translations[found], true.rotations[found]
+    translations[rows[matched]], rotations[rows[matched]] = true.translations[matched], true.rotations[matched]
     return replace(
         still,
         translations=translations + away[0] * voxels * case().scanner.voxel_size,
         rotations=rotations + away[1] * np.deg2rad(degrees),
     )
-
-
-# ---------------------------------------------------------------------- small things
-def kept(name: str, make: Callable[[], Arrays]) -> Arrays:
-    """Arrays from the paper's cache, made and put there if they are not in it."""
-    return kept_file(page.CACHE / f"{version('grainmotion')}-{name}.npz", make)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from validation.common.page import Page, Section, table
 
-__all__ = ["CACHE", "PAGE", "Section", "figure", "table", "write"]
+__all__ = ["PAGE", "Section", "figure", "table"]
 
 PAGE = Page("paper")
-CACHE = PAGE.cache
-write, figure = PAGE.write, PAGE.figure
+figure = PAGE.figure

@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from grainmotion.model.scan import snr
 from grainmotion.projection.volumes import project
+from validation.common.cache import RECONSTRUCTION
 from validation.paper import gravel, page
 
 SWEEPS = 6
 SCANS = {"A": 0, "B": 1}
-SETTLED = 0.02  # of ε: a sweep that changes it by less no longer matters
+SETTLED_CHANGE = 0.02  # of ε: a sweep that changes it by less no longer matters
 
 
 def study() -> page.Section:
@@ -37,17 +38,13 @@ def study() -> page.Section:
     return page.Section("§4.2: residual of the reconstruction against sweeps", "\n\n".join(parts))
 
 
+@page.PAGE.cached(*RECONSTRUCTION)
 def epsilons(name: str, count: int) -> NDArray[np.float64]:
     """ε = ‖b − A x‖/‖b‖ of a scan's reconstruction after some sweeps: against itself, and against the other."""
-
-    def make() -> dict[str, NDArray[np.generic]]:
-        scans = [gravel.full_scan(SCANS[name]), *(gravel.full_scan(n) for k, n in SCANS.items() if k != name)]
-        volume = gravel.sweep(count, noise=SCANS[name]).volume
-        images = project(volume, scans[0].geometry, projector=gravel.SMOOTH.projector)
-        found = [_norm(s.line_integrals - images) / _norm(s.line_integrals) for s in scans]
-        return {"epsilons": np.array(found)}
-
-    return gravel.kept(f"gravel{gravel.SEED}-epsilons-{name}-sweep{count}", make)["epsilons"].astype(float)
+    scans = [gravel.full_scan(SCANS[name]), *(gravel.full_scan(n) for k, n in SCANS.items() if k != name)]
+    volume = gravel.sweep(count, noise=SCANS[name]).volume
+    images = project(volume, scans[0].geometry, projector=gravel.SMOOTH.projector)
+    return np.array([_norm(scan.line_integrals - images) / _norm(scan.line_integrals) for scan in scans])
 
 
 def _norm(images: NDArray[np.floating]) -> float:
@@ -113,10 +110,12 @@ def _findings(
     noise: float,
 ) -> str:
     own, other = after["A"].T
-    settled = next((k for k, (a, b) in enumerate(pairwise(other), start=2) if abs(b / a - 1) < SETTLED), None)
+    settled = next((k for k, (a, b) in enumerate(pairwise(other), start=2) if abs(b / a - 1) < SETTLED_CHANGE), None)
     best = int(np.argmin(other))
     taken = len(gravel.reference().residuals)
-    when = f"changes by less than {SETTLED:.0%} a sweep from sweep {settled} on" if settled else "does not settle"
+    when = (
+        f"changes by less than {SETTLED_CHANGE:.0%} a sweep from sweep {settled} on" if settled else "does not settle"
+    )
     beyond = np.sqrt(max(other[best] ** 2 - noise**2, 0))
     fitted = (other[-1] ** 2 - own[-1] ** 2) / 2 / noise**2
     apart = np.abs(after["A"][-1] / after["B"][-1] - 1).max()
