@@ -11,6 +11,7 @@ from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
+from grainmotion.objective.response_parameters import ResponseModel
 from grainmotion.projection.grains import simulate_radiographs
 from grainmotion.rotations import rotation_vector
 from grainmotion.segmentation.extraction import grains_from_labels
@@ -20,6 +21,7 @@ PANEL = (52, 64)
 ANGLES = (0.0, 50.0, 95.0, 140.0)
 PLACES = ((-1.3, -0.5, -0.6), (0.2, 0.9, -0.5), (1.5, -0.4, -0.4), (-0.5, 0.2, 1.1), (1.0, 0.1, 1.2))  # x y z, mm
 RADIUS = 0.7  # mm, of grains about 14 voxels across
+GAIN_AND_OFFSET = ResponseModel("global")  # a and b of Eq. 22, unknown
 
 
 def geometry(angles_deg=ANGLES, shape=PANEL) -> Geometry:

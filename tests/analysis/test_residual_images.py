@@ -13,7 +13,7 @@ from grainmotion.model.motions import StateFit
 from grainmotion.model.pose import NuisanceMotion
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
-from grainmotion.objective.nuisance_motions import background_images, corrected
+from grainmotion.objective.nuisance_motions import background_images, corrected_geometry
 from grainmotion.projection.grains import simulate_radiographs
 from grainmotion.rotations import rotation_matrix
 from grainmotion.segmentation.extraction import packed_body
@@ -47,7 +47,7 @@ class TestLeftover:
     def test_everything_at_once(self):
         """Gains, backgrounds and hardening of each view, corrected views, and a wall that moved."""
         at = NuisanceMotion(CORRECTIONS, BACKGROUND[:3], rotation_matrix(BACKGROUND[3:]))
-        views = corrected(geometry(), at)
+        views = corrected_geometry(geometry(), at)
         path = simulate_radiographs(GRAINS, TRUTH, views)
         path += background_images(packed_body(wall()), at, views, "trilinear", False)[0]
         scan = Scan(RESPONSE.apply(path) + NOISE, geometry())

@@ -15,8 +15,8 @@ from grainmotion.objective.normal_matrix import PatchNormalMatrix, gathered, nor
 from grainmotion.objective.residual import StateProblem
 from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.projection.grains import assemble, differentiate_in_place, project_in_place, shadows
-from grainmotion.tracking.track import TrackSettings, _course, track
-from grainmotion.uncertainty.rotation_identifiability import unconfirmed
+from grainmotion.tracking.track import TrackSettings, _multistage_fit, track
+from grainmotion.uncertainty.rotation_identifiability import unconfirmed_rotations
 from inline_work import InlineExecutor
 
 
@@ -114,8 +114,8 @@ def test_some_grains_in_another_order(crew):
 
 def test_same_look(crew):
     """A whole evaluation, filtered, with its gradient; files of what nobody refers to are gone."""
-    course = _course(GRAINS, SCAN, TrackSettings(), None)
-    problem = StateProblem(course.grains, replace(course.target, sigma=2.0))
+    fit = _multistage_fit(GRAINS, SCAN, TrackSettings(), None)
+    problem = StateProblem(fit.grains, replace(fit.target, sigma=2.0))
     far = replace(problem, grains=problem.grains.on(crew))
     here, there = problem.linearize(STILL), far.linearize(STILL)
     assert there.cost == here.cost
@@ -126,13 +126,13 @@ def test_same_look(crew):
 def test_same_turns_left_open(crew):
     """Also of a ball, whose turns nothing confirms: its patches must be the same whoever lies in its piece."""
     grains = GrainSet(tuple(replace(g, volume=single(g.volume), fine=None) for g in grain_set(sphere=2).grains))
-    course = _course(grains, radiographs(grains, small_motions(grains)), TrackSettings(), None)
-    problem = StateProblem(course.grains, replace(course.target, sigma=0.7))
-    seen = problem.look(STILL)
+    fit = _multistage_fit(grains, radiographs(grains, small_motions(grains)), TrackSettings(), None)
+    problem = StateProblem(fit.grains, replace(fit.target, sigma=0.7))
+    seen = problem.evaluate_with_derivatives(STILL)
     far = replace(problem, grains=problem.grains.on(crew))
-    one = unconfirmed(problem, STILL, seen)
+    one = unconfirmed_rotations(problem, STILL, seen)
     assert one[1].any()
-    np.testing.assert_array_equal(unconfirmed(far, STILL, seen), one)
+    np.testing.assert_array_equal(unconfirmed_rotations(far, STILL, seen), one)
 
 
 @pytest.mark.parametrize("search", [False, pytest.param(True, marks=pytest.mark.slow)])

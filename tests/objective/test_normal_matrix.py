@@ -24,7 +24,7 @@ def seen():
     scan = Scan(np.zeros((len(VIEWS), *VIEWS.shape)), VIEWS)
     grains = replace(GRAINS, images=GRAINS.images.astype(float))
     problem = StateProblem(grains, Target(scan, np.zeros(scan.line_integrals.shape), "trilinear", 1.5))
-    return problem.look(Pose(np.zeros((N, 3)), np.broadcast_to(np.eye(3), (N, 3, 3)).copy()))
+    return problem.evaluate_with_derivatives(Pose(np.zeros((N, 3)), np.broadcast_to(np.eye(3), (N, 3, 3)).copy()))
 
 
 @pytest.fixture(scope="module")
@@ -70,5 +70,5 @@ def test_a_grain_without_a_patch_has_zero_rows(seen, product):
 def test_few_grains_have_blocks_and_many_a_product(seen, monkeypatch):
     arguments = seen.derivatives, seen.patches, N, seen.residual.shape
     assert not isinstance(normal_of(*arguments), PatchNormalMatrix)
-    monkeypatch.setattr("grainmotion.objective.normal_matrix.DENSE_UP_TO", 6 * N - 1)
+    monkeypatch.setattr("grainmotion.objective.normal_matrix.MAX_DENSE_UNKNOWNS", 6 * N - 1)
     assert isinstance(normal_of(*arguments), PatchNormalMatrix)

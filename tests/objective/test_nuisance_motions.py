@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from few_grains import VOXEL, blob, geometry, smooth_grains
+from few_grains import GAIN_AND_OFFSET, VOXEL, blob, geometry, smooth_grains
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.pose import NuisanceMotion, Pose
 from grainmotion.model.scan import Scan
@@ -15,13 +15,12 @@ from grainmotion.objective.data_term import Target
 from grainmotion.objective.nuisance_motions import (
     NuisanceModel,
     background_images,
-    corrected,
-    moved,
-    values,
-    view_images,
+    corrected_geometry,
+    nuisance_values,
+    retract,
+    view_derivatives,
 )
 from grainmotion.objective.residual import StateProblem
-from grainmotion.objective.response_parameters import DRIFT
 from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.projection.grains import assemble, differentiate_patches, project_patches, shadows
 from grainmotion.projection.volumes import project
@@ -42,7 +41,7 @@ every_beam = pytest.mark.parametrize("views", BEAMS.values(), ids=BEAMS.keys())
 
 
 def radiographs(views, at=None, pose=POSE):
-    there = corrected(views, at)
+    there = corrected_geometry(views, at)
     patches = shadows(PACKED, pose, there)
     return assemble(project_patches(PACKED, pose, there, patches, "trilinear"), patches, there)
 
@@ -61,7 +60,7 @@ class TestViews:
         patches = shadows(PACKED, POSE, views)
         path, slopes = differentiate_patches(PACKED, POSE, views, patches, "trilinear")
         path = assemble(path, patches, views)
-        found = view_images(path, slopes, PACKED, POSE, patches)[column]
+        found = view_derivatives(path, slopes, PACKED, POSE, patches)[column]
         difference = np.stack(
             [
                 (radiographs(views, only(k, column, step)) - radiographs(views, only(k, column, -step)))[k] / (2 * step)
@@ -79,10 +78,10 @@ class TestViews:
     def test_at_corrected_views_too(self):
         """Derivatives of a problem whose views are corrected already."""
         at = NuisanceMotion(np.array([[1.5, -2, 0.03]] * VIEWS), np.zeros(3), np.eye(3))
-        there = corrected(BEAMS["cone"], at)
+        there = corrected_geometry(BEAMS["cone"], at)
         patches = shadows(PACKED, POSE, there)
         path, slopes = differentiate_patches(PACKED, POSE, there, patches, "trilinear")
-        turned = view_images(assemble(path, patches, there), slopes, PACKED, POSE, patches)[2]
+        turned = view_derivatives(assemble(path, patches, there), slopes, PACKED, POSE, patches)[2]
         ends = []
         for sign in (1, -1):
             views = at.views.copy()
@@ -103,16 +102,16 @@ class TestCorrectedGeometry:
     def test_the_stages_angle_turns_the_views(self, views):
         """A correction by the angle between two views makes one of the other."""
         at = only(0, 2, np.deg2rad(50.0))
-        np.testing.assert_allclose(corrected(views, at).vectors[0], views.vectors[1], atol=1e-9)
-        np.testing.assert_array_equal(corrected(views, at).vectors[1:], views.vectors[1:])
+        np.testing.assert_allclose(corrected_geometry(views, at).vectors[0], views.vectors[1], atol=1e-9)
+        np.testing.assert_array_equal(corrected_geometry(views, at).vectors[1:], views.vectors[1:])
 
     def test_nothing_moved(self):
-        assert corrected(BEAMS["cone"], None) is BEAMS["cone"]
-        assert corrected(BEAMS["cone"], NuisanceMotion.still(VIEWS)) is BEAMS["cone"]
+        assert corrected_geometry(BEAMS["cone"], None) is BEAMS["cone"]
+        assert corrected_geometry(BEAMS["cone"], NuisanceMotion.still(VIEWS)) is BEAMS["cone"]
 
     def test_the_given_one_is_left_alone(self):
         before = BEAMS["cone"].vectors.copy()
-        corrected(BEAMS["cone"], only(0, 0, 1.0))
+        corrected_geometry(BEAMS["cone"], only(0, 0, 1.0))
         np.testing.assert_array_equal(BEAMS["cone"].vectors, before)
 
 
@@ -126,14 +125,14 @@ class TestBody:
 
     def test_derivatives_are_the_slopes_of_radiographs(self):
         body = packed_body(lump())
-        loose = NuisanceModel(body=True)
+        nuisance = NuisanceModel(background=True)
         images, slopes = background_images(body, self.AT, BEAMS["cone"], "trilinear", True)
         plain, _ = background_images(body, self.AT, BEAMS["cone"], "trilinear", False)
         np.testing.assert_allclose(images, plain, atol=1e-12)
         for k, slope in enumerate(slopes):
             step = 1e-3 * np.eye(6)[k]
             ends = [
-                background_images(body, moved(loose, self.AT, sign * step), BEAMS["cone"], "trilinear", False)[0]
+                background_images(body, retract(nuisance, self.AT, sign * step), BEAMS["cone"], "trilinear", False)[0]
                 for sign in (1, -1)
             ]
             difference = (ends[0] - ends[1]) / 2e-3
@@ -153,42 +152,44 @@ class TestBody:
 
 
 class TestSteps:
-    LOOSE = NuisanceModel(body=True, views=True)
+    LOOSE = NuisanceModel(background=True, views=True)
 
     def test_order_of_the_increments(self):
         step = np.arange(1.0, 19.0) / 100
-        at = moved(self.LOOSE, NuisanceMotion.still(VIEWS), step)
+        at = retract(self.LOOSE, NuisanceMotion.still(VIEWS), step)
         np.testing.assert_allclose(at.views[:, 0], step[:4])
         np.testing.assert_allclose(at.views[:, 1], step[4:8])
         np.testing.assert_allclose(at.views[:, 2], step[8:12])
         np.testing.assert_allclose(at.translation, step[12:15])
         np.testing.assert_allclose(at.matrix, rotation_matrix(step[15:]))
-        np.testing.assert_allclose(values(self.LOOSE, at), step)
+        np.testing.assert_allclose(nuisance_values(self.LOOSE, at), step)
 
     def test_turns_on_the_group(self):
         first, second = np.zeros((2, 18))
         first[15:], second[15:] = (0.3, -0.2, 0.5), (-0.4, 0.1, 0.2)
-        at = moved(self.LOOSE, moved(self.LOOSE, NuisanceMotion.still(VIEWS), first), second)
+        at = retract(self.LOOSE, retract(self.LOOSE, NuisanceMotion.still(VIEWS), first), second)
         np.testing.assert_allclose(at.matrix, rotation_matrix(second[15:]) @ rotation_matrix(first[15:]))
 
     def test_what_is_not_loose_stays(self):
         start = NuisanceMotion(np.ones((VIEWS, 3)), np.ones(3), rotation_matrix([0.1, 0, 0]))
-        at = moved(NuisanceModel(views=True), start, np.full(12, 0.5))
+        at = retract(NuisanceModel(views=True), start, np.full(12, 0.5))
         np.testing.assert_array_equal(at.translation, start.translation)
         np.testing.assert_array_equal(at.matrix, start.matrix)
         np.testing.assert_allclose(at.views, 1.5)
-        at = moved(NuisanceModel(body=True), start, np.full(6, 0.5))
+        at = retract(NuisanceModel(background=True), start, np.full(6, 0.5))
         np.testing.assert_array_equal(at.views, start.views)
-        np.testing.assert_array_equal(moved(NuisanceModel(), start, np.zeros(0)).views, start.views)
+        np.testing.assert_array_equal(retract(NuisanceModel(), start, np.zeros(0)).views, start.views)
 
     def test_prior(self):
-        loose = replace(self.LOOSE, view_shift=2.0, view_turn=0.5, body_shift=4.0, body_turn=0.1)
-        sd = loose.deviations(VIEWS)
+        nuisance = replace(
+            self.LOOSE, view_shift_sd=2.0, view_angle_sd=0.5, background_shift_sd=4.0, background_rotation_sd=0.1
+        )
+        sd = nuisance.deviations(VIEWS)
         np.testing.assert_allclose(sd, [2.0] * 8 + [0.5] * 4 + [4.0] * 3 + [0.1] * 3)
-        np.testing.assert_allclose(loose.precisions(VIEWS), np.diag(1 / sd**2))
+        np.testing.assert_allclose(nuisance.precisions(VIEWS), np.diag(1 / sd**2))
         gauge = np.zeros((18, 1))
         gauge[:4] = 0.5
-        held = replace(loose, gauge=gauge).precisions(VIEWS)
+        held = replace(nuisance, gauge=gauge).precisions(VIEWS)
         together, apart = np.zeros((2, 18))
         together[:4], apart[:2] = 1, (1, -1)
         assert together @ held @ together > 1e5
@@ -198,32 +199,36 @@ class TestSteps:
 class TestGradient:
     """Derivatives of the cost by the surroundings, with gain and offset eliminated, a filter and a mask."""
 
-    def problem(self, loose):
+    def problem(self, nuisance):
         rng = np.random.default_rng(0)
         at = NuisanceMotion(rng.normal(size=(VIEWS, 3)) * [0.4, 0.4, 0.006], np.array([0.1, -0.1, 0.05]), np.eye(3))
         views = BEAMS["cone"]
         body = packed_body(lump())
-        images = radiographs(views, at) + background_images(body, at, corrected(views, at), "trilinear", False)[0]
+        images = (
+            radiographs(views, at) + background_images(body, at, corrected_geometry(views, at), "trilinear", False)[0]
+        )
         images = 1.1 * ndimage.gaussian_filter(images, (0, 0.5, 0.5)) + 0.02
         valid = rng.uniform(size=images.shape) > 0.05
         fixed = background_images(body, None, views, "trilinear", False)[0]
-        target = Target(Scan(images, views, valid), fixed, "trilinear", 1.5, DRIFT, body=body, loose=loose)
+        target = Target(
+            Scan(images, views, valid), fixed, "trilinear", 1.5, GAIN_AND_OFFSET, background=body, nuisance=nuisance
+        )
         return StateProblem(PACKED, target)
 
     @pytest.mark.parametrize(
-        "loose", [NuisanceModel(body=True), NuisanceModel(views=True), NuisanceModel(True, True)], ids=str
+        "nuisance", [NuisanceModel(background=True), NuisanceModel(views=True), NuisanceModel(True, True)], ids=str
     )
-    def test_is_the_slope_of_the_cost(self, loose):
-        problem = self.problem(loose)
+    def test_is_the_slope_of_the_cost(self, nuisance):
+        problem = self.problem(nuisance)
         rng = np.random.default_rng(1)
-        size = loose.deviations(VIEWS)
+        size = nuisance.deviations(VIEWS)
         still = NuisanceMotion.still(VIEWS)
-        start = replace(POSE, surroundings=moved(loose, still, 0.1 * size * rng.normal(size=len(size))))
+        start = replace(POSE, surroundings=retract(nuisance, still, 0.1 * size * rng.normal(size=len(size))))
         at = problem.linearize(start)
-        assert len(at.slope) == len(size)
+        assert len(at.border_gradient) == len(size)
         found = []
         for k in range(len(size)):
             step = 0.02 * size[k] * np.eye(12 + len(size))[12 + k]
             costs = [problem.linearize(problem.retract(start, sign * step)).cost for sign in (1, -1)]
             found.append((costs[0] - costs[1]) / 0.04)
-        np.testing.assert_allclose(at.slope * size, found, atol=0.03 * np.abs(found).max())
+        np.testing.assert_allclose(at.border_gradient * size, found, atol=0.03 * np.abs(found).max())

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import ndimage, sparse
 
+from few_grains import GAIN_AND_OFFSET
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.pose import Pose
 from grainmotion.model.scan import Scan
@@ -15,7 +16,7 @@ from grainmotion.objective.data_term import Target, gaussian
 from grainmotion.objective.global_parameters import Columns
 from grainmotion.objective.normal_matrix import normal_matrix
 from grainmotion.objective.residual import StateProblem
-from grainmotion.objective.response_parameters import DRIFT, ResponseModel, eliminated
+from grainmotion.objective.response_parameters import ResponseModel, fit_response
 from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.projection.grains import assemble, differentiate_patches, project_patches, shadows
 from grainmotion.rotations import rotation_matrix
@@ -70,8 +71,8 @@ def measured(gain=1.0, offset=0.0, noise=0.0, pose=POSE):
 
 def target(sigma=0.0, gain=False, valid=None, images=None, **changes):
     scan = Scan(measured(noise=0.02) if images is None else images, GEOMETRY, valid)
-    freedom = DRIFT if gain else ResponseModel()
-    return Target(scan, np.zeros((3, *PANEL), np.float32), "trilinear", sigma, freedom, **changes)
+    response_model = GAIN_AND_OFFSET if gain else ResponseModel()
+    return Target(scan, np.zeros((3, *PANEL), np.float32), "trilinear", sigma, response_model, **changes)
 
 
 def dense_jacobian(problem, pose):
@@ -151,7 +152,7 @@ class TestNormalEquations:
     def test_against_dense_ones(self, case, half_off):
         problem = StateProblem(GRAINS, target(**case))
         pose = replace(POSE, translations=POSE.translations + np.array([0, 0, 1.3 if half_off else 0]))
-        at, seen = problem.linearize(pose), problem.look(pose)
+        at, seen = problem.linearize(pose), problem.evaluate_with_derivatives(pose)
         J = dense_jacobian(problem, pose)
         r = seen.residual.astype(float).ravel()
         assert at.cost == pytest.approx(0.5 * r @ r, rel=1e-5)
@@ -160,7 +161,7 @@ class TestNormalEquations:
         np.testing.assert_allclose(at.hessian.toarray(), a**2 * J.T @ J, atol=1e-5 * scale)
         np.testing.assert_allclose(at.gradient, -a * J.T @ r, atol=1e-5 * np.abs(J.T @ r).max() + 1e-7)
         if case.get("gain"):
-            C = np.stack([stack.ravel() for stack in seen.linear.stacks], axis=1).astype(float)
+            C = np.stack([stack.ravel() for stack in seen.response_columns.stacks], axis=1).astype(float)
             np.testing.assert_allclose(at.border, a * J.T @ C, rtol=1e-3, atol=1e-4 * np.abs(J.T @ C).max())
             np.testing.assert_allclose(at.corner, C.T @ C, rtol=1e-4)
         else:
@@ -183,7 +184,7 @@ class TestNormalEquations:
         gradient = problem.linearize(start).gradient.reshape(2, 6)
 
         def cost(pose):
-            r = problem.look(pose).residual.astype(float)
+            r = problem.evaluate_with_derivatives(pose).residual.astype(float)
             return 0.5 * (r * r).sum()
 
         found = []
@@ -240,7 +241,7 @@ class TestNormalEquations:
     def test_ties_carry_gradient_and_matrix(self):
         """In double precision: the tied one sums images before it compares them, the free one afterwards."""
         grains = replace(GRAINS, images=GRAINS.images.astype(float))
-        double = replace(target(1.5, gain=True), fixed=np.zeros((3, *PANEL)))
+        double = replace(target(1.5, gain=True), fixed_background=np.zeros((3, *PANEL)))
         free = StateProblem(grains, double).linearize(POSE)
         tied = StateProblem(grains, double, displacement_bases.rigid).linearize(POSE)
         T = displacement_bases.rigid(GRAINS, POSE)
@@ -269,7 +270,7 @@ class TestNormalEquations:
         images = measured(noise=0.02)
         plain = StateProblem(GRAINS, target(1.0, images=images)).linearize(POSE)
         with_it = target(1.0, images=images + background)
-        there = StateProblem(GRAINS, replace(with_it, fixed=background)).linearize(POSE)
+        there = StateProblem(GRAINS, replace(with_it, fixed_background=background)).linearize(POSE)
         assert there.cost == pytest.approx(plain.cost, rel=1e-4)
         np.testing.assert_allclose(there.gradient, plain.gradient, atol=1e-4 * np.abs(plain.gradient).max())
 
@@ -285,9 +286,9 @@ class TestNothingToSee:
         assert np.isfinite(at.cost)
         assert not at.gradient.any()
         assert at.hessian.nnz == 0
-        seen = problem.look(away)
+        seen = problem.evaluate_with_derivatives(away)
         assert (seen.response.gain, seen.response.offset) == (1.0, 0.0)
-        assert misfits(problem, seen).lost.all()
+        assert misfits(problem, seen).misregistered.all()
 
     @pytest.mark.parametrize("gain", [False, True])
     def test_all_pixels_invalid(self, gain):
@@ -295,7 +296,7 @@ class TestNothingToSee:
         at = problem.linearize(POSE)
         assert at.cost == 0
         assert not at.gradient.any()
-        assert misfits(problem, problem.look(POSE)).lost.all()
+        assert misfits(problem, problem.evaluate_with_derivatives(POSE)).misregistered.all()
 
     def test_one_empty_view(self):
         valid = np.ones((3, *PANEL), bool)
@@ -313,7 +314,7 @@ class TestGain:
     @pytest.mark.parametrize("sigma", [0.0, 2.0])
     def test_planted_ones_are_found(self, gain, offset, sigma):
         problem = StateProblem(GRAINS, target(sigma, True, mask(), measured(gain, offset)))
-        seen = problem.look(POSE)
+        seen = problem.evaluate_with_derivatives(POSE)
         assert seen.response.gain == pytest.approx(gain, abs=1e-5)
         assert seen.response.offset == pytest.approx(offset, abs=1e-5)
         assert problem.linearize(POSE).cost < 1e-6
@@ -321,9 +322,9 @@ class TestGain:
     def test_degenerate(self):
         """Where nothing is simulated nothing is fitted; an even radiograph is fitted, whatever its parts."""
         ones = np.ones((1, 4, 4), np.float32)
-        nothing, _ = eliminated(DRIFT, Columns([0 * ones, ones], [True, True]), 3 * ones, 1)
+        nothing, _ = fit_response(GAIN_AND_OFFSET, Columns([0 * ones, ones], [True, True]), 3 * ones, 1)
         assert (nothing.gain, nothing.offset) == (1.0, 0.0)
-        even, more = eliminated(DRIFT, Columns([2 * ones, ones], [True, True]), ones, 1)
+        even, more = fit_response(GAIN_AND_OFFSET, Columns([2 * ones, ones], [True, True]), ones, 1)
         np.testing.assert_allclose(more, ones, rtol=1e-6)
         assert np.isfinite([even.gain, even.offset]).all()
 
@@ -338,33 +339,33 @@ class TestCrowds:
     """Grains one behind the other."""
 
     def test_line_integrals_of_a_crowd_add_up_in_squares(self):
-        one, nine = (misfits(problem := crowd(k), problem.glance(still(k))) for k in (1, 9))
-        np.testing.assert_allclose(one.crowds, one.paths, rtol=1e-5)
-        np.testing.assert_allclose(nine.paths, one.paths[0], rtol=1e-5)
-        np.testing.assert_allclose(nine.crowds, 3 * one.paths[0], rtol=1e-5)
+        one, nine = (misfits(problem := crowd(k), problem.evaluate(still(k))) for k in (1, 9))
+        np.testing.assert_allclose(one.rms_crowd_integrals, one.rms_line_integrals, rtol=1e-5)
+        np.testing.assert_allclose(nine.rms_line_integrals, one.rms_line_integrals[0], rtol=1e-5)
+        np.testing.assert_allclose(nine.rms_crowd_integrals, 3 * one.rms_line_integrals[0], rtol=1e-5)
 
     @pytest.mark.parametrize(("many", "share"), [(1, 0.04), (30, 0.04 * np.sqrt(30))])
     def test_what_all_of_them_leave_accuses_none(self, many, share):
         """Each leaves 4 % of its line integrals, as grains of voxels do."""
         crowds = np.full(many, np.sqrt(many))
-        assert not Misfits(np.full(many, share), np.ones(many), crowds, 0.0).lost.any()
+        assert not Misfits(np.full(many, share), np.ones(many), crowds, 0.0).misregistered.any()
 
     def test_one_in_a_wrong_place_stands_out_of_them(self):
         residuals = 0.03 * np.sqrt(30) * np.ones(30)
         residuals[7] = np.hypot(residuals[7], 0.25)
-        lost = Misfits(residuals, np.ones(30), np.full(30, np.sqrt(30)), 0.0).lost
+        lost = Misfits(residuals, np.ones(30), np.full(30, np.sqrt(30)), 0.0).misregistered
         np.testing.assert_array_equal(np.flatnonzero(lost), [7])
 
     def test_all_in_wrong_places_are_all_lost(self):
         found = Misfits(np.full(30, 0.25 * np.sqrt(30)), np.ones(30), np.full(30, np.sqrt(30)), 0.0)
-        assert found.lost.all()
-        assert found.astray.all()
+        assert found.misregistered.all()
+        assert found.misregistered_in_crowd.all()
 
     def test_near_is_not_astray(self):
         """Half-way through, each of 30 leaves 9 %: all together look lost, but none is far."""
         found = Misfits(np.full(30, 0.09 * np.sqrt(30)), np.ones(30), np.full(30, np.sqrt(30)), 0.0)
-        assert found.lost.all()
-        assert not found.astray.any()
+        assert found.misregistered.all()
+        assert not found.misregistered_in_crowd.any()
 
 
 def still(many):
@@ -386,7 +387,7 @@ class TestSteps:
         gone = np.linalg.norm(moved.translations - POSE.translations, axis=1)
         assert gone[1] <= 2 * GRAINS.radii[1]
         np.testing.assert_allclose(gone[[0, 2, 3]], np.sqrt(3) * 1e-3)
-        assert problem.sizes(POSE, step).max() == pytest.approx(2 * GRAINS.radii[1] / GRAINS.unit)
+        assert problem.step_sizes(POSE, step).max() == pytest.approx(2 * GRAINS.radii[1] / GRAINS.unit)
 
     def test_on_the_group(self):
         step = np.arange(24) / 200  # well below the grains' own size
@@ -400,10 +401,10 @@ class TestSteps:
         problem = StateProblem(GRAINS, target())
         step = np.zeros(24)
         step[6:9] = 0.3, 0.0, -0.4
-        assert problem.sizes(POSE, step).max() == pytest.approx(0.5 / VOXEL)
+        assert problem.step_sizes(POSE, step).max() == pytest.approx(0.5 / VOXEL)
         step = np.zeros(24)
         step[22] = 0.1
-        assert 0.1 * 4 < problem.sizes(POSE, step)[3] < 0.1 * 8  # a lump of 8 voxels: its rim is 4 to 7 away
+        assert 0.1 * 4 < problem.step_sizes(POSE, step)[3] < 0.1 * 8  # a lump of 8 voxels: its rim is 4 to 7 away
 
 
 class TestMisfits:
@@ -411,33 +412,35 @@ class TestMisfits:
         pose = replace(POSE, translations=POSE.translations.copy())
         pose.translations[3] += [0.2, 0.1, -0.15]
         problem = StateProblem(GRAINS, target(images=measured(noise=1e-4)))
-        found = misfits(problem, problem.look(pose))
-        assert found.residuals[3] > 20 * found.residuals[:3].max()
-        assert (found.paths > 0.3).all()
-        np.testing.assert_array_equal(found.lost, [False, False, False, True])
+        found = misfits(problem, problem.evaluate_with_derivatives(pose))
+        assert found.rms_residuals[3] > 20 * found.rms_residuals[:3].max()
+        assert (found.rms_line_integrals > 0.3).all()
+        np.testing.assert_array_equal(found.misregistered, [False, False, False, True])
 
     def test_even_misfit(self):
         problem = StateProblem(GRAINS, target(images=measured(offset=0.07)))
-        np.testing.assert_allclose(misfits(problem, problem.look(POSE)).residuals, 0.07, rtol=1e-3)
+        np.testing.assert_allclose(
+            misfits(problem, problem.evaluate_with_derivatives(POSE)).rms_residuals, 0.07, rtol=1e-3
+        )
 
     def test_masked_pixels_do_not_count(self):
         valid = mask()
         images = np.where(valid, measured(), 1e4).astype(np.float32)
         problem = StateProblem(GRAINS, target(valid=valid, images=images))
-        assert misfits(problem, problem.look(POSE)).residuals.max() < 1e-5
+        assert misfits(problem, problem.evaluate_with_derivatives(POSE)).rms_residuals.max() < 1e-5
 
     def test_noise_is_no_misfit(self):
-        assert not alone([0.02, 0.021, 0.019, 0.022], 0.02).lost.any()
+        assert not alone([0.02, 0.021, 0.019, 0.022], 0.02).misregistered.any()
 
     def test_unknown_is_a_misfit(self):
-        np.testing.assert_array_equal(alone([0.02, np.nan], 0.02).lost, [False, True])
+        np.testing.assert_array_equal(alone([0.02, np.nan], 0.02).misregistered, [False, True])
 
     def test_all_bad_is_seen_by_the_noise(self):
         """When every grain fits badly, none stands out from the others; the noise tells."""
-        assert alone([0.2] * 5, 0.02).lost.all()
+        assert alone([0.2] * 5, 0.02).misregistered.all()
 
     def test_thin_shadows_in_strong_noise_do_not_accuse(self):
-        assert not alone([0.05], 0.03).lost.any()
+        assert not alone([0.05], 0.03).misregistered.any()
 
 
 def alone(residuals, noise):

@@ -15,7 +15,7 @@ from grainmotion.projection.grains import simulate_radiographs
 from grainmotion.rotations import rotation_matrix
 from grainmotion.segmentation.extraction import packed_body
 from grainmotion.tracking import global_search
-from grainmotion.tracking.background_motion import HELD
+from grainmotion.tracking.background_motion import FIXED_BACKGROUND_NOTE
 from grainmotion.tracking.simulated_annealing import anneal
 from grainmotion.tracking.track import TrackSettings, track
 
@@ -78,7 +78,7 @@ class TestMovingBackground:
         noisy = Scan(images + 0.01 * np.random.default_rng(3).standard_normal(images.shape), WIDE)
         measured = track(GrainSet(GRAINS.grains, wall(), True), noisy, settings=TrackSettings(search=False))
         np.testing.assert_array_equal(measured.fit.background, 0)
-        assert HELD in measured.fit.notes
+        assert FIXED_BACKGROUND_NOTE in measured.fit.notes
         assert np.abs(errors(measured, still)[0]).max() < 0.06
 
     def test_whatever_the_last_filter(self):
@@ -86,7 +86,7 @@ class TestMovingBackground:
         images = simulate_radiographs(GrainSet(GRAINS.grains, wall()), TRUTH, WIDE)
         noisy = Scan(images + 0.01 * np.random.default_rng(3).standard_normal(images.shape), WIDE)
         how = TrackSettings(search=False, filters=(8.0, 6.0))
-        assert HELD in track(GrainSet(GRAINS.grains, wall(), True), noisy, settings=how).fit.notes
+        assert FIXED_BACKGROUND_NOTE in track(GrainSet(GRAINS.grains, wall(), True), noisy, settings=how).fit.notes
 
     @pytest.mark.parametrize("share", [0.05, 0.1])
     def test_one_that_hardly_moved_moves(self, monkeypatch, share):
@@ -94,7 +94,7 @@ class TestMovingBackground:
         monkeypatch.setattr(f"{__name__}.SHIFT", share * SHIFT)
         monkeypatch.setattr(f"{__name__}.TURN", share * TURN)
         measured = tracked(True, TrackSettings(search=False))
-        assert HELD not in measured.fit.notes
+        assert FIXED_BACKGROUND_NOTE not in measured.fit.notes
         np.testing.assert_allclose(measured.fit.background[:3], SHIFT, atol=0.03 * VOXEL)
 
     def test_noise_is_held(self):
@@ -116,7 +116,7 @@ class TestMovingBackground:
         taken = []
 
         def watched(grains, target, *rest):
-            taken.append(target.fixed)
+            taken.append(target.fixed_background)
             return anneal(grains, target, *rest)
 
         monkeypatch.setattr(global_search, "anneal", watched)

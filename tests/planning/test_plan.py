@@ -17,8 +17,8 @@ from grainmotion.model.grains import GrainSet
 from grainmotion.planning import capture_range, fisher_information, view_selection
 from grainmotion.planning.candidates import angles_between, candidate_angles, even_set, nearest_views
 from grainmotion.planning.fisher_information import Candidates
-from grainmotion.planning.plan import COLUMNS, Plan, PlanSettings, plan
-from grainmotion.planning.view_selection import Chooser
+from grainmotion.planning.plan import PLAN_COLUMNS, Plan, PlanSettings, plan
+from grainmotion.planning.view_selection import ViewSelector
 from grainmotion.projection.grains import differentiate_patches, shadows, simulate_radiographs
 from grainmotion.reconstruction.reconstruct import ReconstructSettings, reconstruct
 from grainmotion.rotations import rotation_matrix
@@ -60,8 +60,8 @@ class TestInformation:
         found = candidates()
         view = 3
         geometry, n = found.geometry[view], len(few())
-        patches = shadows(found.packed, found.pose, geometry)
-        _, derivatives = differentiate_patches(found.packed, found.pose, geometry, patches, "trilinear")
+        patches = shadows(found.grain_arrays, found.pose, geometry)
+        _, derivatives = differentiate_patches(found.grain_arrays, found.pose, geometry, patches, "trilinear")
         coarse = GrainSet(tuple(dataclasses.replace(g, fine=None) for g in few().grains))  # a plan needs no more
         image = simulate_radiographs(coarse, few_grains.motions(coarse), geometry)[0].astype(float)
         jacobian = np.zeros((6 * n + 2, *image.shape))
@@ -124,9 +124,9 @@ class TestInformation:
         """With all neighbours it is exact; with fewer, near."""
         found = candidates()
         exact = sd(found, (0, 6))
-        monkeypatch.setattr(fisher_information, "EXACT_UP_TO", 0)
+        monkeypatch.setattr(fisher_information, "MAX_EXACT_UNKNOWNS", 0)
         np.testing.assert_allclose(sd(found, (0, 6)), exact, rtol=1e-4)
-        monkeypatch.setattr(fisher_information, "NEIGHBOURS", 2)
+        monkeypatch.setattr(fisher_information, "COUPLED_NEIGHBOURS", 2)
         near = sd(found, (0, 6))
         assert np.all(near < exact * (1 + 1e-6))
         np.testing.assert_allclose(near, exact, rtol=0.1)
@@ -136,7 +136,7 @@ class TestInformation:
         parallel = Geometry.parallel([0.0, 90.0], few_grains.PANEL, few_grains.VOXEL)
         found = candidates(parallel)
         one = sd(found, (0,))
-        np.testing.assert_allclose(one[:, 1], 2 * found.packed.radii, rtol=1e-3)
+        np.testing.assert_allclose(one[:, 1], 2 * found.grain_arrays.radii, rtol=1e-3)
         assert one[:, 0].max() < 0.1 * few_grains.VOXEL
 
     def test_a_slice_has_three_unknowns(self):
@@ -186,14 +186,14 @@ class TestChoice:
         assert pairs[0, 1] > 1.2 * pairs[0, 6]
 
     def test_blocks_of_many_grains_choose_alike(self, monkeypatch):
-        monkeypatch.setattr(view_selection, "DENSE_WORK", 0)
+        monkeypatch.setattr(view_selection, "MAX_COUPLED_OPERATIONS", 0)
         found = plan(few(), circle(), SETTINGS)
         assert not found.coupled
         assert planned().coupled
         assert found.get(4).criterion < 1.05 * planned().get(4).criterion
 
     def test_exchange_leaves_a_poor_start(self):
-        chooser = Chooser.of(candidates())
+        chooser = ViewSelector.of(candidates())
         start = (0, 1, 2, 3)
         end = chooser.improve(start)
         assert chooser.conflicts(start) > 0
@@ -205,7 +205,7 @@ class TestChoice:
 
     def test_tables(self):
         table, angles = planned().to_table(), planned().angles_table()
-        assert tuple(table.columns) == COLUMNS
+        assert tuple(table.columns) == PLAN_COLUMNS
         assert len(table) == 4 * len(few())
         assert list(angles["views"]) == [2, 2, 4, 4]
         assert angles["angles_deg"].iloc[3] == "0 45 90 135"
@@ -251,7 +251,7 @@ class TestCapture:
         ]
         heads = rows[0]
         found = dict(re.findall(r"^\| (each[^|]*|all[^|]*) \| (.*) \|$", study, flags=re.MULTILINE))
-        for c in capture_range.MEASURED:
+        for c in capture_range.MEASURED_CAPTURES:
             column = heads.index(f"{c.views} views") - 1
             for diameters, degrees in c.ranges:
                 cell = found[f"each up to {diameters:g} diameter, {degrees:g}°"].split("|")[column]
@@ -265,7 +265,7 @@ class TestCapture:
 
     def test_room(self):
         """The sample moved by the room just touches the panel's edge; further, a shadow is cut."""
-        packed = candidates().packed
+        packed = candidates().grain_arrays
         geometry = Geometry.parallel([0.0], (90, 90), few_grains.VOXEL)
         across, along = capture_range.room(packed, geometry)
         assert across > 0.5
@@ -281,7 +281,7 @@ class TestCapture:
 
     def test_no_room_where_a_shadow_is_cut(self):
         geometry = Geometry.parallel([0.0], (20, 90), few_grains.VOXEL)
-        assert capture_range.room(candidates().packed, geometry)[1] == 0
+        assert capture_range.room(candidates().grain_arrays, geometry)[1] == 0
 
 
 class TestBadInput:

@@ -89,8 +89,8 @@ class TestSettings:
     def test_a_given_threshold_is_used(self):
         volume = scanned(ellipsoid((20, 22, 30), (10, 10, 10)))
         assert segment(volume, SegmentSettings(threshold=0.8)).threshold == 0.8
-        loose, tight = (segment(volume, SegmentSettings(threshold=t)).labels for t in (0.3, 0.8))
-        assert (loose > 0).sum() > (tight > 0).sum()
+        nuisance, tight = (segment(volume, SegmentSettings(threshold=t)).labels for t in (0.3, 0.8))
+        assert (nuisance > 0).sum() > (tight > 0).sum()
 
     def test_small_objects_are_removed(self):
         solid = ellipsoid((20, 22, 18), (11, 11, 11)) | ellipsoid((20, 22, 50), (2.5, 2.5, 2.5))

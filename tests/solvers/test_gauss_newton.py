@@ -35,7 +35,7 @@ class LeastSquares:
     def retract(self, state: Array, step: Array) -> Array:
         return state + step
 
-    def sizes(self, state: Array, step: Array) -> Array:
+    def step_sizes(self, state: Array, step: Array) -> Array:
         return np.array([np.linalg.norm(step)])
 
 
@@ -226,7 +226,7 @@ class TestStopping:
         """Two unknowns, one of which goes far for next to nothing: it is waited for unless half may straggle."""
 
         class Each(LeastSquares):
-            def sizes(self, state: Array, step: Array) -> Array:
+            def step_sizes(self, state: Array, step: Array) -> Array:
                 return np.abs(step)
 
         slope = np.array([1.0, 1e-6])
@@ -234,7 +234,7 @@ class TestStopping:
             lambda x: np.append(slope * np.tanh(x - 3), 1.0),
             lambda x: np.vstack([np.diag(slope / np.cosh(x - 3) ** 2), np.zeros(2)]),
         )
-        stopping = Stopping(iterations=60, step=1e-9, decrease=1e-3, reach=0.01, stragglers=share)
+        stopping = Stopping(iterations=60, step=1e-9, decrease=1e-3, straggler_distance=0.01, stragglers=share)
         start = np.array([2.999, 2.0])
         found = gauss_newton(problem, start, stopping)
         assert found.settled == settled
@@ -302,7 +302,7 @@ class TestStep:
     def test_conjugate_gradients_equal_the_dense_factor(self, monkeypatch, damping, border):
         at, *_ = blocks(30, 2, border)
         dense = damped_step(at, damping)
-        monkeypatch.setattr(block_cg, "DENSE_UP_TO", 0)
+        monkeypatch.setattr(block_cg, "MAX_DENSE_UNKNOWNS", 0)
         np.testing.assert_allclose(damped_step(at, damping, 1e-8), dense, atol=1e-6 * np.abs(dense).max())
 
     def test_conjugate_gradients_leave_unseen_grains_alone(self, monkeypatch):
@@ -312,7 +312,7 @@ class TestStep:
         hessian = sparse.bsr_array(J.T @ J, blocksize=(6, 6))
         at = Linearization(1.0, J.T @ r, hessian, np.zeros((36, 0)), np.zeros((0, 0)))
         dense = damped_step(at, 1e-4)
-        monkeypatch.setattr(block_cg, "DENSE_UP_TO", 0)
+        monkeypatch.setattr(block_cg, "MAX_DENSE_UNKNOWNS", 0)
         step = damped_step(at, 1e-4, 1e-8)
         np.testing.assert_array_equal(step[12:18], 0)
         np.testing.assert_allclose(step, dense, atol=1e-6 * np.abs(dense).max())
@@ -336,7 +336,7 @@ class TestStep:
         H = J.T @ J
         without = damped_step(Linearization(1.0, J[:, :17].T @ r, H[:17, :17], at.border[:17], at.corner), damping)
         H[16, 17] = H[17, 16] = H[16, 16] * (1 + 1e-4)
-        monkeypatch.setattr(block_cg, "DENSE_UP_TO", dense)
+        monkeypatch.setattr(block_cg, "MAX_DENSE_UNKNOWNS", dense)
         hessian = sparse.bsr_array(H, blocksize=(6, 6))
         step = damped_step(Linearization(1.0, J.T @ r, hessian, np.zeros((18, 0)), at.corner), damping, 1e-9)
         assert np.isfinite(step).all()
@@ -387,7 +387,7 @@ class TestSteppingBorder:
             def retract(self, state, step):
                 return state + step
 
-            def sizes(self, state, step):
+            def step_sizes(self, state, step):
                 return np.array([np.linalg.norm(step)])
 
         def reduced(state):
@@ -447,5 +447,5 @@ class TestSteppingBorder:
         at, J, r, C = blocks(20, 7, 3)
         whole = Linearization(1.0, J.T @ r, at.hessian, at.border, at.corner, C[:, 1:].T @ r)
         dense = damped_step(whole, 1e-3)
-        monkeypatch.setattr(block_cg, "DENSE_UP_TO", 0)
+        monkeypatch.setattr(block_cg, "MAX_DENSE_UNKNOWNS", 0)
         np.testing.assert_allclose(damped_step(whole, 1e-3, 1e-9), dense, atol=1e-6 * np.abs(dense).max())

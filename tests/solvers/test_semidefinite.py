@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from grainmotion.solvers.semidefinite import RESOLVED, pseudo_inverse, solver, unit_scale, unresolved
+from grainmotion.solvers.semidefinite import (
+    RESOLVED_EIGENVALUE,
+    damped_solver,
+    pseudo_inverse,
+    unit_scale,
+    unresolved_information,
+)
 
 RNG = np.random.default_rng(0)
 UNITS = np.array([1e-6, 1.0, 1e5, 1e2])
@@ -35,21 +41,21 @@ class TestSolver:
         H = information() * np.outer(units, units)
         b = RNG.normal(size=4 if columns is None else (4, columns))
         damped = H + damping * np.diag(np.diagonal(H))
-        x = solver(H, damping)(b)
+        x = damped_solver(H, damping)(b)
         np.testing.assert_allclose((damped @ x).ravel(), b.ravel(), atol=1e-8)
 
     def test_a_negative_eigenvalue_by_rounding_is_no_exception(self):
         H = rounded()
         assert np.linalg.eigvalsh(H).min() < -1e-5
         for damping in (0.0, 1e-9, 1e-4, 1e-2):
-            x = solver(H, damping)(np.ones(6))
+            x = damped_solver(H, damping)(np.ones(6))
             assert np.isfinite(x).all()
             assert np.ones(6) @ x > 0  # a way downhill
 
     def test_a_direction_without_data_is_held(self):
         J = RNG.normal(size=(20, 3))
         J[:, 2] = J[:, 1]
-        x = solver(J.T @ J)(J.T @ (J @ [1.0, 2.0, 4.0]))
+        x = damped_solver(J.T @ J)(J.T @ (J @ [1.0, 2.0, 4.0]))
         np.testing.assert_allclose(x, [1, 3, 3], atol=1e-8)
 
     def test_how_large_the_rounding_is_does_not_show(self):
@@ -61,17 +67,17 @@ class TestSolver:
         for noise in (-1e-13, 0.0, 1e-13):
             H = J.T @ J
             H[1, 2] = H[2, 1] = H[1, 2] * (1 + noise)
-            ends.append(solver(H)(b))
+            ends.append(damped_solver(H)(b))
         np.testing.assert_allclose(ends[0], ends[1], rtol=1e-9, atol=1e-12)
         np.testing.assert_allclose(ends[2], ends[1], rtol=1e-9, atol=1e-12)
 
     def test_an_unknown_that_nothing_sees_stays(self):
         H = information()
         H[2] = H[:, 2] = 0
-        x = solver(H, 1e-4)(np.array([1.0, 2.0, 0.0, 3.0]))
+        x = damped_solver(H, 1e-4)(np.array([1.0, 2.0, 0.0, 3.0]))
         assert x[2] == 0
         H[2, 2] = 1e-25  # rounding errors are no information
-        assert solver(H, 1e-4)(np.ones(4))[2] == 0
+        assert damped_solver(H, 1e-4)(np.ones(4))[2] == 0
 
 
 class TestPseudoInverse:
@@ -100,7 +106,7 @@ class TestPseudoInverse:
         assert pseudo_inverse(left)[1, 1] == pytest.approx(1 / 3e-14)
 
 
-@pytest.mark.parametrize("solve", [solver, pseudo_inverse, unresolved])
+@pytest.mark.parametrize("solve", [damped_solver, pseudo_inverse, unresolved_information])
 @pytest.mark.parametrize("place", [(1, 1), (0, 2)])
 def test_a_matrix_that_is_not_finite_is_refused(solve, place):
     H = information()
@@ -112,19 +118,19 @@ def test_a_matrix_that_is_not_finite_is_refused(solve, place):
 class TestUnresolved:
     def test_nothing_is_added_to_regular_matrices(self):
         many = np.stack([information(columns=6, seed=k) for k in range(4)])
-        np.testing.assert_array_equal(unresolved(many), 0)
+        np.testing.assert_array_equal(unresolved_information(many), 0)
 
     def test_holds_the_direction_and_no_other(self):
         J = RNG.normal(size=(20, 6)) * [1, 1, 1, 1e-3, 1e-3, 1e-3]
         J[:, 5] = J[:, 4]
         H = J.T @ J
-        held = unresolved(H[None])[0]
+        held = unresolved_information(H[None])[0]
         way = np.array([0, 0, 0, 0, 1, -1.0])
         assert way @ held @ way == pytest.approx(way @ np.diag(np.diagonal(H)) @ way, rel=1e-6)
         across = np.linalg.svd(way[None])[2][1:]
         np.testing.assert_allclose(held @ across.T @ across @ H @ np.ones(6), 0, atol=1e-6)
         scale = unit_scale(np.diagonal(H))
-        assert np.linalg.eigvalsh((H + held) * np.outer(scale, scale)).min() > 1e3 * RESOLVED
+        assert np.linalg.eigvalsh((H + held) * np.outer(scale, scale)).min() > 1e3 * RESOLVED_EIGENVALUE
 
     def test_unseen_unknowns_get_one(self):
-        np.testing.assert_array_equal(unresolved(np.zeros((2, 6, 6))), np.tile(np.eye(6), (2, 1, 1)))
+        np.testing.assert_array_equal(unresolved_information(np.zeros((2, 6, 6))), np.tile(np.eye(6), (2, 1, 1)))

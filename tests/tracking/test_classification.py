@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from few_grains import ANGLES, PANEL, VOXEL, geometry, grain_set, motions, radiographs, small_motions
+from few_grains import ANGLES, GAIN_AND_OFFSET, PANEL, VOXEL, geometry, grain_set, motions, radiographs, small_motions
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.motions import Status
 from grainmotion.model.pose import Pose
@@ -13,14 +13,14 @@ from grainmotion.model.scan import Scan
 from grainmotion.objective.data_term import Target
 from grainmotion.objective.normal_matrix import normal_matrix, normal_of
 from grainmotion.objective.residual import StateProblem
-from grainmotion.objective.response_parameters import DRIFT, ResponseModel
+from grainmotion.objective.response_parameters import ResponseModel
 from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.rotations import rotation_vector
 from grainmotion.solvers.gauss_newton import Solution, Stopping, gauss_newton
-from grainmotion.tracking.classification import judge
-from grainmotion.tracking.refinement import Polished
+from grainmotion.tracking.classification import classify
+from grainmotion.tracking.refinement import RefinedFit
 from grainmotion.uncertainty.covariance import covariances, regular_inverse
-from grainmotion.uncertainty.rotation_identifiability import unconfirmed
+from grainmotion.uncertainty.rotation_identifiability import unconfirmed_rotations
 from grainmotion.uncertainty.weak_directions import weak_directions
 
 GRAINS = grain_set()
@@ -34,7 +34,11 @@ def posed(truth):
 
 def problem_of(scan, grains=GRAINS, sigma=0.7, gain=True):
     target = Target(
-        scan, np.zeros(scan.line_integrals.shape, np.float32), "trilinear", sigma, DRIFT if gain else ResponseModel()
+        scan,
+        np.zeros(scan.line_integrals.shape, np.float32),
+        "trilinear",
+        sigma,
+        GAIN_AND_OFFSET if gain else ResponseModel(),
     )
     return StateProblem(GrainArrays.of(grains, fine=True), target)
 
@@ -46,16 +50,16 @@ def judged(scan, pose, grains=GRAINS, limits=LIMITS, settled=True, last_step=Non
     step = np.zeros(6 * len(grains)) if last_step is None else last_step
     solution = Solution(pose, (at.cost,), step, settled)
     doubtful = np.zeros(len(grains), dtype=bool) if doubtful is None else doubtful
-    return judge(grains, polished(problem, solution), doubtful, limits, (("free", 0.1), ("free", 0.05)))
+    return classify(grains, polished(problem, solution), doubtful, limits, (("free", 0.1), ("free", 0.05)))
 
 
 def polished(problem, solution):
     """A solution with its covariances, nothing held."""
-    seen = problem.look(solution.state)
-    hessian = normal_matrix(seen.derivatives, seen.patches, len(problem.grains))
-    known, _ = covariances(problem, solution.state, seen, hessian)
-    known[:, 3:, 3:] += unconfirmed(problem, solution.state, seen)
-    return Polished(problem, solution, known, weak_directions(known, problem.grains).posterior())
+    evaluation = problem.evaluate_with_derivatives(solution.state)
+    hessian = normal_matrix(evaluation.derivatives, evaluation.patches, len(problem.grains))
+    known, _ = covariances(problem, solution.state, evaluation, hessian)
+    known[:, 3:, 3:] += unconfirmed_rotations(problem, solution.state, evaluation)
+    return RefinedFit(problem, solution, known, weak_directions(known, problem.grains).posterior())
 
 
 class TestStatuses:
@@ -164,7 +168,7 @@ class TestCovariance:
             noise = 0.05 * np.random.default_rng(seed).standard_normal(clean.line_integrals.shape)
             problem = problem_of(Scan(clean.line_integrals + noise.astype(np.float32), clean.geometry), grains)
             solution = gauss_newton(problem, posed(truth), Stopping(10, 1e-4))
-            found = judge(grains, polished(problem, solution), np.zeros(3, dtype=bool), LIMITS, ())
+            found = classify(grains, polished(problem, solution), np.zeros(3, dtype=bool), LIMITS, ())
             u = found.translations - truth.translations
             w = rotation_vector(found.matrices @ truth.matrices.transpose(0, 2, 1))
             ratios.append(np.hstack([u, w]) / np.sqrt(np.diagonal(found.covariances, axis1=1, axis2=2)))
@@ -201,13 +205,13 @@ class TestCovariance:
         """Standard deviations of many grains are drawn: right to the square root of 1 over twice the draws."""
         problem = problem_of(radiographs(GRAINS, TRUTH))
         pose, n = posed(TRUTH), len(GRAINS)
-        seen = problem.look(pose)
-        dense, _ = covariances(problem, pose, seen, normal_matrix(seen.derivatives, seen.patches, n))
-        monkeypatch.setattr("grainmotion.objective.normal_matrix.DENSE_UP_TO", 0)
-        monkeypatch.setattr("grainmotion.solvers.block_cg.DENSE_UP_TO", 0)
-        monkeypatch.setattr("grainmotion.uncertainty.covariance.DRAWS", 200)
-        product = normal_of(seen.derivatives, seen.patches, n, seen.residual.shape)
-        drawn, _ = covariances(problem, pose, seen, product)
+        evaluation = problem.evaluate_with_derivatives(pose)
+        dense, _ = covariances(problem, pose, evaluation, normal_matrix(evaluation.derivatives, evaluation.patches, n))
+        monkeypatch.setattr("grainmotion.objective.normal_matrix.MAX_DENSE_UNKNOWNS", 0)
+        monkeypatch.setattr("grainmotion.solvers.block_cg.MAX_DENSE_UNKNOWNS", 0)
+        monkeypatch.setattr("grainmotion.uncertainty.covariance.NOISE_DRAWS", 200)
+        product = normal_of(evaluation.derivatives, evaluation.patches, n, evaluation.residual.shape)
+        drawn, _ = covariances(problem, pose, evaluation, product)
         np.testing.assert_allclose(
             np.sqrt(np.diagonal(drawn, axis1=1, axis2=2)), np.sqrt(np.diagonal(dense, axis1=1, axis2=2)), rtol=0.15
         )

@@ -9,7 +9,7 @@ from grainmotion.model.motions import Status
 from grainmotion.model.pose import Pose
 from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.rotations import rotation_matrix
-from grainmotion.tracking.global_search import field_through
+from grainmotion.tracking.global_search import affine_field_through
 from grainmotion.tracking.track import TrackSettings, track
 
 GRAINS = grain_set()
@@ -60,14 +60,14 @@ class TestFieldThrough:
         places = self.AFFINE.copy()
         wrong = rng.permutation(30)[:9]
         places[wrong, :2] += rng.uniform(-12, 12, (9, 2))
-        found = field_through(Pose(places, rotation_matrix(rng.normal(size=(30, 3)))), self.GRAINS, self.BASE)
+        found = affine_field_through(Pose(places, rotation_matrix(rng.normal(size=(30, 3)))), self.GRAINS, self.BASE)
         assert np.abs(found.translations - self.AFFINE).max() < 0.5
         np.testing.assert_array_equal(found.matrices, self.BASE.matrices)
 
     def test_few_grains_have_none(self):
         few = self.GRAINS.select(range(5))
         base = Pose(np.zeros((5, 3)), np.tile(np.eye(3), (5, 1, 1)))
-        assert field_through(Pose(self.AFFINE[:5], base.matrices), few, base) is base
+        assert affine_field_through(Pose(self.AFFINE[:5], base.matrices), few, base) is base
 
 
 class TestInAPlane:

@@ -26,8 +26,8 @@ class TestPaths:
         problem = problem_of(4)
         start, tight = many.still(64), Stopping(iterations=12, step=1e-9, decrease=0.0, forcing=1e-9)
         dense = gauss_newton(problem, start, tight).state
-        monkeypatch.setattr("grainmotion.solvers.block_cg.DENSE_UP_TO", 0)
-        monkeypatch.setattr("grainmotion.objective.normal_matrix.DENSE_UP_TO", 0)
+        monkeypatch.setattr("grainmotion.solvers.block_cg.MAX_DENSE_UNKNOWNS", 0)
+        monkeypatch.setattr("grainmotion.objective.normal_matrix.MAX_DENSE_UNKNOWNS", 0)
         assert isinstance(problem.linearize(start).hessian, PatchNormalMatrix)
         product = gauss_newton(problem, start, tight).state
         apart = np.linalg.norm(dense.translations - product.translations, axis=1)
@@ -40,8 +40,8 @@ class TestPaths:
 class TestGrowth:
     @pytest.fixture(autouse=True)
     def products(self, monkeypatch):
-        monkeypatch.setattr("grainmotion.solvers.block_cg.DENSE_UP_TO", 0)
-        monkeypatch.setattr("grainmotion.objective.normal_matrix.DENSE_UP_TO", 0)
+        monkeypatch.setattr("grainmotion.solvers.block_cg.MAX_DENSE_UNKNOWNS", 0)
+        monkeypatch.setattr("grainmotion.objective.normal_matrix.MAX_DENSE_UNKNOWNS", 0)
 
     @staticmethod
     def peak(side):
@@ -62,6 +62,6 @@ class TestGrowth:
         assert more < 1.1 * few
 
     def test_patches_hold_the_derivatives_of_their_own_pixels_alone(self):
-        seen = [problem_of(side).look(many.still(side**3)) for side in (3, 6)]
+        seen = [problem_of(side).evaluate_with_derivatives(many.still(side**3)) for side in (3, 6)]
         few, more = (s.derivatives.size / len(s.patches.seen) for s in seen)
         assert more == pytest.approx(few, rel=0.1)

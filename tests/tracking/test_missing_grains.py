@@ -5,23 +5,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from few_grains import grain_set, motions, radiographs, small_motions
+from few_grains import GAIN_AND_OFFSET, grain_set, motions, radiographs, small_motions
 from grainmotion.model.motions import Motions, StateFit, Status
 from grainmotion.model.pose import Pose
 from grainmotion.model.scan import Scan
 from grainmotion.objective.data_term import Target
 from grainmotion.objective.residual import StateProblem
-from grainmotion.objective.response_parameters import DRIFT
 from grainmotion.projection.grain_arrays import GrainArrays
-from grainmotion.tracking.missing_grains import complete, improves, shadows_held, suspects
+from grainmotion.tracking.missing_grains import complete, grain_supports, improves, suspects
 
 GRAINS = grain_set()
 TRUTH = small_motions(GRAINS)
 
 
 def supports_of(scan, truth=TRUTH):
-    target = Target(scan, np.zeros(scan.line_integrals.shape, np.float32), "trilinear", 2.0, DRIFT)
-    held = shadows_held(StateProblem(GrainArrays.of(GRAINS), target), Pose(truth.translations, truth.matrices))
+    target = Target(scan, np.zeros(scan.line_integrals.shape, np.float32), "trilinear", 2.0, GAIN_AND_OFFSET)
+    held = grain_supports(StateProblem(GrainArrays.of(GRAINS), target), Pose(truth.translations, truth.matrices))
     return np.array([shadow.support for shadow in held])
 
 

@@ -11,8 +11,8 @@ from grainmotion.model.scan import Scan
 from grainmotion.objective.data_term import Target
 from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.projection.grains import assemble, project_patches, shadows
-from grainmotion.tracking.multiresolution import ALONE, coarsened, coarsening
-from grainmotion.tracking.track import TrackSettings, _course
+from grainmotion.tracking.multiresolution import FREE_GRAIN_PIXELS, coarsened, coarsening
+from grainmotion.tracking.track import TrackSettings, _multistage_fit
 
 GRAINS = few_grains.grain_set()
 PACKED = GrainArrays.of(GRAINS)
@@ -75,15 +75,15 @@ class TestRadiographs:
 class TestStages:
     def test_wide_filters_see_fewer_rays(self):
         """Grains 14 voxels across: a field on pixels twice as large, each alone on those of the panel."""
-        course = _course(GRAINS, Scan(images(PACKED, VIEWS), VIEWS), TrackSettings(), None)
-        _, field = course.level(12.0, least=6.0)
-        _, alone = course.level(6.0)
+        fit = _multistage_fit(GRAINS, Scan(images(PACKED, VIEWS), VIEWS), TrackSettings(), None)
+        _, field = fit.level(12.0, least=6.0)
+        _, alone = fit.level(6.0)
         assert field.scan.geometry.shape == tuple(-(-k // 2) for k in VIEWS.shape)
         assert alone.scan.geometry.shape == VIEWS.shape
-        assert 2 * float(np.median(PACKED.radii)) / few_grains.VOXEL < 2 * ALONE
+        assert 2 * float(np.median(PACKED.radii)) / few_grains.VOXEL < 2 * FREE_GRAIN_PIXELS
 
     def test_levels_are_made_once(self):
-        course = _course(GRAINS, Scan(images(PACKED, VIEWS), VIEWS), TrackSettings(), None)
-        one, other = course.level(12.0, least=6.0), course.level(13.0, least=6.0)
+        fit = _multistage_fit(GRAINS, Scan(images(PACKED, VIEWS), VIEWS), TrackSettings(), None)
+        one, other = fit.level(12.0, least=6.0), fit.level(13.0, least=6.0)
         assert one[0] is other[0]
         assert one[1].scan is other[1].scan

@@ -5,15 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from few_grains import grain_set, motions, radiographs, small_motions
+from few_grains import GAIN_AND_OFFSET, grain_set, motions, radiographs, small_motions
 from grainmotion.model.motions import Motions, StateFit, Status
 from grainmotion.model.pose import Pose
 from grainmotion.model.scan import Scan
 from grainmotion.objective.data_term import Target
 from grainmotion.objective.residual import StateProblem
-from grainmotion.objective.response_parameters import DRIFT
 from grainmotion.projection.grain_arrays import GrainArrays
-from grainmotion.tracking.new_grains import may_have_appeared, started, stranger_places, with_stand_in
+from grainmotion.tracking.new_grains import may_have_appeared, start_with_stand_in, unexplained_places, with_stand_in
 from grainmotion.tracking.track import track
 
 GRAINS = grain_set()
@@ -28,11 +27,11 @@ def known():
 
 def test_a_place_that_all_views_hold(known):
     scan = radiographs(GRAINS, TRUTH)
-    target = Target(scan, np.zeros_like(scan.line_integrals), "trilinear", 2.0, DRIFT)
+    target = Target(scan, np.zeros_like(scan.line_integrals), "trilinear", 2.0, GAIN_AND_OFFSET)
     rows = [k for k in range(len(GRAINS)) if k != NEW]
     pose = Pose(TRUTH.translations[rows], TRUTH.matrices[rows])
     problem = StateProblem(GrainArrays.of(known), target)
-    (found, *_) = stranger_places(problem, pose, problem.look(pose))
+    (found, *_) = unexplained_places(problem, pose, problem.evaluate_with_derivatives(pose))
     radius = float(np.median(problem.grains.radii))
     assert np.linalg.norm(np.array(found[:3]) - GRAINS.centers[NEW] - TRUTH.translations[NEW]) < 0.7 * radius
     assert found[3] > 0.5
@@ -40,10 +39,10 @@ def test_a_place_that_all_views_hold(known):
 
 def test_nothing_strange_where_all_are_known():
     scan = radiographs(GRAINS, TRUTH)
-    target = Target(scan, np.zeros_like(scan.line_integrals), "trilinear", 2.0, DRIFT)
+    target = Target(scan, np.zeros_like(scan.line_integrals), "trilinear", 2.0, GAIN_AND_OFFSET)
     problem = StateProblem(GrainArrays.of(GRAINS), target)
     pose = Pose(TRUTH.translations, TRUTH.matrices)
-    assert stranger_places(problem, pose, problem.look(pose)) == []
+    assert unexplained_places(problem, pose, problem.evaluate_with_derivatives(pose)) == []
 
 
 def test_one_of_five_appears(known):
@@ -71,10 +70,10 @@ def test_the_stand_in_is_of_the_usual_size(known):
     assert ball.fine is not None
     scale = (ball.volume.voxel_size / ball.fine.voxel_size) ** 3
     assert ball.fine.array.sum() == pytest.approx(scale * ball.volume.array.sum(), rel=0.05)
-    start = started(motions(known), whole)
+    start = start_with_stand_in(motions(known), whole)
     np.testing.assert_array_equal(start.labels, whole.labels)
     assert not start.translations[-1].any()
-    assert started(None, whole) is None
+    assert start_with_stand_in(None, whole) is None
 
 
 @pytest.mark.parametrize(("gain", "lost", "expected"), [(1.3, 3, True), (1.0, 3, False), (1.3, 0, False)])
@@ -89,4 +88,4 @@ def test_empty_radiographs_hold_nothing_strange(known):
     empty = Scan(np.zeros_like(scan.line_integrals), scan.geometry)
     problem = StateProblem(GrainArrays.of(known), Target(empty, np.zeros_like(scan.line_integrals), "trilinear", 2.0))
     pose = Pose(np.zeros((4, 3)), np.tile(np.eye(3), (4, 1, 1)))
-    assert stranger_places(problem, pose, problem.look(pose)) == []
+    assert unexplained_places(problem, pose, problem.evaluate_with_derivatives(pose)) == []

@@ -11,13 +11,13 @@ from grainmotion.analysis.residual_images import leftover
 from grainmotion.model.pose import NuisanceMotion, Pose
 from grainmotion.model.scan import Scan
 from grainmotion.objective.data_term import Target
-from grainmotion.objective.nuisance_motions import NuisanceModel, corrected
+from grainmotion.objective.nuisance_motions import NuisanceModel, corrected_geometry
 from grainmotion.objective.residual import StateProblem
 from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.projection.grains import simulate_radiographs
 from grainmotion.rotations import rotation_matrix, rotation_vector
 from grainmotion.tracking.track import TrackSettings, track
-from grainmotion.tracking.view_alignment import imitations
+from grainmotion.tracking.view_alignment import imitated_corrections
 
 GRAINS = grain_set()
 TRUTH = small_motions(GRAINS)
@@ -28,7 +28,7 @@ PLANTED = np.array([[0.6, -0.4, 0.004], [-0.5, 0.3, -0.003], [0.2, 0.7, 0.002], 
 def misplaced(angles=(0.0, 50.0, 95.0, 140.0), planted=PLANTED, noise=0.01):
     """Radiographs of views that stood elsewhere than is told."""
     views = geometry(angles)
-    there = corrected(views, NuisanceMotion(planted[: len(angles)], np.zeros(3), np.eye(3)))
+    there = corrected_geometry(views, NuisanceMotion(planted[: len(angles)], np.zeros(3), np.eye(3)))
     return replace(radiographs(GRAINS, TRUTH, views=there, noise=noise), geometry=views)
 
 
@@ -37,8 +37,8 @@ def imitated():
     """Corrections ``(12, 4)``, in units of pixels and 0.01 rad, that a motion of the whole sample does as well."""
     scan = misplaced(noise=0.0)
     nothing = np.zeros(scan.line_integrals.shape, np.float32)
-    target = Target(scan, nothing, "trilinear", 0.7, loose=NuisanceModel(view_shift=1.0, view_turn=0.01))
-    return imitations(StateProblem(GrainArrays.of(GRAINS), target), Pose(TRUTH.translations, TRUTH.matrices))
+    target = Target(scan, nothing, "trilinear", 0.7, nuisance=NuisanceModel(view_shift_sd=1.0, view_angle_sd=0.01))
+    return imitated_corrections(StateProblem(GrainArrays.of(GRAINS), target), Pose(TRUTH.translations, TRUTH.matrices))
 
 
 def without_common_motion(corrections):
@@ -59,13 +59,13 @@ def apart_from_the_mean(measured):
 
 
 @cache
-def with_poses():
+def with_view_poses():
     return track(GRAINS, misplaced(), settings=replace(QUICK, view_corrections="always"))
 
 
 class TestPosesOfViews:
     def test_planted_ones_are_found_but_for_a_motion_of_the_sample(self):
-        measured = with_poses()
+        measured = with_view_poses()
         left = without_common_motion(measured.fit.corrections - PLANTED)
         assert np.abs(without_common_motion(PLANTED)[:, :2]).max() > 0.3  # pixels
         assert np.abs(left[:, :2]).max() < 0.05
@@ -74,7 +74,7 @@ class TestPosesOfViews:
         assert measured.fit.corrections_sd.shape == (4, 3)
 
     def test_the_grains_are_right_among_each_other(self):
-        told = apart_from_the_mean(with_poses())
+        told = apart_from_the_mean(with_view_poses())
         plain = apart_from_the_mean(track(GRAINS, misplaced(), settings=replace(QUICK, view_corrections="never")))
         assert told[0] < 0.05
         assert told[1] < 0.5
@@ -82,7 +82,7 @@ class TestPosesOfViews:
 
     def test_nothing_is_left_on_the_radiographs(self):
         scan = misplaced()
-        assert np.std(leftover(GRAINS, with_poses(), scan)) == pytest.approx(0.01, rel=0.1)
+        assert np.std(leftover(GRAINS, with_view_poses(), scan)) == pytest.approx(0.01, rel=0.1)
 
     def test_views_that_stand_where_told_get_no_corrections_to_speak_of(self):
         measured = track(GRAINS, radiographs(GRAINS, TRUTH), settings=replace(QUICK, view_corrections="always"))

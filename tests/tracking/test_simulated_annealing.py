@@ -15,12 +15,12 @@ from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.projection.grains import simulate_radiographs
 from grainmotion.rotations import rotation_matrix, rotation_vector
 from grainmotion.tracking import simulated_annealing as module
-from grainmotion.tracking.global_search import PLANAR
-from grainmotion.tracking.simulated_annealing import Ranges, anneal
+from grainmotion.tracking.global_search import PLANAR_ATTEMPTS
+from grainmotion.tracking.simulated_annealing import SearchRanges, anneal
 
 GRAINS = grain_set()
 PACKED = GrainArrays.of(GRAINS)
-FAR = Ranges(angle=np.deg2rad(60), reach=0.5, across=10.0, step=1.0, turn_step=1.2, sweeps=15)
+FAR = SearchRanges(angle=np.deg2rad(60), reach=0.5, across=10.0, step=1.0, turn_step=1.2, sweeps=15)
 
 
 def moved(rows, shift, turn_deg, seed=0):
@@ -115,9 +115,9 @@ class TestAnneal:
         monkeypatch.setattr(module._CandidateTable, "of", classmethod(kept))
         truth = moved(np.array([1]), 0.2, 20.0)
         anneal(PACKED, target(truth), start(), np.arange(5), FAR, seed=0)
-        monkeypatch.setattr(module, "LARGEST_TABLE", room[0].values.size // 4)
+        monkeypatch.setattr(module, "MAX_TABLE_NUMBERS", room[0].values.size // 4)
         anneal(PACKED, target(truth), start(), np.arange(5), FAR, seed=0)
-        assert room[1].values.size <= module.LARGEST_TABLE + room[0].values.shape[1]
+        assert room[1].values.size <= module.MAX_TABLE_NUMBERS + room[0].values.shape[1]
         assert any(np.allclose(turn, np.eye(3)) for turn in room[1].turns)
 
     def test_a_seed_says_it_all(self):
@@ -160,7 +160,7 @@ class TestAnneal:
         slopes, rng, ends = module._slopes, np.random.default_rng(0), []
         for size in (0.0, 1e-14, 1e-14):
             monkeypatch.setattr(module, "_slopes", lambda *a, s=size: slopes(*a) + s * rng.normal(size=(6, 2, 2, 3)))
-            ends.append(anneal(GrainArrays.of(grains), seen, still, np.arange(6), PLANAR[0], seed=1))
+            ends.append(anneal(GrainArrays.of(grains), seen, still, np.arange(6), PLANAR_ATTEMPTS[0], seed=1))
         for end in ends[1:]:
             np.testing.assert_array_equal(end.translations, ends[0].translations)
             np.testing.assert_array_equal(end.matrices, ends[0].matrices)

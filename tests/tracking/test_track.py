@@ -26,7 +26,7 @@ from grainmotion.model.motions import Motions, Status
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.rotations import apply_motion, rotation_vector
-from grainmotion.solvers.gauss_newton import SIGNIFICANT
+from grainmotion.solvers.gauss_newton import SIGNIFICANT_COST_CHANGE
 from grainmotion.tracking.initial_guess import starting_pose
 from grainmotion.tracking.track import PAPER, TrackSettings, track
 
@@ -367,7 +367,7 @@ class TestAbsurd:
         def fail(*_):
             raise np.linalg.LinAlgError("SVD did not converge")
 
-        monkeypatch.setattr("grainmotion.solvers.block_cg.solver", fail)
+        monkeypatch.setattr("grainmotion.solvers.block_cg.damped_solver", fail)
         measured = track(GRAINS, radiographs(GRAINS, TRUTH))
         assert set(measured.statuses) == {Status.NOT_FITTED.value}
         assert "SVD did not converge" in measured.reasons[0]
@@ -385,8 +385,8 @@ class TestAbsurd:
             return approach(*arguments)
 
         module = sys.modules["grainmotion.tracking.track"]
-        approach = module.approach
-        monkeypatch.setattr(module, "approach", fail_later)
+        approach = module.initialise
+        monkeypatch.setattr(module, "initialise", fail_later)
         measured = track(GRAINS, scan)
         assert len(tried) > 1
         assert Status.NOT_FITTED.value not in measured.statuses
@@ -412,7 +412,7 @@ class TestTelling:
         costs = track(GRAINS, radiographs(GRAINS, TRUTH)).fit.costs
         for (stage, cost), (next_stage, next_cost) in pairwise(costs):
             if stage == next_stage and "free" in stage:
-                assert next_cost < cost * (1 + SIGNIFICANT)
+                assert next_cost < cost * (1 + SIGNIFICANT_COST_CHANGE)
         assert costs[-1][1] < 0.05
 
     def test_the_same_whatever_the_run(self):

@@ -10,19 +10,19 @@ from grainmotion.model.pose import Pose
 from grainmotion.model.scan import Scan
 from grainmotion.objective.data_term import Target
 from grainmotion.objective.residual import StateProblem
-from grainmotion.objective.response_parameters import KNOWN, ResponseModel
+from grainmotion.objective.response_parameters import IDENTITY_RESPONSE, ResponseModel
 from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.projection.grains import simulate_radiographs
 from grainmotion.solvers.gauss_newton import Stopping, gauss_newton
 from grainmotion.uncertainty.noise_model import (
-    HUBER,
+    HUBER_SD,
     NoiseModel,
     noise_model,
     noise_shares,
     open_beam,
     reweighted,
     shaded_pixels,
-    slope_squared,
+    squared_gradient,
 )
 
 GRAINS = grain_set(finer=1)
@@ -43,14 +43,14 @@ def counted(photons, beam=1.0, seed=0):
     return -np.log(np.maximum(counts, 0.5) / (photons * beam))
 
 
-def problem(images, valid=None, beam=None, freedom=KNOWN, sigma=0.0):
+def problem(images, valid=None, beam=None, response_model=IDENTITY_RESPONSE, sigma=0.0):
     scan = Scan(images.astype(np.float32), geometry(), valid, beam)
-    return StateProblem(PACKED, Target(scan, np.zeros(IDEAL.shape, np.float32), "trilinear", sigma, freedom))
+    return StateProblem(PACKED, Target(scan, np.zeros(IDEAL.shape, np.float32), "trilinear", sigma, response_model))
 
 
 def model(images, pose=POSE, **target):
     at = problem(images, **target)
-    return noise_model(at.target, at.look(pose))
+    return noise_model(at.target, at.evaluate_with_derivatives(pose))
 
 
 class TestNoiseModel:
@@ -107,21 +107,21 @@ class TestNoiseModel:
 
     def test_slopes(self):
         y, x = np.mgrid[:6, :7].astype(float)
-        np.testing.assert_allclose(slope_squared((2 * x - 3 * y)[None]), 13)
-        np.testing.assert_allclose(slope_squared(2 * x[None, :1]), 4)
-        np.testing.assert_array_equal(slope_squared(np.ones((2, 1, 1))), 0)
+        np.testing.assert_allclose(squared_gradient((2 * x - 3 * y)[None]), 13)
+        np.testing.assert_allclose(squared_gradient(2 * x[None, :1]), 4)
+        np.testing.assert_array_equal(squared_gradient(np.ones((2, 1, 1))), 0)
 
 
 class TestWeights:
     def test_uniform_squares_are_left_alone(self):
         at = problem(counted(1e3))
-        target, share = reweighted(at.target, at.look(POSE), "uniform", "squares")
+        target, share = reweighted(at.target, at.evaluate_with_derivatives(POSE), "uniform", "squares")
         np.testing.assert_array_equal(target.weights, 1)
         assert share == 0
 
     def test_photons_give_the_inverse_variance(self):
         at = problem(counted(1e3, BEAM), beam=BEAM)
-        target, _ = reweighted(at.target, at.look(POSE), "photons", "squares")
+        target, _ = reweighted(at.target, at.evaluate_with_derivatives(POSE), "photons", "squares")
         truth = BEAM * np.exp(-IDEAL)
         assert target.weights.mean() == pytest.approx(1)
         np.testing.assert_allclose(target.weights, truth / truth.mean(), rtol=0.15)
@@ -129,18 +129,18 @@ class TestWeights:
     def test_masked_pixels_do_not_count_in_their_mean(self):
         valid = rng(3).uniform(size=IDEAL.shape) > 0.5
         at = problem(counted(1e3), valid)
-        target, _ = reweighted(at.target, at.look(POSE), "photons", "squares")
+        target, _ = reweighted(at.target, at.evaluate_with_derivatives(POSE), "photons", "squares")
         assert target.weights[valid].mean() == pytest.approx(1)
 
     def test_hubers_share_is_that_of_the_outliers(self):
         images = IDEAL + 0.02 * rng().standard_normal(IDEAL.shape)
         clean = problem(images)
-        target, share = reweighted(clean.target, clean.look(POSE), "uniform", "huber")
+        target, share = reweighted(clean.target, clean.evaluate_with_derivatives(POSE), "uniform", "huber")
         assert share < 0.01  # 0.27 % of normal numbers are beyond three deviations
         out = rng(5).uniform(size=IDEAL.shape) < 0.05
         spoiled = problem(np.where(out, images + 0.8, images))
-        target, share = reweighted(spoiled.target, spoiled.look(POSE), "uniform", "huber")
-        shaded = shaded_pixels(spoiled.target, spoiled.look(POSE))
+        target, share = reweighted(spoiled.target, spoiled.evaluate_with_derivatives(POSE), "uniform", "huber")
+        shaded = shaded_pixels(spoiled.target, spoiled.evaluate_with_derivatives(POSE))
         assert share == pytest.approx(out[shaded].mean(), rel=0.2)
         inside = np.median(target.weights[~out])
         assert target.weights[out].max() < 0.2 * inside
@@ -149,12 +149,12 @@ class TestWeights:
     def test_hubers_weight_is_three_deviations_over_the_residual(self):
         noisy = IDEAL + 0.02 * rng().standard_normal(IDEAL.shape)
         at = problem(np.where(rng(5).uniform(size=IDEAL.shape) < 0.01, noisy + 0.5, noisy))
-        seen = at.look(POSE)
-        target, _ = reweighted(at.target, seen, "uniform", "huber")
-        noise = noise_model(at.target, seen, HUBER)
+        evaluation = at.evaluate_with_derivatives(POSE)
+        target, _ = reweighted(at.target, evaluation, "uniform", "huber")
+        noise = noise_model(at.target, evaluation, HUBER_SD)
         assert noise.even == pytest.approx(0.02, rel=0.1)
-        size = np.abs(seen.raw) / np.sqrt(noise.variance(IDEAL, 1.0))
-        expected = np.minimum(1, HUBER / size)
+        size = np.abs(evaluation.raw_residual) / np.sqrt(noise.variance(IDEAL, 1.0))
+        expected = np.minimum(1, HUBER_SD / size)
         np.testing.assert_allclose(target.weights / target.weights.max(), expected / expected.max(), rtol=1e-3)
 
     def test_open_beam(self):
@@ -170,15 +170,15 @@ def counts(photons):
     """Counts of two smooth grains, as a problem, and themselves."""
     views = geometry()
     nothing = Target(Scan(np.zeros(IDEAL.shape, np.float32), views), np.zeros(IDEAL.shape), "trilinear", 0.0)
-    path = StateProblem(SMOOTH, nothing).look(PLACED).path
-    seen = np.maximum(rng().poisson(photons * np.exp(-path)), 0.5)
-    return StateProblem(SMOOTH, replace(nothing, scan=Scan(-np.log(seen / photons), views))), seen
+    path = StateProblem(SMOOTH, nothing).evaluate_with_derivatives(PLACED).line_integrals
+    evaluation = np.maximum(rng().poisson(photons * np.exp(-path)), 0.5)
+    return StateProblem(SMOOTH, replace(nothing, scan=Scan(-np.log(evaluation / photons), views))), evaluation
 
 
 class TestPoisson:
     def likelihood(self, problem, counts, photons, pose):
         """Minus its logarithm."""
-        path = problem.look(pose).path
+        path = problem.evaluate_with_derivatives(pose).line_integrals
         return float((counts * path + photons * np.exp(-path)).sum())
 
     def score(self, problem, counts, photons, pose, step=2e-3):
@@ -190,41 +190,41 @@ class TestPoisson:
                 for sign in (1, -1)
             ]
             slopes[k] = (ends[0] - ends[1]) / (2 * step)
-        weights = photons * np.exp(-problem.look(pose).path)
+        weights = photons * np.exp(-problem.evaluate_with_derivatives(pose).line_integrals)
         fisher = replace(problem, target=replace(problem.target, weights=weights)).linearize(pose).hessian.diagonal()
         return slopes / np.sqrt(fisher), np.sqrt(fisher)
 
     def test_the_weighted_gap_is_the_score(self):
         """The gradient of the reweighted squares is that of the likelihood, whatever the pose."""
         photons = 200.0
-        at, seen = counts(photons)
+        at, evaluation = counts(photons)
         pose = Pose(PLACED.translations + 0.3 * VOXEL, PLACED.matrices)
-        target, _ = reweighted(at.target, at.look(pose), "uniform", "poisson")
-        scale = photons * np.exp(-at.look(pose).path).mean()  # weights have a mean of 1
+        target, _ = reweighted(at.target, at.evaluate_with_derivatives(pose), "uniform", "poisson")
+        scale = photons * np.exp(-at.evaluate_with_derivatives(pose).line_integrals).mean()  # weights have a mean of 1
         gradient = scale * replace(at, target=target).linearize(pose).gradient
-        slopes, deviations = self.score(at, seen, photons, pose)
+        slopes, deviations = self.score(at, evaluation, photons, pose)
         assert np.abs(slopes).max() > 3
         np.testing.assert_allclose(gradient / deviations, slopes, atol=0.1)
 
     def test_a_fixed_point_has_no_score(self):
         """Iterated, it ends where the likelihood of the counts has no slope; plain squares do not."""
         photons = 40.0
-        at, seen = counts(photons)
+        at, evaluation = counts(photons)
         stopping = Stopping(30, 1e-6, 1e-14)
         pose = plain = gauss_newton(at, PLACED, stopping).state
         working, share = at, 1.0
         for _ in range(5):
-            target, share = reweighted(at.target, at.look(pose), "uniform", "poisson")
+            target, share = reweighted(at.target, at.evaluate_with_derivatives(pose), "uniform", "poisson")
             working = replace(working, target=target)
             pose = gauss_newton(working, pose, stopping).state
         assert share == 0
-        assert np.abs(self.score(at, seen, photons, pose)[0]).max() < 0.08
-        assert np.abs(self.score(at, seen, photons, plain)[0]).max() > 0.25
+        assert np.abs(self.score(at, evaluation, photons, pose)[0]).max() < 0.08
+        assert np.abs(self.score(at, evaluation, photons, plain)[0]).max() > 0.25
 
     def test_pixels_without_a_photon(self):
         images = counted(60.0)
         images[:, 20:24, 30:34] = 30.0
-        at = problem(images, freedom=ResponseModel("global"))
-        target, _ = reweighted(at.target, at.look(POSE), "photons", "poisson")
+        at = problem(images, response_model=ResponseModel("global"))
+        target, _ = reweighted(at.target, at.evaluate_with_derivatives(POSE), "photons", "poisson")
         assert np.isfinite(target.scan.line_integrals).all()
         assert np.isfinite(target.weights).all()

@@ -5,25 +5,28 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from few_grains import VOXEL, geometry, grain_set, motions, radiographs, small_motions
+from few_grains import GAIN_AND_OFFSET, VOXEL, geometry, grain_set, motions, radiographs, small_motions
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.pose import NuisanceMotion, Pose
 from grainmotion.objective.data_term import Target
-from grainmotion.objective.nuisance_motions import corrected
+from grainmotion.objective.nuisance_motions import corrected_geometry
 from grainmotion.objective.residual import StateProblem
-from grainmotion.objective.response_parameters import DRIFT
 from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.projection.grains import shadows
 from grainmotion.rotations import rotation_matrix
-from grainmotion.uncertainty.rotation_identifiability import ANY_TURN, _swollen, unconfirmed
+from grainmotion.uncertainty.rotation_identifiability import (
+    UNIFORM_ANGLE_VARIANCE,
+    _with_rotated_hulls,
+    unconfirmed_rotations,
+)
 
 
-def loose(grains, truth, scan, valid=None):
+def nuisance(grains, truth, scan, valid=None):
     """Covariances of unconfirmed turns at the truth."""
-    target = Target(scan, np.zeros(scan.line_integrals.shape, np.float32), "trilinear", 0.7, DRIFT)
+    target = Target(scan, np.zeros(scan.line_integrals.shape, np.float32), "trilinear", 0.7, GAIN_AND_OFFSET)
     problem = StateProblem(GrainArrays.of(grains, fine=True), target)
     pose = Pose(truth.translations, truth.matrices)
-    return unconfirmed(problem, pose, problem.look(pose))
+    return unconfirmed_rotations(problem, pose, problem.evaluate_with_derivatives(pose))
 
 
 def with_pattern(grains, share, seed=0):
@@ -45,45 +48,45 @@ class TestUnconfirmed:
     def test_angular_grains_are_confirmed(self):
         grains = grain_set()
         truth = small_motions(grains)
-        assert not loose(grains, truth, radiographs(grains, truth)).any()
+        assert not nuisance(grains, truth, radiographs(grains, truth)).any()
 
     def test_a_pattern_of_the_reference_alone_is_not(self):
         """A ball whose voxels carry noise that the radiographs do not: all its turns are free."""
-        found = loose(with_pattern(GRAINS, 0.3), TRUTH, radiographs(GRAINS, TRUTH))
-        np.testing.assert_allclose(found[1], ANY_TURN * np.eye(3), atol=1e-6)
+        found = nuisance(with_pattern(GRAINS, 0.3), TRUTH, radiographs(GRAINS, TRUTH))
+        np.testing.assert_allclose(found[1], UNIFORM_ANGLE_VARIANCE * np.eye(3), atol=1e-6)
         assert not found[[0, 2, 3, 4]].any()
 
     def test_a_pattern_of_the_grain_itself_is(self):
         """The same pattern in the radiographs too is texture, and texture tells how a ball turns."""
         textured = with_pattern(GRAINS, 0.3)
-        assert not loose(textured, TRUTH, radiographs(textured, TRUTH)).any()
+        assert not nuisance(textured, TRUTH, radiographs(textured, TRUTH)).any()
 
     def test_noise_of_the_radiographs_does_not_matter(self):
         grains = grain_set()
         truth = small_motions(grains)
-        assert not loose(grains, truth, radiographs(grains, truth, noise=0.1)).any()
+        assert not nuisance(grains, truth, radiographs(grains, truth, noise=0.1)).any()
 
     def test_nor_does_a_drift(self):
         grains = grain_set()
         truth = small_motions(grains)
-        assert not loose(grains, truth, radiographs(grains, truth, gain=1.2, offset=0.05)).any()
+        assert not nuisance(grains, truth, radiographs(grains, truth, gain=1.2, offset=0.05)).any()
 
     def test_grains_that_no_view_sees(self):
         gone = replace(TRUTH, translations=TRUTH.translations.copy())
         gone.translations[0] = 0, 0, 50
-        found = loose(GRAINS, gone, radiographs(GRAINS, gone))
+        found = nuisance(GRAINS, gone, radiographs(GRAINS, gone))
         assert np.isfinite(found).all()
 
     def test_nor_do_views_that_stand_elsewhere(self):
         """Where a pose says so, grains are turned on the views as they are: a ball's turns are free there too."""
         rough = with_pattern(GRAINS, 0.3)
         at = NuisanceMotion(np.tile([5.0, -4.0, 0.05], (4, 1)), np.zeros(3), np.eye(3))
-        scan = replace(radiographs(GRAINS, TRUTH, views=corrected(geometry(), at)), geometry=geometry())
-        target = Target(scan, np.zeros(scan.line_integrals.shape, np.float32), "trilinear", 0.7, DRIFT)
+        scan = replace(radiographs(GRAINS, TRUTH, views=corrected_geometry(geometry(), at)), geometry=geometry())
+        target = Target(scan, np.zeros(scan.line_integrals.shape, np.float32), "trilinear", 0.7, GAIN_AND_OFFSET)
         problem = StateProblem(GrainArrays.of(rough, fine=True), target)
         pose = Pose(TRUTH.translations, TRUTH.matrices, at)
-        found = unconfirmed(problem, pose, problem.look(pose))
-        np.testing.assert_allclose(found[1], ANY_TURN * np.eye(3), atol=1e-6)
+        found = unconfirmed_rotations(problem, pose, problem.evaluate_with_derivatives(pose))
+        np.testing.assert_allclose(found[1], UNIFORM_ANGLE_VARIANCE * np.eye(3), atol=1e-6)
         assert not found[[0, 2, 3, 4]].any()
 
 
@@ -92,11 +95,11 @@ class TestSwollen:
     def test_holds_every_turned_grain(self, angle):
         packed = GrainArrays.of(grain_set())
         pose = Pose(motions(grain_set()).translations, np.tile(np.eye(3), (5, 1, 1)))
-        wide = shadows(_swollen(packed, np.full(5, angle)), pose, geometry()).boxes
+        wide = shadows(_with_rotated_hulls(packed, np.full(5, angle)), pose, geometry()).boxes
         for w in np.random.default_rng(0).normal(size=(10, 3)):
             turns = np.tile(rotation_matrix(angle * w / np.linalg.norm(w)), (5, 1, 1))
-            turned = shadows(packed, Pose(pose.translations, turns), geometry()).boxes
-            np.testing.assert_array_equal(turned[:, :2], wide[:, :2])
-            assert (wide[:, [2, 4]] <= turned[:, [2, 4]]).all()
-            assert (wide[:, [3, 5]] >= turned[:, [3, 5]]).all()
+            changes_and_products = shadows(packed, Pose(pose.translations, turns), geometry()).boxes
+            np.testing.assert_array_equal(changes_and_products[:, :2], wide[:, :2])
+            assert (wide[:, [2, 4]] <= changes_and_products[:, [2, 4]]).all()
+            assert (wide[:, [3, 5]] >= changes_and_products[:, [3, 5]]).all()
         assert packed.voxel_size == VOXEL

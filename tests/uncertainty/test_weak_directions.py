@@ -15,12 +15,20 @@ from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.projection.grains import shadows
 from grainmotion.rotations import rotation_vector
 from grainmotion.tracking.track import TrackSettings, track
-from grainmotion.uncertainty.weak_directions import SHIFT, TURN, UNKNOWN, WEAK, diagonal_blocks, poorly, weak_directions
+from grainmotion.uncertainty.weak_directions import (
+    MAX_SCALED_VARIANCE,
+    PRIOR_ROTATION,
+    PRIOR_SHIFT_DIAMETERS,
+    WEAK_SD_SHARE,
+    diagonal_blocks,
+    poorly_determined,
+    weak_directions,
+)
 
 GRAINS = grain_set(finer=1)
 PACKED = GrainArrays.of(GRAINS)
 POSE = Pose(np.zeros((5, 3)), np.tile(np.eye(3), (5, 1, 1)))
-SCALES = np.stack([np.repeat([SHIFT * 2 * r, TURN], 3) for r in PACKED.radii])
+SCALES = np.stack([np.repeat([PRIOR_SHIFT_DIAMETERS * 2 * r, PRIOR_ROTATION], 3) for r in PACKED.radii])
 
 
 def random_covariances(size, seed=0):
@@ -89,7 +97,7 @@ class TestFormula:
         known[3, 1] = known[3, :, 1] = 0
         known[3, 1, 1] = np.inf
         weak = weak_directions(np.where(np.isinf(known), 1e30, known), PACKED)
-        assert (weak.variances <= 1.01 * UNKNOWN).all()
+        assert (weak.variances <= 1.01 * MAX_SCALED_VARIANCE).all()
         sd = np.sqrt(np.diagonal(weak.posterior(), axis1=1, axis2=2)) / SCALES
         np.testing.assert_allclose(sd[2], 1, rtol=1e-3)
         assert sd[3, 1] == pytest.approx(1, rel=1e-3)
@@ -97,7 +105,7 @@ class TestFormula:
         assert np.isfinite(weak_directions(np.full((5, 6, 6), np.nan), PACKED).posterior()).all()
 
     def test_limit(self):
-        for share, expected in ((0.9 * WEAK, False), (1.1 * WEAK, True)):
+        for share, expected in ((0.9 * WEAK_SD_SHARE, False), (1.1 * WEAK_SD_SHARE, True)):
             known = share**2 * np.stack([np.diag(s**2) for s in SCALES])
             np.testing.assert_array_equal(weak_directions(known, PACKED).flags, expected)
 
@@ -120,13 +128,13 @@ class TestNames:
     )
     def test_axes(self, sd, names):
         covariance = np.diag(np.square(sd).astype(float))
-        assert poorly(covariance, (3.0, 3.0)) == names
+        assert poorly_determined(covariance, (3.0, 3.0)) == names
 
     def test_aslant(self):
         way = np.array([0.6, -0.8, 0.0])
         covariance = np.eye(6)
         covariance[:3, :3] += 99 * np.outer(way, way)
-        (name,) = poorly(covariance, (3.0, 3.0))
+        (name,) = poorly_determined(covariance, (3.0, 3.0))
         x, y, z = (float(part) for part in name.removeprefix("translation along (").removesuffix(")").split(","))
         np.testing.assert_allclose(abs(x * 0.6 - y * 0.8), 1)
         assert z == 0
@@ -168,7 +176,7 @@ class TestHidden:
 
     def test_its_depth_is_held_near_what_is_expected(self, measured):
         """No further away than three of the prior's deviations, which its covariance states."""
-        deviation = SHIFT * 2 * PACKED.radii[self.GRAIN]
+        deviation = PRIOR_SHIFT_DIAMETERS * 2 * PACKED.radii[self.GRAIN]
         sd = np.sqrt(np.diagonal(measured.covariances[self.GRAIN]))
         assert sd[1] == pytest.approx(deviation, rel=0.1)
         assert np.abs(measured.translations[self.GRAIN, 1] - TRUTH.translations[self.GRAIN, 1]) < 3 * deviation
@@ -200,7 +208,7 @@ class TestOneParallelView:
         assert np.abs(u[:, [0, 2]]).max() < 0.1
         assert set(measured.statuses) == {Status.POORLY_DETERMINED.value}
         sd = np.sqrt(np.diagonal(measured.covariances, axis1=1, axis2=2))
-        np.testing.assert_allclose(sd[:, 1], SHIFT * 2 * GrainArrays.of(grains).radii, rtol=0.05)
+        np.testing.assert_allclose(sd[:, 1], PRIOR_SHIFT_DIAMETERS * 2 * GrainArrays.of(grains).radii, rtol=0.05)
         turns = rotation_vector(measured.matrices @ truth.matrices.transpose(0, 2, 1))
         assert np.abs(turns[:, 1]).max() < 0.02  # about the beam it is told
 

@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 from grainmotion.cli.app import app
 from grainmotion.experiment.config import read_experiment
 from grainmotion.io.tiff import read_tiff
-from grainmotion.planning.plan import COLUMNS
+from grainmotion.planning.plan import PLAN_COLUMNS
 from grainmotion.workflow.planning_run import plan_experiment
 from tiny_experiment import TOML, VOXEL, write_tiny
 
@@ -49,7 +49,7 @@ class TestFromAFile:
     def test_tables(self, done):
         folder = done[0].parent / "results" / "plan"
         table, angles = pd.read_csv(folder / "plan.csv"), pd.read_csv(folder / "angles.csv")
-        assert tuple(table.columns) == COLUMNS
+        assert tuple(table.columns) == PLAN_COLUMNS
         assert len(table) == 3 * 2 * 2
         assert np.all((table["sd_uz"] > 0) & (table["sd_uz"] < 0.5 * VOXEL))
         assert list(angles["set"]) == ["best", "even", "best", "even"]

@@ -69,7 +69,9 @@ def measure(n: int, sigma: float) -> list[str]:
     rng = np.random.default_rng(0)
     shifts = made.truth.translations + 0.3 * VOXEL * rng.standard_normal((n, 3))
     target = Target(made.scan, np.zeros_like(made.scan.line_integrals), "trilinear", sigma)
-    seen = StateProblem(GrainArrays.of(made.grains), target).look(Pose(shifts, made.truth.matrices))
+    seen = StateProblem(GrainArrays.of(made.grains), target).evaluate_with_derivatives(
+        Pose(shifts, made.truth.matrices)
+    )
     derivatives, patches, panels = seen.derivatives, seen.patches, seen.residual.shape
     b = gathered(derivatives, patches, n, seen.residual).ravel()
 

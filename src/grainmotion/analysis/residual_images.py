@@ -10,7 +10,7 @@ from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions
 from grainmotion.model.pose import NuisanceMotion
 from grainmotion.model.scan import Scan
-from grainmotion.objective.nuisance_motions import background_images, corrected
+from grainmotion.objective.nuisance_motions import background_images, corrected_geometry
 from grainmotion.projection.grains import simulate_radiographs
 from grainmotion.rotations import rotation_matrix
 from grainmotion.segmentation.extraction import packed_body
@@ -27,7 +27,7 @@ def leftover(grains: GrainSet, motions: Motions, scan: Scan, *, projector: Proje
         around = NuisanceMotion(fit.corrections, around.translation, around.matrix)
     if fit.background is not None:
         around = NuisanceMotion(around.views, fit.background[:3], rotation_matrix(fit.background[3:]))
-    geometry = corrected(scan.geometry, around)
+    geometry = corrected_geometry(scan.geometry, around)
     alone = GrainSet(grains.grains)
     simulated = simulate_radiographs(alone, motions, geometry, projector=projector)
     if grains.background is not None:

@@ -21,7 +21,7 @@ from rich.table import Table
 from grainmotion.analysis.validation import Comparison
 from grainmotion.experiment.inspection import Inspection
 from grainmotion.model.motions import Motions
-from grainmotion.planning.capture_range import SOURCE
+from grainmotion.planning.capture_range import CAPTURE_SOURCE
 from grainmotion.planning.plan import Plan
 
 MOST_LINES = 20
@@ -173,5 +173,5 @@ def print_plan(plan: Plan) -> None:
     exposure = f"{plan.settings.photons:.4g} photons a pixel of open beam, model error {plan.settings.model_error:g}"
     print(f"sd of a component: medians over {len(plan.labels)} grains; worst: of any grain; {exposure}")
     diameter = f"a diameter is {np.median(plan.diameters):.4g} mm"
-    print(f"found again: every grain its own way up to so much, from a zero start ({SOURCE}); {diameter}")
+    print(f"found again: every grain its own way up to so much, from a zero start ({CAPTURE_SOURCE}); {diameter}")
     print("room: the sample may move so far across and along the axis before a shadow leaves the panel")

@@ -1,4 +1,4 @@
-"""What is fitted: the radiographs of a state, weighted and filtered, and how they are compared."""
+"""The data term: the radiographs of a state, weighted and filtered, and how simulated ones are compared with them."""
 
 from __future__ import annotations
 
@@ -14,38 +14,57 @@ from grainmotion.backends.patchwork import filter_images
 from grainmotion.model.detector_response import trend_terms
 from grainmotion.model.scan import Scan
 from grainmotion.objective.global_parameters import Columns
-from grainmotion.objective.nuisance_motions import STILL, NuisanceModel
-from grainmotion.objective.response_parameters import KNOWN, ResponseModel, trends_shared
+from grainmotion.objective.nuisance_motions import GRAINS_ONLY, NuisanceModel
+from grainmotion.objective.response_parameters import IDENTITY_RESPONSE, ResponseModel, trend_is_shared
 from grainmotion.projection.grain_arrays import GrainArrays
 
 Derivatives = Literal["analytic", "differences"]
 
+EXPECTED_RESIDUAL_SHARE = 0.01
+"""Of the radiographs' rms: the residual that is expected at least, where nothing else says what to expect."""
+
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """What is fitted: radiographs, what of them does not move, and how they are compared.
+    """The radiographs to fit, and how simulated ones are compared with them.
 
-    ``fixed`` is the background's line integrals where nothing moved, ``body`` the background itself if it can
-    move; ``freedom`` says which numbers of the response are unknown, ``loose`` what of the surroundings is;
-    ``derivatives`` says how those of P are taken; ``weights (views, rows, columns)`` count pixels (None: all
-    alike); ``device`` filters radiographs.
+    Attributes
+    ----------
+    scan : Scan
+    fixed_background : (views, rows, columns) array
+        Line integrals of the background where it did not move.
+    projector : Projector
+    sigma : float
+        Width of the Gaussian filter on radiographs, pixels; 0 is none.
+    response_model : ResponseModel
+        Which numbers of the detector's response are unknown.
+    derivatives : Derivatives
+        How those of the line integrals are taken.
+    weights : (views, rows, columns) array, optional
+        Of pixels; None counts all alike.
+    background : GrainArrays, optional
+        The background as a body, if it can move.
+    nuisance : NuisanceModel
+        What moves beside the grains.
+    device : Device
+        Filters radiographs.
     """
 
     scan: Scan
-    fixed: Image
+    fixed_background: Image
     projector: Projector
     sigma: float
-    freedom: ResponseModel = KNOWN
+    response_model: ResponseModel = IDENTITY_RESPONSE
     derivatives: Derivatives = "analytic"
     weights: Image | None = None
-    body: GrainArrays | None = None
-    loose: NuisanceModel = STILL
+    background: GrainArrays | None = None
+    nuisance: NuisanceModel = GRAINS_ONLY
     device: Device = CPU
 
     @property
     def precision(self) -> np.dtype[np.floating]:
-        """The precision of the arithmetic: that of what is simulated."""
-        return self.fixed.dtype
+        """The precision of the arithmetic: that of the simulated radiographs."""
+        return self.fixed_background.dtype
 
     @cached_property
     def kernel(self) -> Image:
@@ -60,8 +79,8 @@ class Target:
         return self.scan.valid.astype(self.precision)
 
     @cached_property
-    def roots(self) -> Image:
-        """Root of each pixel's weight, 0 where it does not count."""
+    def root_weights(self) -> Image:
+        """Square root of each pixel's weight, 0 where it does not count."""
         return self.valid if self.weights is None else self.valid * np.sqrt(self.weights).astype(self.precision)
 
     @cached_property
@@ -70,17 +89,22 @@ class Target:
         return self.filtered(self.scan.line_integrals.astype(self.precision))
 
     @cached_property
+    def expected_variance(self) -> float:
+        """Square of the residual that a pixel is at least expected to leave: the unit of the nuisance prior."""
+        return EXPECTED_RESIDUAL_SHARE**2 * float(np.mean(self.measured.astype(float) ** 2))
+
+    @cached_property
     def trends(self) -> Columns:
-        """The background's terms, weighted and filtered."""
+        """The terms of the background trend, weighted and filtered."""
         columns = Columns()
-        for term in trend_terms(self.valid.shape[1:], self.freedom.terms):
+        for term in trend_terms(self.valid.shape[1:], self.response_model.trend_terms):
             stack = np.broadcast_to(term, self.valid.shape).astype(self.precision)
-            columns.add(self.filtered(stack), trends_shared(self.freedom))
+            columns.add(self.filtered(stack), trend_is_shared(self.response_model))
         return columns
 
     def filtered(self, images: Image) -> Image:
         """Weight and filter a stack of radiographs."""
-        out = images * self.roots
+        out = images * self.root_weights
         if len(self.kernel) > 1:
             filter_images(out, self.kernel, self.device)
         return out

@@ -19,12 +19,12 @@ from grainmotion._typing import Float, Image
 from grainmotion.backends import patchwork
 from grainmotion.backends.device import place
 from grainmotion.projection.grains import Patches
-from grainmotion.solvers.block_cg import DENSE_UP_TO
+from grainmotion.solvers.block_cg import MAX_DENSE_UNKNOWNS
 
 
 @dataclass(frozen=True, eq=False)
 class PatchNormalMatrix:
-    """JᵀJ of filtered patches as a `block_cg.Normal`.
+    """JᵀJ of filtered patches as a `block_cg.NormalMatrix`.
 
     ``derivatives (6, pixels)`` lie in ``patches`` of ``grains`` grains, ``panels`` is (views, rows, columns), and
     ``raised (n, 6, 6)`` is what a prior adds to the blocks on the diagonal.
@@ -84,7 +84,7 @@ def normal_of(
     derivatives: Any, patches: Patches, n: int, panels: tuple[int, int, int]
 ) -> sparse.bsr_array | PatchNormalMatrix:
     """JᵀJ of filtered patches, as the solver wants it: in blocks while a dense factor is taken, else a product."""
-    if 6 * n <= DENSE_UP_TO:
+    if 6 * n <= MAX_DENSE_UNKNOWNS:
         return normal_matrix(derivatives, patches, n)
     return PatchNormalMatrix(derivatives, patches, n, panels)
 

@@ -1,4 +1,4 @@
-"""Freedom: which numbers of the detector's response are unknown, and their elimination.
+"""Which numbers of the detector's response are unknown, and their elimination.
 
 They enter linearly, so at every pose they are minimised over exactly (variable projection).
 """
@@ -20,7 +20,7 @@ Gain = Literal["none", "global", "view"]
 
 @dataclass(frozen=True)
 class ResponseModel:
-    """What of the response is unknown.
+    """Which numbers of the response are unknown.
 
     Attributes
     ----------
@@ -37,66 +37,58 @@ class ResponseModel:
     degree: int = 1
 
     @property
-    def terms(self) -> int:
-        """Terms of the background."""
+    def trend_terms(self) -> int:
+        """Terms of the background trend."""
         return max(TREND_TERMS[self.trend], int(self.gain != "none"))
 
     @property
-    def at_first(self) -> ResponseModel:
-        """What is unknown while grains are far from their places: a misplaced shadow could pass for a gain."""
+    def while_far(self) -> ResponseModel:
+        """The unknowns while grains are far from their places: a misplaced grain could pass for a gain."""
         return ResponseModel(trend="none" if self.trend == "none" else "constant")
 
     @property
     def without_gain(self) -> ResponseModel:
-        """The same but for the gain, which is 1."""
+        """The same with a gain of 1."""
         return ResponseModel(trend="constant" if self.trend == "none" else self.trend)
 
     @property
-    def midway(self) -> ResponseModel:
-        """What is unknown once they are near: all but beam hardening."""
+    def without_hardening(self) -> ResponseModel:
+        """The same without beam hardening."""
         return replace(self, degree=1)
 
 
-KNOWN = ResponseModel()
-"""Nothing: measured line integrals are the simulated ones."""
-DRIFT = ResponseModel("global")
-"""A global gain and offset, a and b of Eq. 22."""
+IDENTITY_RESPONSE = ResponseModel()
+"""No unknown: measured line integrals are the simulated ones."""
 
 
-def powers(freedom: ResponseModel, path: Image) -> list[tuple[Image, bool]]:
-    """Images of the unknowns that are powers of the line integral, and whether the views share them."""
-    found = [(path, freedom.gain == "global")] if freedom.gain != "none" else []
-    return found + [(path**k, True) for k in range(2, freedom.degree + 1)]
+def power_images(model: ResponseModel, path: Image) -> list[tuple[Image, bool]]:
+    """Images of the unknowns that are powers of the line integrals, and whether the views share them."""
+    first = [(path, model.gain == "global")] if model.gain != "none" else []
+    return first + [(path**k, True) for k in range(2, model.degree + 1)]
 
 
-def trends_shared(freedom: ResponseModel) -> bool:
-    """Whether the background's terms are the same in all views."""
-    return freedom.trend == "none" and freedom.gain == "global"
+def trend_is_shared(model: ResponseModel) -> bool:
+    """Whether the terms of the background trend are the same in all views."""
+    return model.trend == "none" and model.gain == "global"
 
 
-def eliminated(freedom: ResponseModel, columns: Columns, gap: Image, views: int) -> tuple[Response, Image | float]:
+def fit_response(model: ResponseModel, columns: Columns, gap: Image, views: int) -> tuple[Response, Image | float]:
     """The response that minimises ‖gap − C c‖, and C c.
 
-    Parameters
-    ----------
-    freedom : Freedom
-    columns : Columns
-        Of the powers, then of the background's terms.
-    gap : (views, rows, columns) array
-        Measured minus simulated, weighted and filtered.
-    views : int
+    ``columns`` are C, those of the powers before those of the trend; ``gap (views, rows, columns)`` is measured minus
+    simulated, weighted and filtered.
     """
-    polynomial, background = np.zeros((views, freedom.degree)), np.zeros((views, freedom.terms))
+    polynomial, background = np.zeros((views, model.degree)), np.zeros((views, model.trend_terms))
     polynomial[:, 0] = 1.0
-    if not columns.stacks or (freedom.gain != "none" and not columns.stacks[0].any()):  # nothing is simulated
+    if not columns.stacks or (model.gain != "none" and not columns.stacks[0].any()):  # nothing is simulated
         return Response(polynomial, background), 0.0
-    found = pseudo_inverse(columns.gram()) @ columns.dot(gap)
+    coefficients = pseudo_inverse(columns.gram()) @ columns.dot(gap)
     owners = columns.owners
-    first = 0 if freedom.gain != "none" else 1
-    many = freedom.degree - first
+    first = 0 if model.gain != "none" else 1
+    powers = model.degree - first
     for k in range(len(columns.stacks)):
-        if k < many:
-            polynomial[:, first + k] += found[owners == k]
+        if k < powers:
+            polynomial[:, first + k] += coefficients[owners == k]
         else:
-            background[:, k - many] = found[owners == k]
-    return Response(polynomial, background), columns.combine(found)
+            background[:, k - powers] = coefficients[owners == k]
+    return Response(polynomial, background), columns.combine(coefficients)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from grainmotion.model.geometry import Geometry
 from grainmotion.projection.grain_arrays import GrainArrays, planar
 
-SOURCE = "docs/paper.md, Capture in three dimensions: 15 grains"
+CAPTURE_SOURCE = "docs/paper.md, Capture in three dimensions: 15 grains"
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Capture:
         return " or ".join(f"{d:g} diameter and {a:g}°" for d, a in self.ranges)
 
 
-MEASURED = (
+MEASURED_CAPTURES = (
     Capture(2, ((0.25, 30.0),), 3.0),
     Capture(3, ((0.5, 60.0),), 3.0),
     Capture(4, ((0.75, 30.0), (0.5, 60.0)), 3.0),
@@ -49,7 +49,7 @@ MEASURED = (
 
 def expected_capture(views: int) -> Capture:
     """What was measured with so many views, or with the next smaller number."""
-    return max((c for c in MEASURED if c.views <= views), key=lambda c: c.views)
+    return max((c for c in MEASURED_CAPTURES if c.views <= views), key=lambda c: c.views)
 
 
 def room(grains: GrainArrays, geometry: Geometry) -> NDArray[np.float64]:

@@ -34,8 +34,8 @@ from grainmotion.projection.grain_arrays import OUT_OF_PLANE, GrainArrays, plana
 from grainmotion.projection.grains import assemble, differentiate_patches, shadows
 from grainmotion.projection.volumes import project
 
-EXACT_UP_TO = 3000  # unknowns whose full matrix is inverted for one set
-NEIGHBOURS = 40  # grains whose coupling is kept around each, beyond that
+MAX_EXACT_UNKNOWNS = 3000  # unknowns whose full matrix is inverted for one set
+COUPLED_NEIGHBOURS = 40  # grains whose coupling is kept around each, beyond that
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +72,7 @@ class Candidates:
     """The views to choose from, and the grains that they see in the reference state."""
 
     grains: GrainSet
-    packed: GrainArrays
+    grain_arrays: GrainArrays
     geometry: Geometry
     settings: PlanSettings
 
@@ -84,33 +84,33 @@ class Candidates:
     @property
     def pose(self) -> Pose:
         """The reference state."""
-        n = len(self.packed)
+        n = len(self.grain_arrays)
         return Pose(np.zeros((n, 3)), np.tile(np.eye(3), (n, 1, 1)))
 
     @property
-    def flat(self) -> bool:
+    def is_planar(self) -> bool:
         """Whether the sample is one slice."""
-        return planar(self.packed, self.geometry)
+        return planar(self.grain_arrays, self.geometry)
 
     @property
     def prior(self) -> Float:
         """Information ``(n, 6)`` that is there before any view: a diameter, a quarter turn."""
-        r = self.packed.radii[:, None]
+        r = self.grain_arrays.radii[:, None]
         return np.hstack([np.repeat(1 / (2 * r) ** 2, 3, axis=1), np.full((len(r), 3), 1 / (np.pi / 2) ** 2)])
 
     @cached_property
     def attenuation(self) -> float:
         """Mean attenuation of the grains, 1/mm: each voxel weighs as much as it attenuates."""
-        images = self.packed.images
+        images = self.grain_arrays.images
         return float(np.vdot(images, images) / images.sum(dtype=float))
 
     def information(self, view: int) -> ViewInformation:
         """The information of one candidate; the derivatives of that view alone are held."""
-        geometry, pose, n = self.geometry[view], self.pose, len(self.packed)
-        patches = shadows(self.packed, pose, geometry)
+        geometry, pose, n = self.geometry[view], self.pose, len(self.grain_arrays)
+        patches = shadows(self.grain_arrays, pose, geometry)
         if not len(patches.boxes):
             return ViewInformation(sparse.bsr_array((6 * n, 6 * n), blocksize=(6, 6)), np.zeros((6 * n, 2)), _EMPTY)
-        values, derivatives = differentiate_patches(self.packed, pose, geometry, patches, "trilinear")
+        values, derivatives = differentiate_patches(self.grain_arrays, pose, geometry, patches, "trilinear")
         image = assemble(values, patches, geometry).astype(float)
         if self.grains.background is not None:
             image += project(self.grains.background, geometry)
@@ -132,21 +132,21 @@ class Candidates:
 
     def _weights(self, line_integrals: Float) -> Float:
         """One over the variance of each pixel."""
-        model = self.settings.model_error * self.attenuation * self.packed.voxel_size
+        model = self.settings.model_error * self.attenuation * self.grain_arrays.voxel_size
         out: Float = 1 / (np.exp(line_integrals) / self.settings.photons + model**2)
         return out
 
     def covariances(self, views: Sequence[int]) -> Float:
         """Covariances ``(n, 6, 6)`` of (u, δ) from a set of views, coupling between grains included.
 
-        Beyond `EXACT_UP_TO` unknowns each grain is taken with the `NEIGHBOURS` that it is coupled to most;
-        all others are held where they are.
+        Beyond `MAX_EXACT_UNKNOWNS` unknowns each grain is taken with the `COUPLED_NEIGHBOURS` grains that it is coupled
+        to most; all others are fixed.
         """
         total = self.information(views[0])
         for view in views[1:]:
             total = total + self.information(view)
-        n = len(self.packed)
-        if 6 * n <= EXACT_UP_TO:
+        n = len(self.grain_arrays)
+        if 6 * n <= MAX_EXACT_UNKNOWNS:
             return self.clean(invert(total.dense(self.settings.gain), self.prior))
         matrix = sparse.csr_array(total.matrix)
         out = np.empty((n, 6, 6))
@@ -160,7 +160,7 @@ class Candidates:
 
     def clean(self, covariances: Float) -> Float:
         """What a planar sample cannot do has no variance."""
-        if self.flat:
+        if self.is_planar:
             covariances = covariances.copy()
             covariances[:, OUT_OF_PLANE, :] = covariances[:, :, OUT_OF_PLANE] = 0
         return covariances
@@ -172,7 +172,7 @@ class Candidates:
         tr cov(u) + ⅔ r² tr cov(δ), divided here by the three components.
         """
         spread = np.einsum("nkk->nk", covariances)
-        return np.sqrt((spread[:, :3].sum(1) + 2 / 3 * self.packed.radii**2 * spread[:, 3:].sum(1)) / 3)
+        return np.sqrt((spread[:, :3].sum(1) + 2 / 3 * self.grain_arrays.radii**2 * spread[:, 3:].sum(1)) / 3)
 
 
 _EMPTY = np.zeros((2, 2))
@@ -202,5 +202,5 @@ def _neighbourhoods(total: ViewInformation) -> list[NDArray[np.int64]]:
         near = matrix.indices[part]
         strength = np.linalg.norm(matrix.data[part], axis=(1, 2)) / own[near]
         near = near[np.argsort(-strength, kind="stable")]
-        out.append(np.concatenate([[i], near[near != i][:NEIGHBOURS]]).astype(np.int64))
+        out.append(np.concatenate([[i], near[near != i][:COUPLED_NEIGHBOURS]]).astype(np.int64))
     return out

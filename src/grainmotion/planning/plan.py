@@ -23,11 +23,11 @@ from grainmotion.planning.candidates import even_set
 from grainmotion.planning.capture_range import Capture, expected_capture, room
 from grainmotion.planning.fisher_information import Candidates
 from grainmotion.planning.settings import PlanSettings
-from grainmotion.planning.view_selection import Chooser
+from grainmotion.planning.view_selection import ViewSelector
 
 __all__ = ["Plan", "PlanSettings", "ViewSet", "plan"]
 
-COLUMNS = (
+PLAN_COLUMNS = (
     "label", "x", "y", "z", "views", "set", "sd_ux", "sd_uy", "sd_uz", "sd_wx", "sd_wy", "sd_wz",
 )  # fmt: skip
 
@@ -136,9 +136,9 @@ class Plan:
         for s in self.sets:
             sd = s.sd
             sd[:, 3:] = np.rad2deg(sd[:, 3:])
-            part = pd.DataFrame(np.hstack([self.centers, sd]), columns=[*COLUMNS[1:4], *COLUMNS[6:]])
+            part = pd.DataFrame(np.hstack([self.centers, sd]), columns=[*PLAN_COLUMNS[1:4], *PLAN_COLUMNS[6:]])
             parts.append(part.assign(label=self.labels, views=len(s), set=s.kind))
-        return pd.concat(parts, ignore_index=True)[list(COLUMNS)]
+        return pd.concat(parts, ignore_index=True)[list(PLAN_COLUMNS)]
 
     def angles_table(self) -> pd.DataFrame:
         """One row a set: its angles, medians over the grains of the predicted sd, and motions to expect."""
@@ -198,8 +198,8 @@ def plan(
 
 
 def _plan(candidates: Candidates, counts: list[int], progress: Progress | None) -> Plan:
-    angles, packed = candidates.geometry.azimuths_deg, candidates.packed
-    chooser = Chooser.of(candidates, progress)
+    angles, packed = candidates.geometry.azimuths_deg, candidates.grain_arrays
+    chooser = ViewSelector.of(candidates, progress)
     if not chooser.stacks.any():
         raise InputError("plan", "no candidate view sees a grain", "check the geometry and the volume's place")
     pairs = chooser.pairs(progress)
@@ -224,5 +224,5 @@ def _view_set(kind: str, views: tuple[int, ...], candidates: Candidates, angles:
     geometry = candidates.geometry[list(views)]
     return ViewSet(
         kind, views, angles[list(views)], covariances, candidates.surface_sd(covariances),
-        room(candidates.packed, geometry), expected_capture(len(views)),
+        room(candidates.grain_arrays, geometry), expected_capture(len(views)),
     )  # fmt: skip

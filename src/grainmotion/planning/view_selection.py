@@ -22,12 +22,12 @@ from grainmotion._typing import Float, Progress
 from grainmotion.planning.candidates import angles_between, even_set
 from grainmotion.planning.fisher_information import Candidates, invert
 
-DENSE_WORK = 1e11  # operations for all pairs, up to which the coupling between grains is kept in the choice
-PASSES = 10
+MAX_COUPLED_OPERATIONS = 1e11  # operations for all pairs, up to which the coupling between grains is kept in the choice
+MAX_EXCHANGE_PASSES = 10
 
 
 @dataclass(frozen=True, eq=False)
-class Chooser:
+class ViewSelector:
     """The candidates' information as it is added up again and again.
 
     ``stacks`` holds the full matrices ``(m, s, s)``; or, for many grains, their own blocks ``(m, n, 6, 6)``
@@ -42,10 +42,10 @@ class Chooser:
     between: Float
 
     @classmethod
-    def of(cls, candidates: Candidates, progress: Progress | None = None) -> Chooser:
+    def of(cls, candidates: Candidates, progress: Progress | None = None) -> ViewSelector:
         """Ask every candidate once."""
-        m, n = len(candidates.geometry), len(candidates.packed)
-        dense = m**2 / 2 * (6.0 * n) ** 3 <= DENSE_WORK
+        m, n = len(candidates.geometry), len(candidates.grain_arrays)
+        dense = m**2 / 2 * (6.0 * n) ** 3 <= MAX_COUPLED_OPERATIONS
         stacks, borders, corners = [], [], []
         for view in range(m):
             if progress is not None:
@@ -110,7 +110,7 @@ class Chooser:
         """Exchange single views for others as long as that lowers the rank."""
         chosen = tuple(views)
         best = self.rank(chosen)
-        for _ in range(PASSES):
+        for _ in range(MAX_EXCHANGE_PASSES):
             before = best
             for place in range(len(chosen)):
                 for view in range(len(self)):

@@ -225,13 +225,13 @@ def _inverse_blocks(information: Float, radii: Float) -> Float:
         units[k] = np.sqrt(information[k, k] / top) if information[k, k] > 0 and top > 0 else 1.0
     values, vectors = np.linalg.eigh(information / np.outer(units, units))
     told = values > UNTOLD * max(values.max(initial=0.0), 1e-300)
-    vectors, loose = vectors[:, told], (vectors[:, ~told] ** 2).sum(axis=1)
+    vectors, nuisance = vectors[:, told], (vectors[:, ~told] ** 2).sum(axis=1)
     rows = (vectors / np.sqrt(values[told])) / units[:, None]
     blocks: NDArray[np.float64] = np.empty((n, 6, 6))
     for i in range(n):
         at = slice(6 * i, 6 * i + 6)
         blocks[i] = rows[at] @ rows[at].T
-        untold = loose[at] > 1e-6
+        untold = nuisance[at] > 1e-6
         blocks[i, untold, :] = np.nan
         blocks[i, :, untold] = np.nan
         blocks[i, untold, untold] = np.inf

@@ -9,16 +9,16 @@ import numpy as np
 from scipy import sparse
 
 from grainmotion._typing import Float
-from grainmotion.solvers.semidefinite import solver, unresolved
+from grainmotion.solvers.semidefinite import damped_solver, unresolved_information
 
-DENSE_UP_TO = 600
-"""Unknowns up to which a dense Cholesky factor is taken; beyond, conjugate gradients with block Jacobi."""
+MAX_DENSE_UNKNOWNS = 600
+"""Unknowns up to which a dense Cholesky factor is taken; beyond, preconditioned conjugate gradients."""
 
-INVERSE_TOLERANCE, MAX_ITERATIONS = 1e-8, 500
+CG_INVERSE_TOLERANCE, MAX_CG_ITERATIONS = 1e-8, 500
 """Relative residual at which the conjugate gradients of `inverse` end; iterations at most."""
 
 
-class Normal(Protocol):
+class NormalMatrix(Protocol):
     """JᵀJ as a product, in 6×6 blocks."""
 
     @property
@@ -39,55 +39,65 @@ class Normal(Protocol):
         ...
 
 
-Hessian = sparse.bsr_array | Float | Normal
+Hessian = sparse.bsr_array | Float | NormalMatrix
 
 
 def is_small(hessian: Hessian) -> bool:
-    return hessian.shape[0] <= DENSE_UP_TO
+    return hessian.shape[0] <= MAX_DENSE_UNKNOWNS
 
 
 def inverse(hessian: Hessian, damping: float) -> Callable[[Float], Float]:
-    """Solver of (H + λ diag H) x = b for vectors or columns b; what the data do not resolve is held.
+    """Solver of (H + λ diag H) x = b for vectors or columns b, with x zero along unresolved directions.
 
-    That is told from the whole matrix if it is small, else from each grain's own block.
+    These are found from the whole matrix if it is small, else from each grain's own block.
     """
     if is_small(hessian):
-        return solver(hessian.toarray() if isinstance(hessian, sparse.bsr_array) else np.asarray(hessian), damping)
+        dense = hessian.toarray() if isinstance(hessian, sparse.bsr_array) else np.asarray(hessian)
+        return damped_solver(dense, damping)
     product, blocks = damped_product(hessian, damping)
-    return lambda b: conjugate_gradients(product, blocks, b, INVERSE_TOLERANCE)
+    return lambda b: conjugate_gradients(product, blocks, b, CG_INVERSE_TOLERANCE)
 
 
 def conjugate_gradients(
-    product: Callable[[Float], Float], blocks: Float, b: Float, accuracy: float, most: int = MAX_ITERATIONS
+    product: Callable[[Float], Float],
+    blocks: Float,
+    b: Float,
+    tolerance: float,
+    max_iterations: int = MAX_CG_ITERATIONS,
 ) -> Float:
     """Solve A x = b for a vector or for columns ``(N, k)`` to a relative residual, preconditioned by 6×6 blocks.
 
-    Columns go side by side, each until it is solved: one product with many costs less than as many products.
+    Columns are solved side by side, each until it has converged: one product with many columns costs less than as
+    many products.
     """
-    inverses, rest = np.linalg.inv(blocks), b.reshape(len(b), -1).astype(float)
-    found, along, before = np.zeros_like(rest), np.zeros_like(rest), np.ones(rest.shape[1])
-    enough = accuracy * np.linalg.norm(rest, axis=0)
-    for step in range(most):
-        still = np.flatnonzero(np.linalg.norm(rest, axis=0) > enough)
-        if not len(still):
+    inverses, residual = np.linalg.inv(blocks), b.reshape(len(b), -1).astype(float)
+    x, direction, previous = np.zeros_like(residual), np.zeros_like(residual), np.ones(residual.shape[1])
+    target = tolerance * np.linalg.norm(residual, axis=0)
+    for step in range(max_iterations):
+        active = np.flatnonzero(np.linalg.norm(residual, axis=0) > target)
+        if not len(active):
             break
-        near = np.einsum("nij,njk->nik", inverses, rest[:, still].reshape(-1, 6, len(still))).reshape(-1, len(still))
-        now = (rest[:, still] * near).sum(axis=0)
-        ahead = near + along[:, still] * (now / before[still] if step else 0.0)
-        across = product(ahead)
-        curvature = (ahead * across).sum(axis=0)
-        length = np.divide(now, curvature, out=np.zeros_like(now), where=curvature > 0)
-        found[:, still] += length * ahead
-        rest[:, still] -= length * across
-        along[:, still], before[still] = ahead, now
-    return found.reshape(b.shape)
+        split = residual[:, active].reshape(-1, 6, len(active))
+        preconditioned = np.einsum("nij,njk->nik", inverses, split).reshape(-1, len(active))
+        rho = (residual[:, active] * preconditioned).sum(axis=0)
+        search = preconditioned + direction[:, active] * (rho / previous[active] if step else 0.0)
+        image = product(search)
+        curvature = (search * image).sum(axis=0)
+        length = np.divide(rho, curvature, out=np.zeros_like(rho), where=curvature > 0)
+        x[:, active] += length * search
+        residual[:, active] -= length * image
+        direction[:, active], previous[active] = search, rho
+    return x.reshape(b.shape)
 
 
 def damped_product(hessian: Hessian, damping: float) -> tuple[Callable[[Float], Float], Float]:
-    """x ↦ (H + λ diag H) x for vectors or columns, unresolved directions held, and its blocks on the diagonal."""
+    """The product x ↦ (H + λ diag H) x for vectors or columns, and its 6×6 blocks on the diagonal.
+
+    Both are made definite along the unresolved directions of each block.
+    """
     matrix = sparse.bsr_array(hessian, blocksize=(6, 6)) if isinstance(hessian, np.ndarray) else hessian
     blocks = diagonal_blocks(matrix)
-    added = unresolved(blocks)
+    added = unresolved_information(blocks)
     added[:, range(6), range(6)] += damping * np.diagonal(blocks, axis1=1, axis2=2)
 
     def product(x: Float) -> Float:
@@ -105,7 +115,7 @@ def diagonal_blocks(matrix: Hessian) -> Float:
         return matrix.blocks()
     n = matrix.shape[0] // 6
     rows = np.repeat(np.arange(n), np.diff(matrix.indptr))
-    on = rows == matrix.indices
+    on_diagonal = rows == matrix.indices
     blocks = np.zeros((n, 6, 6))
-    blocks[rows[on]] = matrix.data[on]
+    blocks[rows[on_diagonal]] = matrix.data[on_diagonal]
     return blocks

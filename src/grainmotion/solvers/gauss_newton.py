@@ -1,22 +1,24 @@
 """Damped Gauss–Newton (Levenberg–Marquardt) on block-sparse normal equations; knows no X-rays.
 
-Minimises ½‖r(x)‖² over many unknowns with a sparse matrix and a few that couple with all of them: linear
-ones, already eliminated exactly from r (variable projection; Golub and Pereyra 1973, in Kaufman's form), then
-ones that step with the others.  One damped step solves
+Minimises ½‖r(x)‖² over many unknowns with a sparse matrix, and a few that couple with all of them.  Of these few, the
+linear ones are already eliminated exactly from r (variable projection; Golub and Pereyra 1973, in Kaufman's form);
+the others step together with the many.  One damped step solves
 
     [H + λ diag H   B] [δ]     [g]
     [     Bᵀ        D] [ε] = − [h],     H = JᵀJ,  B = JᵀC,  D = CᵀC,  g = Jᵀr,  h = Cᵀr,
 
-with h zero for what was eliminated, and λ diag D added to D for what was not, so that damping shortens every step.
+with h zero for the eliminated unknowns, and λ diag D added to D for the others, so that damping shortens every step.
 H is sparse in blocks; B has few columns, so the Schur complement on them is small and dense.  The damping follows
 Nielsen (1999).
 
-Small problems are solved by a dense Cholesky factor.  Large ones have an H that is a product only (`Normal`), and
-ε goes out first:  (H + λ diag H − B D⁺ Bᵀ) δ = −g + B D⁺ h  by conjugate gradients, preconditioned by the 6×6 blocks
-on the diagonal of H, as far as a Gauss–Newton step is worth (`FORCING`).  Decision 0015 holds the measurements.
+Small problems are solved by a dense Cholesky factor.  Large ones have an H that is a product only (`NormalMatrix`).
+There ε is eliminated first,  (H + λ diag H − B D⁺ Bᵀ) δ = −g + B D⁺ h,  and solved by conjugate gradients,
+preconditioned by the 6×6 blocks on the diagonal of H, to the accuracy that a Gauss–Newton step needs
+(`DEFAULT_FORCING`).  Decision 0015 holds the measurements.
 
-Directions that the data do not resolve are held (`semidefinite`), and a cost is compared only as far as its digits
-are significant (`SIGNIFICANT`), so that no result hangs on how a processor rounds.  Decision 0016 says why.
+A step has no component along directions that the data do not resolve (`semidefinite`), and costs are compared only as
+far as their digits are significant (`SIGNIFICANT_COST_CHANGE`), so that no result depends on how a processor rounds.
+Decision 0016 says why.
 """
 
 from __future__ import annotations
@@ -29,7 +31,7 @@ import numpy as np
 
 from grainmotion._typing import Float
 from grainmotion.solvers.block_cg import (
-    MAX_ITERATIONS,
+    MAX_CG_ITERATIONS,
     Hessian,
     conjugate_gradients,
     damped_product,
@@ -40,21 +42,21 @@ from grainmotion.solvers.semidefinite import pseudo_inverse
 
 State = TypeVar("State")
 
-FORCING, MAX_STEP_ITERATIONS = 1e-2, 60
+DEFAULT_FORCING, MAX_CG_ITERATIONS_PER_STEP = 1e-2, 60
 """Relative residual at which the conjugate gradients of a step end by default, and their iterations at most: a step is
-a good one long before what is hardly determined is solved for."""
+good long before directions that are hardly determined are solved for."""
 
-FIRM = 1e-2
-"""Damping up to which a small decrease says that the minimum is near, not that the step was held back."""
+MAX_DAMPING_NEAR_MINIMUM = 1e-2
+"""Damping up to which a small decrease means that the minimum is near, not that damping kept the step short."""
 
-TRUSTED = 0.25
-"""A small decrease ends the iteration only if it is at least this share of what the quadratic model promised."""
+MIN_DECREASE_RATIO = 0.25
+"""A small decrease ends the iteration only if it is at least this share of what the quadratic model predicted."""
 
-SLOWEST = 0.9
+MAX_EXTRAPOLATED_RATIO = 0.9
 """Largest ratio of a step to the one before that is extrapolated: beyond it, steps hardly shrink."""
 
-SIGNIFICANT = 1e-6
-"""Relative change of the cost that means something: residuals in single precision give it to some 1e-7."""
+SIGNIFICANT_COST_CHANGE = 1e-6
+"""Relative change of the cost that is significant: residuals in single precision give the cost to some 1e-7."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +75,7 @@ class Linearization:
         B = JᵀC; m may be 0.
     corner : (m, m) array
         D = CᵀC.
-    slope : (k,) array
+    border_gradient : (k,) array
         h of the last k of those m, which are not eliminated but step with the others; k may be 0.
     """
 
@@ -82,11 +84,11 @@ class Linearization:
     hessian: Hessian
     border: Float
     corner: Float
-    slope: Float = field(default_factory=lambda: np.zeros(0))
+    border_gradient: Float = field(default_factory=lambda: np.zeros(0))
 
 
 class Problem(Protocol[State]):
-    """What a residual offers to the solver."""
+    """A residual, as the solver needs it."""
 
     def linearize(self, state: State) -> Linearization:
         """Cost, gradient and normal matrix at a state."""
@@ -100,31 +102,42 @@ class Problem(Protocol[State]):
         """The state after a step ``(N + k,)``."""
         ...
 
-    def sizes(self, state: State, step: Float) -> Float:
-        """How far a step moves each of the things that move, in the unit of the tolerance."""
+    def step_sizes(self, state: State, step: Float) -> Float:
+        """Displacement of each moving object by a step, in the unit of the tolerance."""
         ...
 
 
 @dataclass(frozen=True)
 class Stopping:
-    """When to stop: a step smaller than ``step``, a relative decrease below ``decrease``, or ``iterations``.
+    """When to stop.
 
-    A decrease that is only expected counts as well: such a last step is taken without a linearisation at its end.
-    A decrease ends nothing while more than a share ``stragglers`` of all things that move go further than ``reach``.
-    ``forcing`` is the relative residual to which steps of large problems are solved.
+    Attributes
+    ----------
+    iterations : int
+        Accepted steps at most.
+    step : float
+        Displacement of every moving object below which the iteration ends.
+    decrease : float
+        Relative decrease of the cost below which it ends.  A predicted decrease counts as well: such a last step is
+        taken without a linearisation at its end.
+    straggler_distance, stragglers : float
+        No decrease ends the iteration while more than a share ``stragglers`` of the objects moves further than
+        ``straggler_distance``.
+    forcing : float
+        Relative residual to which steps of large problems are solved.
     """
 
     iterations: int = 30
     step: float = 1e-3
     decrease: float = 1e-7
-    reach: float = np.inf
+    straggler_distance: float = np.inf
     stragglers: float = 0.0
-    forcing: float = FORCING
+    forcing: float = DEFAULT_FORCING
 
 
 @dataclass(frozen=True, eq=False)
 class Solution(Generic[State]):
-    """Where the solver ended: the state, the costs and whether it settled."""
+    """The state where the solver ended, the cost after each accepted step, and whether it settled."""
 
     state: State
     costs: tuple[float, ...]
@@ -145,105 +158,108 @@ def gauss_newton(
 ) -> Solution[State]:
     """Minimise from ``start``; ``observe(cost)`` is called after each accepted step.
 
-    Returns
-    -------
-    Solution
-        ``settled`` is True when a step or the decrease fell below its tolerance, or no step lowers the
-        cost any more; False when the iterations ran out, or stragglers were left behind.
+    The solution has ``settled`` if a step or the decrease fell below its tolerance, or no step lowers the cost any
+    more; it has not if the iterations ran out, or objects still move further than the straggler distance.
     """
     stopping = stopping or Stopping()
-    state, here = start, problem.linearize(start)
-    costs = [here.cost]
+    state, current = start, problem.linearize(start)
+    costs = [current.cost]
     damping, growth = 1e-4, 2.0
-    step = np.zeros(len(here.gradient) + len(here.slope))
-    before = np.inf, np.inf  # size and promised decrease of the step before
+    step = np.zeros(len(current.gradient) + len(current.border_gradient))
+    previous = np.inf, np.inf  # size and predicted decrease of the step before
     ended = settled = False
     while len(costs) <= stopping.iterations and not ended:
-        proposal = damped_step(here, damping, stopping.forcing)
+        proposal = damped_step(current, damping, stopping.forcing)
         trial_state = problem.retract(state, proposal)
-        sizes, predicted = problem.sizes(state, proposal), predicted_decrease(here, proposal, damping)
-        far = float((sizes > stopping.reach).mean())
-        small = stopping.decrease * here.cost if damping <= FIRM and far <= stopping.stragglers else 0.0
-        left = _to_come(sizes.max(), before[0]), _to_come(predicted, before[1])
-        last = left[0] < stopping.step or left[1] < small
-        there = None if last else problem.linearize(trial_state)
-        cost = problem.cost(trial_state) if there is None else there.cost
-        as_good = last and predicted > 0 and damping <= FIRM and cost <= (1 + SIGNIFICANT) * here.cost
-        if cost < here.cost or as_good:
-            ratio = (here.cost - cost) / predicted if predicted > 0 else 0.0
-            ended = last or (here.cost - cost < small and ratio > TRUSTED)
+        sizes, predicted = problem.step_sizes(state, proposal), predicted_decrease(current, proposal, damping)
+        near = damping <= MAX_DAMPING_NEAR_MINIMUM
+        far = float((sizes > stopping.straggler_distance).mean())
+        small = stopping.decrease * current.cost if near and far <= stopping.stragglers else 0.0
+        last = _remaining(sizes.max(), previous[0]) < stopping.step or _remaining(predicted, previous[1]) < small
+        trial = None if last else problem.linearize(trial_state)
+        cost = problem.cost(trial_state) if trial is None else trial.cost
+        as_good = last and predicted > 0 and near and cost <= (1 + SIGNIFICANT_COST_CHANGE) * current.cost
+        if cost < current.cost or as_good:
+            ratio = (current.cost - cost) / predicted if predicted > 0 else 0.0
+            ended = last or (current.cost - cost < small and ratio > MIN_DECREASE_RATIO)
             settled = ended and far == 0
             damping *= max(0.1, 1 - (2 * min(ratio, 1.5) - 1) ** 3)
             damping, growth = max(damping, 1e-9), 2.0
-            state, step, before = trial_state, proposal, (sizes.max(), predicted)
-            here = here if there is None else there
+            state, step, previous = trial_state, proposal, (sizes.max(), predicted)
+            current = current if trial is None else trial
             costs.append(cost)
             if observe is not None:
                 observe(cost)
         else:
             ended = last or damping > 1e6
-            settled = ended and bool(np.isfinite(here.cost))
+            settled = ended and bool(np.isfinite(current.cost))
             damping, growth = max(damping, 1e-4) * growth, growth * 2
     return Solution(state, tuple(costs), step, settled)
 
 
-def _to_come(now: float, before: float) -> float:
-    """What the steps after this one add up to, if they go on to shrink as this one did; at least this step itself.
+def _remaining(current: float, previous: float) -> float:
+    """Sum of the steps after this one if they go on to shrink as this one did; at least this step itself.
 
     With a ratio q of this step to the one before, that is q / (1 − q) times this step: where steps shrink slowly, a
     small one is far from the last.
     """
-    ratio = min(now / before, SLOWEST) if before > 0 else 0.0
-    return now * max(1.0, ratio / (1 - ratio))
+    ratio = min(current / previous, MAX_EXTRAPOLATED_RATIO) if previous > 0 else 0.0
+    return current * max(1.0, ratio / (1 - ratio))
 
 
-def damped_step(at: Linearization, damping: float, forcing: float = FORCING) -> Float:
-    """The step (δ, ε) ``(N + k,)``, ε of what is not eliminated alone."""
+def damped_step(at: Linearization, damping: float, forcing: float = DEFAULT_FORCING) -> Float:
+    """The step (δ, ε) ``(N + k,)``, with ε of the k unknowns that are not eliminated."""
+    k = len(at.border_gradient)
     if not is_small(at.hessian):
         return _iterated_step(at, damping, forcing)
     solve = inverse(at.hessian, damping)
-    plain = solve(at.gradient)
+    own = solve(at.gradient)
     if at.border.shape[1] == 0:
-        return -plain
+        return -own
     across = solve(at.border)
-    slope = np.zeros(len(at.corner))
-    slope[len(slope) - len(at.slope) :] = at.slope
     corner = _damped_corner(at, damping)
-    left = pseudo_inverse(corner - at.border.T @ across, like=np.diagonal(corner))
-    few = left @ (at.border.T @ plain - slope)
-    return np.concatenate([-(plain + across @ few), few[len(few) - len(at.slope) :]])
+    complement = pseudo_inverse(corner - at.border.T @ across, like=np.diagonal(corner))
+    few = complement @ (at.border.T @ own - _full_border_gradient(at))
+    return np.concatenate([-(own + across @ few), few[len(few) - k :]])
+
+
+def _full_border_gradient(at: Linearization) -> Float:
+    """h ``(m,)``, zero for the eliminated unknowns."""
+    gradient = np.zeros(len(at.corner))
+    gradient[len(gradient) - len(at.border_gradient) :] = at.border_gradient
+    return gradient
 
 
 def _damped_corner(at: Linearization, damping: float) -> Float:
-    """D, with damping on what steps."""
-    first = len(at.corner) - len(at.slope)
+    """D, damped for the unknowns that are not eliminated."""
+    first = len(at.corner) - len(at.border_gradient)
     corner = at.corner.copy()
     corner[range(first, len(corner)), range(first, len(corner))] *= 1 + damping
     return corner
 
 
-def eliminated(at: Linearization, damping: float) -> tuple[Callable[[Float], Float], Float, Float]:
+def schur_complement(at: Linearization, damping: float) -> tuple[Callable[[Float], Float], Float, Float]:
     """x ↦ (H + λ diag H − B D⁺ Bᵀ) x, D⁺, and the blocks on the diagonal of H + λ diag H."""
-    few = pseudo_inverse(_damped_corner(at, damping))
+    corner_inverse = pseudo_inverse(_damped_corner(at, damping))
     product, blocks = damped_product(at.hessian, damping)
-    return lambda x: product(x) - at.border @ (few @ (at.border.T @ x)), few, blocks
+    return lambda x: product(x) - at.border @ (corner_inverse @ (at.border.T @ x)), corner_inverse, blocks
 
 
 def _iterated_step(at: Linearization, damping: float, forcing: float) -> Float:
-    """The same by conjugate gradients on what is left of H once ε is eliminated."""
-    slope = np.zeros(len(at.corner))
-    slope[len(slope) - len(at.slope) :] = at.slope
-    product, few, blocks = eliminated(at, damping)
-    most = MAX_STEP_ITERATIONS if forcing >= FORCING else MAX_ITERATIONS
-    own = conjugate_gradients(product, blocks, at.border @ (few @ slope) - at.gradient, forcing, most)
-    rest = -few @ (slope + at.border.T @ own)
-    return np.concatenate([own, rest[len(rest) - len(at.slope) :]])
+    """Solve the Schur complement by preconditioned conjugate gradients."""
+    gradient = _full_border_gradient(at)
+    product, corner_inverse, blocks = schur_complement(at, damping)
+    iterations = MAX_CG_ITERATIONS_PER_STEP if forcing >= DEFAULT_FORCING else MAX_CG_ITERATIONS
+    right = at.border @ (corner_inverse @ gradient) - at.gradient
+    own = conjugate_gradients(product, blocks, right, forcing, iterations)
+    few = -corner_inverse @ (gradient + at.border.T @ own)
+    return np.concatenate([own, few[len(few) - len(at.border_gradient) :]])
 
 
 def predicted_decrease(at: Linearization, step: Float, damping: float) -> float:
-    """Decrease that the quadratic model promises for a ``step`` of `damped_step`."""
+    """Decrease that the quadratic model predicts for a ``step`` of `damped_step`."""
     own, few = step[: len(at.gradient)], step[len(at.gradient) :]
-    slopes = float(at.gradient @ own) + float(at.slope @ few)
+    slope = float(at.gradient @ own) + float(at.border_gradient @ few)
     metric = float(own @ (np.asarray(at.hessian.diagonal()) * own))
     metric += float(few @ (np.diagonal(at.corner)[len(at.corner) - len(few) :] * few))
-    return 0.5 * (damping * metric - slopes)
+    return 0.5 * (damping * metric - slope)

@@ -17,32 +17,38 @@ from grainmotion.solvers.gauss_newton import Solution
 from grainmotion.tracking.multistage import MultistageFit
 from grainmotion.uncertainty.noise_model import shaded_pixels
 
-CONTRADICTED = 2.5
+MOVED_BACKGROUND_CHI2 = 2.5
 """χ² over its degrees of freedom from which the background moved: measured 0.5 to 0.8 where it did not, 400 for a
 dense tube that moved by 0.06 voxel, and as the square of the motion."""
-UNKNOWNS = 6
-FIRM = 1e-6
+BACKGROUND_UNKNOWNS = 6
+FIXED_BACKGROUND_SD = 1e-6
 """Of the prior's standard deviations: those that hold it."""
-HELD = "the background was held where it was in the reference: the radiographs do not say that it moved"
+FIXED_BACKGROUND_NOTE = (
+    "the background was held where it was in the reference: the radiographs do not say that it moved"
+)
 
 
-def held_if_still(
-    course: MultistageFit, problem: StateProblem, solution: Solution[Pose]
+def fixed_unless_moved(
+    fit: MultistageFit, problem: StateProblem, solution: Solution[Pose]
 ) -> tuple[StateProblem, Solution[Pose], bool]:
     """The problem and its solution, with the background held if nothing says that it moved, and whether it is."""
-    loose, pose = course.target.loose, solution.state
-    if not loose.body:
+    nuisance, pose = fit.target.nuisance, solution.state
+    if not nuisance.background:
         return problem, solution, False
-    firm = replace(loose, body_shift=FIRM * loose.body_shift, body_turn=FIRM * loose.body_turn)
-    target = course.target
-    course.target = replace(target, loose=firm)
-    held, end = course.free(Pose(pose.translations, pose.matrices), "background held", course.settings.filters[-1:])
+    firm = replace(
+        nuisance,
+        background_shift_sd=FIXED_BACKGROUND_SD * nuisance.background_shift_sd,
+        background_rotation_sd=FIXED_BACKGROUND_SD * nuisance.background_rotation_sd,
+    )
+    target = fit.target
+    fit.target = replace(target, nuisance=firm)
+    held, end = fit.solve_free(Pose(pose.translations, pose.matrices), "background held", fit.settings.filters[-1:])
     rise = end.costs[-1] - solution.costs[-1]
-    pixels = int(shaded_pixels(problem.target, problem.glance(pose)).sum())
+    pixels = int(shaded_pixels(problem.target, problem.evaluate(pose)).sum())
     variance = 2 * solution.costs[-1] / max(pixels, 1)
-    if 2 * rise <= CONTRADICTED * UNKNOWNS * variance * correlated_pixels(problem.target):
+    if 2 * rise <= MOVED_BACKGROUND_CHI2 * BACKGROUND_UNKNOWNS * variance * correlated_pixels(problem.target):
         return held, end, True
-    course.target = target
+    fit.target = target
     return problem, solution, False
 
 

@@ -15,61 +15,71 @@ from grainmotion.model.pose import Pose
 from grainmotion.objective.residual import StateProblem
 from grainmotion.rotations import rotation_vector
 from grainmotion.solvers.gauss_newton import Solution
-from grainmotion.tracking.missing_grains import Shadow, shadows_held
-from grainmotion.tracking.multistage import pixels_an_unknown
-from grainmotion.tracking.new_grains import strangers
-from grainmotion.tracking.refinement import Polished
+from grainmotion.tracking.missing_grains import GrainSupport, grain_supports
+from grainmotion.tracking.multistage import pixels_per_unknown
+from grainmotion.tracking.new_grains import unexplained_notes
+from grainmotion.tracking.refinement import RefinedFit
 from grainmotion.uncertainty.goodness_of_fit import misfits
-from grainmotion.uncertainty.weak_directions import poorly
+from grainmotion.uncertainty.weak_directions import poorly_determined
 
-AMBIGUOUS = "another search put it elsewhere, and neither fit is perfect; take more views, or give a nearer start"
-SHAKEN = 0.05  # residual beyond the noise over line integrals, above which a lost neighbour may have shifted a grain
-SPARSE = 13.0
+AMBIGUOUS_REASON = (
+    "another search put it elsewhere, and neither fit is perfect; take more views, or give a nearer start"
+)
+MAX_DISTURBED_MISFIT = (
+    0.05  # residual beyond the noise over line integrals, above which a lost neighbour may have shifted a grain
+)
+MIN_PIXELS_PER_UNKNOWN = 13.0
 """Pixels an unknown below which neighbours may make up for a grain in a wrong place (decision 0015)."""
-SEEN_ENOUGH = 0.6  # share of a grain's shadows on the panel below which it has left the field
+MIN_COVERAGE = 0.6  # share of a grain's shadows on the panel below which it has left the field
 
 
-def judge(
+def classify(
     grains: GrainSet,
-    polished: Polished,
+    polished: RefinedFit,
     doubtful: NDArray[np.bool_],
     limits: tuple[float, float],
     costs: tuple[tuple[str, float], ...],
 ) -> Motions:
     """Turn what was found into a table; ``limits`` are the largest sd of u (mm) and of ω (rad) to accept."""
     problem, solution, n = polished.problem, polished.solution, len(grains)
-    seen = problem.glance(solution.state)
-    fits = misfits(problem, seen)
+    evaluation = problem.evaluate(solution.state)
+    fits = misfits(problem, evaluation)
     covariances, known = polished.posterior.copy(), polished.covariances.copy()
-    lost = fits.lost
-    shaken = lost.any() & ~lost & (fits.shares > SHAKEN)
-    coverage, moving = seen.patches.seen.mean(axis=1), _still_moving(problem, solution)
-    held = shadows_held(problem, solution.state) if lost.any() else [Shadow()] * n
+    lost = fits.misregistered
+    shaken = lost.any() & ~lost & (fits.shares > MAX_DISTURBED_MISFIT)
+    coverage, moving = evaluation.patches.seen.mean(axis=1), _still_moving(problem, solution)
+    held = grain_supports(problem, solution.state) if lost.any() else [GrainSupport()] * n
     statuses, reasons = np.full(n, Status.CONVERGED.value, dtype="<U20"), [""] * n
     for k in range(n):
         fit = _Fit(
-            fits.residuals[k], fits.paths[k], coverage[k], bool(lost[k]), bool(shaken[k]), bool(moving[k]), held[k]
+            fits.rms_residuals[k],
+            fits.rms_line_integrals[k],
+            coverage[k],
+            bool(lost[k]),
+            bool(shaken[k]),
+            bool(moving[k]),
+            held[k],
         )
         verdict = _verdict(fit, known[k], limits)
         if verdict is None and doubtful[k]:
-            verdict = Status.NOT_CONVERGED, AMBIGUOUS
+            verdict = Status.NOT_CONVERGED, AMBIGUOUS_REASON
         if verdict is not None:
             statuses[k], reasons[k] = verdict[0].value, verdict[1]
-    notes = (*sparse(problem), *strangers(problem, solution.state, seen))
+    notes = (*sparse(problem), *unexplained_notes(problem, solution.state, evaluation))
     unknown = np.isin(statuses, [Status.LEFT_FIELD.value, Status.NOT_FITTED.value])
     translations, rotations = solution.state.translations.copy(), rotation_vector(solution.state.matrices)
     translations[unknown] = rotations[unknown] = np.nan
     covariances[unknown] = np.nan
     return Motions(
-        grains.labels, grains.centers, translations, rotations, covariances, statuses, fits.residuals,
-        np.full(n, len(costs), dtype=np.int64), tuple(reasons), state_fit(polished, seen.response, costs, notes),
+        grains.labels, grains.centers, translations, rotations, covariances, statuses, fits.rms_residuals,
+        np.full(n, len(costs), dtype=np.int64), tuple(reasons), state_fit(polished, evaluation.response, costs, notes),
     )  # fmt: skip
 
 
 def sparse(problem: StateProblem) -> tuple[str, ...]:
     """A sentence if the radiographs hold so little that a good fit of a crowd is no proof of each grain's place."""
-    each = pixels_an_unknown(problem.grains, problem.target)
-    if each >= SPARSE or not each:
+    each = pixels_per_unknown(problem.grains, problem.target)
+    if each >= MIN_PIXELS_PER_UNKNOWN or not each:
         return ()
     return (
         f"{each:.0f} pixels for each unknown are few: neighbours can make up for a grain in a wrong place, and its fit "
@@ -78,14 +88,14 @@ def sparse(problem: StateProblem) -> tuple[str, ...]:
 
 
 def state_fit(
-    polished: Polished, response: Response, costs: tuple[tuple[str, float], ...], found: tuple[str, ...]
+    polished: RefinedFit, response: Response, costs: tuple[tuple[str, float], ...], found: tuple[str, ...]
 ) -> StateFit:
     """What was found of the state as a whole."""
-    loose, around = polished.problem.target.loose, polished.solution.state.surroundings
+    nuisance, around = polished.problem.target.nuisance, polished.solution.state.surroundings
     corrections = background = None
-    if around is not None and loose.views:
+    if around is not None and nuisance.views:
         corrections = around.views
-    if around is not None and loose.body:
+    if around is not None and nuisance.background:
         background = np.concatenate([around.translation, rotation_vector(around.matrix)])
     return StateFit(
         response.gain, response.offset, costs, response, corrections, polished.corrections_sd, background,
@@ -103,14 +113,14 @@ class _Fit:
     lost: bool
     shaken: bool
     moving: bool
-    shadow: Shadow
+    shadow: GrainSupport
 
 
 def _verdict(fit: _Fit, covariance: Float, limits: tuple[float, float]) -> tuple[Status, str] | None:
     """Status and sentence of a grain that did not simply converge."""
     if fit.coverage == 0 or not np.isfinite(fit.path):
         return Status.NOT_FITTED, "no view sees it; check its place, or give views or a start that see it"
-    if fit.coverage < SEEN_ENOUGH:
+    if fit.coverage < MIN_COVERAGE:
         share = f"only {fit.coverage:.0%} of its shadows fall on the panel"
         return Status.LEFT_FIELD, f"{share}; take views that hold it, or leave it out"
     if fit.lost:
@@ -123,7 +133,7 @@ def _verdict(fit: _Fit, covariance: Float, limits: tuple[float, float]) -> tuple
             f"a neighbour fits badly, and its own residual {fit.residual:.3g} is large enough for that to have shifted "
             "it; mend the neighbour first: its label, a nearer start, more views"
         )
-    names = poorly(covariance, limits)
+    names = poorly_determined(covariance, limits)
     if names:
         turns = any(name.startswith("rotation") for name in names)
         cause = "the views, or a shape as round as this, do not tell" if turns else "the views do not tell"

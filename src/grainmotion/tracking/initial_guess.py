@@ -13,8 +13,8 @@ from grainmotion.objective import displacement_bases
 from grainmotion.objective.residual import Basis, StateProblem
 from grainmotion.rotations import recenter, rotation_matrix
 from grainmotion.solvers.gauss_newton import Solution
-from grainmotion.tracking.multiresolution import TOGETHER
-from grainmotion.tracking.multistage import ROUGHLY, MultistageFit
+from grainmotion.tracking.multiresolution import FIELD_GRAIN_PIXELS
+from grainmotion.tracking.multistage import INITIAL_STOPPING, MultistageFit
 from grainmotion.uncertainty.goodness_of_fit import misfits
 
 
@@ -42,15 +42,15 @@ def starting_pose(grains: GrainSet, start: Motions | None) -> Pose:
 def centroid_shift(problem: StateProblem, pose: Pose) -> Pose:
     """All grains shifted as the centroids of measured and simulated radiographs tell, least squares over views."""
     target, geometry = problem.target, problem.target.scan.geometry
-    seen = problem.glance(pose)
+    evaluation = problem.evaluate(pose)
     middle = (problem.grains.centers + pose.translations).mean(axis=0)
     step = problem.grains.voxel_size
     spots = geometry.project_points(np.vstack([middle, middle + step * np.eye(3)]))
     if not np.isfinite(spots).all():  # the start lies behind a source
         return pose
     slopes = (spots[:, 1:] - spots[:, :1]).transpose(0, 2, 1).reshape(-1, 3) / step
-    simulated = seen.path - target.fixed
-    gaps = _centroids(target.filtered(simulated + seen.raw)) - _centroids(target.filtered(simulated))
+    simulated = evaluation.line_integrals - target.fixed_background
+    gaps = _centroids(target.filtered(simulated + evaluation.raw_residual)) - _centroids(target.filtered(simulated))
     shift = np.linalg.lstsq(slopes, gaps.ravel(), rcond=1e-3)[0]
     return pose.moved(pose.translations + shift, pose.matrices)
 
@@ -63,47 +63,51 @@ def _centroids(images: Image) -> Float:
     return np.stack([rows, columns], axis=1)
 
 
-TOO_MANY = 0.1  # share of badly fitting grains from which another start is tried
+MAX_MISREGISTERED_AT_START = 0.1  # share of badly fitting grains from which another start is tried
 
 
-def approach(course: MultistageFit, pose: Pose) -> tuple[Pose, Pose]:
+def initialise(fit: MultistageFit, pose: Pose) -> tuple[Pose, Pose]:
     """A smooth field's pose, and the pose from which the free stages start well.
 
     A smooth field that carries the sample far can mislead grains that moved little and each its own way,
     so a field is kept only if the grains then fit, else one body and the plain start are tried as well.
     """
-    if not course.settings.fields:
+    if not fit.settings.fields:
         return pose, pose
-    width = course.settings.filters[0]
-    problem = StateProblem(*course.level(width))
-    judged = StateProblem(course.grains, course.filter(width, course.settings.freedom.midway))  # a drift is no misfit
+    width = fit.settings.filters[0]
+    problem = StateProblem(*fit.level(width))
+    judged = StateProblem(
+        fit.grains, fit.filtered_target(width, fit.settings.response_model.without_hardening)
+    )  # a drift is no misfit
     best: Solution[Pose] | None = None
-    fields = smooth_fields(course, pose)
+    fields = smooth_fields(fit, pose)
     for candidate in [*reversed(fields), pose]:
-        end = course.solve(problem, candidate, course.rough(), f"free, filter {width:g}")
+        end = fit.solve(problem, candidate, fit.coarse_stopping(), f"free, filter {width:g}")
         if best is None or end.costs[-1] < best.costs[-1]:
             best = end
-        seen = judged.glance(best.state)
-        if (misfits(judged, seen).astray & seen.patches.seen.any(axis=1)).mean() < TOO_MANY:
+        evaluation = judged.evaluate(best.state)
+        if (
+            misfits(judged, evaluation).misregistered_in_crowd & evaluation.patches.seen.any(axis=1)
+        ).mean() < MAX_MISREGISTERED_AT_START:
             break
     assert best is not None
     return fields[-1], best.state
 
 
-def smooth_fields(course: MultistageFit, pose: Pose) -> list[Pose]:
+def smooth_fields(fit: MultistageFit, pose: Pose) -> list[Pose]:
     """One rigid body from the better of two starts, then smooth fields if there are grains enough for them."""
-    width = course.settings.field_filter
-    grains, target = course.level(width, least=TOGETHER)
+    width = fit.settings.field_filter
+    grains, target = fit.level(width, least=FIELD_GRAIN_PIXELS)
     problem = StateProblem(grains, target, displacement_bases.rigid)
     starts = [pose, centroid_shift(problem, pose)]
-    ends = [course.solve(problem, s, ROUGHLY, "one body") for s in starts]
+    ends = [fit.solve(problem, s, INITIAL_STOPPING, "one body") for s in starts]
     poses = [min(ends, key=lambda e: e.costs[-1]).state]
     fields: list[tuple[str, Basis, int]] = [
         ("affine field", displacement_bases.affine, 6),
         ("quadratic field", displacement_bases.quadratic, 20),
     ]
     for name, basis, needed in fields:
-        if len(course.grains) >= needed:
+        if len(fit.grains) >= needed:
             problem = StateProblem(grains, target, basis)
-            poses.append(course.solve(problem, poses[-1], ROUGHLY, name).state)
+            poses.append(fit.solve(problem, poses[-1], INITIAL_STOPPING, name).state)
     return poses

@@ -23,20 +23,22 @@ from grainmotion.model.pose import Pose
 from grainmotion.objective.residual import StateProblem
 from grainmotion.objective.response_parameters import ResponseModel
 
-ENOUGH = 0.6
-FEW = 4
-ALL_TRIED = 16
+MIN_SUPPORT = 0.6
+MAX_SINGLE_SUSPECTS = 4
+MAX_GRAINS_ALL_TRIED = 16
 """Grains up to which each is left out in turn when most are in doubt; beyond, one cannot carry all others away, and
 trials without it begin where the others are."""
-LEAST_GAIN, LACKING = 0.4, 0.3
+MIN_PLAUSIBLE_GAIN, LACKING_GRAIN_SHARE = 0.4, 0.3
 """The fitted gain then lacks the share of one grain (a third of it at least, by what the others cover of it)."""
-ABSENT, BROKEN, INTACT = 0.4, 0.4, (0.7, 1.3)
+MISSING_MASS, BROKEN_SUPPORT, INTACT_MASS = 0.4, 0.4, (0.7, 1.3)
 """Mass below which a grain is missing; support and mass of one whose matter is there in another shape."""
-REASON = "its shadow is not on the radiographs: the others fit better without it; check whether it is still there"
+MISSING_REASON = (
+    "its shadow is not on the radiographs: the others fit better without it; check whether it is still there"
+)
 
 
 @dataclass(frozen=True)
-class Shadow:
+class GrainSupport:
     """What the radiographs hold of one grain's shadow.
 
     Attributes
@@ -54,26 +56,26 @@ class Shadow:
     @property
     def sentence(self) -> str:
         """What is likely to have become of a grain that fits badly."""
-        if self.mass < ABSENT:
+        if self.mass < MISSING_MASS:
             return "little of its shadow is there, it is missing or far away"
-        if INTACT[0] < self.mass < INTACT[1] and self.support > BROKEN:
+        if INTACT_MASS[0] < self.mass < INTACT_MASS[1] and self.support > BROKEN_SUPPORT:
             return "its mass is there but not its shape, it is broken, deformed or badly segmented"
         return "wrong minimum, broken or badly segmented grain"
 
 
-def shadows_held(problem: StateProblem, pose: Pose) -> list[Shadow]:
+def grain_supports(problem: StateProblem, pose: Pose) -> list[GrainSupport]:
     """What the radiographs hold of each grain's shadow."""
-    plain = replace(problem.target, sigma=0.0, freedom=ResponseModel(), weights=None)
-    seen = StateProblem(problem.grains, plain).glance(pose)
+    plain = replace(problem.target, sigma=0.0, response_model=ResponseModel(), weights=None)
+    evaluation = StateProblem(problem.grains, plain).evaluate(pose)
     sums = np.zeros((len(problem.grains), 4))
-    for p, (grain, view, r0, r1, c0, c1) in enumerate(seen.patches.boxes):
-        own = seen.values[seen.patches.offsets[p] : seen.patches.offsets[p + 1]].astype(float)
+    for p, (grain, view, r0, r1, c0, c1) in enumerate(evaluation.patches.boxes):
+        own = evaluation.values[evaluation.patches.offsets[p] : evaluation.patches.offsets[p + 1]].astype(float)
         own *= problem.target.valid[view, r0:r1, c0:c1].ravel()
-        left = seen.raw[view, r0:r1, c0:c1].ravel()
+        left = evaluation.raw_residual[view, r0:r1, c0:c1].ravel()
         sums[grain] += own @ left, own @ own, left.sum(), own.sum()
     with np.errstate(divide="ignore", invalid="ignore"):
         shares = 1 + sums[:, ::2] / sums[:, 1::2]
-    return [Shadow(float(support), float(mass)) for support, mass in shares]
+    return [GrainSupport(float(support), float(mass)) for support, mass in shares]
 
 
 def suspects(measured: Motions, supports: Float) -> list[NDArray[np.int64]]:
@@ -83,14 +85,14 @@ def suspects(measured: Motions, supports: Float) -> list[NDArray[np.int64]]:
     at once.  If most of a sample is in doubt, one absent grain may have shaken all: in a small one each is tried;
     in a large one, or if no attenuation is lacking, none, because then it is the radiographs that are wrong.
     """
-    doubtful = np.nonzero((measured.statuses == Status.NOT_CONVERGED.value) & (supports < ENOUGH))[0]
+    doubtful = np.nonzero((measured.statuses == Status.NOT_CONVERGED.value) & (supports < MIN_SUPPORT))[0]
     doubtful = doubtful[np.argsort(supports[doubtful])]
     unsettled = measured.statuses == Status.NOT_CONVERGED.value
     if unsettled.mean() > 0.5:
-        small = 1 < len(measured) <= ALL_TRIED
-        lacking = LEAST_GAIN < measured.fit.gain < 1 - LACKING / len(measured)
+        small = 1 < len(measured) <= MAX_GRAINS_ALL_TRIED
+        lacking = MIN_PLAUSIBLE_GAIN < measured.fit.gain < 1 - LACKING_GRAIN_SHARE / len(measured)
         return [np.array([k]) for k in range(len(measured))] if small and lacking else []
-    if len(doubtful) > FEW:
+    if len(doubtful) > MAX_SINGLE_SUSPECTS:
         return [doubtful]
     return [doubtful[k : k + 1] for k in range(min(3, len(doubtful)))]
 
@@ -112,7 +114,7 @@ def complete(measured: Motions, grains: GrainSet) -> Motions:
     order = {int(label): row for row, label in enumerate(grains.labels)}
     rows = np.array([order[int(label)] for label in measured.labels])
     whole = Motions.identity(grains.labels, grains.centers)
-    reasons = [REASON] * len(grains)
+    reasons = [MISSING_REASON] * len(grains)
     whole.translations[:] = whole.rotations[:] = np.nan
     for name in ("translations", "rotations", "covariances", "statuses", "residuals", "iterations"):
         getattr(whole, name)[rows] = getattr(measured, name)

@@ -17,9 +17,9 @@ from grainmotion.objective.data_term import Target
 from grainmotion.preprocessing.binning import binned_images
 from grainmotion.projection.grain_arrays import GrainArrays, planar
 
-SAMPLED = 1.0
+MIN_FILTER_PIXELS = 1.0
 """Least width of a filter, coarse pixels."""
-TOGETHER, ALONE = 6.0, 14.0
+FIELD_GRAIN_PIXELS, FREE_GRAIN_PIXELS = 6.0, 14.0
 """Least size of a grain, coarse pixels, where all grains move as one field and where each moves alone."""
 
 
@@ -32,7 +32,7 @@ def coarsening(grains: GrainArrays, target: Target, sigma: float, least: float) 
     if target.projector != "trilinear" or target.derivatives != "analytic" or planar(grains, geometry):
         return 1
     across = 2 * float(np.median(grains.radii)) / geometry.pixel_at(grains.centers.mean(axis=0))
-    return max(1, int(min(sigma / SAMPLED, across / least)))
+    return max(1, int(min(sigma / MIN_FILTER_PIXELS, across / least)))
 
 
 def coarsened(target: Target, factor: int, margin: tuple[int, int] | NDArray[np.int64] = (0, 0)) -> Target:
@@ -55,7 +55,9 @@ def coarsened(target: Target, factor: int, margin: tuple[int, int] | NDArray[np.
     share = binned(target.valid)
     weight = np.maximum(share, 1e-6)
     images = binned(target.scan.line_integrals.astype(target.precision) * target.valid) / weight
-    fixed = binned(target.fixed * target.valid) / weight
+    fixed = binned(target.fixed_background * target.valid) / weight
     scan = Scan(images, window.binned(factor), share > 0.5)
-    body = None if target.body is None else target.body.coarsened(factor)
-    return replace(target, scan=scan, fixed=fixed, sigma=target.sigma / factor, weights=None, body=body)
+    body = None if target.background is None else target.background.coarsened(factor)
+    return replace(
+        target, scan=scan, fixed_background=fixed, sigma=target.sigma / factor, weights=None, background=body
+    )

@@ -21,46 +21,49 @@ from grainmotion.model.grains import Grain, GrainSet
 from grainmotion.model.motions import Motions
 from grainmotion.model.pose import Pose
 from grainmotion.model.volume import Volume
-from grainmotion.objective.residual import Evaluation, StateProblem
+from grainmotion.objective.evaluation import Evaluation
+from grainmotion.objective.residual import StateProblem
 from grainmotion.tracking.initial_guess import smooth_fields
 from grainmotion.tracking.multistage import MultistageFit
 from grainmotion.uncertainty.goodness_of_fit import misfits
 
-WIDTH, STEP = 0.5, 0.5
+RESIDUAL_FILTER_RADII, PLACE_STEP_RADII = 0.5, 0.5
 """Of a grain's radius: the filter under which residuals are looked at, and the places tried."""
-MUCH = 0.3
+UNEXPLAINED_SHARE = 0.3
 """Of a grain's line integrals: what counts."""
-BEYOND = 1.5
+PLACE_MARGIN_RADII = 1.5
 """Grain radii outside the grains' own box up to which places are tried."""
-MOST = 5
+MAX_NEW_GRAINS = 5
 """Strangers named."""
 
 
-def strangers(problem: StateProblem, pose: Pose, seen: Evaluation) -> tuple[str, ...]:
+def unexplained_notes(problem: StateProblem, pose: Pose, evaluation: Evaluation) -> tuple[str, ...]:
     """A sentence for each place where all views hold something that no grain explains."""
     return tuple(
         f"something that is no grain attenuates near x = {x:.3g}, y = {y:.3g}, z = {z:.3g}, "
         f"{share:.0%} of a grain's line integrals: one that appeared, or a piece of one"
-        for x, y, z, share in stranger_places(problem, pose, seen)
+        for x, y, z, share in unexplained_places(problem, pose, evaluation)
     )
 
 
-def stranger_places(problem: StateProblem, pose: Pose, seen: Evaluation) -> list[tuple[float, float, float, float]]:
+def unexplained_places(
+    problem: StateProblem, pose: Pose, evaluation: Evaluation
+) -> list[tuple[float, float, float, float]]:
     """Those places, mm, x y z, and the share of a grain's line integrals that is unexplained there."""
     grains, geometry = problem.grains, problem.target.scan.geometry
     radius = float(np.median(grains.radii))
-    paths = misfits(problem, seen).paths
+    paths = misfits(problem, evaluation).rms_line_integrals
     usual = float(np.nanmedian(paths)) if np.isfinite(paths).any() else 0.0
     if usual <= 0 or len(problem.target.scan) < 2:
         return []
     places = _places(grains.centers + pose.translations, radius)
-    sigma = WIDTH * radius / geometry.pixel_at((grains.centers + pose.translations).mean(axis=0))
-    smooth = np.stack([ndimage.gaussian_filter(image.astype(float), sigma) for image in seen.raw])
+    sigma = RESIDUAL_FILTER_RADII * radius / geometry.pixel_at((grains.centers + pose.translations).mean(axis=0))
+    smooth = np.stack([ndimage.gaussian_filter(image.astype(float), sigma) for image in evaluation.raw_residual])
     least = np.full(len(places), np.inf)
     for image, spots in zip(smooth, geometry.project_points(places), strict=True):
         least = np.minimum(least, ndimage.map_coordinates(image, np.nan_to_num(spots, nan=-1e9).T, order=1, cval=0.0))
     found: list[tuple[float, float, float, float]] = []
-    while len(found) < MOST and least.size and least.max() > MUCH * usual:
+    while len(found) < MAX_NEW_GRAINS and least.size and least.max() > UNEXPLAINED_SHARE * usual:
         best = int(np.argmax(least))
         x, y, z = (float(v) for v in places[best])
         found.append((x, y, z, float(least[best] / usual)))
@@ -70,27 +73,31 @@ def stranger_places(problem: StateProblem, pose: Pose, seen: Evaluation) -> list
 
 def _places(centers: Float, radius: float) -> Float:
     """A grid of places in and around the grains ``(k, 3)``, mm, x y z."""
-    low, high = centers.min(axis=0) - BEYOND * radius, centers.max(axis=0) + BEYOND * radius
-    axes = [np.arange(a, b + STEP * radius, STEP * radius) for a, b in zip(low, high, strict=True)]
+    low, high = centers.min(axis=0) - PLACE_MARGIN_RADII * radius, centers.max(axis=0) + PLACE_MARGIN_RADII * radius
+    axes = [
+        np.arange(a, b + PLACE_STEP_RADII * radius, PLACE_STEP_RADII * radius) for a, b in zip(low, high, strict=True)
+    ]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
-SURPLUS = 0.3
+SURPLUS_GAIN_SHARE = 0.3
 """Of one grain's share of all attenuation: by as much the fitted gain exceeds 1 where one has appeared."""
-IN_DOUBT = 0.3
+MIN_DOUBTFUL_SHARE = 0.3
 """Share of grains that must be in doubt before another one is supposed."""
 
 
 def may_have_appeared(measured: Motions) -> bool:
     """Whether a fit looks as if a grain too many were on the radiographs."""
-    return bool((~measured.ok).mean() > IN_DOUBT and measured.fit.gain > 1 + SURPLUS / len(measured))
+    return bool(
+        (~measured.ok).mean() > MIN_DOUBTFUL_SHARE and measured.fit.gain > 1 + SURPLUS_GAIN_SHARE / len(measured)
+    )
 
 
-def place_of_surplus(course: MultistageFit, start: Pose) -> Float | None:
+def place_of_new_grain(fit: MultistageFit, start: Pose) -> Float | None:
     """Where most attenuation is unexplained once a smooth field has carried the grains, mm, x y z."""
-    base = smooth_fields(course, start)[-1]
-    problem = StateProblem(course.grains, course.filter(course.settings.filters[0]))
-    places = stranger_places(problem, base, problem.glance(base))
+    base = smooth_fields(fit, start)[-1]
+    problem = StateProblem(fit.grains, fit.filtered_target(fit.settings.filters[0]))
+    places = unexplained_places(problem, base, problem.evaluate(base))
     return np.array(places[0][:3]) if places else None
 
 
@@ -109,7 +116,7 @@ def with_stand_in(grains: GrainSet, place: Float) -> GrainSet:
     return replace(grains, grains=(*grains.grains, ball))
 
 
-def started(start: Motions | None, grains: GrainSet) -> Motions | None:
+def start_with_stand_in(start: Motions | None, grains: GrainSet) -> Motions | None:
     """The start of the sample with a stand-in, which moves from where it was put."""
     if start is None:
         return None

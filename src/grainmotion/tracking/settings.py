@@ -95,7 +95,7 @@ class TrackSettings:
     ] = "auto"
 
     @property
-    def freedom(self) -> ResponseModel:
+    def response_model(self) -> ResponseModel:
         """What of the detector's response is unknown."""
         return ResponseModel(self.gain, self.trend, self.hardening)
 

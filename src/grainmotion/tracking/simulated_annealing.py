@@ -18,18 +18,18 @@ from grainmotion.kernels import gibbs_sampling as kernel
 from grainmotion.kernels import normal_equations
 from grainmotion.model.pose import Pose
 from grainmotion.objective.data_term import Target
-from grainmotion.objective.nuisance_motions import STILL
-from grainmotion.objective.response_parameters import KNOWN
+from grainmotion.objective.nuisance_motions import GRAINS_ONLY
+from grainmotion.objective.response_parameters import IDENTITY_RESPONSE
 from grainmotion.projection.grain_arrays import GrainArrays, ball_directions, planar
 from grainmotion.projection.grains import assemble, project_patches, shadows
 from grainmotion.rotations import rotation_matrix, rotation_vector
 from grainmotion.tracking.multiresolution import coarsened
 
-FILTER = 0.7  # pixels of the coarse radiographs
+ANNEALING_FILTER = 0.7  # pixels of the coarse radiographs
 
 
 @dataclass(frozen=True)
-class Ranges:
+class SearchRanges:
     """How far and how finely to search.
 
     Attributes
@@ -62,23 +62,25 @@ class Ranges:
     cooling: float = 1e-3
 
 
-BATCH = 256, 512
+MAX_CANDIDATES = 256, 512
 """Turns and shifts weighed at a visit, at most."""
-LARGEST_TABLE, FEWEST_TURNS = 2**27, 32
+MAX_TABLE_NUMBERS, MIN_TABLE_ROTATIONS = 2**27, 32
 """Numbers in the table of patches; turns in it however many grains there are."""
-BEYOND = 1.02
+BALL_HULL_SCALE = 1.02
 """Of a ball's radius: how far out points on it must lie so that they hold it between them."""
-LAST = 3
+COLD_SWEEPS = 3
 """Sweeps without heat at the end."""
-BITS = 12
+RESIDUAL_BITS = 12
 """Binary digits to which residuals are significant: the largest number is 4,096 quanta.  Products with patches of up
 to 10⁴ times that, summed over a thousand pixels, are exact in double precision."""
-PLACES, TURNS, SLOPES = 16.0, 256.0, 2.0**20
+SHIFT_STEPS_PER_VOXEL, ROTATION_STEPS_PER_RADIAN, DERIVATIVE_STEPS_PER_PIXEL = 16.0, 256.0, 2.0**20
 """Steps to which a start is significant, of a voxel and of a radian (candidates lie further apart), and slopes are:
 shifts by half a pixel are then exactly that, and no rounding says to which side a pixel's half goes."""
 
 
-def anneal(grains: GrainArrays, target: Target, base: Pose, rows: NDArray[np.int64], ranges: Ranges, seed: int) -> Pose:
+def anneal(
+    grains: GrainArrays, target: Target, base: Pose, rows: NDArray[np.int64], ranges: SearchRanges, seed: int
+) -> Pose:
     """The best pose that annealing finds for the grains of ``rows`` around ``base``; the others are held."""
     base = _rounded(base, rows, grains.unit)
     flat = planar(grains, target.scan.geometry)
@@ -89,27 +91,35 @@ def anneal(grains: GrainArrays, target: Target, base: Pose, rows: NDArray[np.int
     h = coarse.voxel_size
     turns = _turns(ranges.angle, 2 * ranges.turn_step * h / diameter, flat)
     shifts = _shifts(ranges.reach * diameter, ranges.step * h, flat)
-    slopes = np.rint(_slopes(target, coarse, base, rows) / factor * SLOPES) / SLOPES
+    slopes = (
+        np.rint(_slopes(target, coarse, base, rows) / factor * DERIVATIVE_STEPS_PER_PIXEL) / DERIVATIVE_STEPS_PER_PIXEL
+    )
     moved = np.abs(np.einsum("nvij,tj->nvti", slopes, shifts)).max(axis=(0, 1, 2))
     reach = np.array([0 if flat else max(1, np.ceil(moved[0])), max(1, np.ceil(moved[1]))], dtype=np.int64)
     # Patches keep inside the images at any shift, and grains near the panel's edge keep whole patches.
     margin = reach + np.array([0 if flat else 1, 1]) + (0 if flat else int(np.ceil(ranges.across)))
-    view = replace(coarsened(target, factor, margin), sigma=FILTER, freedom=KNOWN, loose=STILL, weights=None)
+    view = replace(
+        coarsened(target, factor, margin),
+        sigma=ANNEALING_FILTER,
+        response_model=IDENTITY_RESPONSE,
+        nuisance=GRAINS_ONLY,
+        weights=None,
+    )
     chosen = coarse.select(rows)
     own = Pose(base.translations[rows], base.matrices[rows])
     images = _residual(coarse, base, view)
     if not images.any():  # nothing that counts is to be explained
         return base
-    quantum = 2.0 ** (np.ceil(np.log2(float(np.abs(images).max()))) - BITS)
+    quantum = 2.0 ** (np.ceil(np.log2(float(np.abs(images).max()))) - RESIDUAL_BITS)
     table = _CandidateTable.of(chosen, own, turns, view, quantum)
     pad = reach + 1
     images = np.pad(np.rint(images.astype(float) / quantum), ((0, 0), (pad[0], pad[0]), (pad[1], pad[1])))
     heat = ranges.heat * float(np.vdot(images, images)) / len(rows)
-    heats = np.concatenate([np.geomspace(heat, heat * ranges.cooling, ranges.sweeps), np.zeros(LAST)])
+    heats = np.concatenate([np.geomspace(heat, heat * ranges.cooling, ranges.sweeps), np.zeros(COLD_SWEEPS)])
     which = np.full(len(rows), _still(table.turns))
     moves = np.full(len(rows), int(np.argmin((shifts**2).sum(axis=1))))
     kernel.anneal(
-        np.random.default_rng(seed), heats, BATCH, images, table.values, table.energies, table.places,
+        np.random.default_rng(seed), heats, MAX_CANDIDATES, images, table.values, table.energies, table.places,
         table.boxes[:, [2, 4]] + pad, np.ascontiguousarray(table.boxes[:, [3, 5]] - table.boxes[:, [2, 4]]),
         table.offsets, slopes, shifts, reach, which, moves,
     )  # fmt: skip
@@ -134,10 +144,10 @@ class _CandidateTable:
     def of(cls, grains: GrainArrays, pose: Pose, turns: Float, target: Target, quantum: float) -> _CandidateTable:
         geometry = target.scan.geometry
         reach = np.linalg.norm(grains.hulls, axis=2).max(axis=1)
-        ball = replace(grains, hulls=reach[:, None, None] * BEYOND * ball_directions())
+        ball = replace(grains, hulls=reach[:, None, None] * BALL_HULL_SCALE * ball_directions())
         patches = shadows(ball, pose, geometry, margin=len(target.kernel) - 1)
         pixels = int(patches.offsets[-1])
-        most = max(FEWEST_TURNS, LARGEST_TABLE // max(pixels, 1))
+        most = max(MIN_TABLE_ROTATIONS, MAX_TABLE_NUMBERS // max(pixels, 1))
         if len(turns) > most:  # evenly thinned: neighbours on the grid follow each other
             turns = turns[np.unique(np.append(np.linspace(0, len(turns) - 1, most).astype(int), _still(turns)))]
         values, all_alike = np.empty((len(turns), pixels), np.float32), np.ones_like(target.valid)
@@ -163,8 +173,10 @@ def _still(turns: Float) -> int:
 def _rounded(pose: Pose, rows: NDArray[np.int64], voxel: float) -> Pose:
     """The pose with the grains of ``rows`` put on a grid, so that starts that differ by rounding are one."""
     translations, matrices = pose.translations.copy(), pose.matrices.copy()
-    translations[rows] = np.rint(translations[rows] / voxel * PLACES) * voxel / PLACES
-    matrices[rows] = rotation_matrix(np.rint(rotation_vector(matrices[rows]) * TURNS) / TURNS)
+    translations[rows] = np.rint(translations[rows] / voxel * SHIFT_STEPS_PER_VOXEL) * voxel / SHIFT_STEPS_PER_VOXEL
+    matrices[rows] = rotation_matrix(
+        np.rint(rotation_vector(matrices[rows]) * ROTATION_STEPS_PER_RADIAN) / ROTATION_STEPS_PER_RADIAN
+    )
     return pose.moved(translations, matrices)
 
 
@@ -199,4 +211,4 @@ def _residual(grains: GrainArrays, pose: Pose, target: Target) -> Image:
     geometry = target.scan.geometry
     patches = shadows(grains, pose, geometry)
     simulated = assemble(project_patches(grains, pose, geometry, patches, target.projector), patches, geometry)
-    return target.measured - target.filtered(simulated + target.fixed)
+    return target.measured - target.filtered(simulated + target.fixed_background)

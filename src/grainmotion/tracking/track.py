@@ -24,20 +24,34 @@ from grainmotion.objective.nuisance_motions import NuisanceModel
 from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.projection.volumes import project
 from grainmotion.segmentation.extraction import packed_body
-from grainmotion.tracking.background_motion import HELD, held_if_still
-from grainmotion.tracking.classification import judge
-from grainmotion.tracking.global_search import Found, search
-from grainmotion.tracking.initial_guess import approach, starting_pose
-from grainmotion.tracking.missing_grains import ALL_TRIED, FEW, complete, improves, merit, shadows_held, suspects
+from grainmotion.tracking.background_motion import FIXED_BACKGROUND_NOTE, fixed_unless_moved
+from grainmotion.tracking.classification import classify
+from grainmotion.tracking.global_search import SearchResult, search
+from grainmotion.tracking.initial_guess import initialise, starting_pose
+from grainmotion.tracking.missing_grains import (
+    MAX_GRAINS_ALL_TRIED,
+    MAX_SINGLE_SUSPECTS,
+    complete,
+    grain_supports,
+    improves,
+    merit,
+    suspects,
+)
 from grainmotion.tracking.multistage import MultistageFit
-from grainmotion.tracking.new_grains import may_have_appeared, place_of_surplus, started, with_stand_in, without_last
-from grainmotion.tracking.refinement import polish
+from grainmotion.tracking.new_grains import (
+    may_have_appeared,
+    place_of_new_grain,
+    start_with_stand_in,
+    with_stand_in,
+    without_last,
+)
+from grainmotion.tracking.refinement import refine
 from grainmotion.tracking.settings import PAPER, TrackSettings
 
 __all__ = ["PAPER", "TrackSettings", "track"]
 
 
-BODY_SHIFT, BODY_TURN = 20.0, 0.1
+BACKGROUND_SHIFT_SD, BACKGROUND_ROTATION_SD = 20.0, 0.1
 """Voxels, radians: standard deviations of the prior on a moving background."""
 
 
@@ -100,9 +114,9 @@ def _track(
     while settings.search and (absent := suspects(best, supports)):
         trials = [present.without(rows) for rows in absent]
         begin, how = start, settings
-        if len(present) > ALL_TRIED:  # the rest of a large sample is near its place
+        if len(present) > MAX_GRAINS_ALL_TRIED:  # the rest of a large sample is near its place
             begin, how = best, replace(settings, fields=False, filters=settings.filters[1:] or settings.filters)
-        elif len(trials) > FEW:  # the right one needs no search
+        elif len(trials) > MAX_SINGLE_SUSPECTS:  # the right one needs no search
             how = replace(settings, search=False)
         ends = [_all_together(t, scan, begin, how, progress, device) for t in trials]
         k = max(range(len(ends)), key=lambda k: merit(ends[k][0]))
@@ -126,14 +140,16 @@ def _with_another(
 ) -> Motions | None:
     """The grains beside one that stands in for another that appeared; None if there is no place for one."""
     try:
-        place = place_of_surplus(_course(grains, scan, settings, progress, device), starting_pose(grains, start))
+        place = place_of_new_grain(
+            _multistage_fit(grains, scan, settings, progress, device), starting_pose(grains, start)
+        )
     except np.linalg.LinAlgError:
         place = None
     if place is None:
         return None
     whole = with_stand_in(grains, place)
     quick = replace(settings, search=False)
-    return without_last(_all_together(whole, scan, started(start, whole), quick, progress, device)[0])
+    return without_last(_all_together(whole, scan, start_with_stand_in(start, whole), quick, progress, device)[0])
 
 
 def _all_together(
@@ -146,29 +162,30 @@ def _all_together(
 ) -> tuple[Motions, Float]:
     """All stages for some grains, and how much of each grain's shadow the radiographs hold."""
     try:
-        course = _course(grains, scan, settings, progress, device)
-        base, pose = approach(course, starting_pose(grains, start))
+        fit = _multistage_fit(grains, scan, settings, progress, device)
+        base, pose = initialise(fit, starting_pose(grains, start))
         done = 1 if settings.fields and len(settings.filters) > 1 else 0  # the approach ends with the first filter
-        problem, solution = course.free(pose, "free", settings.filters[done:])
-        found = Found(problem, solution, np.zeros(len(grains), dtype=bool))
+        problem, solution = fit.solve_free(pose, "free", settings.filters[done:])
+        found = SearchResult(problem, solution, np.zeros(len(grains), dtype=bool))
         if settings.search:
-            found = search(course, base, problem, solution)
-        problem, solution, held_back = held_if_still(course, found.problem, found.solution)
-        course.tell("judging the grains", course.stages)
-        polished = polish(course, base, problem, solution)
+            found = search(fit, base, problem, solution)
+        problem, solution, held_back = fixed_unless_moved(fit, found.problem, found.solution)
+        fit.report("judging the grains", fit.expected_stages)
+        polished = refine(fit, base, problem, solution)
         limits = (settings.max_sd_voxel * grains.voxel_size, float(np.deg2rad(settings.max_sd_deg)))
-        motions = judge(grains, polished, found.doubtful, limits, tuple(course.costs))
+        motions = classify(grains, polished, found.doubtful, limits, tuple(fit.costs))
         if held_back:
             motions = replace(
-                motions, fit=replace(motions.fit, background=np.zeros(6), notes=(*motions.fit.notes, HELD))
+                motions,
+                fit=replace(motions.fit, background=np.zeros(6), notes=(*motions.fit.notes, FIXED_BACKGROUND_NOTE)),
             )
-        held = shadows_held(polished.problem, polished.solution.state)
+        held = grain_supports(polished.problem, polished.solution.state)
         return motions, np.array([shadow.support for shadow in held])
     except np.linalg.LinAlgError as error:
         return _unsolved(grains, error), np.ones(len(grains))
 
 
-def _course(
+def _multistage_fit(
     grains: GrainSet, scan: Scan, settings: TrackSettings, progress: Progress | None, device: Device | None = None
 ) -> MultistageFit:
     device, smooth = device or chosen(settings.device), settings.projector == "trilinear"
@@ -178,12 +195,23 @@ def _course(
 
 def _target(grains: GrainSet, scan: Scan, settings: TrackSettings, device: Device) -> Target:
     """What is fitted, and the background that stays or moves."""
-    fixed, body, loose = np.zeros(scan.line_integrals.shape, grains.precision), None, NuisanceModel()
+    fixed, body, nuisance = np.zeros(scan.line_integrals.shape, grains.precision), None, NuisanceModel()
     if grains.background is not None:
         fixed = project(grains.background, scan.geometry, projector=settings.projector)
         body = packed_body(grains.background).on(device)
         h = grains.voxel_size
-        loose = NuisanceModel(body=grains.background_moves, body_shift=BODY_SHIFT * h, body_turn=BODY_TURN)
+        nuisance = NuisanceModel(
+            background=grains.background_moves,
+            background_shift_sd=BACKGROUND_SHIFT_SD * h,
+            background_rotation_sd=BACKGROUND_ROTATION_SD,
+        )
     return Target(
-        scan, fixed, settings.projector, 0.0, derivatives=settings.derivatives, body=body, loose=loose, device=device
+        scan,
+        fixed,
+        settings.projector,
+        0.0,
+        derivatives=settings.derivatives,
+        background=body,
+        nuisance=nuisance,
+        device=device,
     )

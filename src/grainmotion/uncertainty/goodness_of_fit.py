@@ -10,15 +10,16 @@ from numpy.typing import NDArray
 from grainmotion._typing import Float
 from grainmotion.model.pose import Pose
 from grainmotion.model.scan import Scan
-from grainmotion.objective.residual import Evaluation, StateProblem
+from grainmotion.objective.evaluation import Evaluation
+from grainmotion.objective.residual import StateProblem
 from grainmotion.projection.grains import assemble
 from grainmotion.uncertainty.noise_model import noise_level
 
-LEAST, USUAL = 0.08, 0.05
+MIN_MISFIT, MAX_USUAL_MISFIT = 0.08, 0.05
 """Shares of a grain's line integrals: the least misfit, and the most that the sample's usual one counts."""
-TIMES = 2.5
+MISFIT_OVER_USUAL = 2.5
 """Times the usual misfit that a grain must leave to be lost."""
-VARIES = 2.0
+NEIGHBOUR_MISFIT = 2.0
 """Times the usual misfit's square that all others on a grain's rays may leave together."""
 
 
@@ -38,89 +39,95 @@ class Misfits:
         Of a pixel, see `noise_level`.
     """
 
-    residuals: Float
-    paths: Float
-    crowds: Float
+    rms_residuals: Float
+    rms_line_integrals: Float
+    rms_crowd_integrals: Float
     noise: float
 
     @property
     def usual(self) -> float:
         """The misfit that grains of this sample have, as a share of their line integrals."""
         known = self._in_crowd[np.isfinite(self._in_crowd)]
-        return min(float(np.median(known)), USUAL) if len(known) else 0.0
+        return min(float(np.median(known)), MAX_USUAL_MISFIT) if len(known) else 0.0
 
     @property
     def shares(self) -> Float:
         """Each grain's misfit beyond the noise and beyond what others on its rays leave, over its line integrals."""
-        others = np.maximum(self.crowds**2 - self.paths**2, 0)
+        others = np.maximum(self.rms_crowd_integrals**2 - self.rms_line_integrals**2, 0)
         with np.errstate(invalid="ignore", divide="ignore"):
-            own = np.maximum(self._beyond_noise - VARIES * self.usual**2 * others, 0)
-            return np.asarray(np.sqrt(own) / self.paths)
+            own = np.maximum(self._beyond_noise - NEIGHBOUR_MISFIT * self.usual**2 * others, 0)
+            return np.asarray(np.sqrt(own) / self.rms_line_integrals)
 
     @property
-    def lost(self) -> NDArray[np.bool_]:
+    def misregistered(self) -> NDArray[np.bool_]:
         """Grains whose misfit is too large a share of their line integrals, or unknown.
 
         Grains in their places leave 0.01 to 0.05 (voxels against sharp surfaces, 45 to 20 voxels across), grains in
         wrong ones 0.15 to 0.4.
         """
         shares = self.shares
-        return ~np.isfinite(shares) | (shares > max(LEAST, TIMES * self.usual))
+        return ~np.isfinite(shares) | (shares > max(MIN_MISFIT, MISFIT_OVER_USUAL * self.usual))
 
     @property
-    def astray(self) -> NDArray[np.bool_]:
+    def misregistered_in_crowd(self) -> NDArray[np.bool_]:
         """Lost ones that leave much beside all line integrals on their rays, too.
 
         Early on no grain is in its place to a fraction of a voxel, and what all in a crowd leave would hide, or feign,
         a lost one; this tells whether they are near.
         """
         in_crowd = self._in_crowd
-        return self.lost & (~np.isfinite(in_crowd) | (in_crowd > TIMES * USUAL))
+        return self.misregistered & (~np.isfinite(in_crowd) | (in_crowd > MISFIT_OVER_USUAL * MAX_USUAL_MISFIT))
 
     @property
     def _in_crowd(self) -> Float:
         """Misfit beyond the noise over the line integrals of all grains on the rays."""
         with np.errstate(invalid="ignore", divide="ignore"):
-            return np.asarray(np.sqrt(self._beyond_noise) / self.crowds)
+            return np.asarray(np.sqrt(self._beyond_noise) / self.rms_crowd_integrals)
 
     @property
     def _beyond_noise(self) -> Float:
-        return np.maximum(self.residuals**2 - self.noise**2, 0)
+        return np.maximum(self.rms_residuals**2 - self.noise**2, 0)
 
 
-def misfits(problem: StateProblem, seen: Evaluation) -> Misfits:
+def misfits(problem: StateProblem, evaluation: Evaluation) -> Misfits:
     """How well each grain fits, pixel by pixel.
 
     Pixels are weighted by the grain's own line integral, so that its core counts and its rim does not.
     """
     n = len(problem.grains)
-    values = np.asarray(seen.values)
-    squares = assemble(values**2, seen.patches, problem.target.scan.geometry)
+    values = np.asarray(evaluation.values)
+    squares = assemble(values**2, evaluation.patches, problem.target.scan.geometry)
     sums = np.zeros((n, 4))
-    for p, (grain, view, r0, r1, c0, c1) in enumerate(seen.patches.boxes):
-        start, end = seen.patches.offsets[p : p + 2]
+    for p, (grain, view, r0, r1, c0, c1) in enumerate(evaluation.patches.boxes):
+        start, end = evaluation.patches.offsets[p : p + 2]
         own = values[start:end].astype(float)
-        residual, all_there = (images[view, r0:r1, c0:c1].ravel().astype(float) for images in (seen.raw, squares))
+        residual, all_there = (
+            images[view, r0:r1, c0:c1].ravel().astype(float) for images in (evaluation.raw_residual, squares)
+        )
         weight = np.abs(own) * problem.target.valid[view, r0:r1, c0:c1].ravel()
         sums[grain] += weight.sum(), weight @ residual**2, weight @ own**2, weight @ all_there
     means = np.sqrt(sums[:, 1:] / np.maximum(sums[:, :1], 1e-30))
     means[sums[:, 0] <= 0] = np.nan
     # a small gain would make any misfit small beside line integrals that nobody measured
-    means[:, 1:] *= float(np.clip(seen.response.gain, 0.0, 1.0))
-    residuals, paths, crowds = means.T
-    return Misfits(residuals, paths, crowds, noise_level(problem.target.scan))
+    means[:, 1:] *= float(np.clip(evaluation.response.gain, 0.0, 1.0))
+    rms_residuals, rms_line_integrals, rms_crowd_integrals = means.T
+    return Misfits(rms_residuals, rms_line_integrals, rms_crowd_integrals, noise_level(problem.target.scan))
 
 
-def lost_grains(problem: StateProblem, pose: Pose) -> NDArray[np.bool_]:
+def misregistered_grains(problem: StateProblem, pose: Pose) -> NDArray[np.bool_]:
     """Grains that some view sees and that fit badly at a pose, pixel by pixel, ``(n,)``."""
-    seen = problem.glance(pose)
-    return misfits(problem, seen).lost & (seen.patches.seen.mean(axis=1) > 0)
+    evaluation = problem.evaluate(pose)
+    return misfits(problem, evaluation).misregistered & (evaluation.patches.seen.mean(axis=1) > 0)
 
 
-def evened(problem: StateProblem, pose: Pose) -> Scan:
+def response_corrected_scan(problem: StateProblem, pose: Pose) -> Scan:
     """The radiographs as a perfect detector would show them, so that one grain can be fitted alone."""
-    seen, scan = problem.glance(pose), problem.target.scan
-    gains = seen.response.polynomial[:, 0]
+    evaluation, scan = problem.evaluate(pose), problem.target.scan
+    gains = evaluation.response.polynomial[:, 0]
     if not ((gains > 0.5) & (gains < 2)).all():  # no beam drifts so far: what was fitted is not a gain
         return scan
-    return replace(scan, line_integrals=seen.path + seen.raw / np.maximum(seen.response.slope(seen.path), 0.1))
+    return replace(
+        scan,
+        line_integrals=evaluation.line_integrals
+        + evaluation.raw_residual / np.maximum(evaluation.response.slope(evaluation.line_integrals), 0.1),
+    )

@@ -18,20 +18,20 @@ from scipy.optimize import nnls
 from grainmotion._typing import Float, Image
 from grainmotion.model.scan import Scan
 from grainmotion.objective.data_term import Target
-from grainmotion.objective.residual import Evaluation
+from grainmotion.objective.evaluation import Evaluation
 
 Weights = Literal["uniform", "photons"]
 Loss = Literal["squares", "huber", "poisson"]
 
-HUBER = 3.0
+HUBER_SD = 3.0
 """Standard deviations beyond which a residual counts linearly: rare ones of noise and voxels stay below."""
-CLASSES, REFITS = 8, 4
+NOISE_CLASSES, VARIANCE_REFITS = 8, 4
 """Classes of pixels by their photon noise; fits of two variances to what is seen in these."""
-MEDIAN_OF_SQUARES = 0.4549
+MEDIAN_NORMAL_SQUARE = 0.4549
 """Median of the squares of numbers that are normal with variance 1."""
-SHADED = 0.02
+SHADED_SHARE = 0.02
 """Share of the largest line integral from which a pixel is shaded."""
-LARGEST = 12.0
+MAX_LINE_INTEGRAL = 12.0
 """Line integrals beyond which no photon arrives."""
 
 
@@ -53,26 +53,28 @@ class NoiseModel:
 
     def variance(self, modelled: Image, beam: Image | float) -> Float:
         """v of each pixel of simulated radiographs ``(views, rows, columns)``."""
-        return self.photon_variance(modelled, beam) + self.even**2 + self.edge**2 * slope_squared(modelled)
+        return self.photon_variance(modelled, beam) + self.even**2 + self.edge**2 * squared_gradient(modelled)
 
     def photon_variance(self, modelled: Image, beam: Image | float) -> Float:
         """The photons' share of it."""
-        return np.exp(np.clip(modelled, -LARGEST, LARGEST).astype(float)) / (self.photons * np.asarray(beam, float))
+        return np.exp(np.clip(modelled, -MAX_LINE_INTEGRAL, MAX_LINE_INTEGRAL).astype(float)) / (
+            self.photons * np.asarray(beam, float)
+        )
 
 
-def noise_model(target: Target, seen: Evaluation, clip: float = np.inf) -> NoiseModel:
+def noise_model(target: Target, evaluation: Evaluation, clip: float = np.inf) -> NoiseModel:
     """Estimate the noise of a state from its residuals, those beyond ``clip`` standard deviations cut to these."""
-    modelled = seen.response.apply(seen.path)
+    modelled = evaluation.response.apply(evaluation.line_integrals)
     unit = NoiseModel(1.0, 0.0, 0.0).photon_variance(modelled, open_beam(target))
-    share, white = noise_shares(seen.raw, unit, target.valid > 0)
-    shaded = shaded_pixels(target, seen)
+    share, white = noise_shares(evaluation.raw_residual, unit, target.valid > 0)
+    shaded = shaded_pixels(target, evaluation)
     photons = 1 / share if share > 0 else np.inf
     if not shaded.any():
         return NoiseModel(photons, float(np.sqrt(white)), 0.0)
-    squares, known = seen.raw[shaded].astype(float) ** 2, share * unit[shaded] + white
-    columns = np.stack([np.ones(len(squares)), slope_squared(modelled)[shaded]], axis=1)
+    squares, known = evaluation.raw_residual[shaded].astype(float) ** 2, share * unit[shaded] + white
+    columns = np.stack([np.ones(len(squares)), squared_gradient(modelled)[shaded]], axis=1)
     even = edge = 0.0
-    for _ in range(REFITS if np.isfinite(clip) else 1):
+    for _ in range(VARIANCE_REFITS if np.isfinite(clip) else 1):
         most = clip**2 * np.maximum(known + columns @ [even, edge], 1e-12)
         even, edge = nnls(columns.T @ columns, columns.T @ (np.minimum(squares, most) - known))[0]
     return NoiseModel(photons, float(np.sqrt(even + white)), float(np.sqrt(edge)))
@@ -88,17 +90,19 @@ def noise_shares(raw: Image, unit: Float, good: NDArray[np.bool_]) -> tuple[floa
     second = _second_differences(raw.astype(float))
     whole = good[:, :, 2:] & good[:, :, 1:-1] & good[:, :, :-2]
     squares, units = second[whole] ** 2 / 6, unit[:, :, 1:-1][whole]
-    if len(squares) < CLASSES:
+    if len(squares) < NOISE_CLASSES:
         return 0.0, 0.0
-    edges = np.geomspace(units.min(), units.max() * (1 + 1e-9), CLASSES + 1)
-    place = np.clip(np.searchsorted(edges, units, side="right") - 1, 0, CLASSES - 1)
+    edges = np.geomspace(units.min(), units.max() * (1 + 1e-9), NOISE_CLASSES + 1)
+    place = np.clip(np.searchsorted(edges, units, side="right") - 1, 0, NOISE_CLASSES - 1)
     classes = [place == k for k in np.unique(place)]
     rows = np.array([[units[mine].mean(), 1.0] for mine in classes])
-    values = np.array([np.median(squares[mine]) / MEDIAN_OF_SQUARES for mine in classes])
+    values = np.array([np.median(squares[mine]) / MEDIAN_NORMAL_SQUARE for mine in classes])
     roots = np.sqrt([mine.sum() for mine in classes])
     share = white = 0.0
     fitted = rows[:, 0]
-    for _ in range(REFITS):  # a variance is known to its share, by the fit's own: by chance a small class is still
+    for _ in range(
+        VARIANCE_REFITS
+    ):  # a variance is known to its share, by the fit's own: by chance a small class is still
         scale = roots / np.maximum(fitted, 1e-30)
         share, white = nnls(rows * scale[:, None], values * scale)[0]
         fitted = rows @ [share, white]
@@ -117,13 +121,13 @@ def _second_differences(images: Image) -> Image:
     return images[:, :, 2:] - 2 * images[:, :, 1:-1] + images[:, :, :-2]
 
 
-def shaded_pixels(target: Target, seen: Evaluation) -> NDArray[np.bool_]:
+def shaded_pixels(target: Target, evaluation: Evaluation) -> NDArray[np.bool_]:
     """Pixels that count and on which something is simulated."""
-    largest = max(float(seen.path.max(initial=0.0)), 1e-30)
-    return (target.valid > 0) & (seen.path > SHADED * largest)
+    largest = max(float(evaluation.line_integrals.max(initial=0.0)), 1e-30)
+    return (target.valid > 0) & (evaluation.line_integrals > SHADED_SHARE * largest)
 
 
-def slope_squared(images: Image) -> Float:
+def squared_gradient(images: Image) -> Float:
     """|∇m|² of every pixel, per pixel squared."""
     steps = [np.gradient(images, axis=axis) for axis in (1, 2) if images.shape[axis] > 1]
     return sum((s.astype(float) ** 2 for s in steps), np.zeros(images.shape))
@@ -134,7 +138,7 @@ def open_beam(target: Target) -> Image | float:
     return 1.0 if target.scan.open_beam is None else target.scan.open_beam
 
 
-def reweighted(target: Target, seen: Evaluation, weights: Weights, loss: Loss) -> tuple[Target, float]:
+def reweighted(target: Target, evaluation: Evaluation, weights: Weights, loss: Loss) -> tuple[Target, float]:
     """The target with weights, and for photons' likelihood the response, that fit at a pose.
 
     Returns
@@ -144,25 +148,25 @@ def reweighted(target: Target, seen: Evaluation, weights: Weights, loss: Loss) -
     float
         Share of the shaded pixels that the loss counts less than others.
     """
-    modelled, beam = seen.response.apply(seen.path), open_beam(target)
+    modelled, beam = evaluation.response.apply(evaluation.line_integrals), open_beam(target)
     if loss == "poisson":
         # Scoring: the weighted gap to this response is the gradient of the likelihood of n = N f e^−b counts.
-        gap = 1 - np.exp(np.clip(-seen.raw, -LARGEST, LARGEST))
+        gap = 1 - np.exp(np.clip(-evaluation.raw_residual, -MAX_LINE_INTEGRAL, MAX_LINE_INTEGRAL))
         scan = replace(target.scan, line_integrals=(modelled + gap).astype(target.precision))
         counts = 1 / NoiseModel(1.0, 0.0, 0.0).photon_variance(modelled, beam)
-        return replace(target, scan=scan, sigma=0.0, weights=_normal(counts, target)), 0.0
-    noise = noise_model(target, seen, HUBER if loss == "huber" else np.inf)
+        return replace(target, scan=scan, sigma=0.0, weights=_unit_mean(counts, target)), 0.0
+    noise = noise_model(target, evaluation, HUBER_SD if loss == "huber" else np.inf)
     variance = noise.variance(modelled, beam)
-    found = _normal(1 / np.maximum(variance, 1e-12), target) if weights == "photons" else np.ones_like(variance)
+    found = _unit_mean(1 / np.maximum(variance, 1e-12), target) if weights == "photons" else np.ones_like(variance)
     if loss == "squares":
         return replace(target, weights=found), 0.0
-    size = np.abs(seen.raw) / np.sqrt(np.maximum(variance, 1e-12))
-    shaded = shaded_pixels(target, seen)
-    found = found * np.minimum(1.0, HUBER / np.maximum(size, 1e-12))
-    share = float((size[shaded] > HUBER).mean()) if shaded.any() else 0.0
+    size = np.abs(evaluation.raw_residual) / np.sqrt(np.maximum(variance, 1e-12))
+    shaded = shaded_pixels(target, evaluation)
+    found = found * np.minimum(1.0, HUBER_SD / np.maximum(size, 1e-12))
+    share = float((size[shaded] > HUBER_SD).mean()) if shaded.any() else 0.0
     return replace(target, weights=found), share
 
 
-def _normal(weights: Float, target: Target) -> Float:
+def _unit_mean(weights: Float, target: Target) -> Float:
     """Weights of mean 1 over the pixels that count."""
     return weights / max(float(weights[target.valid > 0].mean()) if target.valid.any() else 1.0, 1e-30)

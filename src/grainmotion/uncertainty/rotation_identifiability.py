@@ -27,34 +27,35 @@ from grainmotion.backends.device import place
 from grainmotion.kernels import normal_equations
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.pose import Pose
+from grainmotion.objective.evaluation import Evaluation
 from grainmotion.objective.normal_matrix import gathered
-from grainmotion.objective.nuisance_motions import corrected
-from grainmotion.objective.residual import Evaluation, StateProblem
+from grainmotion.objective.nuisance_motions import corrected_geometry
+from grainmotion.objective.residual import StateProblem
 from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.projection.grains import Patches, differentiate_patches, project_patches, shadows
 from grainmotion.rotations import rotation_matrix
 from grainmotion.solvers.semidefinite import pseudo_inverse
 
-RIM = 4.0  # voxels that the rim of a grain is carried
-LARGEST = 0.5  # radians
-CLEAR = 0.9  # confirmed share from which a turn is told
-LOT = 256  # grains treated together
-ANY_TURN = np.pi**2 / 3  # variance of an angle of which nothing is known
+TRIAL_RIM_SHIFT = 4.0  # voxels that the rim of a grain is carried
+MAX_TRIAL_ROTATION = 0.5  # radians
+CONFIRMED_SHARE = 0.9  # confirmed share from which a turn is told
+GRAINS_PER_BATCH = 256  # grains treated together
+UNIFORM_ANGLE_VARIANCE = np.pi**2 / 3  # variance of an angle of which nothing is known
 
 
-def unconfirmed(problem: StateProblem, pose: Pose, seen: Evaluation) -> Float:
+def unconfirmed_rotations(problem: StateProblem, pose: Pose, evaluation: Evaluation) -> Float:
     """Covariance ``(n, 3, 3)``, rad², of the turns that the radiographs do not confirm; zero where they do."""
     target, grains = problem.target, problem.grains
-    factor = target.roots * seen.response.slope(seen.path)
-    views = corrected(target.scan.geometry, pose.surroundings)
-    how = _How(views, target.projector, target.kernel, grains.centers.mean(axis=0))
-    images = factor, seen.residual
-    found: Float = place(grains.walked).for_grains(_unconfirmed_in_lots, grains, pose, images, how)
+    factor = target.root_weights * evaluation.response.slope(evaluation.line_integrals)
+    views = corrected_geometry(target.scan.geometry, pose.surroundings)
+    setup = _ProjectionSetup(views, target.projector, target.kernel, grains.centers.mean(axis=0))
+    images = factor, evaluation.residual
+    found: Float = place(grains.walked).for_grains(_unconfirmed_in_batches, grains, pose, images, setup)
     return found
 
 
 @dataclass(frozen=True, eq=False)
-class _How:
+class _ProjectionSetup:
     """How grains are seen; ``middle (3,)`` is that of all of them, so that a patch is the same in any lot."""
 
     geometry: Geometry
@@ -63,44 +64,46 @@ class _How:
     middle: Float
 
 
-def _unconfirmed_in_lots(grains: GrainArrays, pose: Pose, factor: Image, residual: Image, how: _How) -> Float:
+def _unconfirmed_in_batches(
+    grains: GrainArrays, pose: Pose, factor: Image, residual: Image, setup: _ProjectionSetup
+) -> Float:
     """Of some grains, in lots, so that memory does not grow with their number."""
     n = len(grains)
-    lots = [np.arange(k, min(k + LOT, n)) for k in range(0, n, LOT)]
-    return np.concatenate([_unconfirmed(grains, pose, factor, residual, how, rows) for rows in lots])
+    lots = [np.arange(k, min(k + GRAINS_PER_BATCH, n)) for k in range(0, n, GRAINS_PER_BATCH)]
+    return np.concatenate([_unconfirmed(grains, pose, factor, residual, setup, rows) for rows in lots])
 
 
 def _unconfirmed(
-    grains: GrainArrays, pose: Pose, factor: Image, residual: Image, how: _How, rows: NDArray[np.int64]
+    grains: GrainArrays, pose: Pose, factor: Image, residual: Image, setup: _ProjectionSetup, rows: NDArray[np.int64]
 ) -> Float:
     """Of some grains.  Most are told by turns to one side; both are tried where that leaves a doubt."""
-    sides = _Sides.of(grains, pose, factor, how, rows)
-    squares, dots = sides.turned(1, residual)
+    sides = _TrialRotations.of(grains, pose, factor, setup, rows)
+    squares, dots = sides.changes_and_products(1, residual)
     with np.errstate(divide="ignore", invalid="ignore"):
-        clear = (1 - 2 * dots / squares >= CLEAR).all(axis=1)
+        clear = (1 - 2 * dots / squares >= CONFIRMED_SHARE).all(axis=1)
     doubtful = np.nonzero(~clear)[0]
     out = np.zeros((len(rows), 3, 3))
     if not len(doubtful):
         return out
-    both = _Sides.of(grains, pose, factor, how, rows[doubtful]) if len(doubtful) < len(rows) else sides
-    others = both.turned(-1, residual)
+    both = _TrialRotations.of(grains, pose, factor, setup, rows[doubtful]) if len(doubtful) < len(rows) else sides
+    others = both.changes_and_products(-1, residual)
     squares, dots = squares[doubtful] + others[0], dots[doubtful] + others[1]
     with np.errstate(divide="ignore", invalid="ignore"):
         confirmed = 1 - 2 * dots / squares
         coherent = squares / (2 * both.angles[:, None] ** 2 * both.information)
-    loose = (confirmed < 0.5) | ((confirmed < CLEAR) & (coherent < 0.3))
-    out[doubtful] = ANY_TURN * np.einsum("nia,na,nja->nij", both.axes, loose.astype(float), both.axes)
+    nuisance = (confirmed < 0.5) | ((confirmed < CONFIRMED_SHARE) & (coherent < 0.3))
+    out[doubtful] = UNIFORM_ANGLE_VARIANCE * np.einsum("nia,na,nja->nij", both.axes, nuisance.astype(float), both.axes)
     return out
 
 
 @dataclass(frozen=True, eq=False)
-class _Sides:
+class _TrialRotations:
     """Some grains that are to be turned by ``angles (n,)`` about their ``axes (n, 3, 3)`` (columns).
 
     ``slopes`` are their filtered derivatives in ``patches``, ``information (n, 3)`` is H about the axes.
     """
 
-    how: _How
+    setup: _ProjectionSetup
     factor: Image
     grains: GrainArrays
     pose: Pose
@@ -112,31 +115,35 @@ class _Sides:
     information: Float
 
     @classmethod
-    def of(cls, all_grains: GrainArrays, pose: Pose, factor: Image, how: _How, rows: NDArray[np.int64]) -> _Sides:
+    def of(
+        cls, all_grains: GrainArrays, pose: Pose, factor: Image, setup: _ProjectionSetup, rows: NDArray[np.int64]
+    ) -> _TrialRotations:
         grains = all_grains.select(rows)
         here = pose.moved(pose.translations[rows], pose.matrices[rows])
-        angles = np.minimum(RIM * grains.unit / grains.radii, LARGEST)
-        patches = shadows(_swollen(grains, angles), here, how.geometry, len(how.kernel) - 1, how.middle)
-        values, slopes = differentiate_patches(grains, here, how.geometry, patches, how.projector)
-        normal_equations.filter_patches(slopes, patches.boxes, patches.offsets, factor, how.kernel)
+        angles = np.minimum(TRIAL_RIM_SHIFT * grains.unit / grains.radii, MAX_TRIAL_ROTATION)
+        patches = shadows(
+            _with_rotated_hulls(grains, angles), here, setup.geometry, len(setup.kernel) - 1, setup.middle
+        )
+        values, slopes = differentiate_patches(grains, here, setup.geometry, patches, setup.projector)
+        normal_equations.filter_patches(slopes, patches.boxes, patches.offsets, factor, setup.kernel)
         information, axes = np.linalg.eigh(_rotations(_products(slopes, slopes, patches, len(rows))))
-        return cls(how, factor, grains, here, angles, patches, values, slopes, axes, information)
+        return cls(setup, factor, grains, here, angles, patches, values, slopes, axes, information)
 
-    def turned(self, sign: int, residual: Image) -> tuple[Float, Float]:
+    def changes_and_products(self, sign: int, residual: Image) -> tuple[Float, Float]:
         """D and r·ΔP of turns about each axis to one side, ``(n, 3)`` each."""
-        how, patches, n = self.how, self.patches, len(self.grains)
+        setup, patches, n = self.setup, self.patches, len(self.grains)
         changes = np.zeros_like(self.slopes)  # three of six, for the kernels' sake
         for axis in range(3):
             turns = rotation_matrix(sign * self.angles[:, None] * self.axes[:, :, axis])
             pose = self.pose.moved(self.pose.translations, turns @ self.pose.matrices)
-            changes[axis] = project_patches(self.grains, pose, how.geometry, patches, how.projector) - self.values
-        normal_equations.filter_patches(changes[:3], patches.boxes, patches.offsets, self.factor, how.kernel)
-        _fit_out(changes[:3], self.slopes, patches, n)
+            changes[axis] = project_patches(self.grains, pose, setup.geometry, patches, setup.projector) - self.values
+        normal_equations.filter_patches(changes[:3], patches.boxes, patches.offsets, self.factor, setup.kernel)
+        _remove_translations(changes[:3], self.slopes, patches, n)
         squares = np.diagonal(_products(changes[:3], changes[:3], patches, n), axis1=1, axis2=2)
         return squares, gathered(changes, patches, n, residual)[:, :3]
 
 
-def _swollen(grains: GrainArrays, angles: Float) -> GrainArrays:
+def _with_rotated_hulls(grains: GrainArrays, angles: Float) -> GrainArrays:
     """The same grains with hulls that hold all their turned ones."""
     reach = np.linalg.norm(grains.hulls, axis=2, keepdims=True)
     out = angles[:, None, None] * reach.max(axis=1, keepdims=True)
@@ -161,7 +168,7 @@ def _rotations(matrices: Float) -> Float:
     return (left + left.transpose(0, 2, 1)) / 2
 
 
-def _fit_out(changes: Image, slopes: Image, patches: Patches, n: int) -> None:
+def _remove_translations(changes: Image, slopes: Image, patches: Patches, n: int) -> None:
     """Take from the changes, in place, what translations of the grain would do."""
     own = _products(slopes[:3], slopes[:3], patches, n)
     shifts = pseudo_inverse(own) @ _products(slopes[:3], changes, patches, n)

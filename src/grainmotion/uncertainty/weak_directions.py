@@ -1,8 +1,8 @@
 """Directions in which a grain is hardly determined, and the prior that holds it there.
 
 The prior is one more observation, that the grain moved as the smooth field (or the start) says, with a standard
-deviation of `SHIFT` diameters and `TURN` radians.  It acts in the weak directions alone, so that what the views
-tell well is left as it is.
+deviation of `PRIOR_SHIFT_DIAMETERS` diameters and `PRIOR_ROTATION` radians.  It acts in the weak directions alone, so
+that directions which the views determine well are left as they are.
 """
 
 from __future__ import annotations
@@ -15,24 +15,24 @@ from scipy import sparse
 
 from grainmotion._typing import Float
 from grainmotion.model.pose import Pose
-from grainmotion.objective.residual import Prior
+from grainmotion.objective.priors import MotionPrior
 from grainmotion.projection.grain_arrays import GrainArrays
-from grainmotion.solvers.block_cg import Normal, diagonal_blocks
+from grainmotion.solvers.block_cg import NormalMatrix, diagonal_blocks
 
-SHIFT = 0.1
+PRIOR_SHIFT_DIAMETERS = 0.1
 """Of a grain's diameter: standard deviation of the prior's translation."""
-TURN = 0.5
+PRIOR_ROTATION = 0.5
 """Radians: of its rotation."""
-WEAK = 0.5
+WEAK_SD_SHARE = 0.5
 """A direction is weak where its standard deviation exceeds this share of the prior's."""
-UNKNOWN = 1e6
+MAX_SCALED_VARIANCE = 1e6
 """Variance, in the prior's, that counts as no knowledge at all."""
-ALIGNED = 0.98
+AXIS_COSINE = 0.98
 """Cosine from which a direction is called by the name of an axis."""
 
 
 @dataclass(frozen=True, eq=False)
-class Weak:
+class WeakDirections:
     """Weak directions of every grain.
 
     ``scales (n, 6)`` are the prior's standard deviations of (u, δ), mm and radians; ``vectors (n, 6, 6)`` hold in
@@ -46,9 +46,9 @@ class Weak:
     @property
     def flags(self) -> NDArray[np.bool_]:
         """Which of the directions are weak, ``(n, 6)``."""
-        return self.variances > WEAK**2
+        return self.variances > WEAK_SD_SHARE**2
 
-    def prior(self, hessian: sparse.bsr_array | Normal, pose: Pose) -> Prior:
+    def prior(self, hessian: sparse.bsr_array | NormalMatrix, pose: Pose) -> MotionPrior:
         """What holds the weak directions at ``pose``.
 
         The precision along a direction is the information that the solver sees there times the variance that the
@@ -57,7 +57,7 @@ class Weak:
         formal = np.einsum("nij,nik->njk", self._carried(), diagonal_blocks(hessian) @ self._carried())
         strength = np.where(self.flags, np.diagonal(formal, axis1=1, axis2=2) * self.variances, 0.0)
         rows = self.vectors / self.scales[:, :, None]
-        return Prior(pose, np.einsum("nij,nj,nkj->nik", rows, strength, rows))
+        return MotionPrior(pose, np.einsum("nij,nj,nkj->nik", rows, strength, rows))
 
     def posterior(self) -> Float:
         """Covariances ``(n, 6, 6)`` once the prior is counted in."""
@@ -69,16 +69,16 @@ class Weak:
         return self.vectors * self.scales[:, :, None]
 
 
-def weak_directions(covariances: Float, grains: GrainArrays) -> Weak:
+def weak_directions(covariances: Float, grains: GrainArrays) -> WeakDirections:
     """Principal directions of covariances ``(n, 6, 6)``, in the prior's standard deviations."""
-    scales = np.stack([np.repeat([SHIFT * 2 * radius, TURN], 3) for radius in grains.radii])
+    scales = np.stack([np.repeat([PRIOR_SHIFT_DIAMETERS * 2 * radius, PRIOR_ROTATION], 3) for radius in grains.radii])
     scaled = np.nan_to_num(covariances) / (scales[:, :, None] * scales[:, None, :])
-    shrink = np.sqrt(np.minimum(1.0, UNKNOWN / np.maximum(np.diagonal(scaled, axis1=1, axis2=2), 1e-300)))
+    shrink = np.sqrt(np.minimum(1.0, MAX_SCALED_VARIANCE / np.maximum(np.diagonal(scaled, axis1=1, axis2=2), 1e-300)))
     values, vectors = np.linalg.eigh(scaled * shrink[:, :, None] * shrink[:, None, :])
-    return Weak(scales, vectors, np.maximum(values, 0.0))
+    return WeakDirections(scales, vectors, np.maximum(values, 0.0))
 
 
-def poorly(covariance: Float, limits: tuple[float, float]) -> list[str]:
+def poorly_determined(covariance: Float, limits: tuple[float, float]) -> list[str]:
     """Names of a grain's directions whose standard deviation exceeds the limits (mm, radians)."""
     names = []
     for part, limit, what in (
@@ -93,7 +93,7 @@ def poorly(covariance: Float, limits: tuple[float, float]) -> list[str]:
 
 def _direction(vector: Float) -> str:
     k = int(np.argmax(np.abs(vector)))
-    if abs(vector[k]) > ALIGNED:
+    if abs(vector[k]) > AXIS_COSINE:
         return "xyz"[k]
     x, y, z = vector * np.sign(vector[k])
     return f"({x:.2f}, {y:.2f}, {z:.2f})"

@@ -1,0 +1,180 @@
+"""One simulation of the radiographs at a pose, and what it leaves of the measured ones.
+
+The residual is Eq. 22 of Khalili et al. (2017), weighted and filtered:
+
+    r = F w (b − m(P)),
+
+with b the measured line integrals, P those of the moved grains and the background, m the detector's response (gain,
+offset, trend, beam hardening), w the square root of each pixel's weight and F a Gaussian filter on each radiograph.
+Derivatives are weighted and filtered as the residual is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from grainmotion._typing import Image
+from grainmotion.backends.patchwork import filter_patches
+from grainmotion.model.detector_response import Response
+from grainmotion.model.geometry import Geometry
+from grainmotion.model.pose import Pose
+from grainmotion.objective import nuisance_motions
+from grainmotion.objective.data_term import Target
+from grainmotion.objective.global_parameters import Columns, dot
+from grainmotion.objective.response_parameters import fit_response, power_images
+from grainmotion.projection.grain_arrays import GrainArrays
+from grainmotion.projection.grains import (
+    Patches,
+    assemble,
+    difference_patches,
+    differentiate_in_place,
+    project_in_place,
+    shadows,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """Simulated and measured radiographs at a pose, without derivatives.
+
+    Images are ``(views, rows, columns)``.
+
+    Attributes
+    ----------
+    patches : Patches
+        Pixels on which each grain is projected.
+    values : (pixels,) array
+        Each grain's own line integrals in its patches, on the device that holds the grains.
+    residual, simulated : array
+        r and F w m(P).
+    line_integrals : array
+        P of all grains and the background.
+    raw_residual : array
+        b − m(P), neither weighted nor filtered; 0 where a pixel does not count.
+    response : Response
+        The best response at this pose.
+    response_columns : Columns
+        Images of the response's unknowns, which are eliminated.
+    """
+
+    patches: Patches
+    values: Image
+    residual: Image
+    simulated: Image
+    line_integrals: Image
+    raw_residual: Image
+    response: Response
+    response_columns: Columns
+
+    @property
+    def cost(self) -> float:
+        """½‖r‖²."""
+        return 0.5 * dot(self.residual, self.residual)
+
+
+@dataclass(frozen=True, eq=False)
+class LinearizedEvaluation(Evaluation):
+    """An evaluation with derivatives.
+
+    Attributes
+    ----------
+    derivatives : (6, pixels) array
+        By the grains' (u, δ), in their patches: of F w m(P), or of P itself if they are not filtered yet.
+    nuisance_columns : Columns
+        Derivatives of F w m(P) by the unknowns of the nuisance motions.
+    """
+
+    derivatives: Image
+    nuisance_columns: Columns
+
+
+def evaluate(grains: GrainArrays, target: Target, pose: Pose) -> Evaluation:
+    """Simulate and compare at a pose."""
+    geometry = nuisance_motions.corrected_geometry(target.scan.geometry, pose.surroundings)
+    patches = shadows(grains, pose, geometry)
+    values = project_in_place(grains, pose, geometry, patches, target.projector)
+    return _compare(target, pose, geometry, patches, values)[0]
+
+
+def evaluate_with_derivatives(grains: GrainArrays, target: Target, pose: Pose) -> LinearizedEvaluation:
+    """Simulate, compare and differentiate at a pose."""
+    evaluation = evaluate_unfiltered(grains, target, pose, margin=len(target.kernel) - 1)
+    patches = evaluation.patches
+    factor = target.root_weights * evaluation.response.slope(evaluation.line_integrals)
+    filter_patches(evaluation.derivatives, patches.boxes, patches.offsets, factor, target.kernel)
+    return evaluation
+
+
+def evaluate_unfiltered(grains: GrainArrays, target: Target, pose: Pose, margin: int = 0) -> LinearizedEvaluation:
+    """The same with derivatives of P in the grains' patches, which ``margin`` pixels surround."""
+    geometry = nuisance_motions.corrected_geometry(target.scan.geometry, pose.surroundings)
+    patches = shadows(grains, pose, geometry, margin)
+    differentiate = differentiate_in_place if target.derivatives == "analytic" else difference_patches
+    values, derivatives = differentiate(grains, pose, geometry, patches, target.projector)
+    evaluation, by_background = _compare(target, pose, geometry, patches, values)
+    columns = _nuisance_columns(grains, target, pose, evaluation, derivatives, by_background)
+    return LinearizedEvaluation(**vars(evaluation), derivatives=derivatives, nuisance_columns=columns)
+
+
+def _compare(
+    target: Target, pose: Pose, geometry: Geometry, patches: Patches, values: Image
+) -> tuple[Evaluation, list[Image]]:
+    """The evaluation, and the derivatives of P by the background's motion if that is unknown."""
+    nuisance = target.nuisance
+    background, by_background = target.fixed_background, list[Image]()
+    if target.background is not None and (nuisance.background or nuisance.views or pose.surroundings is not None):
+        background, by_background = nuisance_motions.background_images(
+            target.background, pose.surroundings, geometry, target.projector, nuisance.background or nuisance.views
+        )
+    path = assemble(values, patches, geometry) + background
+    response, simulated, columns = _best_response(target, path)
+    raw = (target.scan.line_integrals.astype(target.precision) - response.apply(path)) * target.valid
+    residual = target.measured - simulated
+    return Evaluation(patches, values, residual, simulated, path, raw, response, columns), by_background
+
+
+def _nuisance_columns(
+    grains: GrainArrays,
+    target: Target,
+    pose: Pose,
+    evaluation: Evaluation,
+    derivatives: Image,
+    by_background: list[Image],
+) -> Columns:
+    """Derivatives by the nuisance motions, from those of P by the grains' motions and by the background's."""
+    nuisance = target.nuisance
+    slope = evaluation.response.slope(evaluation.line_integrals)
+    columns = Columns()
+    if nuisance.views:
+        images = nuisance_motions.view_derivatives(
+            evaluation.line_integrals, derivatives, grains, pose, evaluation.patches
+        )
+        if target.background is not None:
+            images[2] = images[2] + nuisance_motions.background_by_view_angle(
+                target.background, pose.surroundings, by_background
+            )
+        for image in images:
+            columns.add(target.filtered(slope * image), shared=False)
+    for image in by_background if nuisance.background else []:
+        columns.add(target.filtered(slope * image), shared=True)
+    return columns
+
+
+def _best_response(target: Target, path: Image) -> tuple[Response, Image, Columns]:
+    """The response that fits best at line integrals P, F w m(P), and the images of the eliminated unknowns.
+
+    A polynomial that is not monotone is no response: its degree is lowered until it is, the gain fixed last.
+    """
+    plain = target.filtered(path)
+    model, views = target.response_model, len(path)
+    while True:
+        columns = Columns()
+        for k, (power, shared) in enumerate(power_images(model, path)):
+            first = k == 0 and model.gain != "none"
+            columns.add(plain if first else target.filtered(power), shared)
+        columns = columns + target.trends
+        response, more = fit_response(model, columns, target.measured - plain, views)
+        if response.is_monotone(float(path.max(initial=0.0))) or (model.gain == "none" and model.degree == 1):
+            return response, plain + more, columns
+        lower = replace(model, degree=model.degree - 1)
+        model = lower if model.degree > 1 else model.without_gain
