@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,8 @@ Float = NDArray[np.float64]
 Index = NDArray[np.int64]
 Image = NDArray[np.floating]
 """Line integrals and their derivatives, in the precision of the volume."""
+Pixels = NDArray[Any]
+"""Pixels or voxels in the number type of the file that they come from."""
 Beam = Literal["cone", "parallel"]
 Projector = Literal["trilinear", "exact"]
 """``"trilinear"``: the smooth image, sampled once a voxel; ``"exact"``: the exact radiological path of boxes."""

@@ -1,1 +1,1 @@
-"""Files to nouns and back: one format a file."""
+"""File formats, one a module: read into the records of `grainmotion.model` and others, and written from them."""

@@ -1,8 +1,8 @@
-"""``calibration.json``: what the reference scan told of the machine, with units and standard deviations.
+"""``calibration.json``: corrections of the scanner estimated from the reference scan, with standard deviations.
 
 ``{"geometry": {"corrections": [{"name", "value", "sd", "unit"}], "residual_before", "residual_after"},
-"hardening": {"coefficients", "longest", "sd"}}``; either is null if it was not asked for, and ``sd`` is null for
-a correction that the data do not determine.
+"hardening": {"coefficients", "longest", "sd"}}``; either is null if it was not estimated, and ``sd`` is null for
+a correction that the data do not determine.  ``unit`` is "mm" for shifts and "degrees" for angles.
 """
 
 from __future__ import annotations
@@ -19,7 +19,17 @@ from grainmotion.preprocessing.beam_hardening import Hardening
 
 
 def write_calibration(path: str | Path, calibration: Calibration | None, hardening: Hardening | None) -> None:
-    """Write what was found; None for what was not asked for."""
+    """Write a ``calibration.json``.
+
+    Parameters
+    ----------
+    path : path
+        The file to write.
+    calibration : Calibration or None
+        Corrections of the geometry; None if they were not estimated.
+    hardening : Hardening or None
+        Curve that undoes beam hardening; None if it was not estimated.
+    """
     geometry = curve = None
     if calibration is not None:
         rows = [
@@ -35,18 +45,38 @@ def write_calibration(path: str | Path, calibration: Calibration | None, hardeni
 
 
 def read_calibration(path: str | Path, geometry: Geometry) -> tuple[Calibration | None, Hardening | None]:
-    """Read what was found of the scan whose ``geometry`` was told."""
+    """Read a ``calibration.json``.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    geometry : Geometry
+        The nominal geometry of the scan that was calibrated; the corrections are applied to it.
+
+    Returns
+    -------
+    calibration : Calibration or None
+        With the corrected geometry.
+    hardening : Hardening or None
+        Curve that undoes beam hardening.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or holds no calibration.
+    """
     path = checked_file(path)
     calibration = hardening = None
     try:
         data = json.loads(path.read_text())
-        told, curve = data["geometry"], data["hardening"]
-        if told is not None:
+        estimated, curve = data["geometry"], data["hardening"]
+        if estimated is not None:
             rows = tuple(
                 Correction(r["name"], float(r["value"]), math.inf if r["sd"] is None else float(r["sd"]))
-                for r in told["corrections"]
+                for r in estimated["corrections"]
             )
-            residuals = (float(told["residual_before"]), float(told["residual_after"]))
+            residuals = (float(estimated["residual_before"]), float(estimated["residual_after"]))
             calibration = Calibration(corrected(geometry, {c.name: c.value for c in rows}), rows, residuals)
         if curve is not None:
             coefficients = tuple(float(c) for c in curve["coefficients"])

@@ -1,4 +1,4 @@
-"""What every format needs: a file that is there to be read; a file written whole or not at all."""
+"""What every format needs: checks of paths before reading and writing, and atomic writes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from grainmotion.errors import InputError
 
 
 def checked_file(path: str | Path) -> Path:
-    """The path, if it is a file that can be read and is not empty; else an `InputError` that names it."""
+    """The path, if it is a readable file that is not empty; else an `InputError` that names it."""
     path = Path(path)
     if path.is_dir():
         raise InputError(str(path), "it is a folder", "name the file in it")
@@ -26,19 +26,22 @@ def checked_file(path: str | Path) -> Path:
 
 
 def checked_folder(path: str | Path) -> Path:
-    """The path, if it is a folder, or can become one, that may be written to; nothing is made yet."""
+    """The path, if it is or can become a folder with permission to write; nothing is made yet."""
     path = Path(path)
-    there = next(p for p in (path, *path.absolute().parents) if p.exists())
-    if not there.is_dir():
-        raise InputError(str(path), f"{there} is a file", "choose a folder for the results")
-    if not os.access(there, os.W_OK | os.X_OK):
-        raise InputError(str(path), f"no permission to write in {there}", "choose another folder for the results")
+    existing = next(p for p in (path, *path.absolute().parents) if p.exists())
+    if not existing.is_dir():
+        raise InputError(str(path), f"{existing} is a file", "choose a folder for the results")
+    if not os.access(existing, os.W_OK | os.X_OK):
+        raise InputError(str(path), f"no permission to write in {existing}", "choose another folder for the results")
     return path
 
 
 @contextmanager
 def atomic_write(path: str | Path) -> Iterator[Path]:
-    """A temporary path beside ``path``, put in its place when the block ends well and removed when not."""
+    """A temporary path beside ``path``, which replaces it when the block succeeds and is removed when it fails.
+
+    An interrupted run so never leaves half a file, nor damages an older one.
+    """
     path = Path(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

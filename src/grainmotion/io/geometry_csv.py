@@ -1,4 +1,4 @@
-"""Geometry as CSV: one row a view, columns sx,sy,sz,dx,dy,dz,ux,uy,uz,vx,vy,vz in any order."""
+"""Geometry as CSV: one row a view, columns sx,sy,sz,dx,dy,dz,ux,uy,uz,vx,vy,vz in any order, all in mm."""
 
 from __future__ import annotations
 
@@ -20,12 +20,17 @@ def read_geometry(path: str | Path, shape: tuple[int, int], beam: Beam = "cone")
 
     Parameters
     ----------
-    path : str or Path
-        CSV with a header; other columns are left alone, lines that begin with ``#`` too.
+    path : path
+        CSV with a header; other columns and lines that begin with ``#`` are ignored.
     shape : (int, int)
         Rows and columns of the panel, which the file does not hold.
     beam : {"cone", "parallel"}
-        Whether sx,sy,sz is the source's position or the rays' direction.
+        Whether sx,sy,sz is the source's position (mm) or the rays' direction.
+
+    Returns
+    -------
+    Geometry
+        One view a row, mm, sample frame.
 
     Raises
     ------
@@ -57,7 +62,15 @@ def read_geometry(path: str | Path, shape: tuple[int, int], beam: Beam = "cone")
 
 
 def write_geometry(path: str | Path, geometry: Geometry) -> None:
-    """Write the views of a scan; every digit comes back."""
+    """Write the views of a scan so that `read_geometry` restores every digit.
+
+    Parameters
+    ----------
+    path : path
+        The file to write.
+    geometry : Geometry
+        The views; the panel's shape and the kind of beam are not in the file.
+    """
     table = pd.DataFrame(geometry.vectors, columns=list(COLUMNS))
     with atomic_write(path) as temporary:
         table.to_csv(temporary, index=False)

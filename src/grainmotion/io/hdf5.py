@@ -6,12 +6,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
+from grainmotion._typing import Float, Index, Pixels
 from grainmotion.errors import InputError
 from grainmotion.io.files import checked_file
 
@@ -20,7 +19,7 @@ PROJECTION, FLAT, DARK = 0, 1, 2  # NXtomo's image_key; 3 is an invalid frame
 
 @contextmanager
 def opened(path: str | Path) -> Iterator[h5py.File]:
-    """An HDF5 file open for reading; whatever fails in it is an `InputError` that names the file."""
+    """An HDF5 file open for reading; any failure of HDF5 becomes an `InputError` that names the file."""
     path = checked_file(path)
     try:
         with h5py.File(path, "r") as file:
@@ -37,8 +36,8 @@ def dataset_info(path: str | Path, inner: str) -> tuple[tuple[int, ...], np.dtyp
         return tuple(data.shape), data.dtype
 
 
-def read_dataset(path: str | Path, inner: str, chosen: NDArray[np.int64] | None = None) -> NDArray[Any]:
-    """The dataset ``inner`` of an HDF5 file, or what is ``chosen`` along its first axis."""
+def read_dataset(path: str | Path, inner: str, chosen: Index | None = None) -> Pixels:
+    """The dataset ``inner`` of an HDF5 file, or the items ``chosen`` along its first axis."""
     with opened(path) as file:
         data = _dataset(file, path, inner)
         return np.asarray(data[()]) if chosen is None else np.stack([data[int(k)] for k in chosen])
@@ -46,7 +45,7 @@ def read_dataset(path: str | Path, inner: str, chosen: NDArray[np.int64] | None 
 
 @dataclass(frozen=True, eq=False)
 class NXtomo:
-    """Where an NXtomo file holds its frames.
+    """The frames of an NXtomo file, found but not read yet.
 
     Attributes
     ----------
@@ -54,7 +53,7 @@ class NXtomo:
     data : str
         Path of the frames' dataset in the file.
     keys : (frames,) int array
-        0 projection, 1 flat, 2 dark, anything else to be left out.
+        0 projection, 1 flat, 2 dark; frames of any other key are not used.
     angles_deg : (frames,) float array
         Rotation angle at each frame, degrees; NaN if the file has none.
     shape : (int, int)
@@ -64,13 +63,13 @@ class NXtomo:
 
     path: Path
     data: str
-    keys: NDArray[np.int64]
-    angles_deg: NDArray[np.float64]
+    keys: Index
+    angles_deg: Float
     shape: tuple[int, int]
     dtype: np.dtype
 
     @property
-    def projection_angles_deg(self) -> NDArray[np.float64]:
+    def projection_angles_deg(self) -> Float:
         """Rotation angle of each projection, degrees."""
         return self.angles_deg[self.keys == PROJECTION]
 
@@ -78,16 +77,16 @@ class NXtomo:
         """Number of frames of one kind."""
         return int((self.keys == key).sum())
 
-    def read(self, key: int, some: NDArray[np.int64] | None = None) -> NDArray[Any]:
-        """Frames of one kind, ``(frames, rows, columns)``, in the file's order, or some of them in theirs."""
-        chosen = np.flatnonzero(self.keys == key)
-        chosen = chosen if some is None else chosen[some]
-        out = np.empty((len(chosen), *self.shape), self.dtype)
+    def read(self, key: int, chosen: Index | None = None) -> Pixels:
+        """Frames of one kind, ``(frames, rows, columns)``: all in the file's order, or the ``chosen`` in theirs."""
+        rows = np.flatnonzero(self.keys == key)
+        rows = rows if chosen is None else rows[chosen]
+        frames = np.empty((len(rows), *self.shape), self.dtype)
         with opened(self.path) as file:
             data = _dataset(file, self.path, self.data)
-            for k, frame in enumerate(chosen):
-                out[k] = data[frame]
-        return out
+            for frame, row in zip(frames, rows):
+                frame[...] = data[row]
+        return frames
 
 
 def read_nxtomo(path: str | Path) -> NXtomo:
@@ -95,7 +94,22 @@ def read_nxtomo(path: str | Path) -> NXtomo:
 
     The first group with ``instrument/detector`` that holds ``data`` and ``image_key`` is taken, as in
     ``entry/instrument/detector`` or ``entry1/tomo_entry/instrument/detector``.  Frames that
-    ``image_key_control`` marks as alignment frames (−1) are left out.
+    ``image_key_control`` marks as alignment frames (−1) are not used.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+
+    Returns
+    -------
+    NXtomo
+        Where its frames are; pixels are not read.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or its frames, keys and angles do not belong together.
     """
     with opened(path) as file:
         entry = _entry(file)
@@ -129,7 +143,7 @@ def _entry(file: h5py.File) -> h5py.Group | None:
     return next((g for g in groups if all(n in g for n in needed)), None)
 
 
-def _angles_deg(entry: h5py.Group, frames: int) -> NDArray[np.float64]:
+def _angles_deg(entry: h5py.Group, frames: int) -> Float:
     """``sample/rotation_angle`` in degrees, whatever its unit."""
     angles = entry.get("sample/rotation_angle")
     if angles is None:
@@ -147,6 +161,6 @@ def _dataset(file: h5py.File, path: str | Path, inner: str) -> h5py.Dataset:
     data = file.get(inner)
     if isinstance(data, h5py.Dataset):
         return data
-    found: list[str] = []
-    file.visititems(lambda name, item: found.append("/" + name) if isinstance(item, h5py.Dataset) else None)
-    raise InputError(str(path), f"no dataset '{inner}'", f"it holds {', '.join(found[:8]) or 'no dataset'}")
+    names: list[str] = []
+    file.visititems(lambda name, item: names.append("/" + name) if isinstance(item, h5py.Dataset) else None)
+    raise InputError(str(path), f"no dataset '{inner}'", f"it holds {', '.join(names[:8]) or 'no dataset'}")

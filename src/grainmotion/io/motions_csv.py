@@ -1,4 +1,8 @@
-"""Motions as CSV: mm and degrees, one row a grain, the columns of `grainmotion.model.motions.COLUMNS`."""
+"""Motions as CSV: one row a grain, the columns of `grainmotion.model.motions.COLUMNS`.
+
+Lengths (x, u and their standard deviations) are in mm, rotation vectors w and their standard deviations in
+**degrees**; `grainmotion.io.results` writes the same motions to ``motions.h5`` in radians, as `Motions` holds them.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +17,17 @@ from grainmotion.model.motions import COLUMNS, Motions
 
 
 def read_motions(path: str | Path) -> Motions:
-    """Read a ``motions.csv``; it holds variances only, so covariances between components are 0.
+    """Read the motions of one state from a ``motions.csv``.
+
+    Parameters
+    ----------
+    path : path
+        The file; lengths in mm, rotations in degrees.
+
+    Returns
+    -------
+    Motions
+        In mm and radians.  The file holds standard deviations only, so covariances between components are 0.
 
     Raises
     ------
@@ -38,8 +52,8 @@ def read_motions(path: str | Path) -> Motions:
             raise InputError(str(path), fact, "give a number")
         table[column] = numbers
     if "label" in table.columns and table["label"].duplicated().any():
-        twice = int(table["label"][table["label"].duplicated()].iloc[0])
-        raise InputError(str(path), f"label {twice} is given twice", "give one row a grain")
+        repeated = int(table["label"][table["label"].duplicated()].iloc[0])
+        raise InputError(str(path), f"label {repeated} is given twice", "give one row a grain")
     try:
         return Motions.from_table(table, str(path))
     except InputError as error:
@@ -48,6 +62,14 @@ def read_motions(path: str | Path) -> Motions:
 
 
 def write_motions(path: str | Path, motions: Motions) -> None:
-    """Write a ``motions.csv``; what was not measured is left empty."""
+    """Write the motions of one state as a ``motions.csv``, in mm and degrees.
+
+    Parameters
+    ----------
+    path : path
+        The file to write.
+    motions : Motions
+        What is NaN is left empty.  Covariances between components, reasons and the fit as a whole are not in the file.
+    """
     with atomic_write(path) as temporary:
         motions.to_table().to_csv(temporary, index=False)

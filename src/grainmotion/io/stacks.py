@@ -1,6 +1,6 @@
-"""Image stacks by a spec: TIFF files or stacks, ``.npy``, ``"file.h5::/path"``, or one NXtomo file.
+"""Image stacks by a specification: TIFF files or stacks, ``.npy``, ``"file.h5::/path"``, or one NXtomo file.
 
-A spec is a path, a glob or a list of those.  Files of a glob are taken in natural order
+A specification is a path, a glob or a list of those.  Files of a glob are taken in natural order
 (``proj_2`` before ``proj_10``), those of a list in the order given.
 """
 
@@ -11,12 +11,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from tifffile import natural_sorted
 
+from grainmotion._typing import Index, Pixels
 from grainmotion.errors import InputError
 from grainmotion.io import hdf5, tiff
 from grainmotion.io.files import checked_file
@@ -27,7 +27,7 @@ FORMATS = 'give TIFF files (.tif), .npy, "file.h5::/path/to/data" or one NXtomo 
 
 @dataclass(frozen=True)
 class Part:
-    """One file of a stack: a dataset ``inner`` of it, or its NXtomo frames of one ``key``, or all of it."""
+    """One file of a stack: all of it, its dataset ``inner``, or its NXtomo frames of one ``key``."""
 
     path: Path
     inner: str | None = None
@@ -36,13 +36,14 @@ class Part:
 
 @dataclass(frozen=True)
 class Stack:
-    """Images that are found, but not read yet.
+    """Images whose files were found, but not read yet.
 
     Attributes
     ----------
     spec : str
         What the user wrote, for messages.
     parts : tuple of Part
+        The files, in order.
     """
 
     spec: str
@@ -50,14 +51,14 @@ class Stack:
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """The files behind it."""
+        """Paths of the files."""
         return tuple(p.path for p in self.parts)
 
     @property
     def nxtomo(self) -> hdf5.NXtomo | None:
-        """The NXtomo file that it is, or None."""
-        is_one = len(self.parts) == 1 and self.parts[0].key is not None
-        return hdf5.read_nxtomo(self.parts[0].path) if is_one else None
+        """The NXtomo file, if the stack is one."""
+        single = len(self.parts) == 1 and self.parts[0].key is not None
+        return hdf5.read_nxtomo(self.parts[0].path) if single else None
 
     def frames(self, key: int) -> Stack:
         """The flats or darks of the same NXtomo file."""
@@ -71,7 +72,7 @@ class Stack:
         rows, columns = infos[0][0][1:]
         return (count, rows, columns), np.result_type(*{dtype for _, dtype in infos})
 
-    def read(self, chosen: NDArray[np.int64] | None = None) -> NDArray[Any]:
+    def read(self, chosen: Index | None = None) -> Pixels:
         """The pixels ``(images, rows, columns)`` of all or of the chosen images, in the type of the files."""
         if chosen is not None:
             return self._read_chosen(chosen)
@@ -79,25 +80,25 @@ class Stack:
         self._check_sizes([a.shape for a in arrays])
         return arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
 
-    def _read_chosen(self, chosen: NDArray[np.int64]) -> NDArray[Any]:
+    def _read_chosen(self, chosen: Index) -> Pixels:
         """Read only the files that hold a chosen image, and of .npy and HDF5 only those images."""
         owners = np.searchsorted(self._ends, chosen, side="right")
         arrays, order = [], []
         for k in np.unique(owners):
             own = np.flatnonzero(owners == k)
             start = self._ends[k - 1] if k > 0 else 0
-            arrays.append(_read_some(self.parts[k], chosen[own] - start))
+            arrays.append(_read(self.parts[k], chosen[own] - start))
             order.append(own)
         self._check_sizes([a.shape for a in arrays])
         if len(arrays) == 1:
             return arrays[0]
-        found = np.empty((len(chosen), *arrays[0].shape[1:]), np.result_type(*arrays))
+        images = np.empty((len(chosen), *arrays[0].shape[1:]), np.result_type(*arrays))
         for own, array in zip(order, arrays, strict=True):
-            found[own] = array
-        return found
+            images[own] = array
+        return images
 
     @cached_property
-    def _ends(self) -> NDArray[np.int64]:
+    def _ends(self) -> Index:
         """Number of images up to the end of each part."""
         return np.cumsum([_info(p)[0][0] for p in self.parts])
 
@@ -111,7 +112,19 @@ class Stack:
 
 
 def find_stack(spec: str | Path | Sequence[str | Path], folder: str | Path = ".") -> Stack:
-    """Find the files of a spec; paths start at ``folder``.
+    """Find the files of an image stack.
+
+    Parameters
+    ----------
+    spec : path, glob, ``"file.h5::/path"``, or a list of those
+        TIFF, .npy, HDF5 or one NXtomo file.
+    folder : path
+        Where relative paths start.
+
+    Returns
+    -------
+    Stack
+        The files in order; pixels are not read.
 
     Raises
     ------
@@ -135,14 +148,14 @@ def _parts(item: str, folder: Path) -> list[Part]:
         if not paths:
             raise InputError(str(path), "no file matches", "check the pattern and its folder")
     parts = []
-    for found in paths:
-        suffix = found.suffix.lower()
+    for path in paths:
+        suffix = path.suffix.lower()
         if inner and suffix not in HDF5:
             raise InputError(item, "'::' names a dataset of an HDF5 file", FORMATS)
         if suffix not in TIFF + HDF5 + NPY:
-            raise InputError(str(found), f"the format '{suffix}' is unknown", FORMATS)
+            raise InputError(str(path), f"the format '{suffix}' is unknown", FORMATS)
         key = hdf5.PROJECTION if suffix in HDF5 and not inner else None
-        parts.append(Part(found, inner or None, key))
+        parts.append(Part(path, inner or None, key))
     return parts
 
 
@@ -161,28 +174,20 @@ def _info(part: Part) -> tuple[tuple[int, int, int], np.dtype]:
     return _stack_shape(part, shape), dtype
 
 
-def _read(part: Part) -> NDArray[Any]:
-    if part.path.suffix.lower() in TIFF:
-        return tiff.read_tiff(part.path)
-    if part.key is not None:
-        return hdf5.read_nxtomo(part.path).read(part.key)
-    array = _load_npy(part.path, None) if part.inner is None else hdf5.read_dataset(part.path, part.inner)
-    return array.reshape(_stack_shape(part, array.shape))
-
-
-def _read_some(part: Part, images: NDArray[np.int64]) -> NDArray[Any]:
-    """Some images of a part."""
-    if part.path.suffix.lower() in TIFF:
-        return tiff.read_tiff(part.path)[images]
+def _read(part: Part, images: Index | None = None) -> Pixels:
+    """All images of a part, or those asked for; of .npy and HDF5 no others are read."""
     if part.key is not None:
         return hdf5.read_nxtomo(part.path).read(part.key, images)
-    if part.inner is not None:
-        shape = _stack_shape(part, hdf5.dataset_info(part.path, part.inner)[0])
-        if shape[0] > 1:
-            return hdf5.read_dataset(part.path, part.inner, images)
-        return hdf5.read_dataset(part.path, part.inner).reshape(shape)[images]
-    array = _load_npy(part.path, "r")
-    return np.array(array.reshape(_stack_shape(part, array.shape))[images])
+    if part.path.suffix.lower() in TIFF:
+        array = tiff.read_tiff(part.path)
+    elif part.inner is None:
+        array = _load_npy(part.path, None if images is None else "r")
+    elif images is not None and len(hdf5.dataset_info(part.path, part.inner)[0]) == 3:
+        return hdf5.read_dataset(part.path, part.inner, images)
+    else:
+        array = hdf5.read_dataset(part.path, part.inner)
+    array = array.reshape(_stack_shape(part, array.shape))
+    return array if images is None else np.asarray(array[images])
 
 
 def _stack_shape(part: Part, shape: tuple[int, ...]) -> tuple[int, int, int]:
@@ -193,9 +198,9 @@ def _stack_shape(part: Part, shape: tuple[int, ...]) -> tuple[int, int, int]:
     return shape[0], shape[1], shape[2]
 
 
-def _load_npy(path: Path, mode: Any) -> NDArray[Any]:
+def _load_npy(path: Path, mode: Literal["r"] | None) -> Pixels:
     try:
-        array = np.load(path, mmap_mode=mode, allow_pickle=False)
+        array: Pixels = np.load(path, mmap_mode=mode, allow_pickle=False)
     except (ValueError, EOFError, OSError) as error:
         fact = f"truncated or damaged .npy ({error})"
         raise InputError(str(path), fact, "save it again with numpy.save") from error

@@ -1,15 +1,14 @@
-"""TIFF: single images and stacks, read whole or refused, written whole or not at all."""
+"""TIFF: single images and stacks; a truncated file is refused, a failed write leaves the old file."""
 
 from __future__ import annotations
 
 import struct
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import tifffile
-from numpy.typing import NDArray
 
+from grainmotion._typing import Pixels
 from grainmotion.errors import InputError
 from grainmotion.io.files import atomic_write, checked_file
 
@@ -17,19 +16,29 @@ _COPY = "copy or export the file again"
 
 
 def tiff_info(path: str | Path) -> tuple[tuple[int, int, int], np.dtype]:
-    """Shape (pages, rows, columns) and type of a TIFF file, without reading its pixels."""
+    """Shape (pages, rows, columns) and type of a TIFF file, without reading its pixels; errors as in `read_tiff`."""
     with _opened(path) as file:
         series = _only_series(path, file)
         return _as_stack_shape(path, series), series.dtype
 
 
-def read_tiff(path: str | Path) -> NDArray[Any]:
-    """Pixels of a grey TIFF image or stack, ``(pages, rows, columns)``.
+def read_tiff(path: str | Path) -> Pixels:
+    """Read a grey TIFF image or stack.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+
+    Returns
+    -------
+    (pages, rows, columns) array
+        Pixels, in the type of the file; one page for a single image.
 
     Raises
     ------
     InputError
-        If the file is missing, empty, truncated, in colour, or packed in a way that cannot be read.
+        If the file is missing, empty, truncated, in colour, or compressed in a way that cannot be read.
     """
     with _opened(path) as file:
         series = _only_series(path, file)
@@ -42,8 +51,16 @@ def read_tiff(path: str | Path) -> NDArray[Any]:
             raise InputError(str(path), f"truncated or damaged TIFF ({error})", _COPY) from error
 
 
-def write_tiff(path: str | Path, array: NDArray[Any]) -> None:
-    """Write an image ``(rows, columns)`` or a stack ``(z, rows, columns)``; labels are compressed."""
+def write_tiff(path: str | Path, array: Pixels) -> None:
+    """Write a grey TIFF image or stack.
+
+    Parameters
+    ----------
+    path : path
+        The file to write.
+    array : (rows, columns) or (pages, rows, columns) array
+        Pixels; integers, such as labels, are compressed.
+    """
     axes = {2: "YX", 3: "ZYX"}[array.ndim]
     compression = "zlib" if np.issubdtype(array.dtype, np.integer) else None
     with atomic_write(path) as temporary:
@@ -81,7 +98,7 @@ def _as_stack_shape(path: str | Path, series: tifffile.TiffPageSeries) -> tuple[
 
 
 def _check_page_chain(path: Path) -> None:
-    """Follow the chain of page directories: tifffile would give the pages before a cut without a word."""
+    """Follow the chain of page directories: of a truncated file tifffile returns the first pages without an error."""
     size = path.stat().st_size
     with path.open("rb") as file:
         order = {b"II": "<", b"MM": ">"}.get(file.read(2))
@@ -94,10 +111,10 @@ def _check_page_chain(path: Path) -> None:
         count_format, tag_size, next_format = ("Q", 20, "Q") if big else ("H", 12, "I")
         count_size, next_size = struct.calcsize(count_format), struct.calcsize(next_format)
         file.seek(8 if big else 4)
-        seen: set[int] = set()
+        visited: set[int] = set()
         offset = _unpacked(order + next_format, file.read(next_size), path)
-        while offset and offset not in seen:
-            seen.add(offset)
+        while offset and offset not in visited:
+            visited.add(offset)
             file.seek(offset)
             tags = _unpacked(order + count_format, file.read(count_size), path)
             file.seek(offset + count_size + tags * tag_size)
