@@ -11,24 +11,24 @@ from grainmotion.io.calibration_json import read_calibration, write_calibration
 from grainmotion.model.geometry import Geometry
 from grainmotion.preprocessing.beam_hardening import Hardening
 
-TOLD = Geometry.cone([0, 90], (4, 6), 0.5, source_to_axis=20, source_to_detector=50)
+NOMINAL = Geometry.cone([0, 90], (4, 6), 0.5, source_to_axis=20, source_to_detector=50)
 CORRECTIONS = (Correction("shift_u", 0.123456789, 0.01), Correction("pitch", 0.0, math.inf))
-FOUND = Calibration(corrected(TOLD, {"shift_u": 0.123456789}), CORRECTIONS, (0.05, 0.03))
+ESTIMATED = Calibration(corrected(NOMINAL, {"shift_u": 0.123456789}), CORRECTIONS, (0.05, 0.03))
 CURVE = Hardening((1.0, 0.1, 0.0), 2.5, 0.003)
 
 
 @pytest.mark.parametrize("curve", [CURVE, None])
-@pytest.mark.parametrize("found", [FOUND, None])
-def test_round_trip(tmp_path, found, curve):
+@pytest.mark.parametrize("estimated", [ESTIMATED, None])
+def test_round_trip(tmp_path, estimated, curve):
     path = tmp_path / "calibration.json"
-    write_calibration(path, found, curve)
-    calibration, hardening = read_calibration(path, TOLD)
+    write_calibration(path, estimated, curve)
+    calibration, hardening = read_calibration(path, NOMINAL)
     assert hardening == curve
-    assert (calibration is None) == (found is None)
+    assert (calibration is None) == (estimated is None)
     if calibration is not None:
         assert calibration.corrections == CORRECTIONS
-        assert calibration.residuals == FOUND.residuals
-        np.testing.assert_array_equal(calibration.geometry.vectors, FOUND.geometry.vectors)
+        assert calibration.residuals == ESTIMATED.residuals
+        np.testing.assert_array_equal(calibration.geometry.vectors, ESTIMATED.geometry.vectors)
 
 
 @pytest.mark.parametrize("text", ["{", "{}", '{"geometry": {}, "hardening": null}', "[1]"])
@@ -36,4 +36,4 @@ def test_other_files_are_refused(tmp_path, text):
     path = tmp_path / "calibration.json"
     path.write_text(text)
     with pytest.raises(InputError, match="holds no calibration"):
-        read_calibration(path, TOLD)
+        read_calibration(path, NOMINAL)

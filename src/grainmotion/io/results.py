@@ -2,17 +2,17 @@
 
 ``reference.h5`` holds the datasets ``volume`` (1/mm, ``[z, y, x]``; attributes ``voxel_size`` and
 ``center``, mm), ``residuals`` (the relative residual of Eq. 23 after each sweep), ``labels`` (0 = no
-grain; attributes ``threshold`` and ``border``) and the group ``grains`` with one array a column.
+grain; attributes ``threshold``, 1/mm, and ``border``) and the group ``grains`` with one array a column.
 
-``motions.h5`` holds every field of `Motions` under its own name (mm and **radians**), and the group
-``fit`` with gain, offset, the convergence curve and all else of `StateFit`.
+``motions.h5`` holds every field of `Motions` under its own name, in mm and **radians** as in Python (``motions.csv``
+is in degrees), and the group ``fit`` with gain, offset, the convergence curve and the other fields of `StateFit`.
+The attribute ``unit`` of a dataset says its unit.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -25,18 +25,32 @@ from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions, StateFit
 from grainmotion.model.volume import Volume
 
-_ARRAYS = ("labels", "centers", "translations", "rotations", "covariances", "residuals", "iterations")
-_OPTIONAL = ("corrections", "corrections_sd", "background")
-_CHUNKED: dict[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
+_ARRAYS = {
+    "labels": "1",
+    "centers": "mm",
+    "translations": "mm",
+    "rotations": "rad",
+    "covariances": "of mm, mm, mm, rad, rad, rad",
+    "residuals": "1",
+    "iterations": "1",
+}
+"""Arrays of `Motions` and their units, "1" for numbers without one."""
+_OPTIONAL = {
+    "corrections": "pixel, pixel, rad",
+    "corrections_sd": "pixel, pixel, rad",
+    "background": "mm, mm, mm, rad, rad, rad",
+}
+"""Arrays of `StateFit` that may be missing, and their units."""
 
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """What a run knows of the reference state.
+    """The reference state: its volume and grains.
 
     Attributes
     ----------
     volume : Volume
+        Attenuation, 1/mm.
     residuals : tuple of float
         Relative residual after each sweep of the reconstruction; empty if the volume was given.
     labels : (nz, ny, nx) int32 array, optional
@@ -55,13 +69,25 @@ class Reference:
 
 
 def write_reference(path: str | Path, reference: Reference, grains: GrainSet | None = None) -> None:
-    """Write ``reference.h5``; with ``grains``, their table too."""
+    """Write a ``reference.h5``.
+
+    Parameters
+    ----------
+    path : path
+        The file to write.
+    reference : Reference
+        Volume, and labels if it is segmented.
+    grains : GrainSet, optional
+        The grains of the labels, for their table.
+    """
     with atomic_write(path) as temporary, h5py.File(temporary, "w") as file:
         volume = file.create_dataset("volume", data=reference.volume.array)
         volume.attrs.update(voxel_size=reference.volume.voxel_size, center=reference.volume.center, unit="1/mm")
         file["residuals"] = np.asarray(reference.residuals, dtype=float)
         if reference.labels is not None:
-            labels = file.create_dataset("labels", data=reference.labels, **_CHUNKED)
+            labels = file.create_dataset(
+                "labels", data=reference.labels, compression="gzip", compression_opts=1, shuffle=True
+            )
             labels.attrs["threshold"] = reference.threshold
             labels.attrs["border"] = np.asarray(reference.border, dtype=np.int64)
         if grains is not None and reference.labels is not None:
@@ -72,7 +98,18 @@ def write_reference(path: str | Path, reference: Reference, grains: GrainSet | N
 
 
 def read_reference(path: str | Path) -> Reference:
-    """Read a ``reference.h5``."""
+    """Read a ``reference.h5``.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+
+    Returns
+    -------
+    Reference
+        Without the table of grains, which follows from volume and labels.
+    """
     with opened(path) as file:
         data = file["volume"]
         x, y, z = (float(c) for c in data.attrs["center"])
@@ -85,8 +122,8 @@ def read_reference(path: str | Path) -> Reference:
         return Reference(volume, residuals, labels[()], float(labels.attrs["threshold"]), border)
 
 
-def grain_columns(grains: GrainSet, labels: NDArray[np.int32]) -> dict[str, NDArray[Any]]:
-    """The grains' table: label, centre of mass (mm), segmented volume (mm³), whether cut by the border."""
+def grain_columns(grains: GrainSet, labels: NDArray[np.int32]) -> dict[str, NDArray[np.generic]]:
+    """The grains' table: label, centre of mass (mm), segmented volume (mm³), whether it touches the field's border."""
     centers = grains.centers
     voxels = np.bincount(labels[labels > 0], minlength=int(grains.labels.max(initial=0)) + 1)
     return {
@@ -100,11 +137,19 @@ def grain_columns(grains: GrainSet, labels: NDArray[np.int32]) -> dict[str, NDAr
 
 
 def write_motions_h5(path: str | Path, motions: Motions) -> None:
-    """Write everything that was measured in one state."""
+    """Write the motions of one state with covariances, reasons and the fit as a whole.
+
+    Parameters
+    ----------
+    path : path
+        The file to write.
+    motions : Motions
+        In mm and radians, as they are written.
+    """
     text = h5py.string_dtype()
     with atomic_write(path) as temporary, h5py.File(temporary, "w") as file:
-        for name in _ARRAYS:
-            file[name] = getattr(motions, name)
+        for name, unit in _ARRAYS.items():
+            file.create_dataset(name, data=getattr(motions, name)).attrs["unit"] = unit
         file.create_dataset("statuses", data=[str(s) for s in motions.statuses], dtype=text)
         file.create_dataset("reasons", data=list(motions.reasons), dtype=text)
         fit = file.create_group("fit")
@@ -113,17 +158,28 @@ def write_motions_h5(path: str | Path, motions: Motions) -> None:
         fit["cost"] = np.array([cost for _, cost in motions.fit.costs], dtype=float)
         fit.attrs["downweighted"] = motions.fit.downweighted
         fit.create_dataset("notes", data=list(motions.fit.notes), dtype=text)
-        for name in _OPTIONAL:
+        for name, unit in _OPTIONAL.items():
             value = getattr(motions.fit, name)
             if value is not None:
-                fit[name] = value
+                fit.create_dataset(name, data=value).attrs["unit"] = unit
         if motions.fit.response is not None:
             fit["polynomial"] = motions.fit.response.polynomial
             fit["background_terms"] = motions.fit.response.background
 
 
 def read_motions_h5(path: str | Path) -> Motions:
-    """Read a ``motions.h5``."""
+    """Read a ``motions.h5``, of this version or an older one.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+
+    Returns
+    -------
+    Motions
+        In mm and radians; what an older version did not write has its default.
+    """
     with opened(path) as file:
         fit = file["fit"]
         costs = zip(fit["stage"].asstr()[()], fit["cost"][()])

@@ -12,7 +12,7 @@ with h the voxel size and o the position of voxel [0, 0, 0] in the sample frame,
     pos = (c − o)/h,    disp = u/h,    F = Ω,    each with its x y z components written in z y x order.
 
 spam 0.9.1 writes the labels' centres of mass, but its Φ is about the middle of each label's bounding box: for
-grains that turn, displacements that it measured are off by (Ω − 1) times what lies between the two
+grains that rotate, displacements that it measured are off by (Ω − 1) times the vector between the two
 (`validation/benchmarks/full_scan.py`).
 
 Reversing the order of the axes mirrors the frame, so the rotation vector that spam derives from F,
@@ -47,7 +47,7 @@ RETURN_STATUS: dict[str, int] = {
     Status.LEFT_FIELD.value: -7,
     Status.NOT_FITTED.value: 0,
 }
-"""spam's ``returnStatus`` of each status: 2 converged, 1 not, 0 not correlated, -7 no grain to correlate."""
+"""spam's ``returnStatus`` of each status: 2 converged, 1 not converged, 0 not correlated, -7 no grain to correlate."""
 
 
 def write_ddic_tsv(path: str | Path, motions: Motions, grid: Volume, labels: NDArray[np.integer] | None = None) -> None:
@@ -64,10 +64,10 @@ def write_ddic_tsv(path: str | Path, motions: Motions, grid: Volume, labels: NDA
     motions : Motions
         The motions of one state, mm and radians.
     grid : Volume
-        The reference volume (its place and voxel size; values do not matter).
+        The reference volume, for its position and voxel size.
     labels : (nz, ny, nx) integer array, optional
-        The labels on the grid.  With them, each motion is carried over to the label's own centre of
-        mass (all its voxels alike), where spam-ddic demands it within 0.1 voxel when it starts from
+        The labels on the grid.  With them, each motion is stated about the label's own centre of
+        mass (all voxels with equal weight), which spam-ddic requires within 0.1 voxel when it starts from
         this file; without them, positions are the attenuation-weighted centres of ``motions``.
 
     Raises
@@ -109,7 +109,7 @@ def write_ddic_tsv(path: str | Path, motions: Motions, grid: Volume, labels: NDA
 def read_ddic_tsv(path: str | Path, grid: Volume) -> Motions:
     """Read spam's discrete-correlation TSV as motions, for instance as the ``initial`` of a state.
 
-    Centres are the file's positions; carry the motions to other centres with `grainmotion.rotations.recenter`.
+    Centres are the file's positions; `grainmotion.rotations.recenter` states the motions about other centres.
     Where F strains, its rotation by polar decomposition is taken.  ``returnStatus`` 2 becomes ``converged``,
     1 ``not-converged``, 0 or less ``not-fitted``.  Covariances are NaN; ``residuals`` are spam's ``error``
     in its own units.
@@ -119,7 +119,7 @@ def read_ddic_tsv(path: str | Path, grid: Volume) -> Motions:
     path : path
         The file, from ``spam-ddic`` or `write_ddic_tsv`.
     grid : Volume
-        The volume whose voxels the file counts in (its place and voxel size; values do not matter).
+        The volume that positions and displacements count voxels of, for its position and voxel size.
 
     Returns
     -------
@@ -185,7 +185,7 @@ def _read_table(path: Path) -> pd.DataFrame:
 
 
 def _label_centers(image: NDArray[np.integer], labels: NDArray[np.int64], grid: Volume) -> NDArray[np.float64]:
-    """Centres of mass of labels, all voxels alike, mm, x y z."""
+    """Centres of mass of labels, all voxels with equal weight, mm, x y z."""
     if image.shape != grid.shape:
         raise InputError("labels", f"shape {image.shape} is not the volume's {grid.shape}", "give them on its grid")
     missing = sorted(set(labels.tolist()) - set(np.unique(image).tolist()))

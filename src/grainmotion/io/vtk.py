@@ -27,25 +27,25 @@ STATUS_CODES: dict[str, int] = {status.value: code for code, status in enumerate
 """Code of each status in the point array ``status_code``: 0 converged, 1 not-converged, 2
 poorly-determined, 3 left-field, 4 not-fitted (the order of `Status`)."""
 
-BLOCK = 1 << 20  # bytes compressed at a time
+BLOCK_BYTES = 1 << 20  # compressed at a time
 _TYPES = {"f4": "Float32", "f8": "Float64", "i4": "Int32", "i8": "Int64", "u1": "UInt8"}
 
 
 def write_grains_vtp(path: str | Path, motions: Motions) -> None:
     """Write grains as points of a ``.vtp`` file.
 
-    Each grain is a vertex at its current centre c + u (at c if u is unknown).  Point arrays: ``label``,
+    Each grain is a vertex at its current centre c + u (at c if u is NaN).  Point arrays: ``label``,
     ``status_code`` (see `STATUS_CODES`), ``reference_center`` (mm), ``displacement`` u (mm),
     ``rotation_vector_deg`` (degrees), ``rotation_matrix`` Ω (row-major tensor), ``sd_displacement`` (mm),
     ``sd_rotation_deg`` (degrees), ``displacement_covariance`` (tensor, mm²), ``residual`` (line-integral
-    units) and ``iterations``.  What is unknown is NaN: threshold on ``status_code`` before drawing glyphs.
+    units) and ``iterations``.  What was not measured is NaN: threshold on ``status_code`` before drawing glyphs.
 
     Parameters
     ----------
     path : path
         The file to write, usually ``grains.vtp``.
     motions : Motions
-        The motions of one state.
+        The motions of one state, mm and radians.
     """
     n = len(motions)
     points = np.where(np.isfinite(motions.translations), motions.centers + motions.translations, motions.centers)
@@ -132,8 +132,8 @@ class _Appended:
             f'format="appended" offset="{self.size}"/>'
         )
         raw = values.astype(values.dtype.newbyteorder("<"), copy=False).tobytes()
-        parts = [zlib.compress(raw[i : i + BLOCK], 6) for i in range(0, len(raw), BLOCK)]
-        header = [len(parts), BLOCK, len(raw) % BLOCK, *(len(p) for p in parts)]
+        parts = [zlib.compress(raw[i : i + BLOCK_BYTES], 6) for i in range(0, len(raw), BLOCK_BYTES)]
+        header = [len(parts), BLOCK_BYTES, len(raw) % BLOCK_BYTES, *(len(p) for p in parts)]
         for block in (struct.pack(f"<{len(header)}Q", *header), *parts):
             self.blocks.append(block)
             self.size += len(block)

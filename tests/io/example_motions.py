@@ -1,0 +1,26 @@
+"""Motions of four grains, with what is hard to write: NaN, sentences with separators, letters beyond ASCII."""
+
+import numpy as np
+
+from grainmotion.model.motions import Motions, StateFit, Status
+
+
+def motions() -> Motions:
+    rng = np.random.default_rng(3)
+    roots = rng.normal(size=(4, 6, 6))
+    covariances = roots @ roots.transpose(0, 2, 1) * 1e-4
+    translations = rng.normal(size=(4, 3))
+    covariances[2], translations[2] = np.nan, np.nan
+    statuses = [Status.CONVERGED, Status.POORLY_DETERMINED, Status.LEFT_FIELD, Status.NOT_CONVERGED]
+    return Motions(
+        labels=np.array([3, 1, 7, 12]),
+        centers=rng.normal(size=(4, 3)),
+        translations=translations,
+        rotations=rng.normal(size=(4, 3)),
+        covariances=covariances,
+        statuses=np.array([s.value for s in statuses]),
+        residuals=rng.uniform(size=4),
+        iterations=np.array([4, 5, 0, 30]),
+        reasons=("", "seen from one side; add a view", "it left; widen the panel", "µ – ε; look"),
+        fit=StateFit(1.01, -0.002, (("rigid", 0.2), ("free", 0.01))),
+    )

@@ -1,0 +1,55 @@
+"""Motions as CSV: mm and degrees, every digit comes back; errors name the file and the row."""
+
+import example_motions
+import numpy as np
+import pandas as pd
+import pytest
+
+from grainmotion.errors import InputError
+from grainmotion.io.motions_csv import read_motions, write_motions
+from grainmotion.model.motions import COLUMNS, Motions
+
+
+@pytest.fixture(name="motions")
+def motions_() -> Motions:
+    return example_motions.motions()
+
+
+def test_just_the_columns_of_the_contract(tmp_path, motions):
+    write_motions(tmp_path / "m.csv", motions)
+    assert (tmp_path / "m.csv").read_text().splitlines()[0] == (
+        "label,status,x,y,z,ux,uy,uz,wx,wy,wz,sd_ux,sd_uy,sd_uz,sd_wx,sd_wy,sd_wz,residual,iterations"
+    )
+
+
+def test_round_trip(tmp_path, motions):
+    write_motions(tmp_path / "m.csv", motions)
+    back = read_motions(tmp_path / "m.csv")
+    pd.testing.assert_frame_equal(back.to_table(), motions.to_table(), check_exact=False, rtol=1e-14)
+    write_motions(tmp_path / "n.csv", back)
+    pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "n.csv"), pd.read_csv(tmp_path / "m.csv"), rtol=1e-14)
+
+
+def test_is_in_mm_and_degrees(tmp_path, motions):
+    write_motions(tmp_path / "m.csv", motions)
+    table = pd.read_csv(tmp_path / "m.csv")
+    np.testing.assert_allclose(table["wx"], np.rad2deg(motions.rotations[:, 0]))
+    np.testing.assert_allclose(table["sd_wz"][0], np.rad2deg(np.sqrt(motions.covariances[0, 5, 5])))
+    assert np.isnan(table["ux"][2])
+
+
+@pytest.mark.parametrize(
+    ("change", "fact"),
+    [
+        (lambda t: t.drop(columns=["wz"]), "wz"),
+        (lambda t: t.assign(label=[1, 1, 2, 3]), "label 1 is given twice"),
+        (lambda t: t.assign(label=[1, 1.5, 2, 3]), r"label is '1\.5' in row 2"),
+        (lambda t: t.assign(ux=["0", "0", "far", "0"]), "ux is 'far' in row 3"),
+        (lambda t: t.assign(status="fine"), "fine"),
+    ],
+)
+def test_refused(tmp_path, motions, change, fact):
+    assert len(COLUMNS) == 19
+    change(motions.to_table()).to_csv(tmp_path / "m.csv", index=False)
+    with pytest.raises(InputError, match=r"m\.csv.*" + fact):
+        read_motions(tmp_path / "m.csv")

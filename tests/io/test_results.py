@@ -1,0 +1,98 @@
+"""``reference.h5`` and ``motions.h5``: what is written comes back, and older files are read."""
+
+from dataclasses import replace
+
+import example_motions
+import h5py
+import numpy as np
+import pytest
+
+from grainmotion.io.results import Reference, read_motions_h5, read_reference, write_motions_h5, write_reference
+from grainmotion.model.detector_response import Response
+from grainmotion.model.motions import Motions, StateFit
+from grainmotion.model.volume import Volume
+
+
+@pytest.fixture(name="motions")
+def motions_() -> Motions:
+    return example_motions.motions()
+
+
+def assert_same_fit(one, other):
+    for name in ("gain", "offset", "costs", "downweighted", "notes"):
+        assert getattr(one, name) == getattr(other, name)
+    for name in ("corrections", "corrections_sd", "background"):
+        assert_same_array(getattr(one, name), getattr(other, name))
+    assert (one.response is None) == (other.response is None)
+    if one.response is not None:
+        assert_same_array(one.response.polynomial, other.response.polynomial)
+        assert_same_array(one.response.background, other.response.background)
+
+
+def assert_same_array(one, other):
+    assert (one is None) == (other is None)
+    if one is not None:
+        np.testing.assert_array_equal(one, other)
+
+
+class TestMotionsFile:
+    def test_round_trip(self, tmp_path, motions):
+        write_motions_h5(tmp_path / "m.h5", motions)
+        back = read_motions_h5(tmp_path / "m.h5")
+        for name in (
+            "labels",
+            "centers",
+            "translations",
+            "rotations",
+            "covariances",
+            "residuals",
+            "iterations",
+        ):
+            np.testing.assert_array_equal(getattr(back, name), getattr(motions, name))
+        assert back.statuses.tolist() == motions.statuses.tolist()
+        assert back.reasons == motions.reasons
+        assert_same_fit(back.fit, motions.fit)
+
+    def test_round_trip_of_a_full_fit(self, tmp_path, motions):
+        rng = np.random.default_rng(4)
+        fit = StateFit(
+            1.02, 0.01, (("free", 0.1),), Response(rng.normal(size=(3, 2)), rng.normal(size=(3, 6))),
+            rng.normal(size=(3, 3)), rng.uniform(size=(3, 3)), rng.normal(size=6), 0.03, ("one; two", "µ"),
+        )  # fmt: skip
+        write_motions_h5(tmp_path / "m.h5", replace(motions, fit=fit))
+        assert_same_fit(read_motions_h5(tmp_path / "m.h5").fit, fit)
+
+    def test_units_are_in_the_file(self, tmp_path, motions):
+        write_motions_h5(tmp_path / "m.h5", replace(motions, fit=StateFit(background=np.zeros(6))))
+        with h5py.File(tmp_path / "m.h5") as file:
+            assert file["translations"].attrs["unit"] == "mm"
+            assert file["rotations"].attrs["unit"] == "rad"
+            assert file["fit/background"].attrs["unit"] == "mm, mm, mm, rad, rad, rad"
+
+    def test_a_file_of_the_first_version_is_read(self, tmp_path, motions):
+        write_motions_h5(tmp_path / "m.h5", motions)
+        with h5py.File(tmp_path / "m.h5", "a") as file:
+            del file["fit/notes"]
+            del file["fit"].attrs["downweighted"]
+            for name in ("translations", "rotations"):
+                del file[name].attrs["unit"]
+        back = read_motions_h5(tmp_path / "m.h5")
+        np.testing.assert_array_equal(back.rotations, motions.rotations)
+        assert_same_fit(back.fit, motions.fit)
+
+
+class TestReferenceFile:
+    def test_round_trip(self, tmp_path):
+        volume = Volume(np.random.default_rng(0).uniform(size=(4, 5, 6)), 0.1, (1.0, 2.0, 3.0))
+        labels = np.zeros((4, 5, 6), np.int32)
+        labels[1:3, 1:3, 1:3] = 2
+        write_reference(tmp_path / "r.h5", Reference(volume, (0.3, 0.1), labels, 0.5, (2,)))
+        back = read_reference(tmp_path / "r.h5")
+        np.testing.assert_array_equal(back.volume.array, volume.array)
+        assert (back.volume.voxel_size, back.volume.center) == (0.1, (1.0, 2.0, 3.0))
+        assert (back.residuals, back.threshold, back.border) == ((0.3, 0.1), 0.5, (2,))
+        np.testing.assert_array_equal(back.labels, labels)
+
+    def test_volume_alone(self, tmp_path):
+        write_reference(tmp_path / "r.h5", Reference(Volume.zeros((2, 2, 2), 1.0)))
+        assert read_reference(tmp_path / "r.h5").labels is None
