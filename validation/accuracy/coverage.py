@@ -11,9 +11,10 @@ from scipy import stats
 
 from grainmotion.simulate import random
 from validation.accuracy import page, specimens
-from validation.accuracy.outcomes import Float, Outcome, Pool, measure, pool, rms
+from validation.accuracy.outcomes import Float, Outcome, Pool, measure, pool
 from validation.accuracy.specimens import Specimen
 from validation.common.cache import TRACKING
+from validation.common.measures import rms
 from validation.common.trials import run_trials
 
 SEEDS = range(12)

@@ -16,6 +16,7 @@ from grainmotion.model.motions import Motions, Status
 from grainmotion.model.scan import Scan
 from grainmotion.tracking.track import TrackSettings, track
 from validation.accuracy.specimens import in_voxels_and_degrees
+from validation.common.measures import rms
 from validation.common.warm import compile_kernels
 
 Float = NDArray[np.float64]
@@ -155,11 +156,6 @@ def pool(outcomes: Sequence[Outcome], left_out: Sequence[Collection[int]] | None
 def by_kind(rows: Float) -> tuple[float, float]:
     """Root mean square of translations and of rotations ``(n, 6)``; NaN if there are none."""
     return rms(rows[:, :3]), rms(rows[:, 3:])
-
-
-def rms(values: Float) -> float:
-    """Root mean square; NaN if there are no values."""
-    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
 
 
 def counted(words: Sequence[str]) -> str:

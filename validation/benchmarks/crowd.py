@@ -34,13 +34,13 @@ Float = NDArray[np.float64]
 
 ACROSS = 14
 """Voxels across a stone (the ball of its volume)."""
-HEAP, RADIUS, GAP = 48, 2.0, 0.05
+HEAP_STONES, HEAP_RADIUS, HEAP_GAP = 48, 2.0, 0.05
 """Stones of a heap; radius of its cylinder and gap between cylinders, stone diameters."""
-LEVEL = 2
+MESH_LEVEL = 2
 """Subdivisions of a stone's mesh: 320 triangles, which *are* the stone."""
-DEPTH = 1.5
+CENTRAL_LINE_INTEGRAL = 1.5
 """Line integral through the middle of a sample: the beam's energy is chosen to match its size."""
-PHOTONS, NOISE = 1e6, 0.05
+PHOTONS, VOXEL_NOISE = 1e6, 0.05
 """Photons a pixel (some tens of frames averaged); noise of the reference's voxels over the attenuation."""
 VOXEL = 1.0 / ACROSS
 """mm: stones are 1 mm."""
@@ -63,8 +63,8 @@ class Crowd:
 def heap(seed: int) -> Sample:
     """Some settled stones, about the axis."""
     rng = np.random.default_rng(seed)
-    stones = [stone(int(k), 1 + 0.08 * rng.uniform(-1, 1), LEVEL) for k in rng.permutation(95)[:HEAP]]
-    return pack([Particle(s, 1.0) for s in stones], PackingSettings(RADIUS), seed)
+    stones = [stone(int(k), 1 + 0.08 * rng.uniform(-1, 1), MESH_LEVEL) for k in rng.permutation(95)[:HEAP_STONES]]
+    return pack([Particle(s, 1.0) for s in stones], PackingSettings(HEAP_RADIUS), seed)
 
 
 @cache
@@ -110,9 +110,9 @@ def copies(n: int, seed: int = 0) -> list[Copy]:
     heaps = [2 * seed, 2 * seed + 1]
     middles = [np.array([p.shape.centroid for p in heap(h).particles]) for h in heaps]
     height = max(float(np.ptp(np.concatenate([p.shape.vertices[:, 2] for p in heap(h).particles]))) for h in heaps)
-    step, rise = 2 * RADIUS + GAP, height + GAP
+    step, rise = 2 * HEAP_RADIUS + HEAP_GAP, height + HEAP_GAP
     rng = np.random.default_rng([seed, n])
-    side = (n * step**2 * np.sqrt(0.75) * rise / HEAP) ** (1 / 3)
+    side = (n * step**2 * np.sqrt(0.75) * rise / HEAP_STONES) ** (1 / 3)
     half = int(np.ceil(side / 2 / (step * np.sqrt(0.75)))) + 1
     found = list[Copy]()
     for i, j, k in np.ndindex(2 * half + 1, 2 * half + 1, 2 * half + 1):
@@ -135,7 +135,7 @@ def crowd(n: int, seed: int = 0) -> Crowd:
     chosen = copies(n, seed)
     spots = np.array([c.center for c in chosen])
     radius = max(float(np.linalg.norm(spots[:, :2], axis=1).max()), float(np.abs(spots[:, 2]).max()))
-    attenuation = DEPTH / (0.38 * 2 * radius + 0.5)
+    attenuation = CENTRAL_LINE_INTEGRAL / (0.38 * 2 * radius + 0.5)
     whole = Sample(tuple(c.particle(attenuation) for c in chosen))
     points = np.concatenate([p.shape.vertices for p in whole.particles])
     width = 2 * max(float(np.linalg.norm(points[:, :2], axis=1).max()), float(np.abs(points[:, 2]).max()))
@@ -162,7 +162,7 @@ def rasterised(whole: Sample, across: int, seed: int) -> tuple[Volume, NDArray[n
         most[box] = np.where(mine, share, most[box])
         labels[box][mine] = label
     attenuation = whole.particles[0].attenuation
-    array += NOISE * attenuation * np.random.default_rng(seed).standard_normal(array.shape, dtype=np.float32)
+    array += VOXEL_NOISE * attenuation * np.random.default_rng(seed).standard_normal(array.shape, dtype=np.float32)
     return replace(volume, array=array), labels
 
 

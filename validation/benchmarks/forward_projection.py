@@ -28,6 +28,7 @@ from grainmotion.rotations import rotation_matrix
 from grainmotion.simulate import Sample, Scanner, attenuation_volume, ellipsoid_particle, line_integrals
 from validation.benchmarks.peers import rtk
 from validation.benchmarks.peers.environment import machine
+from validation.common.measures import relative_difference
 
 SCANNER = Scanner((280, 180), 0.508, 150.0, 0.508 * 150.0 / 0.112, 352)  # as simulate.paper_scale
 MAX_DIFFERENCE = 1e-4  # between our trilinear projector and RTK's Joseph, relative: the same formula
@@ -56,11 +57,6 @@ def ours(volume: Volume, geometry: Geometry, projector: Projector) -> tuple[floa
     return time.process_time() - start, images
 
 
-def relative(images: NDArray[np.float32], wanted: NDArray[np.float32]) -> float:
-    """‖images − wanted‖/‖wanted‖."""
-    return float(np.linalg.norm((images - wanted).ravel()) / np.linalg.norm(wanted.ravel()))
-
-
 def main() -> int:
     """Run, write the table, and say whether the bar is met."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -83,8 +79,8 @@ def main() -> int:
             seconds[name].append(cpu)
 
     best = {name: min(s) for name, s in seconds.items()}
-    errors = {name: relative(found, truth) for name, found in images.items()}
-    apart = {name: relative(found, images[PEER]) for name, found in images.items()}
+    errors = {name: relative_difference(found, truth) for name, found in images.items()}
+    apart = {name: relative_difference(found, images[PEER]) for name, found in images.items()}
     same_formula = apart["grainmotion, trilinear"]
     quick = all(best[name] <= bar * best[PEER] for name, bar in BARS.items())
     passed = quick and same_formula < MAX_DIFFERENCE and max(errors.values()) < MAX_ERROR

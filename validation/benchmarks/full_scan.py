@@ -42,7 +42,8 @@ from grainmotion.tracking.track import track
 from validation.benchmarks.peers.environment import machine
 from validation.benchmarks.peers.rtk import filtered_back_projection
 from validation.benchmarks.peers.spam_ddic import Pair, make_environment, spam_version
-from validation.benchmarks.track_state import ACCURACY_BARS, compile_kernels, load, save
+from validation.benchmarks.track_state import ACCURACY_BARS, load, save
+from validation.common.warm import compile_kernels
 
 RESULT = Path(__file__).parent / "results" / "full_scan.md"
 CASES: dict[str, tuple[str, Callable[[int], Case]]] = {
@@ -55,15 +56,15 @@ CASES: dict[str, tuple[str, Callable[[int], Case]]] = {
 STATES = ("unmoved", "shift", "random", "apart")
 REFERENCE = "reference"
 VOLUMES = ("SART", "FDK")
-VIEWS = 4  # radiographs for the tracker
-HANN = 1.0  # cut-off of the Hann window over the ramp filter, as a share of Nyquist's frequency
-MOST_STRETCH = 64  # percent
-CHOSEN = ("-ld", "2", "-ug", "-o", "3")  # the most accurate of those tried on the stones' random state
-OPTIONS: dict[tuple[str, ...], str] = {(): "by default", CHOSEN: f"`{' '.join(CHOSEN)}`"}
+N_RADIOGRAPHS = 4  # radiographs for the tracker
+HANN_CUTOFF = 1.0  # cut-off of the Hann window over the ramp filter, as a share of Nyquist's frequency
+MAX_STRETCH_PERCENT = 64  # percent
+CHOSEN_OPTIONS = ("-ld", "2", "-ug", "-o", "3")  # the most accurate of those tried on the stones' random state
+DDIC_OPTIONS: dict[tuple[str, ...], str] = {(): "by default", CHOSEN_OPTIONS: f"`{' '.join(CHOSEN_OPTIONS)}`"}
 CPU_BAR = 5.0  # CPU time of a full scan over that of 4 radiographs
 
 
-HEAD = (
+HEADING = (
     "The same states, fully scanned, reconstructed and tracked by spam, beside grainmotion from {views} "
     "radiographs.  The samples are simulated without voxels, and all methods share one reference scan and its "
     "labels, which count for none of them."
@@ -108,7 +109,7 @@ def apart(case: Case) -> Motions:
     def stretched(percent: int) -> Motions:
         return replace(random, translations=random.translations + percent / 100 * away)
 
-    low, high = 0, MOST_STRETCH
+    low, high = 0, MAX_STRETCH_PERCENT
     while high - low > 1:
         middle = (low + high) // 2
         free = gaps(sample.moved(stretched(middle))).min() > 0
@@ -151,7 +152,9 @@ class Study:
 
     def few(self, state: str) -> Scan:
         """The radiographs of a later state that are tracked."""
-        return self.case.state(self.motions[state], LATER_ANGLES_DEG[VIEWS], 10 * STATES.index(state) + VIEWS)
+        return self.case.state(
+            self.motions[state], LATER_ANGLES_DEG[N_RADIOGRAPHS], 10 * STATES.index(state) + N_RADIOGRAPHS
+        )
 
     def sart(self, state: str) -> tuple[Volume, float]:
         """A state reconstructed by default, and CPU seconds."""
@@ -168,7 +171,7 @@ class Study:
 
         def make() -> tuple[NDArray[np.float32], float]:
             images = self.scan(state).line_integrals
-            return filtered_back_projection(images, self.case.scanner, self.angles_deg, HANN)[:2]
+            return filtered_back_projection(images, self.case.scanner, self.angles_deg, HANN_CUTOFF)[:2]
 
         return self._kept(f"{state}-fdk", make)
 
@@ -232,7 +235,7 @@ class Row:
     @property
     def ours(self) -> bool:
         """Whether it is tracked from a few radiographs."""
-        return self.radiographs == VIEWS
+        return self.radiographs == N_RADIOGRAPHS
 
 
 def judged(study: Study, state: str, method: str, radiographs: int, motions: Motions, cpu: tuple[float, float]) -> Row:
@@ -268,7 +271,7 @@ def by_spam(study: Study, state: str, reconstruction: str) -> list[Row]:
         write_tiff(pair.labels, study.labels.astype(np.uint32))
         write_tiff(pair.state, after.array)
         start, approach = pair.approach(reach.tolist())
-        for options, told in OPTIONS.items():
+        for options, told in DDIC_OPTIONS.items():
             tsv, cpu = pair.correlate(start, options)
             written = read_ddic_tsv(tsv, grid)
             motions = replace(written, centers=study.middles[written.labels - 1])
@@ -285,7 +288,7 @@ def by_few(study: Study, state: str) -> Row:
     start = time.process_time()
     motions = track(grains, scan)
     cpu = time.process_time() - start
-    row = judged(study, state, f"**grainmotion**, {VIEWS} radiographs", VIEWS, motions, (0.0, cpu))
+    row = judged(study, state, f"**grainmotion**, {N_RADIOGRAPHS} radiographs", N_RADIOGRAPHS, motions, (0.0, cpu))
     row = replace(row, cutting=cutting)
     print(row, flush=True)
     return row
@@ -295,7 +298,7 @@ def by_few(study: Study, state: str) -> Row:
 def misses(rows: list[Row]) -> list[str]:
     """The bars that a state's rows miss, in words."""
     ours = next(row for row in rows if row.ours)
-    voxels, degrees = ACCURACY_BARS[VIEWS]
+    voxels, degrees = ACCURACY_BARS[N_RADIOGRAPHS]
     found = []
     if ours.failures:
         found.append(f"{ours.state}: {ours.failures} failures")
@@ -337,23 +340,24 @@ def missed_bars(results: dict[str, list[Row]]) -> list[str]:
 
 def page(results: dict[str, list[Row]], missed: list[str], command: str) -> str:
     """The results as Markdown."""
-    lines = ["# Against full scans", "", *paragraph(HEAD.format(views=VIEWS))]
+    lines = ["# Against full scans", "", *paragraph(HEADING.format(views=N_RADIOGRAPHS))]
     for name, rows in results.items():
         lines += [f"`{name}`: {CASES[name][0]}.", "", *table(rows), ""]
         written = [
             f"{row.as_written:.3f} ({row.state}, {row.method.split(',')[0]})"
             for row in rows
-            if row.method.endswith(OPTIONS[CHOSEN])
+            if row.method.endswith(DDIC_OPTIONS[CHOSEN_OPTIONS])
         ]
         lines += paragraph(
-            f"Taken at the positions in its file (see below), spam's translations by {OPTIONS[CHOSEN]} are off by "
-            f"{', '.join(written)} voxel.  Once for all states grainmotion took {max(row.cutting for row in rows):.1f} "
-            "CPU s more, to cut the grains out of the reference on finer voxels."
+            f"Taken at the positions in its file (see below), spam's translations by "
+            f"{DDIC_OPTIONS[CHOSEN_OPTIONS]} are off by {', '.join(written)} voxel.  Once for all states "
+            f"grainmotion took {max(row.cutting for row in rows):.1f} CPU s more, "
+            "to cut the grains out of the reference on finer voxels."
         )
     for state in dict.fromkeys(row.state for rows in results.values() for row in rows):
         lines += paragraph(STATE_NOTES[state])
-    voxels, degrees = ACCURACY_BARS[VIEWS]
-    filled = {"chosen": " ".join(CHOSEN), "voxels": voxels, "degrees": degrees, "cpu": CPU_BAR}
+    voxels, degrees = ACCURACY_BARS[N_RADIOGRAPHS]
+    filled = {"chosen": " ".join(CHOSEN_OPTIONS), "voxels": voxels, "degrees": degrees, "cpu": CPU_BAR}
     for note in NOTES:
         lines += paragraph(note.format(**filled, missed="; ".join(missed) or "none"))
     return "\n".join([*lines, f"{machine()}, spam {spam_version()}.  Made by `{command}`.", ""])

@@ -57,9 +57,9 @@ from validation.benchmarks.peers.environment import machine
 
 RESULT = Path(__file__).parent / "results" / "gpu.md"
 SWEEP_GOAL, STATE_GOAL = 1.0, 10.0  # seconds: a sweep of 352 views; a state of 1,000 grains
-SAME_VOLUME = 1e-4  # of the largest voxel, between card and processor after a sweep
-SAME_MOTION = 0.01  # voxels that a grain's centre or surface may lie apart
-SIGMA = 2.0  # pixels: the filter under which the patches' kernels are timed
+MAX_VOXEL_DIFFERENCE = 1e-4  # of the largest voxel, between card and processor after a sweep
+MAX_MOTION_DIFFERENCE = 0.01  # voxels that a grain's centre or surface may lie apart
+FILTER_SIGMA = 2.0  # pixels: the filter under which the patches' kernels are timed
 ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
 
 
@@ -191,7 +191,7 @@ def volume_rows(options: argparse.Namespace, copy: float) -> tuple[list[str], bo
         f"| {apart_all:.1e} | |",
         f"| line integrals of all views, to the host | | | {forward:.3f} | | {asked['forward'] / forward / copy:.2f} |",
     ]
-    return lines, max(apart, apart_all) <= SAME_VOLUME and (options.toy or once <= SWEEP_GOAL)
+    return lines, max(apart, apart_all) <= MAX_VOXEL_DIFFERENCE and (options.toy or once <= SWEEP_GOAL)
 
 
 def patch_rows(case: Case | Crowd, options: argparse.Namespace, copy: float) -> list[str]:
@@ -199,7 +199,7 @@ def patch_rows(case: Case | Crowd, options: argparse.Namespace, copy: float) -> 
     device, views = Device("cuda"), case.scan.geometry
     packed = GrainArrays.of(case.grains).on(device)
     pose = Pose(np.zeros((len(packed), 3)), np.tile(np.eye(3), (len(packed), 1, 1)))
-    kernel = gaussian(0.3 if options.toy else SIGMA).astype(np.float32)
+    kernel = gaussian(0.3 if options.toy else FILTER_SIGMA).astype(np.float32)
     patches = shadows(packed, pose, views, margin=len(kernel) - 1)
     images, valid = case.scan.line_integrals.astype(np.float32), np.ones(case.scan.line_integrals.shape, np.float32)
     values, derivatives = differentiate_in_place(packed, pose, views, patches, "trilinear")
@@ -260,7 +260,7 @@ def state_row(case: Case | Crowd, options: argparse.Namespace) -> tuple[str, boo
         host, cpu, wall = costs(lambda: track(case.grains, case.scan, settings=on_host))
         distance = apart(found, host, case.grains)
         told = f"| {cpu:.1f} | {wall:.1f} | {distance:.1e} "
-        passed = distance <= SAME_MOTION and list(found.statuses) == list(host.statuses)
+        passed = distance <= MAX_MOTION_DIFFERENCE and list(found.statuses) == list(host.statuses)
     passed = passed and (n != 1000 or seconds <= STATE_GOAL)
     return f"| {n} | {seconds:.2f} {told}| {int(found.ok.sum())} | {error:.3f} |", passed
 

@@ -40,18 +40,19 @@ from grainmotion.rotations import recenter, rotation_vector
 from grainmotion.tracking.track import track
 from validation.benchmarks.crowd import ACROSS, VOXEL, crowd
 from validation.benchmarks.peers.environment import machine
+from validation.common.measures import rms
 
 ROOT = Path(__file__).parents[2]
 RESULT, PLOT = (
     ROOT / "validation" / "benchmarks" / "results" / "many_grains.md",
     ROOT / "docs" / "images" / "many_grains.png",
 )
-SIZES = (15, 200, 1000, 10_000)
+GRAIN_NUMBERS = (15, 200, 1000, 10_000)
 RATIO_BAR, MEMORY_BAR = 1.5, 16.0  # CPU time a grain at 1,000 over that at 15; GB at 10,000
-REPEATS, REPEATED = 3, 1000  # the least of so many runs counts, up to so many grains
-LOST = (1.0, 10.0)  # voxels, degrees: beyond, a stone is in a wrong place
-WRONG = (5.0, 0.3, 2.0)  # sd, voxels, degrees: off by more than the sd and more than either, in some component
-CHOSEN = {2: [0, 2], 3: [0, 1, 3], 4: [0, 1, 2, 3]}  # of the four views
+REPEATS, MAX_REPEATED_GRAINS = 3, 1000  # the least of so many runs counts, up to so many grains
+MAX_PLACE_ERROR = (1.0, 10.0)  # voxels, degrees: beyond, a stone is in a wrong place
+WRONG_ERROR = (5.0, 0.3, 2.0)  # sd, voxels, degrees: off by more than the sd and more than either, in some component
+CHOSEN_VIEWS = {2: [0, 2], 3: [0, 1, 3], 4: [0, 1, 2, 3]}  # of the four views
 STAGES = {
     "start": "packing",
     "one body": "fields",
@@ -63,7 +64,7 @@ STAGES = {
     "judging the grains": "judging",
 }
 GROUPS = ("packing", "fields", "wide filter", "last filters", "judging", "other")
-LARGE = ((1e6, ACROSS), (1e6, 120))  # grains and voxels across, on paper; the latter fill a panel of 16 k
+EXTRAPOLATED = ((1e6, ACROSS), (1e6, 120))  # grains and voxels across, on paper; the latter fill a panel of 16 k
 
 
 # ---------------------------------------------------------------------- measuring
@@ -96,20 +97,20 @@ def work(folder: Path, n: int, views: int) -> dict[str, Any]:
     """Track the state of ``n`` stones that lies in ``folder``."""
     track(*load(folder, 15))  # compiles everything
     grains, scan = load(folder, n)
-    scan = scan.select(CHOSEN[views])
+    scan = scan.select(CHOSEN_VIEWS[views])
     held = sum(g.volume.array.nbytes + (g.fine.array.nbytes if g.fine is not None else 0) for g in grains.grains)
     found, told = min(
-        (measured(grains, scan) for _ in range(REPEATS if n <= REPEATED else 1)), key=lambda m: m[1]["cpu"]
+        (measured(grains, scan) for _ in range(REPEATS if n <= MAX_REPEATED_GRAINS else 1)), key=lambda m: m[1]["cpu"]
     )
     with open(folder / f"truth-{n}.pkl", "rb") as file:
         truth = pickle.load(file)
     shifts = recenter(truth.matrices, truth.translations, truth.centers, found.centers)
     u = (found.translations - shifts) / VOXEL
     w = np.rad2deg(rotation_vector(found.matrices @ truth.matrices.transpose(0, 2, 1)))
-    good = (np.linalg.norm(u, axis=1) < LOST[0]) & (np.linalg.norm(w, axis=1) < LOST[1])
+    good = (np.linalg.norm(u, axis=1) < MAX_PLACE_ERROR[0]) & (np.linalg.norm(w, axis=1) < MAX_PLACE_ERROR[1])
     sd = np.sqrt(np.diagonal(found.covariances, axis1=1, axis2=2))
-    off = np.abs(u) > np.maximum(WRONG[0] * sd[:, :3] / VOXEL, WRONG[1])
-    off |= np.abs(w) > np.maximum(WRONG[0] * np.rad2deg(sd[:, 3:]), WRONG[2])
+    off = np.abs(u) > np.maximum(WRONG_ERROR[0] * sd[:, :3] / VOXEL, WRONG_ERROR[1])
+    off |= np.abs(w) > np.maximum(WRONG_ERROR[0] * np.rad2deg(sd[:, 3:]), WRONG_ERROR[2])
     return {
         "n": n,
         "views": views,
@@ -144,11 +145,6 @@ def measured(grains: GrainSet, scan: Scan) -> tuple[Motions, dict[str, Any]]:
         cpu = time.process_time() - begin
     progress("end", 0, 0)
     return found, {"cpu": cpu, "stages": stages, "steps": steps, "counts": counts}
-
-
-def rms(errors: np.ndarray) -> float:
-    """Root mean square of all components."""
-    return float(np.sqrt((errors**2).mean())) if errors.size else float("nan")
 
 
 def save(folder: Path, n: int) -> None:
@@ -277,7 +273,7 @@ def page(found: list[dict[str, Any]], missed: list[str]) -> str:
         f"| {f['counts']['products']} |"
         for f in found
     ]
-    paper = [(n, across, on_paper(found, n, across)) for n, across in LARGE]
+    paper = [(n, across, on_paper(found, n, across)) for n, across in EXTRAPOLATED]
     large = [
         f"| {n:,.0f} | {across:g} | {p['panel']:,.0f}² | {p['cpu'] / 3600:,.0f} | {p['cpu'] / 3600 / 128:,.1f} "
         f"| {p['voxels'] / 1e12:.2f} | {p['patches'] / 1e12:.2f} | {p['radiographs'] / 1e9:.1f} |"
@@ -349,8 +345,8 @@ def misses(found: list[dict[str, Any]]) -> list[str]:
 def main() -> int:
     """Run all sizes, write table and plot, and say whether the bars are met."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--sizes", type=int, nargs="+", default=list(SIZES))
-    parser.add_argument("--views", type=int, choices=sorted(CHOSEN), default=4)
+    parser.add_argument("--sizes", type=int, nargs="+", default=list(GRAIN_NUMBERS))
+    parser.add_argument("--views", type=int, choices=sorted(CHOSEN_VIEWS), default=4)
     parser.add_argument("--keep", type=Path, help="folder in which samples are kept for another run")
     parser.add_argument("--make", type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--work", type=Path, help=argparse.SUPPRESS)
@@ -365,7 +361,7 @@ def main() -> int:
         folder = options.keep or Path(name)
         folder.mkdir(parents=True, exist_ok=True)
         found = [run(n, folder, options.views) for n in sorted({15, *options.sizes})]
-    if options.views < max(CHOSEN):
+    if options.views < max(CHOSEN_VIEWS):
         return 0
     missed = misses(found)
     RESULT.write_text(page(found, missed))

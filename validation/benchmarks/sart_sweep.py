@@ -27,9 +27,10 @@ from grainmotion.model.volume import Volume
 from grainmotion.projection.volumes import project
 from grainmotion.reconstruction.reconstruct import ReconstructSettings, reconstruct
 from grainmotion.simulate import attenuation_volume, line_integrals
-from validation.benchmarks.forward_projection import SCANNER, relative, sample
+from validation.benchmarks.forward_projection import SCANNER, sample
 from validation.benchmarks.peers import rtk
 from validation.benchmarks.peers.environment import machine
+from validation.common.measures import relative_difference
 
 CPU_BAR = 0.25  # of RTK's CPU time
 EPSILON_BAR = 1.0  # ε of ours over RTK's smaller one, at most
@@ -73,10 +74,10 @@ def main() -> int:
 
     best = {name: min(s) for name, s in seconds.items()}
     residuals = {
-        name: relative(project(Volume(v, grid.voxel_size, grid.center), geometry), scan.line_integrals)
+        name: relative_difference(project(Volume(v, grid.voxel_size, grid.center), geometry), scan.line_integrals)
         for name, v in volumes.items()
     }
-    errors = {name: relative(v, truth) for name, v in volumes.items()}
+    errors = {name: relative_difference(v, truth) for name, v in volumes.items()}
     peer = min(best[name] for name in PEERS)
     passed = best[OURS] <= CPU_BAR * peer and residuals[OURS] <= EPSILON_BAR * min(residuals[name] for name in PEERS)
 

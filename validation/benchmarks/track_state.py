@@ -29,12 +29,13 @@ from grainmotion.model.geometry import Geometry
 from grainmotion.model.motions import Motions
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
-from grainmotion.reconstruction.reconstruct import ReconstructSettings, reconstruct
+from grainmotion.reconstruction.reconstruct import reconstruct
 from grainmotion.segmentation.extraction import grains_from_labels
 from grainmotion.segmentation.segment import segment
-from grainmotion.simulate import LATER_ANGLES_DEG, Case, paper_scale, small
+from grainmotion.simulate import LATER_ANGLES_DEG, Case, paper_scale
 from grainmotion.tracking.track import track
 from validation.benchmarks.peers.environment import machine
+from validation.common.warm import compile_kernels
 
 RESULT = Path(__file__).parent / "results" / "track_state.md"
 STATES = ("unmoved", "shift", "random")
@@ -94,14 +95,6 @@ def work(folder: Path, states: list[str], views: list[int], voxel_size: float) -
             told["states"].append(row)
     told["memory"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9
     return told
-
-
-def compile_kernels() -> None:
-    """Run every stage once on a tiny case, so that later times hold no compilation."""
-    case = small(n_grains=3)
-    volume = reconstruct(case.reference(), case.scanner.grid, ReconstructSettings(method="accelerated")).volume
-    grains = grains_from_labels(volume, segment(volume).labels)
-    track(grains, case.state(case.motions["unmoved"], LATER_ANGLES_DEG[2]))
 
 
 def run_seed(seed: int, options: argparse.Namespace) -> dict[str, Any]:

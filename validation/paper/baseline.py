@@ -15,15 +15,15 @@ from grainmotion.tracking.track import TrackSettings, track
 from validation.common.trials import run_trials
 from validation.paper import baseline_gravel, images
 from validation.paper.counting import ours
-from validation.paper.levenberg_marquardt import STEP, Fit, fit
+from validation.paper.levenberg_marquardt import DEFAULT_STEP, Fit, fit
 from validation.paper.page import Section, table
 
 SAMPLES = 5
 EXACT = 1e-9  # of a pixel and of a radian
-TABLE1 = TrackSettings(
+TABLE1_SETTINGS = TrackSettings(
     fields=False, search=False, gain=False, trend="none", filters=(0.7,), tolerance=1e-11, iterations=40
 )
-TABLE2 = TrackSettings(gain=False, trend="none", tolerance=1e-11, iterations=60)
+TABLE2_SETTINGS = TrackSettings(gain=False, trend="none", tolerance=1e-11, iterations=60)
 BASELINE_TOLERANCE = 1e-12  # without noise
 MAX_PLANAR_EVALUATIONS = 1000  # evaluations of the baseline: 10 to 25 s, and more than the paper's 935 iterations
 
@@ -34,8 +34,8 @@ def study(samples: int = SAMPLES) -> Section:
     parts = [
         "The baseline is the paper's method, written anew: the residual is measured − simulated at every pixel of "
         "every view, with no filter and no gain; the unknowns are u and the rotation vector ω of every grain at once; "
-        f"the Jacobian is by forward differences (steps that move a grain's surface by {STEP:g} voxel, unless said "
-        "otherwise, in double precision), a projection of every grain for the value and one more for each of its "
+        f"the Jacobian is by forward differences (steps that move a grain's surface by {DEFAULT_STEP:g} voxel, unless "
+        "said otherwise, in double precision), a projection of every grain for the value and one more for each of its "
         "unknowns.  It is solved by `scipy.optimize.least_squares`: *dense* is MINPACK's Levenberg–Marquardt "
         "(`lm`), *sparse* keeps the Jacobian sparse and takes SciPy's trust region without bounds (`trf` with LSMR).  "
         "It borrows this package's compiled projectors and projects a grain to its own patch of pixels alone, so that "
@@ -81,11 +81,11 @@ def planar_trial(seed: int) -> list[Trial]:
     for which in images.SETS:
         grains = sample.grains(which)
         truth = images.small_motions(grains, seed)
-        out += _both(which, grains, truth, images.observe(grains, truth, 2), TABLE1)
+        out += _both(which, grains, truth, images.observe(grains, truth, 2), TABLE1_SETTINGS)
     grains = sample.grains()
     truth = images.large_motions(grains, seed)
     for views in images.VIEWS_DEG:
-        out += _both(views, grains, truth, images.observe(grains, truth, views), TABLE2)
+        out += _both(views, grains, truth, images.observe(grains, truth, views), TABLE2_SETTINGS)
     return out
 
 
@@ -107,7 +107,7 @@ def _warm_up() -> None:
     grains, other = (images.draw(seed).grains("one") for seed in (0, 1))
     scan = images.observe(other, Motions.identity(other.labels, other.centers), 2)
     fit(grains, scan, evaluations=2)
-    track(grains, scan, settings=TABLE2)
+    track(grains, scan, settings=TABLE2_SETTINGS)
 
 
 def _small(trials: Sequence[Trial], samples: int) -> str:

@@ -17,15 +17,15 @@ from grainmotion.reconstruction.reconstruct import ReconstructSettings
 from grainmotion.tracking.track import TrackSettings
 from validation.paper import gravel
 from validation.paper.counting import Took, ours
-from validation.paper.levenberg_marquardt import STEP, Fit, Method, fit
+from validation.paper.levenberg_marquardt import DEFAULT_STEP, Fit, Method, fit
 from validation.paper.page import table
 
 STATE, VIEWS = "random", 4
-NEAR, NEAR_SEED = (1.0, 6.0), 57  # voxels and degrees from the truth, at most
-ALONE = TrackSettings(fields=False, search=False, gain=False, trend="none", filters=(0.7,))
-SPATIAL_CAP = 100  # evaluations: 4 to 6 minutes with a dense Jacobian
-SAME = (0.01, 0.1)  # voxels and degrees, root mean square a component, within which two answers are one
-GOAL = 50.0  # times less CPU
+NEAR_START, NEAR_START_SEED = (1.0, 6.0), 57  # voxels and degrees from the truth, at most
+FREE_STAGE_ONLY = TrackSettings(fields=False, search=False, gain=False, trend="none", filters=(0.7,))
+MAX_SPATIAL_EVALUATIONS = 100  # evaluations: 4 to 6 minutes with a dense Jacobian
+SAME_MOTIONS = (0.01, 0.1)  # voxels and degrees, root mean square a component, within which two answers are one
+CPU_GOAL = 50.0  # times less CPU
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class Row:
 
     @property
     def arrival(self) -> float | None:
-        """CPU seconds from which a baseline's motions stay within `SAME` of its end."""
+        """CPU seconds from which a baseline's motions stay within `SAME_MOTIONS` of its end."""
         if not isinstance(self.end, Fit) or not self.ended:
             return None
         late = self.end.cpu
@@ -73,19 +73,19 @@ class Row:
         return f"{'' if self.ended else '> '}{self.end.cpu:.1f}"
 
 
-DENSE, SPARSE, COARSE = "baseline, dense", "baseline, sparse", "baseline, sparse, steps of {:g} voxel"
+DENSE, SPARSE, SPARSE_STEPS = "baseline, dense", "baseline, sparse", "baseline, sparse, steps of {:g} voxel"
 OURS, OURS_ALONE = "ours", "ours, free stage alone"
 OPERATORS = {"smooth": gravel.SMOOTH, "Siddon": gravel.SIDDON}
-WIDE = 0.5  # voxel: differences over which Siddon's path looks smooth
+WIDE_STEP = 0.5  # voxel: differences over which Siddon's path looks smooth
 
 
 def text() -> str:
     """All runs on the gravel, their ratios, and where the time goes."""
     rows = [
         *(_theirs(method, operator, True) for operator in OPERATORS for method in ("dense", "sparse")),
-        _theirs("sparse", "Siddon", True, WIDE),
+        _theirs("sparse", "Siddon", True, WIDE_STEP),
         _theirs("sparse", "smooth", False),
-        *(_tracked(settings, operator, True) for operator in OPERATORS for settings in (None, ALONE)),
+        *(_tracked(settings, operator, True) for operator in OPERATORS for settings in (None, FREE_STAGE_ONLY)),
         _tracked(None, "smooth", False),
     ]
     patches = len(gravel.grains()) * VIEWS
@@ -93,12 +93,12 @@ def text() -> str:
     head += ["translation, voxel", "rotation, °", "failures"]
     found = {(row.name, row.operator, row.start): row for row in rows}
     return (
-        f"The gravel twin in the state *{STATE}* from {VIEWS} views; *near* starts are up to {NEAR[0]:g} voxel and "
-        f"{NEAR[1]:g}° from the truth, each grain its own way.  The reference is reconstructed by the operator that "
-        "tracks, *Siddon* (the paper's exact path) or *smooth* (ours).  The baseline's tolerances are SciPy's, 1e-8, "
-        f"and it is cut off after {SPATIAL_CAP} evaluations.  *Ours* are the defaults: one body, smooth field, three "
-        "filters, gain, check for lost grains; *free stage alone* leaves out all but the last filter, as a near start "
-        "allows.  *Till near* is when the baseline's motions have come within "
+        f"The gravel twin in the state *{STATE}* from {VIEWS} views; *near* starts are up to {NEAR_START[0]:g} voxel "
+        f"and {NEAR_START[1]:g}° from the truth, each grain its own way.  The reference is reconstructed by the "
+        "operator that tracks, *Siddon* (the paper's exact path) or *smooth* (ours).  The baseline's tolerances are "
+        f"SciPy's, 1e-8, and it is cut off after {MAX_SPATIAL_EVALUATIONS} evaluations.  *Ours* are the defaults: one "
+        "body, smooth field, three filters, gain, check for lost grains; *free stage alone* leaves out all but the "
+        "last filter, as a near start allows.  *Till near* is when the baseline's motions have come within "
         f"{_limits()} of its own end, root mean square, to stay.\n\n"
         + table(head, [row.cells(patches) for row in rows])
         + "\n"
@@ -106,19 +106,19 @@ def text() -> str:
     )
 
 
-def _theirs(method: Method, operator: str, near: bool, step: float = STEP) -> Row:
+def _theirs(method: Method, operator: str, near: bool, step: float = DEFAULT_STEP) -> Row:
     sample, scan, start = _data(OPERATORS[operator], near)
     with _one_thread():
         projector = OPERATORS[operator].projector
-        end = fit(sample, scan, start, projector, method=method, evaluations=SPATIAL_CAP, step=step)
-    name = COARSE.format(step) if step != STEP else {"dense": DENSE, "sparse": SPARSE}[method]
+        end = fit(sample, scan, start, projector, method=method, evaluations=MAX_SPATIAL_EVALUATIONS, step=step)
+    name = SPARSE_STEPS.format(step) if step != DEFAULT_STEP else {"dense": DENSE, "sparse": SPARSE}[method]
     return Row(name, operator, _start(near), end)
 
 
 def _tracked(settings: TrackSettings | None, operator: str, near: bool) -> Row:
     sample, scan, start = _data(OPERATORS[operator], near)
     settings = settings or TrackSettings()
-    name = OURS_ALONE if settings == ALONE else OURS
+    name = OURS_ALONE if settings == FREE_STAGE_ONLY else OURS
     settings = replace(settings, projector=OPERATORS[operator].projector)
     gravel.compile_kernels()
     with _one_thread():
@@ -127,7 +127,7 @@ def _tracked(settings: TrackSettings | None, operator: str, near: bool) -> Row:
 
 def _data(reference: ReconstructSettings, near: bool) -> tuple[GrainSet, Scan, Motions | None]:
     sample = gravel.grains(reference)
-    start = gravel.near_truth(sample, STATE, *NEAR, NEAR_SEED) if near else None
+    start = gravel.near_truth(sample, STATE, *NEAR_START, NEAR_START_SEED) if near else None
     return sample, gravel.state(STATE, VIEWS), start
 
 
@@ -156,13 +156,13 @@ def _ratios(found: dict[tuple[str, str, str], Row]) -> str:
         alike = _same(apart)
         rows.append([name, operator, f"{apart.translation_rms_voxels:.4f}", f"{apart.rotation_rms_deg:.3f}"])
         rows[-1] += ["yes" if alike else "NO", *(("" if row.ended else "> ") + f"{r:.1f}" for r in ratios.values())]
-        reached += [f"{name}, {operator}, against {k}" for k, r in ratios.items() if r >= GOAL]
+        reached += [f"{name}, {operator}, against {k}" for k, r in ratios.items() if r >= CPU_GOAL]
         same += [(r, alike) for r in ratios.values()]
     alike_ratios = [r for r, alike in same if alike] or [float("nan")]
     least, most = min(alike_ratios), max(alike_ratios)
     verdict = (
-        f"The goal, {GOAL:g} times less CPU time to the same answer, is "
-        + ("met" if most >= GOAL else "NOT met")
+        f"The goal, {CPU_GOAL:g} times less CPU time to the same answer, is "
+        + ("met" if most >= CPU_GOAL else "NOT met")
         + f": where both come to the same answer (within {_limits()}, root mean square) the ratio is "
         f"{least:.1f} to {most:.1f}."
     )
@@ -201,11 +201,11 @@ def _share(row: Row) -> str:
 def _same(apart: Comparison) -> bool:
     """Whether two answers are one; by all grains, failed or not."""
     voxels, degrees = (np.sqrt((e**2).mean()) for e in (apart.translation_errors, apart.rotation_errors_deg))
-    return bool(voxels / _voxel() <= SAME[0] and degrees <= SAME[1])
+    return bool(voxels / _voxel() <= SAME_MOTIONS[0] and degrees <= SAME_MOTIONS[1])
 
 
 def _limits() -> str:
-    return f"{SAME[0]:g} voxel and {SAME[1]:g}°"
+    return f"{SAME_MOTIONS[0]:g} voxel and {SAME_MOTIONS[1]:g}°"
 
 
 def _start(near: bool) -> str:

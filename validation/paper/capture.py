@@ -32,13 +32,13 @@ from validation.common.cache import SEGMENTATION
 from validation.common.trials import run_trials
 from validation.paper.page import PAGE, Section, figure, table
 
-STONES = 95
-DIAMETER = {15: 20.0, 200: 14.0}  # voxels, by number of grains; a voxel is 1 mm
-TUBE = {15: 26.0, 200: 42.0}  # radii
+STONE_COUNT = 95
+DIAMETER_VOXELS = {15: 20.0, 200: 14.0}  # voxels, by number of grains; a voxel is 1 mm
+TUBE_RADIUS = {15: 26.0, 200: 42.0}  # radii
 PANEL = {15: (200, 240), 200: (220, 220)}
 VIEWS = (2, 3, 4, 6)
-NOISE = 0.01  # of the largest line integral
-LIMITS = {"limit_voxels": 1.0, "limit_deg": 5.0}
+RELATIVE_NOISE = 0.01  # of the largest line integral
+FAILURE_LIMITS = {"limit_voxels": 1.0, "limit_deg": 5.0}
 DIRECTION = np.array([0.6, -0.5, 0.62]) / np.linalg.norm([0.6, -0.5, 0.62])
 
 
@@ -54,8 +54,8 @@ class Move:
 RIGID = [Move(rigid=r) for r in (0.0, 30.0, 60.0)]
 SHIFTED = [Move(shift=s, turn_deg=30.0) for s in (0.25, 0.5, 0.75, 1.0)]
 TURNED = [Move(shift=0.5, turn_deg=w) for w in (0.0, 15.0, 30.0, 60.0)]
-POINTS = {15: dict.fromkeys(RIGID + SHIFTED + TURNED), 200: dict.fromkeys([RIGID[1], SHIFTED[0]])}
-GOAL = Move(shift=0.5, turn_deg=30.0)
+MOVES = {15: dict.fromkeys(RIGID + SHIFTED + TURNED), 200: dict.fromkeys([RIGID[1], SHIFTED[0]])}
+GOAL_MOVE = Move(shift=0.5, turn_deg=30.0)
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class Outcome:
 def study() -> Section:
     """15 grains: all moves and numbers of views."""
     outcomes = run(15, VIEWS)
-    goal = outcomes[GOAL, 4]
+    goal = outcomes[GOAL_MOVE, 4]
     caption = "Share of 15 grains recovered from a zero start."
     text = f"""{setting(15)}
 
@@ -83,22 +83,22 @@ The goal, all of 15 grains with 4 views up to 30° and one grain radius of rando
 
 def run(n: int, views: tuple[int, ...]) -> dict[tuple[Move, int], Outcome]:
     """All moves of n grains, each with all numbers of views."""
-    jobs = [(n, move, v) for move in POINTS[n] for v in views]
+    jobs = [(n, move, v) for move in MOVES[n] for v in views]
     sample(n)  # before the processes share it
     return {job[1:]: outcome for job, outcome in zip(jobs, run_trials(_run, jobs), strict=True)}
 
 
 def setting(n: int) -> str:
     """How the cases are made, in words."""
-    return f"""{n} touching gravel stones {DIAMETER[n]:.0f} voxels across, simulated without voxels, cone beam, noise of
-{NOISE:.0%} of the largest line integral; views evenly over 180° (2 views: 22.5° and 112.5°).  The reference is the
-exact sample averaged over voxels, so that no reconstruction is needed.  Default settings, zero start.  A grain is
-recovered within 1 voxel and 5°."""
+    return f"""{n} touching gravel stones {DIAMETER_VOXELS[n]:.0f} voxels across, simulated without voxels, cone beam,
+noise of {RELATIVE_NOISE:.0%} of the largest line integral; views evenly over 180° (2 views: 22.5° and 112.5°).  The
+reference is the exact sample averaged over voxels, so that no reconstruction is needed.  Default settings, zero start.
+A grain is recovered within 1 voxel and 5°."""
 
 
 def cells(outcomes: dict[tuple[Move, int], Outcome], n: int, views: tuple[int, ...]) -> str:
     """The table of all outcomes."""
-    rows = [[_words(move), *(_cell(outcomes[move, v], n) for v in views)] for move in POINTS[n]]
+    rows = [[_words(move), *(_cell(outcomes[move, v], n) for v in views)] for move in MOVES[n]]
     wrong = sum(o.wrong for o in outcomes.values())
     return f"""Cells: grains recovered; in brackets those that say converged and are not, then CPU seconds.
 
@@ -112,9 +112,9 @@ Over all cases {wrong} grains say converged and are not.
 def sample(n: int) -> tuple[Sample, GrainSet]:
     """The packing, and its grains on voxels."""
     rng = np.random.default_rng(0)
-    order = rng.permutation(max(n, STONES))
-    shapes = [stone(int(i) % STONES, DIAMETER[n] * (1 + 0.08 * rng.uniform(-1, 1))) for i in order]
-    packed = pack([Particle(s, 0.02) for s in shapes[:n]], PackingSettings(TUBE[n]), 0)
+    order = rng.permutation(max(n, STONE_COUNT))
+    shapes = [stone(int(i) % STONE_COUNT, DIAMETER_VOXELS[n] * (1 + 0.08 * rng.uniform(-1, 1))) for i in order]
+    packed = pack([Particle(s, 0.02) for s in shapes[:n]], PackingSettings(TUBE_RADIUS[n]), 0)
     corners = np.concatenate([p.shape.vertices for p in packed.particles])
     low, high = corners.min(axis=0), corners.max(axis=0)
     nz, ny, nx = (int(np.ceil(s)) + 6 for s in (high - low)[::-1])
@@ -127,17 +127,17 @@ def sample(n: int) -> tuple[Sample, GrainSet]:
 def _run(job: tuple[int, Move, int]) -> Outcome:
     n, move, views = job
     packing, grains = sample(n)
-    true = _motions(packing, move, DIAMETER[n])
+    true = _motions(packing, move, DIAMETER_VOXELS[n])
     angles = tuple(180.0 / views * np.arange(views)) if views > 2 else (22.5, 112.5)
     geometry = Geometry.cone(angles, PANEL[n], 1.25, source_to_axis=600.0, source_to_detector=750.0)
     images = line_integrals(packing.moved(true), geometry, subsamples=2)
-    images = images + np.random.default_rng(1).normal(size=images.shape) * NOISE * images.max()
+    images = images + np.random.default_rng(1).normal(size=images.shape) * RELATIVE_NOISE * images.max()
     start = time.process_time()
     measured = track(grains, Scan(images.astype(np.float32), geometry))
     cpu = time.process_time() - start
-    errors = compare(measured, true, 1.0, **LIMITS)
-    shift = np.linalg.norm(errors.translation_errors, axis=1) <= LIMITS["limit_voxels"]
-    placed = shift & (np.linalg.norm(errors.rotation_errors_deg, axis=1) <= LIMITS["limit_deg"])
+    errors = compare(measured, true, 1.0, **FAILURE_LIMITS)
+    shift = np.linalg.norm(errors.translation_errors, axis=1) <= FAILURE_LIMITS["limit_voxels"]
+    placed = shift & (np.linalg.norm(errors.rotation_errors_deg, axis=1) <= FAILURE_LIMITS["limit_deg"])
     converged = np.zeros(n, dtype=bool)
     found = errors.matches >= 0
     converged[found] = measured.ok[errors.matches[found]]

@@ -23,17 +23,18 @@ from grainmotion.simulate import LATER_ANGLES_DEG
 from grainmotion.tracking.track import TrackSettings
 from validation.benchmarks.peers.rtk import filtered_back_projection
 from validation.common.cache import SIMULATION
+from validation.common.measures import relative_difference
 from validation.paper import gravel, page
 from validation.paper.eulerian import EulerianProblem, track_by_filters
 
 STATES = ("random", "unmoved")
 VIEWS = 4
 FDK = {"FDK, ramp": 0.0, "FDK, ramp with Hann window": 1.0}  # cut-off of the window over Nyquist's frequency
-CHECKED = slice(None, None, 8)  # views by which an FDK volume's place and scale are checked
+CHECKED_VIEWS = slice(None, None, 8)  # views by which an FDK volume's place and scale are checked
 MAX_EPSILON = 0.1  # ε above which an FDK volume cannot be in its place
-NEAR = (1.0, 6.0)  # voxels and degrees: where the unmoved state starts for the Eulerian comparison
-LOSS = 0.1  # of the beam
-MEASURES = ("translation_rms", "rotation_rms_deg")
+NEAR_START = (1.0, 6.0)  # voxels and degrees: where the unmoved state starts for the Eulerian comparison
+BEAM_LOSS = 0.1  # of the beam
+ERROR_NAMES = ("translation_rms", "rotation_rms_deg")
 
 
 def study() -> page.Section:
@@ -62,14 +63,14 @@ def study() -> page.Section:
 # ---------------------------------------------------------------------- the reference
 def references() -> str:
     """SART against filtered back-projection."""
-    scan = gravel.full_scan().select(CHECKED)
+    scan = gravel.full_scan().select(CHECKED_VIEWS)
     found = gravel.reference()
     volumes = {f"SART, {len(found.residuals)} sweeps": (found.volume, found.cpu)}
     volumes |= {name: fdk(cut) for name, cut in FDK.items()}
     rows, runs = [], {}
     for name, (volume, cpu) in volumes.items():
         images = project(volume, scan.geometry)
-        epsilon = float(np.linalg.norm((images - scan.line_integrals).ravel()) / np.linalg.norm(scan.line_integrals))
+        epsilon = relative_difference(images, scan.line_integrals)
         if epsilon > MAX_EPSILON:
             raise ValueError(f"{name}: ε = {epsilon:.3f} against its own scan; its axes or its scale are wrong")
         sample = grains_from_labels(volume, gravel.labels())
@@ -79,7 +80,7 @@ def references() -> str:
     return (
         "FDK is RTK's (PyPI `itk-rtk`), run in an environment of its own.  That its volume lies the right way round "
         "and has the right scale is seen in ε, ‖b − A x‖/‖b‖ by this package's projector over every "
-        f"{CHECKED.step}th view of the scan.\n\n"
+        f"{CHECKED_VIEWS.step}th view of the scan.\n\n"
         + page.table(["reference", "its CPU s", "ε", "state", *gravel.HEAD], rows)
         + "\n"
         + _by_height(runs)
@@ -114,7 +115,10 @@ def points_of_view() -> str:
     """The Lagrangian projector against the Eulerian one, all else equal."""
     sample = gravel.grains()
     still = Motions.identity(sample.labels, sample.centers)
-    starts = {"random": ("zero", still), "unmoved": ("near", gravel.near_truth(sample, "unmoved", *NEAR, seed=57))}
+    starts = {
+        "random": ("zero", still),
+        "unmoved": ("near", gravel.near_truth(sample, "unmoved", *NEAR_START, seed=57)),
+    }
     ways: dict[str, tuple[type[StateProblem], Derivatives]] = {
         "Lagrangian, analytic derivatives": (StateProblem, "analytic"),
         "Lagrangian, finite differences": (StateProblem, "differences"),
@@ -129,8 +133,8 @@ def points_of_view() -> str:
         "The Lagrangian projector pulls each ray back into the grain's own voxels.  The Eulerian one resamples the "
         "moved grain trilinearly onto the sample's grid and projects that.  Both are run by the same solver, all "
         "grains free, under the filters 6, 2 and 0.7 pixels in turn, and nothing else; the smooth projector in both.  "
-        f"The *near* start is up to {NEAR[0]:g} voxel and {NEAR[1]:g}° from the truth: from zero, the unmoved state "
-        "would start at its solution.\n\n"
+        f"The *near* start is up to {NEAR_START[0]:g} voxel and {NEAR_START[1]:g}° from the truth: from zero, the "
+        "unmoved state would start at its solution.\n\n"
         + page.table(["state", "start", "projector", "iterations", *gravel.HEAD], rows)
         + "\n"
         + _eulerian_over_lagrangian(runs, *list(ways)[::2])
@@ -191,7 +195,7 @@ def operators() -> str:
     worse = []
     for changed in (("exact", "trilinear"), ("trilinear", "exact")):
         pairs = [(runs[*changed, s], runs["trilinear", "trilinear", s]) for s in STATES]
-        ratios = [np.mean([getattr(a, m) / getattr(b, m) for a, b in pairs]) for m in MEASURES]
+        ratios = [np.mean([getattr(a, m) / getattr(b, m) for a, b in pairs]) for m in ERROR_NAMES]
         worse.append("{:.1f} times in translation and {:.1f} times in rotation".format(*ratios))
     return (
         "The paper asks for the same operator in both, and takes Siddon's.  Here *smooth* is trilinear sampling, "
@@ -208,8 +212,8 @@ def gains() -> str:
     plain = gravel.state("random", VIEWS)
     scans = {
         "none": plain,
-        f"beam −{LOSS:.0%}": dimmed("random", LOSS),
-        f"line integrals +{LOSS:.0%}": Scan(plain.line_integrals * np.float32(1 + LOSS), plain.geometry),
+        f"beam −{BEAM_LOSS:.0%}": dimmed("random", BEAM_LOSS),
+        f"line integrals +{BEAM_LOSS:.0%}": Scan(plain.line_integrals * np.float32(1 + BEAM_LOSS), plain.geometry),
     }
     sample, h = gravel.grains(), gravel.case().scanner.voxel_size
     rows = []
@@ -229,11 +233,11 @@ def gains() -> str:
             )
     return (
         "The random state alone, against a reference that did not drift.  *Beam*: the source gives "
-        f"{LOSS:.0%} less than when the flats were taken, in all views, with the photon noise of that beam, so that "
-        f"every line integral gains −ln {1 - LOSS:g} = {-np.log(1 - LOSS):.4f}: an offset.  *Line integrals*: every "
-        f"one of them is multiplied by {1 + LOSS:g}, as by a softer beam: a gain.  Grains that fit badly are not "
-        "searched for here.  Errors are over all grains, those that the tracker refused (its status is not converged) "
-        "among them.\n\n"
+        f"{BEAM_LOSS:.0%} less than when the flats were taken, in all views, with the photon noise of that beam, so "
+        f"that every line integral gains −ln {1 - BEAM_LOSS:g} = {-np.log(1 - BEAM_LOSS):.4f}: an offset.  *Line "
+        f"integrals*: every one of them is multiplied by {1 + BEAM_LOSS:g}, as by a softer beam: a gain.  Grains that "
+        "fit badly are not searched for here.  Errors are over all grains, those that the tracker refused (its status "
+        "is not converged) among them.\n\n"
         + page.table(
             ["drift", "tracking", "a found", "b found", *gravel.HEAD[:3], "refused by the tracker", gravel.HEAD[3]],
             rows,
@@ -250,5 +254,5 @@ def dimmed(name: str, loss: float) -> Scan:
 
 
 def _rms(errors: NDArray[np.float64]) -> float:
-    """Root mean square a component over the grains that were found."""
+    """Root mean square of all components of the grains that have a measured motion; the others are NaN."""
     return float(np.sqrt(np.nanmean(errors**2)))

@@ -28,8 +28,8 @@ from grainmotion.projection.grains import Patches, project_patches, shadows
 from grainmotion.rotations import rotation_matrix, rotation_vector
 from grainmotion.solvers.gauss_newton import Stopping, gauss_newton
 
-STEP = 0.01  # of a voxel: the same finite differences as the Lagrangian projector's
-SPREAD = 2  # voxels by which resampling widens a grain: √3, rounded up
+STEP_VOXELS = 0.01  # of a voxel: the same finite differences as the Lagrangian projector's
+RESAMPLING_MARGIN = 2  # voxels by which resampling widens a grain: √3, rounded up
 
 
 class EulerianProblem(StateProblem):
@@ -40,7 +40,7 @@ class EulerianProblem(StateProblem):
         patches = shadows(_widened(self.grains), pose, geometry, margin=len(self.target.kernel) - 1)
         values = self._project(pose, patches)
         derivatives = np.empty((6, len(values)), values.dtype)
-        shift = STEP * self.grains.voxel_size
+        shift = STEP_VOXELS * self.grains.voxel_size
         turn = shift / float(self.grains.radii.max())
         for k, step in enumerate([shift] * 3 + [turn] * 3):
             moved = self.retract(pose, np.tile(step * np.eye(6)[k], len(self.grains)))
@@ -62,8 +62,8 @@ def resampled(grains: GrainArrays, pose: Pose) -> GrainArrays:
         source = grains.images[grains.starts[k] :][: np.prod(shape)].reshape(shape)
         # Voxels of the grid are counted from the grain's own first one, which lies on the grid.
         reach = (grains.hulls[k] @ pose.matrices[k].T + pose.translations[k] - corner) / h
-        low = np.floor(reach.min(axis=0)).astype(np.int64) - SPREAD - PADDING
-        size = np.ceil(reach.max(axis=0)).astype(np.int64) + SPREAD + PADDING + 1 - low
+        low = np.floor(reach.min(axis=0)).astype(np.int64) - RESAMPLING_MARGIN - PADDING
+        size = np.ceil(reach.max(axis=0)).astype(np.int64) + RESAMPLING_MARGIN + PADDING + 1 - low
         back = np.ascontiguousarray(pose.matrices[k].T)
         corners[k] = corner + h * low - pose.translations[k]
         image = np.zeros(size[::-1], source.dtype)
@@ -114,4 +114,4 @@ def track_by_filters(
 def _widened(grains: GrainArrays) -> GrainArrays:
     """The same with hulls that hold what resampling smears, so that shadows hold it too."""
     lengths = np.linalg.norm(grains.hulls, axis=2, keepdims=True)
-    return replace(grains, hulls=grains.hulls * (1 + SPREAD * grains.voxel_size / np.maximum(lengths, 1e-9)))
+    return replace(grains, hulls=grains.hulls * (1 + RESAMPLING_MARGIN * grains.voxel_size / np.maximum(lengths, 1e-9)))

@@ -27,9 +27,9 @@ SAMPLES = 20
 TURNS_DEG = np.arange(-90.0, 91.0, 5.0)
 SHIFTS = np.array([0.25, 0.5, 0.75, 1.0])  # diameters
 DIRECTIONS_DEG = np.arange(0.0, 360.0, 45.0)
-FULL = TrackSettings(gain=False, trend="none", tolerance=1e-10)
-SOLVERS = {"plain": PLAIN, "with search": FULL}
-SYMMETRIC = 0.1  # of the highest cost: a second valley this deep makes a grain nearly symmetric
+WITH_SEARCH = TrackSettings(gain=False, trend="none", tolerance=1e-10)
+SOLVERS = {"plain": PLAIN, "with search": WITH_SEARCH}
+NEAR_SYMMETRY = 0.1  # of the highest cost: a second valley this deep makes a grain nearly symmetric
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,7 @@ class Trial:
     def symmetric(self) -> bool:
         """Whether another valley, over 20° away, is nearly as deep as the true one."""
         far = self.cost[np.abs(FINE_DEG) > 20]
-        return bool(far.min() < SYMMETRIC * self.cost.max())
+        return bool(far.min() < NEAR_SYMMETRY * self.cost.max())
 
 
 FINE_DEG = np.arange(-90.0, 90.5, 0.5)
@@ -96,7 +96,7 @@ def study() -> Section:
     text = f"""One grain alone, 2 views, true motion none, {SAMPLES} grains from as many samples.  Starts are turned by
 up to ±90° every 5° ({len(TURNS_DEG)} a grain), or shifted in {len(DIRECTIONS_DEG)} directions.  A start succeeds if the
 end is exact to {EXACT:g} of a pixel and of a radian.  A grain is nearly symmetric if the cost falls below
-{SYMMETRIC:.0%} of its highest value more than 20° away from the truth; {near} of {len(trials)} are.
+{NEAR_SYMMETRY:.0%} of its highest value more than 20° away from the truth; {near} of {len(trials)} are.
 
 {figure("figure4", _draw(trials[0], trials), caption)}
 {table(head, rows)}

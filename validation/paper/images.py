@@ -30,11 +30,11 @@ from validation.paper.page import Section, figure
 
 Float = NDArray[np.float64]
 
-STONES = 95
+STONE_COUNT = 95
 DIAMETER = 30.0  # of the circle of the same area, on average
-GAP = 3  # pixels of air around each grain at least
+GAP_PIXELS = 3  # pixels of air around each grain at least
 ATTENUATION, CONTRAST = 0.02, 0.15  # mean, per pixel; relative standard deviation of the grey levels
-SIZE = 384
+IMAGE_SIZE = 384
 SETS = ("one", "loose", "dense", "all")
 VIEWS_DEG = {n: tuple(22.5 + 180.0 * np.arange(n) / n) for n in (2, 4, 6)}
 PANEL = (1, 420)
@@ -60,7 +60,7 @@ class Image:
         if which == "all":
             return numbers.tolist()
         places = np.array(ndimage.center_of_mass(np.ones_like(self.labels), self.labels, numbers))
-        order = np.argsort(np.hypot(*(places - (SIZE - 1) / 2).T))
+        order = np.argsort(np.hypot(*(places - (IMAGE_SIZE - 1) / 2).T))
         if which == "one":
             return [int(numbers[order[0]])]
         apart = np.hypot(*(places[:, None] - places).transpose(2, 0, 1))
@@ -72,8 +72,8 @@ class Image:
 def draw(seed: int) -> Image:
     """The sample of a seed: grains slide one after the other towards the middle until others stop them."""
     rng = np.random.default_rng(seed)
-    attenuation, labels = np.zeros((SIZE, SIZE)), np.zeros((SIZE, SIZE), np.int64)
-    for label, index in enumerate(rng.permutation(STONES)[:30], start=1):
+    attenuation, labels = np.zeros((IMAGE_SIZE, IMAGE_SIZE)), np.zeros((IMAGE_SIZE, IMAGE_SIZE), np.int64)
+    for label, index in enumerate(rng.permutation(STONE_COUNT)[:30], start=1):
         share = _section(rng, int(index))
         shade = _texture(rng, share.shape) * share
         row, column = _resting_place(rng, labels > 0, share > 0)
@@ -127,7 +127,7 @@ def study() -> Section:
     caption = "Planar samples: all 30 grains; blue the loose set, orange the dense set, red the grain that is alone."
     text = f"""The paper's Fig. 3 shows 30 grains of a real slice.  Here every seed draws another sample: outlines are
 sections of 30 of 95 real gravel stones, about {DIAMETER:.0f} pixels across; grey levels are patches of a photograph
-of gravel, with a standard deviation of {CONTRAST:.0%} of the mean; at least {GAP} pixels lie between grains.
+of gravel, with a standard deviation of {CONTRAST:.0%} of the mean; at least {GAP_PIXELS} pixels lie between grains.
 
 {figure("images", image, caption)}"""
     return Section("Planar samples (Fig. 3)", text)
@@ -164,15 +164,15 @@ def _section(rng: np.random.Generator, index: int) -> Float:
 
 
 def _resting_place(rng: np.random.Generator, taken: NDArray[np.bool_], shape: NDArray[np.bool_]) -> tuple[int, int]:
-    """First row and column of a grain that slid from outside towards the middle, `GAP` from all others."""
+    """First row and column of a grain that slid from outside towards the middle, `GAP_PIXELS` from all others."""
     distance = ndimage.distance_transform_edt(~taken) if taken.any() else np.full(taken.shape, np.inf)
     half, best = len(shape) // 2, (np.inf, 0, 0)
     for angle in rng.uniform(0, 2 * np.pi, 12):  # the deepest of some slides, so that the heap is round
         place = None
-        for radius in np.arange(SIZE / 2 - half - 1, -1, -1.0):
-            row, column = (round((SIZE - 1) / 2 + radius * float(f(angle))) - half for f in (np.sin, np.cos))
+        for radius in np.arange(IMAGE_SIZE / 2 - half - 1, -1, -1.0):
+            row, column = (round((IMAGE_SIZE - 1) / 2 + radius * float(f(angle))) - half for f in (np.sin, np.cos))
             under = distance[row : row + len(shape), column : column + len(shape)][shape]
-            if under.min() <= GAP:
+            if under.min() <= GAP_PIXELS:
                 break
             place = (radius, row, column)
         if place is not None and place[0] < best[0]:

@@ -30,7 +30,7 @@ Float = NDArray[np.float64]
 Method = Literal["dense", "sparse"]
 """``"dense"``: MINPACK's Levenberg–Marquardt; ``"sparse"``: SciPy's ``trf``, a trust region without bounds, by LSMR."""
 Matrix = Float | sparse.csr_array
-STEP = 1e-6
+DEFAULT_STEP = 1e-6
 """Of the differences, in voxels that a grain's surface moves; fine, as double precision allows."""
 
 
@@ -71,7 +71,7 @@ def fit(
     method: Method = "dense",
     tolerance: float = 1e-8,
     evaluations: int = 200,
-    step: float = STEP,
+    step: float = DEFAULT_STEP,
 ) -> Fit:
     """Fit the motions of all grains, from zero unless a start is given.
 

@@ -17,11 +17,11 @@ from grainmotion.tracking.track import TrackSettings
 from validation.paper import gravel, page
 
 GOALS = {4: (0.015, 0.1), 2: (0.03, 0.2)}  # by views: standard deviation over grains, voxels and degrees
-START = (1.0, 6.0)  # voxels and degrees from the truth, at most
-SEED = 57
+NEAR_START = (1.0, 6.0)  # voxels and degrees from the truth, at most
+NEAR_START_SEED = 57
 STATES = {"unmoved": "Table 3: the sample has not moved", "shift": "Table 4: the sample is shifted sideways"}
 TRACKERS: dict[str, ReconstructSettings] = {"smooth": gravel.SMOOTH, "Siddon": gravel.SIDDON}
-ROWS = ("u", "v", "w", "rotation about x", "rotation about y", "rotation about z")
+ROW_NAMES = ("u", "v", "w", "rotation about x", "rotation about y", "rotation about z")
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ def study() -> page.Section:
 
 def _run(name: str, setup: Setup, reference: ReconstructSettings) -> gravel.Run:
     sample = gravel.grains(reference)
-    start = gravel.near_truth(sample, name, *START, SEED) if setup.near else None
+    start = gravel.near_truth(sample, name, *NEAR_START, NEAR_START_SEED) if setup.near else None
     return gravel.track_state(sample, name, setup.views, TrackSettings(projector=reference.projector), start)
 
 
@@ -84,7 +84,7 @@ def _table(runs: dict[tuple[Setup, str], gravel.Run], h: float) -> str:
     for unit, part, scale, digits in units:
         for k in range(6)[part]:
             cells = [f"{m[k] * scale:+.{digits}f} ± {s[k] * scale:.{digits}f}" for m, s in spreads]
-            rows.append([f"{ROWS[k]}, {unit}", *cells])
+            rows.append([f"{ROW_NAMES[k]}, {unit}", *cells])
     rows.append(["failures", *(str(run.failures) for run in runs.values())])
     rows.append(["CPU s", *(f"{run.cpu:.1f}" for run in runs.values())])
     return page.table(head, rows)
@@ -139,8 +139,8 @@ def _intro(h: float) -> str:
         "*Siddon* is the paper's exact path through boxes in both, with analytic derivatives and the same stages.  "
         f"The shift is ({shift[0]:g}, {shift[1]:g}, {shift[2]:g}) mm = {np.linalg.norm(shift) / h:.0f} voxels in the "
         f"paper's axes.  4 views are at {angles[4]}°, 2 views at {angles[2]}°.  A *zero start* knows nothing; a *near "
-        f"start* is up to {START[0]:g} voxel and {START[1]:g}° from the truth, each grain its own way, as 2 views "
-        "need in the paper.\n\n"
+        f"start* is up to {NEAR_START[0]:g} voxel and {NEAR_START[1]:g}° from the truth, each grain its own way, as 2 "
+        "views need in the paper.\n\n"
         "Each cell is mean ± standard deviation over the grains of the measured motion minus the true one, u, v, w and "
         "rotations along the paper's x, y (the rotation axis) and z (the beam).  Grains that failed (missing, not "
         "converged, or off by more than 1 voxel or 5°) are counted, and left out of mean and deviation."

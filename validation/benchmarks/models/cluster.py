@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 from grainmotion.reconstruction.slabs import cut
 
-SINGLE, DOUBLE, BLOCK = 4, 8, 6 * 6 * 8
-COLUMNS = 2
+SINGLE_BYTES, DOUBLE_BYTES, BLOCK_BYTES = 4, 8, 6 * 6 * 8
+RESPONSE_COLUMNS = 2
 """Unknowns of the response, as images: gain and offset."""
 
 
@@ -100,7 +100,7 @@ class Sample:
         return sum(min(pieces - 1, k + reach) - max(0, k - reach) for k in range(pieces))
 
 
-AT_ONCE = 4
+TREE_ARITY = 4
 """Parts of the radiographs that one task adds up."""
 
 
@@ -108,25 +108,25 @@ def tracking(of: Sample, workers: int) -> Cost:
     """One evaluation of the residual with its gradient and the blocks on the diagonal; up to 100 grains, all blocks."""
     stack, height = of.views * of.columns, of.stripe(workers)
     parts, across, tasks, hops = workers, 0.0, 5 * workers, 6
-    while parts > AT_ONCE:  # the tree: of each group all but one travel
-        groups = math.ceil(parts / AT_ONCE)
-        across += (parts - groups) * DOUBLE * stack * min(of.rows, of.stripe(parts))
+    while parts > TREE_ARITY:  # the tree: of each group all but one travel
+        groups = math.ceil(parts / TREE_ARITY)
+        across += (parts - groups) * DOUBLE_BYTES * stack * min(of.rows, of.stripe(parts))
         parts, tasks, hops = groups, tasks + groups, hops + 1
-    home = parts * DOUBLE * stack * min(of.rows, of.stripe(parts)) + of.grains * (
-        of.views * 6 * DOUBLE * (1 + COLUMNS) + BLOCK
+    home = parts * DOUBLE_BYTES * stack * min(of.rows, of.stripe(parts)) + of.grains * (
+        of.views * 6 * DOUBLE_BYTES * (1 + RESPONSE_COLUMNS) + BLOCK_BYTES
     )
-    stored = SINGLE * (2 + COLUMNS) * stack * height * workers
+    stored = SINGLE_BYTES * (2 + RESPONSE_COLUMNS) * stack * height * workers
     if 6 * of.grains <= 600:
         met = of.grains * min(1.0, of.patch / of.rows) * (workers - 1)  # grains whose patches reach into another piece
-        across += met / 2 * of.views * of.patch**2 * 6 * SINGLE
-        home += of.grains**2 / 4 * BLOCK
+        across += met / 2 * of.views * of.patch**2 * 6 * SINGLE_BYTES
+        home += of.grains**2 / 4 * BLOCK_BYTES
     return Cost(of.evaluation, workers, workers, tasks, hops, across + stored, home, home)
 
 
 def product(of: Sample, workers: int, columns: int = 1) -> Cost:
     """One product of the normal matrix with so many columns."""
-    stripe = DOUBLE * columns * of.views * of.columns * of.stripe(workers)
-    home = of.grains * of.views * 6 * DOUBLE * columns
+    stripe = DOUBLE_BYTES * columns * of.views * of.columns * of.stripe(workers)
+    home = of.grains * of.views * 6 * DOUBLE_BYTES * columns
     return Cost(columns * of.product, workers, workers, 2 * workers, 4, of.meetings(workers) * stripe, home, home)
 
 
@@ -134,6 +134,6 @@ def reconstruction(of: Sample, workers: int) -> Cost:
     """One update by a subset of views: line integrals, then compare and advance, in every slab."""
     slabs = len(cut((of.planes, of.columns, of.columns)))
     borders = min(workers, slabs) - 1  # where the rows of two workers' slabs meet, each gets the other's strip
-    strips = borders * 2 * SINGLE * of.subset * of.columns * of.rows / slabs
-    squares = 2 * DOUBLE * of.rows
+    strips = borders * 2 * SINGLE_BYTES * of.subset * of.columns * of.rows / slabs
+    squares = 2 * DOUBLE_BYTES * of.rows
     return Cost(of.update, slabs, min(workers, slabs), 3 * slabs, 2, strips, 0.0, squares)

@@ -20,8 +20,8 @@ import pandas as pd
 from validation.benchmarks.peers.environment import ROOT
 
 SCRIPTS = ROOT / ".venv-spam" / "bin"
-BINNING = 8  # of the images with which `spam-reg` begins
-NEAR = (7, 7, 7)  # voxels to search along z, y and x once the sample is registered as a body
+REG_BINNING = 8  # of the images with which `spam-reg` begins
+SEARCH_RANGE = (7, 7, 7)  # voxels to search along z, y and x once the sample is registered as a body
 ONE_THREAD = ("NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
 
 
@@ -49,15 +49,15 @@ class Pair:
     def approach(self, reach: Sequence[int]) -> tuple[Path, float]:
         """Where each grain is, in whole voxels: the TSV for `correlate`, and CPU seconds.
 
-        The search is ``NEAR`` the motion of the sample as one body if `spam-reg` converges to one, else it
+        The search is ``SEARCH_RANGE`` the motion of the sample as one body if `spam-reg` converges to one, else it
         starts from zero and goes as far as ``reach`` says along z, y and x.
         """
         out = ("-od", self.folder, "-pre")
-        cpu = timed("spam-reg", "-rig", "-bb", BINNING, *out, "body", self.reference, self.state)
+        cpu = timed("spam-reg", "-rig", "-bb", REG_BINNING, *out, "body", self.reference, self.state)
         body = self.folder / "body-registration.tsv"
         found = pd.read_csv(body, sep="\t")["returnStatus"][0] == 2
         start = ("-F", "rigid", "-pf", body) if found else ()
-        ways = [way for far in (NEAR if found else reach) for way in (-far, far)]
+        ways = [way for far in (SEARCH_RANGE if found else reach) for way in (-far, far)]
         search = ("-np", 1, "-sr", *ways, "-lab1", self.labels, *start, *out, "grains")
         cpu += timed("spam-pixelSearch", *search, self.reference, self.state)
         return self.folder / "grains-pixelSearch.tsv", cpu
