@@ -1,4 +1,4 @@
-"""Rigid motions: act, compose, invert, exp, log.
+"""Rotations and rigid motions: exponential map, logarithm, action on points, change of centre.
 
 A motion carries X to x = Ω (X − c) + u + c, with Ω = exp[ω]ₓ a rotation matrix, u a translation and
 c a fixed centre.  Everything works on stacks: rotation vectors are ``(..., 3)``, matrices
@@ -43,25 +43,6 @@ def apply_motion(matrix: ArrayLike, translation: ArrayLike, center: ArrayLike, p
     c = np.asarray(center, dtype=float)
     lever = np.asarray(points, dtype=float) - c
     return np.einsum("...ij,...j->...i", np.asarray(matrix, dtype=float), lever) + translation + c
-
-
-def compose(
-    second: tuple[ArrayLike, ArrayLike], first: tuple[ArrayLike, ArrayLike], center: ArrayLike
-) -> tuple[Float, Float]:
-    """Motion (Ω, u) about ``center`` that does ``first``, then ``second``, both about ``center``.
-
-    Ω₂(Ω₁(X − c) + u₁) + u₂ + c: the centre cancels, so ``center`` only documents that all three
-    motions share it.
-    """
-    r2, u2 = (np.asarray(a, dtype=float) for a in second)
-    r1, u1 = (np.asarray(a, dtype=float) for a in first)
-    return r2 @ r1, np.einsum("...ij,...j->...i", r2, u1) + u2
-
-
-def invert(matrix: ArrayLike, translation: ArrayLike) -> tuple[Float, Float]:
-    """The motion about the same centre that undoes (Ω, u): (Ωᵀ, −Ωᵀ u)."""
-    back = np.swapaxes(np.asarray(matrix, dtype=float), -1, -2)
-    return back, -np.einsum("...ij,...j->...i", back, np.asarray(translation, dtype=float))
 
 
 def recenter(matrix: ArrayLike, translation: ArrayLike, old: ArrayLike, new: ArrayLike) -> Float:

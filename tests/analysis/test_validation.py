@@ -110,13 +110,6 @@ def test_failures_are_lost_far_off_or_not_converged(truth):
     assert np.flatnonzero(strict.failed).tolist() == [0, 1, 3]
 
 
-def test_summary_says_it_in_one_line(truth):
-    text = compare(truth, truth, 0.1).summary()
-    assert "\n" not in text
-    assert "27 grains" in text
-    assert "0 failed, 0 missing, 0 spurious" in text
-
-
 def test_nothing_measured_is_all_missing(truth):
     result = compare(subset(truth, []), truth, 0.1)
     assert result.missing == result.failures == 27

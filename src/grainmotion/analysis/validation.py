@@ -78,15 +78,6 @@ class Comparison:
         """`translation_rms` in voxels; NaN without a voxel size."""
         return self.translation_rms / self.voxel_size if self.voxel_size else float("nan")
 
-    def summary(self) -> str:
-        """One line: errors a component, failures, missing and spurious grains."""
-        voxels = f" ({self.translation_rms_voxels:.4f} voxel)" if self.voxel_size else ""
-        return (
-            f"{len(self)} grains: rms a component {self.translation_rms:.5f} mm{voxels}, "
-            f"{self.rotation_rms_deg:.4f}°; {self.failures} failed, {self.missing} missing, "
-            f"{len(self.spurious)} spurious"
-        )
-
 
 def compare(
     measured: Motions,
