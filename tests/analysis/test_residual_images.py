@@ -10,7 +10,7 @@ from grainmotion.analysis.residual_images import leftover
 from grainmotion.model.detector_response import Response
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import StateFit
-from grainmotion.model.pose import NuisanceMotion
+from grainmotion.model.pose import NuisanceMotion, ViewCorrections
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.objective.nuisance_motions import background_images, corrected_geometry
@@ -46,15 +46,15 @@ class TestLeftover:
 
     def test_everything_at_once(self):
         """Gains, backgrounds and hardening of each view, corrected views, and a wall that moved."""
-        at = NuisanceMotion(CORRECTIONS, BACKGROUND[:3], rotation_matrix(BACKGROUND[3:]))
+        at = NuisanceMotion(ViewCorrections.of(CORRECTIONS), BACKGROUND[:3], rotation_matrix(BACKGROUND[3:]))
         views = corrected_geometry(geometry(), at)
         path = simulate_radiographs(GRAINS, TRUTH, views)
         path += background_images(packed_body(wall()), at, views, "trilinear", False)[0]
         scan = Scan(RESPONSE.apply(path) + NOISE, geometry())
         grains = GrainSet(GRAINS.grains, wall(), True)
-        motions = fitted(response=RESPONSE, corrections=CORRECTIONS, background=BACKGROUND)
+        motions = fitted(response=RESPONSE, view_corrections=ViewCorrections.of(CORRECTIONS), background=BACKGROUND)
         np.testing.assert_allclose(leftover(grains, motions, scan), NOISE, atol=1e-5)
-        for name in ("response", "corrections", "background"):
+        for name in ("response", "view_corrections", "background"):
             worse = replace(motions, fit=replace(motions.fit, **{name: None}))
             assert np.abs(leftover(grains, worse, scan) - NOISE).max() > 0.05, name
 

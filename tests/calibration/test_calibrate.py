@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from grainmotion.calibration.calibrate import CalibrateSettings, calibrate
-from grainmotion.calibration.corrections import corrected
+from grainmotion.calibration.corrections import Correction, corrected, from_table_unit, in_table_unit
 from grainmotion.errors import InputError
 from grainmotion.model.geometry import DetectorAlignment, Geometry
 from grainmotion.model.scan import Scan
@@ -12,7 +12,7 @@ from grainmotion.model.volume import Volume
 from grainmotion.simulate import scenarios
 from grainmotion.simulate.detector import record_line_integrals
 
-SHIFT, TURN = 0.25, 0.5  # mm, half a pixel; degrees
+SHIFT, TURN = 0.25, np.deg2rad(0.5)  # mm, half a pixel; radians
 PIXEL = 0.5
 GAUGES = ("shift_v", "pitch", "axis_offset")
 
@@ -35,8 +35,9 @@ def misaligned(case):
 
 
 def errors(calibration, **truth):
-    """Measured − true, and sd, by name."""
-    return {c.name: (c.value - truth.get(c.name, 0), c.sd) for c in calibration.corrections}
+    """Measured − true, and sd, by name, mm and degrees."""
+    rows = ((c, c.in_unit, in_table_unit(c.name, truth.get(c.name, 0))) for c in calibration.corrections)
+    return {c.name: (amount - true, sd) for c, (amount, sd), true in rows}
 
 
 class TestMisalignedMachine:
@@ -66,8 +67,8 @@ class TestAlignedMachine:
         told = case.scanner.geometry()
         calibration = calibrate(recorded(case, told), case.scanner.grid)
         assert all(abs(error) < 2 * sd for error, sd in errors(calibration).values())
-        assert abs(calibration.values["shift_u"]) < 0.02 * PIXEL
-        assert abs(calibration.values["turn"]) < 0.03
+        assert abs(calibration.amounts["shift_u"]) < 0.02 * PIXEL
+        assert abs(np.rad2deg(calibration.amounts["turn"])) < 0.03
 
     def test_gauges_of_a_parallel_beam_are_not_determined(self, case):
         told = Geometry.parallel(np.arange(90) * 4.0, (96, 72), 0.125)
@@ -76,8 +77,8 @@ class TestAlignedMachine:
             scan, case.scanner.grid, CalibrateSettings(parameters=("shift_u", "turn", *GAUGES), columns=24)
         )
         assert [c.name for c in calibration.corrections if c.determined] == ["shift_u", "turn"]
-        assert calibration.values["shift_u"] == pytest.approx(0.125, abs=0.05 * 0.125)
-        assert all(calibration.values[name] == 0 for name in GAUGES)
+        assert calibration.amounts["shift_u"] == pytest.approx(0.125, abs=0.05 * 0.125)
+        assert all(calibration.amounts[name] == 0 for name in GAUGES)
         assert "axis_offset not determined" in str(calibration)
 
     def test_masked_pixels_do_not_count(self, case):
@@ -88,7 +89,7 @@ class TestAlignedMachine:
         images = np.where(valid, scan.line_integrals, 9.0)
         settings = CalibrateSettings(parameters=("shift_u",), iterations=2)
         calibration = calibrate(Scan(images, told, valid), case.scanner.grid, settings)
-        assert abs(calibration.values["shift_u"]) < 0.05 * PIXEL
+        assert abs(calibration.amounts["shift_u"]) < 0.05 * PIXEL
 
 
 class TestFarOff:
@@ -96,7 +97,7 @@ class TestFarOff:
         told = case.scanner.geometry()
         scan = recorded(case, told, shift_u=-8 * PIXEL)
         calibration = calibrate(scan, case.scanner.grid, CalibrateSettings(parameters=("shift_u",), columns=36))
-        assert calibration.values["shift_u"] == pytest.approx(-8 * PIXEL, abs=0.05 * PIXEL)
+        assert calibration.amounts["shift_u"] == pytest.approx(-8 * PIXEL, abs=0.05 * PIXEL)
 
 
 class TestCorrections:
@@ -107,8 +108,8 @@ class TestCorrections:
     def test_same_as_the_constructors(self, beam, first_row):
         panel = DetectorAlignment((0.3, -0.2), (1.0, -2.0, 0.5), 0.4, (0.7, 0.0), first_row)
         off = {
-            "shift_u": 0.3, "shift_v": -0.2, "pitch": 1.0, "turn": -2.0, "yaw": 0.5, "axis_offset": 0.4,
-            "axis_tilt": 0.7,
+            "shift_u": 0.3, "shift_v": -0.2, "pitch": np.deg2rad(1.0), "turn": np.deg2rad(-2.0),
+            "yaw": np.deg2rad(0.5), "axis_offset": 0.4, "axis_tilt": np.deg2rad(0.7),
         }  # fmt: skip
 
         def made(panel):
@@ -123,10 +124,24 @@ class TestCorrections:
         def made(panel):
             return Geometry.cone([0, 50], (8, 9), 0.1, source_to_axis=20, source_to_detector=50, panel=panel)
 
-        turned = corrected(made(None), {"turn": -1.5})
+        turned = corrected(made(None), {"turn": np.deg2rad(-1.5)})
         np.testing.assert_allclose(
             turned.vectors, made(DetectorAlignment(axis_tilt_deg=(0.0, 1.5))).vectors, atol=1e-12
         )
+
+    @pytest.mark.parametrize("degrees", [0.1, -2.0 / 3, 1e-5, 7.123456789012])
+    def test_an_angle_of_a_table_comes_back(self, degrees):
+        amount = from_table_unit("turn", in_table_unit("turn", np.deg2rad(degrees)))
+        assert from_table_unit("turn", in_table_unit("turn", amount)) == amount
+        assert amount == pytest.approx(np.deg2rad(degrees), abs=1e-13)
+
+    def test_former_names_are_in_degrees(self):
+        turn = Correction("turn", np.deg2rad(0.5), np.deg2rad(0.1))
+        with pytest.warns(DeprecationWarning, match="amount"):
+            assert turn.value == pytest.approx(0.5)
+        with pytest.warns(DeprecationWarning, match="amount_sd"):
+            assert turn.sd == pytest.approx(0.1)
+        assert str(turn) == "turn 0.5000 ± 0.1000 degrees"
 
     def test_unknown_name(self):
         told = Geometry.parallel([0], (4, 4), 1.0)

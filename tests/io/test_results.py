@@ -10,6 +10,7 @@ import pytest
 from grainmotion.io.results import Reference, read_motions_h5, read_reference, write_motions_h5, write_reference
 from grainmotion.model.detector_response import Response
 from grainmotion.model.motions import Motions, StateFit
+from grainmotion.model.pose import ViewCorrections
 from grainmotion.model.volume import Volume
 
 
@@ -21,8 +22,10 @@ def motions_() -> Motions:
 def assert_same_fit(one, other):
     for name in ("gain", "offset", "costs", "downweighted", "notes"):
         assert getattr(one, name) == getattr(other, name)
-    for name in ("corrections", "corrections_sd", "background"):
-        assert_same_array(getattr(one, name), getattr(other, name))
+    assert_same_array(one.background, other.background)
+    for name in ("view_corrections", "view_corrections_sd"):
+        first, second = getattr(one, name), getattr(other, name)
+        assert_same_array(first and first.columns, second and second.columns)
     assert (one.response is None) == (other.response is None)
     if one.response is not None:
         assert_same_array(one.response.polynomial, other.response.polynomial)
@@ -57,9 +60,13 @@ class TestMotionsFile:
         rng = np.random.default_rng(4)
         fit = StateFit(
             1.02, 0.01, (("free", 0.1),), Response(rng.normal(size=(3, 2)), rng.normal(size=(3, 6))),
-            rng.normal(size=(3, 3)), rng.uniform(size=(3, 3)), rng.normal(size=6), 0.03, ("one; two", "µ"),
+            ViewCorrections.of(rng.normal(size=(3, 3))), ViewCorrections.of(rng.uniform(size=(3, 3))),
+            rng.normal(size=6), 0.03, ("one; two", "µ"),
         )  # fmt: skip
         write_motions_h5(tmp_path / "m.h5", replace(motions, fit=fit))
+        with h5py.File(tmp_path / "m.h5") as file:
+            assert file["fit/corrections"].attrs["unit"] == "pixel, pixel, rad"
+            np.testing.assert_array_equal(file["fit/corrections"][:, 2], fit.view_corrections.angles)
         assert_same_fit(read_motions_h5(tmp_path / "m.h5").fit, fit)
 
     def test_units_are_in_the_file(self, tmp_path, motions):

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from grainmotion.errors import InputError
-from grainmotion.model.motions import Motions, Status
+from grainmotion.model.motions import Motions, StateFit, Status
+from grainmotion.model.pose import ViewCorrections
 from grainmotion.rotations import rotation_matrix
 
 N = 5
@@ -113,3 +114,14 @@ class TestNoun:
     def test_shapes_must_agree(self, measured, field, value):
         with pytest.raises(InputError, match=rf"motions\.{field}"):
             dataclasses.replace(measured, **{field: value})
+
+
+def test_former_names_of_the_views_corrections_give_their_columns():
+    columns = np.arange(12.0).reshape(4, 3)
+    fit = StateFit(view_corrections=ViewCorrections.of(columns), view_corrections_sd=ViewCorrections.of(2 * columns))
+    with pytest.warns(DeprecationWarning, match="view_corrections"):
+        np.testing.assert_array_equal(fit.corrections, columns)
+    with pytest.warns(DeprecationWarning, match="view_corrections_sd"):
+        np.testing.assert_array_equal(fit.corrections_sd, 2 * columns)
+    with pytest.warns(DeprecationWarning, match="view_corrections"):
+        assert StateFit().corrections is None

@@ -8,7 +8,7 @@ from scipy import ndimage
 
 from few_grains import GAIN_AND_OFFSET, VOXEL, blob, geometry, smooth_grains
 from grainmotion.model.geometry import Geometry
-from grainmotion.model.pose import NuisanceMotion, Pose
+from grainmotion.model.pose import NuisanceMotion, Pose, ViewCorrections
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.objective.data_term import Target
@@ -48,9 +48,9 @@ def radiographs(views, at=None, pose=POSE):
 
 def only(view, column, size):
     """One correction of one view."""
-    at = NuisanceMotion.still(VIEWS)
-    at.views[view, column] = size
-    return at
+    columns = np.zeros((VIEWS, 3))
+    columns[view, column] = size
+    return replace(NuisanceMotion.still(VIEWS), views=ViewCorrections.of(columns))
 
 
 class TestViews:
@@ -77,15 +77,14 @@ class TestViews:
 
     def test_at_corrected_views_too(self):
         """Derivatives of a problem whose views are corrected already."""
-        at = NuisanceMotion(np.array([[1.5, -2, 0.03]] * VIEWS), np.zeros(3), np.eye(3))
+        at = NuisanceMotion(ViewCorrections.of(np.array([[1.5, -2, 0.03]] * VIEWS)), np.zeros(3), np.eye(3))
         there = corrected_geometry(BEAMS["cone"], at)
         patches = shadows(PACKED, POSE, there)
         path, slopes = differentiate_patches(PACKED, POSE, there, patches, "trilinear")
         turned = view_derivatives(assemble(path, patches, there), slopes, PACKED, POSE, patches)[2]
         ends = []
         for sign in (1, -1):
-            views = at.views.copy()
-            views[:, 2] += sign * 2e-4
+            views = replace(at.views, angles=at.views.angles + sign * 2e-4)
             ends.append(radiographs(BEAMS["cone"], NuisanceMotion(views, at.translation, at.matrix)))
         difference = (ends[0] - ends[1]) / 4e-4
         assert np.linalg.norm(turned - difference) < 0.01 * np.linalg.norm(difference)
@@ -94,7 +93,7 @@ class TestViews:
 class TestCorrectedGeometry:
     @every_beam
     def test_a_shift_by_whole_pixels_is_a_shift_of_the_image(self, views):
-        at = NuisanceMotion(np.tile([3.0, -2.0, 0.0], (VIEWS, 1)), np.zeros(3), np.eye(3))
+        at = NuisanceMotion(ViewCorrections.of(np.tile([3.0, -2.0, 0.0], (VIEWS, 1))), np.zeros(3), np.eye(3))
         expected = radiographs(views)[:, :-2, 3:]
         np.testing.assert_allclose(radiographs(views, at)[:, 2:, :-3], expected, atol=1e-4)
 
@@ -116,7 +115,9 @@ class TestCorrectedGeometry:
 
 
 class TestBody:
-    AT = NuisanceMotion(np.zeros((VIEWS, 3)), np.array([0.2, -0.1, 0.15]), rotation_matrix([0.1, -0.2, 0.3]))
+    AT = replace(
+        NuisanceMotion.still(VIEWS), translation=np.array([0.2, -0.1, 0.15]), matrix=rotation_matrix([0.1, -0.2, 0.3])
+    )
 
     def test_at_rest_it_is_the_volumes_projection(self):
         images, none = background_images(packed_body(lump()), None, BEAMS["cone"], "trilinear", False)
@@ -157,9 +158,9 @@ class TestSteps:
     def test_order_of_the_increments(self):
         step = np.arange(1.0, 19.0) / 100
         at = retract(self.LOOSE, NuisanceMotion.still(VIEWS), step)
-        np.testing.assert_allclose(at.views[:, 0], step[:4])
-        np.testing.assert_allclose(at.views[:, 1], step[4:8])
-        np.testing.assert_allclose(at.views[:, 2], step[8:12])
+        np.testing.assert_allclose(at.views.shifts_pixels[:, 0], step[:4])
+        np.testing.assert_allclose(at.views.shifts_pixels[:, 1], step[4:8])
+        np.testing.assert_allclose(at.views.angles, step[8:12])
         np.testing.assert_allclose(at.translation, step[12:15])
         np.testing.assert_allclose(at.matrix, rotation_matrix(step[15:]))
         np.testing.assert_allclose(nuisance_values(self.LOOSE, at), step)
@@ -171,18 +172,18 @@ class TestSteps:
         np.testing.assert_allclose(at.matrix, rotation_matrix(second[15:]) @ rotation_matrix(first[15:]))
 
     def test_what_is_not_loose_stays(self):
-        start = NuisanceMotion(np.ones((VIEWS, 3)), np.ones(3), rotation_matrix([0.1, 0, 0]))
+        start = NuisanceMotion(ViewCorrections.of(np.ones((VIEWS, 3))), np.ones(3), rotation_matrix([0.1, 0, 0]))
         at = retract(NuisanceModel(views=True), start, np.full(12, 0.5))
         np.testing.assert_array_equal(at.translation, start.translation)
         np.testing.assert_array_equal(at.matrix, start.matrix)
-        np.testing.assert_allclose(at.views, 1.5)
+        np.testing.assert_allclose(at.views.columns, 1.5)
         at = retract(NuisanceModel(background=True), start, np.full(6, 0.5))
-        np.testing.assert_array_equal(at.views, start.views)
-        np.testing.assert_array_equal(retract(NuisanceModel(), start, np.zeros(0)).views, start.views)
+        np.testing.assert_array_equal(at.views.columns, start.views.columns)
+        np.testing.assert_array_equal(retract(NuisanceModel(), start, np.zeros(0)).views.columns, start.views.columns)
 
     def test_prior(self):
         nuisance = replace(
-            self.LOOSE, view_shift_sd=2.0, view_angle_sd=0.5, background_shift_sd=4.0, background_rotation_sd=0.1
+            self.LOOSE, view_shift_sd_pixels=2.0, view_angle_sd=0.5, background_shift_sd=4.0, background_rotation_sd=0.1
         )
         sd = nuisance.deviations(VIEWS)
         np.testing.assert_allclose(sd, [2.0] * 8 + [0.5] * 4 + [4.0] * 3 + [0.1] * 3)
@@ -201,7 +202,8 @@ class TestGradient:
 
     def problem(self, nuisance):
         rng = np.random.default_rng(0)
-        at = NuisanceMotion(rng.normal(size=(VIEWS, 3)) * [0.4, 0.4, 0.006], np.array([0.1, -0.1, 0.05]), np.eye(3))
+        views_off = ViewCorrections.of(rng.normal(size=(VIEWS, 3)) * [0.4, 0.4, 0.006])
+        at = NuisanceMotion(views_off, np.array([0.1, -0.1, 0.05]), np.eye(3))
         views = BEAMS["cone"]
         body = packed_body(lump())
         images = (

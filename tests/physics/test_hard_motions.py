@@ -45,7 +45,7 @@ def test_errors_and_words(name):
     made = hard_case(name, SEEDS.get(name, 0))
     scan, state = made.reference(), made.state(LATER_ANGLES_DEG[4])
     if name == "misaligned":  # as a run does by default
-        found = calibrate(scan, made.case.scanner.grid).clear(scan.geometry)
+        found = calibrate(scan, made.case.scanner.grid).significant(scan.geometry)
         scan = Scan(scan.line_integrals, found.geometry)
         state = Scan(state.line_integrals, found.apply(state.geometry))
     volume = reconstruct(scan, made.case.scanner.grid).volume

@@ -42,7 +42,7 @@ def walls_shadow(at=None):
 def seen(truth):
     """Radiographs of the moved grains and the moved wall."""
     images = simulate_radiographs(GRAINS, truth, WIDE)
-    images += walls_shadow(NuisanceMotion(np.zeros((4, 3)), SHIFT, rotation_matrix(TURN)))
+    images += walls_shadow(NuisanceMotion(NuisanceMotion.still(4).views, SHIFT, rotation_matrix(TURN)))
     return Scan(images + 0.01 * np.random.default_rng(2).standard_normal(images.shape), WIDE)
 
 
@@ -122,7 +122,7 @@ class TestMovingBackground:
         monkeypatch.setattr(global_search, "anneal", watched)
         measured = track(GrainSet(GRAINS.grains, wall(), True), seen(truth))
         assert taken
-        there = walls_shadow(NuisanceMotion(np.zeros((4, 3)), SHIFT, rotation_matrix(TURN)))
+        there = walls_shadow(NuisanceMotion(NuisanceMotion.still(4).views, SHIFT, rotation_matrix(TURN)))
         assert np.abs(taken[-1] - there).mean() < 0.2 * np.abs(walls_shadow() - there).mean()
         assert measured.ok.all(), measured.reasons
         assert np.abs(errors(measured, truth)[0]).max() < 0.06

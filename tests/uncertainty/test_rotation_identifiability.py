@@ -7,7 +7,7 @@ import pytest
 
 from few_grains import GAIN_AND_OFFSET, VOXEL, geometry, grain_set, motions, radiographs, small_motions
 from grainmotion.model.grains import GrainSet
-from grainmotion.model.pose import NuisanceMotion, Pose
+from grainmotion.model.pose import NuisanceMotion, Pose, ViewCorrections
 from grainmotion.objective.data_term import Target
 from grainmotion.objective.nuisance_motions import corrected_geometry
 from grainmotion.objective.residual import StateProblem
@@ -80,7 +80,7 @@ class TestUnconfirmed:
     def test_nor_do_views_that_stand_elsewhere(self):
         """Where a pose says so, grains are turned on the views as they are: a ball's turns are free there too."""
         rough = with_pattern(GRAINS, 0.3)
-        at = NuisanceMotion(np.tile([5.0, -4.0, 0.05], (4, 1)), np.zeros(3), np.eye(3))
+        at = NuisanceMotion(ViewCorrections.of(np.tile([5.0, -4.0, 0.05], (4, 1))), np.zeros(3), np.eye(3))
         scan = replace(radiographs(GRAINS, TRUTH, views=corrected_geometry(geometry(), at)), geometry=geometry())
         target = Target(scan, np.zeros(scan.line_integrals.shape, np.float32), "trilinear", 0.7, GAIN_AND_OFFSET)
         problem = StateProblem(GrainArrays.of(rough, fine=True), target)

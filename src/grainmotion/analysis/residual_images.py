@@ -23,8 +23,8 @@ def leftover(grains: GrainSet, motions: Motions, scan: Scan, *, projector: Proje
     """
     fit, views = motions.fit, len(scan)
     around = NuisanceMotion.still(views)
-    if fit.corrections is not None:
-        around = NuisanceMotion(fit.corrections, around.translation, around.matrix)
+    if fit.view_corrections is not None:
+        around = NuisanceMotion(fit.view_corrections, around.translation, around.matrix)
     if fit.background is not None:
         around = NuisanceMotion(around.views, fit.background[:3], rotation_matrix(fit.background[3:]))
     geometry = corrected_geometry(scan.geometry, around)

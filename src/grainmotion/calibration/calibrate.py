@@ -25,7 +25,15 @@ from pydantic import Field
 
 from grainmotion._typing import Float, Progress
 from grainmotion._validation import validated
-from grainmotion.calibration.corrections import DEFAULT, LENGTHS, Calibration, Correction, Parameter
+from grainmotion.calibration.corrections import (
+    DEFAULT,
+    LENGTHS,
+    Calibration,
+    Correction,
+    Parameter,
+    from_table_unit,
+    in_table_unit,
+)
 from grainmotion.calibration.cross_validation import Trial
 from grainmotion.errors import InputError
 from grainmotion.model.scan import Scan
@@ -105,9 +113,8 @@ def calibrate(
     before, after = (trials[-1].relative(v) for v in (np.zeros(len(names)), values))
     if after > before:  # nothing gained: the machine is as it was told
         values, after = np.zeros(len(names)), before
-    corrections = tuple(Correction(n, float(v), float(s)) for n, v, s in zip(names, values, sd, strict=True))
     tell(_said(names, values), len(trials), len(trials))
-    return Calibration(trials[-1].correct(scan.geometry, values), corrections, (before, after))
+    return Calibration.of(scan.geometry, _corrections(names, values, sd), (before, after))
 
 
 def _gauss_newton(trial: Trial, values: Float, iterations: int) -> tuple[Float, Float]:
@@ -175,6 +182,12 @@ def _search(trial: Trial, values: Float) -> Float:
     return min(tried, key=trial.relative)
 
 
-# ---------------------------------------------------------------------- small parts
+def _corrections(names: tuple[Parameter, ...], values: Float, sd: Float) -> tuple[Correction, ...]:
+    """Records of values and deviations, rounded as in tables so that a file gives back the same numbers."""
+    rows = zip(names, values.tolist(), sd.tolist(), strict=True)
+    return tuple(Correction(n, *(from_table_unit(n, in_table_unit(n, x)) for x in pair)) for n, *pair in rows)
+
+
 def _said(names: tuple[Parameter, ...], values: Float) -> str:
-    return ", ".join(f"{n} {v:.3f} {'mm' if n in LENGTHS else '°'}" for n, v in zip(names, values, strict=True))
+    units = ((n, "mm" if n in LENGTHS else "°") for n in names)
+    return ", ".join(f"{n} {in_table_unit(n, v):.3f} {u}" for (n, u), v in zip(units, values, strict=True))

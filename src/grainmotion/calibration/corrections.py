@@ -1,4 +1,4 @@
-"""Corrections of panel and axis, each in the frame of a view's own panel, so that they fit any scan of a machine."""
+"""Corrections of panel and axis, each in the frame of a view's own panel: they apply to any scan of the scanner."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Literal, get_args
 
 import numpy as np
 from pydantic.dataclasses import dataclass
+from typing_extensions import deprecated
 
 from grainmotion.errors import InputError
 from grainmotion.model.geometry import Geometry
@@ -18,53 +19,77 @@ Parameter = Literal["shift_u", "shift_v", "turn", "pitch", "yaw", "axis_offset",
 PARAMETERS: tuple[Parameter, ...] = get_args(Parameter)
 DEFAULT: tuple[Parameter, ...] = ("shift_u", "turn", "axis_tilt")
 LENGTHS = ("shift_u", "shift_v", "axis_offset")
-CLEAR, CLEARLY_BETTER = 3.0, 0.97
-"""Standard deviations from which a correction is beyond doubt; share of the residual that must not be left then."""
+SIGNIFICANT_SD = 3.0
+"""Standard deviations from which a correction is beyond doubt."""
+SIGNIFICANT_RESIDUAL = 0.97
+"""Share of the residual that must not be left where corrections are beyond doubt."""
+
+
+LARGEST_TILT = np.deg2rad(10.0)
+"""Largest pitch or yaw of one step, which a parallel beam does not see at all."""
 
 
 @dataclass(frozen=True)
 class Correction:
-    """One number by which the machine departs from the geometry that was told.
+    """One number by which the scanner departs from the nominal geometry.
 
     Attributes
     ----------
     name : Parameter
-    value : float
-        mm or degrees, signs as in `DetectorAlignment`; 0 if the data do not tell.
-    sd : float
-        Its standard deviation, with the share of model error; infinite if the data do not tell.
+    amount : float
+        mm or radians, signs as in `DetectorAlignment`; 0 if the data do not determine it.
+    amount_sd : float
+        Its standard deviation, with the share of model error; infinite if the data do not determine it.
     """
 
     name: Parameter
-    value: float
-    sd: float
+    amount: float
+    amount_sd: float
 
     @property
     def unit(self) -> str:
-        """Its unit, "mm" or "degrees"."""
+        """Unit in tables and files, "mm" or "degrees"."""
         return "mm" if self.name in LENGTHS else "degrees"
 
     @property
+    def in_unit(self) -> tuple[float, float]:
+        """Amount and standard deviation in `unit`."""
+        return in_table_unit(self.name, self.amount), in_table_unit(self.name, self.amount_sd)
+
+    @property
     def determined(self) -> bool:
-        """Whether the data tell it."""
-        return bool(np.isfinite(self.sd))
+        """Whether the data determine it."""
+        return bool(np.isfinite(self.amount_sd))
+
+    @property
+    @deprecated("Correction.value (mm or degrees) is now Correction.amount (mm or radians)")
+    def value(self) -> float:
+        """Amount, mm or degrees."""
+        return self.in_unit[0]
+
+    @property
+    @deprecated("Correction.sd (mm or degrees) is now Correction.amount_sd (mm or radians)")
+    def sd(self) -> float:
+        """Standard deviation, mm or degrees."""
+        return self.in_unit[1]
 
     def __str__(self) -> str:
         if not self.determined:
             return f"{self.name} not determined"
-        return f"{self.name} {self.value:.4f} ± {self.sd:.4f} {self.unit}"
+        amount, sd = self.in_unit
+        return f"{self.name} {amount:.4f} ± {sd:.4f} {self.unit}"
 
 
 @dataclass(frozen=True, config={"arbitrary_types_allowed": True})
 class Calibration:
-    """What a scan says of its own geometry.
+    """What a scan determines of its own geometry.
 
     Attributes
     ----------
     geometry : Geometry
         The scan's, corrected.
     corrections : tuple of Correction
-        In the order asked for, those that the data do not tell included.
+        In the order asked for, with those that the data do not determine.
     residuals : (float, float)
         Relative residual of half the views against the other half, ‖r‖/‖b‖, before and after.
     """
@@ -73,70 +98,106 @@ class Calibration:
     corrections: tuple[Correction, ...]
     residuals: tuple[float, float]
 
+    @classmethod
+    def of(cls, nominal: Geometry, corrections: tuple[Correction, ...], residuals: tuple[float, float]) -> Calibration:
+        """The nominal geometry of a scan with its corrections."""
+        return cls(corrected(nominal, {c.name: c.amount for c in corrections}), corrections, residuals)
+
     @property
+    def amounts(self) -> dict[str, float]:
+        """The corrections, mm and radians, by name."""
+        return {c.name: c.amount for c in self.corrections}
+
+    @property
+    @deprecated("Calibration.values (mm and degrees) is now Calibration.amounts (mm and radians)")
     def values(self) -> dict[str, float]:
         """The corrections, mm and degrees, by name."""
-        return {c.name: c.value for c in self.corrections}
+        return {c.name: c.in_unit[0] for c in self.corrections}
 
-    def clear(self, told: Geometry) -> Calibration:
-        """Only those corrections of the told geometry that are beyond doubt, the others zero."""
+    def significant(self, nominal: Geometry) -> Calibration:
+        """Only those corrections of the nominal geometry that are beyond doubt, the others zero."""
         before, after = self.residuals
-        better = after < CLEARLY_BETTER * before
-        kept = [better and abs(c.value) > CLEAR * c.sd for c in self.corrections]
-        found = tuple(replace(c, value=c.value if k else 0.0) for c, k in zip(self.corrections, kept, strict=True))
-        values: dict[str, float] = {c.name: c.value for c in found}
-        return Calibration(corrected(told, values), found, (before, after if any(kept) else before))
+        better = after < SIGNIFICANT_RESIDUAL * before
+        kept = [better and abs(c.amount) > SIGNIFICANT_SD * c.amount_sd for c in self.corrections]
+        rows = tuple(c if k else replace(c, amount=0.0) for c, k in zip(self.corrections, kept, strict=True))
+        return Calibration.of(nominal, rows, (before, after if any(kept) else before))
+
+    @deprecated("Calibration.clear is now Calibration.significant")
+    def clear(self, nominal: Geometry) -> Calibration:
+        """See `significant`."""
+        return self.significant(nominal)
 
     def apply(self, geometry: Geometry) -> Geometry:
-        """Correct the geometry of another scan of the same machine."""
-        return corrected(geometry, self.values)
+        """Correct the geometry of another scan of the same scanner.
+
+        Parameters
+        ----------
+        geometry : Geometry
+            Nominal geometry of that scan.
+
+        Returns
+        -------
+        Geometry
+            The same views with panel and axis where the calibration puts them.
+        """
+        return corrected(geometry, self.amounts)
 
     def __str__(self) -> str:
         before, after = self.residuals
         return f"{', '.join(map(str, self.corrections))}; residual {before:.4f} → {after:.4f}"
 
 
-def corrected(geometry: Geometry, values: Mapping[str, float]) -> Geometry:
-    """Views whose panel and axis are off by ``values``, in each panel's own frame.
+def in_table_unit(name: str, amount: float) -> float:
+    """A length in mm as it is, an angle in degrees, to 12 decimals: `from_table_unit` then gives one number back."""
+    return amount if name in LENGTHS else round(float(np.rad2deg(amount)), 12)
+
+
+def from_table_unit(name: str, value: float) -> float:
+    """mm and radians of what a table gives in mm and degrees."""
+    return value if name in LENGTHS else float(np.deg2rad(value))
+
+
+def corrected(geometry: Geometry, amounts: Mapping[str, float]) -> Geometry:
+    """Views whose panel and axis are off by ``amounts``, in each panel's own frame.
 
     Parameters
     ----------
     geometry : Geometry
-    values : dict of Parameter to float
+    amounts : dict of Parameter to float
         ``shift_u``, ``shift_v``: of the panel's centre along u and v, mm.  ``pitch``, ``turn``, ``yaw``: rotation
-        vector of the panel about its centre, degrees, about its u, the beam's normal incidence and their upward
-        normal.  ``axis_offset``: of the axis along u, mm.  ``axis_tilt``: of the axis about u, degrees; its tilt
-        about the beam is the panel's turn.  Of a perfect circular scan they are the numbers of `DetectorAlignment`.
+        vector of the panel about its centre, radians, about its u, the beam's normal incidence and their upward
+        normal.  ``axis_offset``: of the axis along u, mm.  ``axis_tilt``: of the axis about u, radians; its tilt
+        about the beam is the panel's turn.  Of a perfect circular scan they are the numbers of `DetectorAlignment`,
+        but for the unit of angles.
     """
-    unknown = set(values) - set(PARAMETERS)
+    unknown = set(amounts) - set(PARAMETERS)
     if unknown:
         raise InputError("calibrate", f"{sorted(unknown)} are no corrections", f"choose from {', '.join(PARAMETERS)}")
-    x: dict[str, float] = {name: float(values.get(name, 0.0)) for name in PARAMETERS}
+    x: dict[str, float] = {name: float(amounts.get(name, 0.0)) for name in PARAMETERS}
     along = geometry.u / np.linalg.norm(geometry.u, axis=1, keepdims=True)
     normal = geometry.normals
     normal *= np.sign((normal * geometry.rays).sum(1, keepdims=True)) / np.linalg.norm(normal, axis=1, keepdims=True)
-    tilts = np.deg2rad([x["pitch"], x["turn"], x["yaw"]])
-    turns = rotation_matrix(tilts[0] * along + tilts[1] * normal + tilts[2] * np.cross(along, normal))
+    turns = rotation_matrix(x["pitch"] * along + x["turn"] * normal + x["yaw"] * np.cross(along, normal))
     u, v = (np.einsum("nij,nj->ni", turns, step) for step in (geometry.u, geometry.v))
     aside = -x["axis_offset"] * along
     d = geometry.detector + aside
     for name, step in (("shift_u", u), ("shift_v", v)):
         d = d + x[name] * step / np.linalg.norm(step, axis=1, keepdims=True)
     s = geometry.source + aside if geometry.beam == "cone" else geometry.source
-    untilt = rotation_matrix(-np.deg2rad(x["axis_tilt"]) * along)
+    untilt = rotation_matrix(-x["axis_tilt"] * along)
     blocks = [np.einsum("nij,nj->ni", untilt, block) for block in (s, d, u, v)]
     return Geometry(np.concatenate(blocks, axis=1), geometry.shape, geometry.beam)
 
 
-def unit(name: Parameter, geometry: Geometry) -> float:
-    """The correction, mm or degrees, that moves the edge of a shadow by about one pixel."""
+def step_of_a_pixel(name: Parameter, geometry: Geometry) -> float:
+    """The correction, mm or radians, that moves the edge of a footprint by about one pixel."""
     pixel = float(geometry.pixel_sizes[:, 1].mean())
     if name in LENGTHS:
         return pixel
     half = geometry.shape[1] / 2
     if name in ("turn", "axis_tilt"):
-        return float(np.rad2deg(1 / half))
+        return 1 / half
     if geometry.beam == "parallel":
-        return 10.0
+        return LARGEST_TILT
     distance = float(np.linalg.norm(geometry.rays, axis=1).mean())
-    return float(min(np.rad2deg(distance / (pixel * half**2)), 10.0))
+    return float(min(distance / (pixel * half**2), LARGEST_TILT))

@@ -6,7 +6,7 @@ import numpy as np
 from pydantic.dataclasses import dataclass
 
 from grainmotion._typing import Float
-from grainmotion.calibration.corrections import Parameter, corrected, unit
+from grainmotion.calibration.corrections import Parameter, corrected, step_of_a_pixel
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
@@ -21,7 +21,7 @@ STEP = 0.5  # of a parameter's unit: half the span of a central difference
 class Trial:
     """A binned scan and its grid, on which corrections are tried.
 
-    ``units`` are the corrections, mm and degrees, that move the edge of a shadow by about one binned pixel.
+    ``units`` are the corrections, mm and radians, that move the edge of a footprint by about one binned pixel.
     """
 
     scan: Scan
@@ -34,7 +34,8 @@ class Trial:
     def of(cls, scan: Scan, grid: Volume, factor: int, names: tuple[Parameter, ...], sweeps: int) -> Trial:
         """Radiographs and voxels ``factor`` times as large."""
         small = binned_scan(scan, factor)
-        return cls(small, binned_grid(grid, factor), names, np.array([unit(n, small.geometry) for n in names]), sweeps)
+        units = np.array([step_of_a_pixel(name, small.geometry) for name in names])
+        return cls(small, binned_grid(grid, factor), names, units, sweeps)
 
     def correct(self, geometry: Geometry, values: Float) -> Geometry:
         """A geometry corrected by values in the order of ``names``."""

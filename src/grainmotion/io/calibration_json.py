@@ -11,7 +11,7 @@ import json
 import math
 from pathlib import Path
 
-from grainmotion.calibration.corrections import Calibration, Correction, corrected
+from grainmotion.calibration.corrections import Calibration, Correction, from_table_unit
 from grainmotion.errors import InputError
 from grainmotion.io.files import atomic_write, checked_file
 from grainmotion.model.geometry import Geometry
@@ -33,7 +33,7 @@ def write_calibration(path: str | Path, calibration: Calibration | None, hardeni
     geometry = curve = None
     if calibration is not None:
         rows = [
-            {"name": c.name, "value": c.value, "sd": c.sd if c.determined else None, "unit": c.unit}
+            {"name": c.name, "value": c.in_unit[0], "sd": c.in_unit[1] if c.determined else None, "unit": c.unit}
             for c in calibration.corrections
         ]
         before, after = calibration.residuals
@@ -73,11 +73,15 @@ def read_calibration(path: str | Path, geometry: Geometry) -> tuple[Calibration 
         estimated, curve = data["geometry"], data["hardening"]
         if estimated is not None:
             rows = tuple(
-                Correction(r["name"], float(r["value"]), math.inf if r["sd"] is None else float(r["sd"]))
-                for r in estimated["corrections"]
+                Correction(
+                    row["name"],
+                    from_table_unit(row["name"], float(row["value"])),
+                    math.inf if row["sd"] is None else from_table_unit(row["name"], float(row["sd"])),
+                )
+                for row in estimated["corrections"]
             )
             residuals = (float(estimated["residual_before"]), float(estimated["residual_after"]))
-            calibration = Calibration(corrected(geometry, {c.name: c.value for c in rows}), rows, residuals)
+            calibration = Calibration.of(geometry, rows, residuals)
         if curve is not None:
             coefficients = tuple(float(c) for c in curve["coefficients"])
             hardening = Hardening(coefficients, float(curve["longest"]), float(curve["sd"]))

@@ -23,6 +23,7 @@ from grainmotion.io.hdf5 import opened
 from grainmotion.model.detector_response import Response
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions, StateFit
+from grainmotion.model.pose import ViewCorrections
 from grainmotion.model.volume import Volume
 
 _ARRAYS = {
@@ -36,7 +37,7 @@ _ARRAYS = {
 }
 """Arrays of `Motions` and their units, "1" for numbers without one."""
 _OPTIONAL = {
-    "corrections": "pixel, pixel, rad",
+    "corrections": "pixel, pixel, rad",  # columns of StateFit.view_corrections
     "corrections_sd": "pixel, pixel, rad",
     "background": "mm, mm, mm, rad, rad, rad",
 }
@@ -158,8 +159,9 @@ def write_motions_h5(path: str | Path, motions: Motions) -> None:
         fit["cost"] = np.array([cost for _, cost in motions.fit.costs], dtype=float)
         fit.attrs["downweighted"] = motions.fit.downweighted
         fit.create_dataset("notes", data=list(motions.fit.notes), dtype=text)
-        for name, unit in _OPTIONAL.items():
-            value = getattr(motions.fit, name)
+        views, views_sd = motions.fit.view_corrections, motions.fit.view_corrections_sd
+        optional = (views and views.columns, views_sd and views_sd.columns, motions.fit.background)
+        for (name, unit), value in zip(_OPTIONAL.items(), optional, strict=True):
             if value is not None:
                 fit.create_dataset(name, data=value).attrs["unit"] = unit
         if motions.fit.response is not None:
@@ -183,6 +185,7 @@ def read_motions_h5(path: str | Path) -> Motions:
     with opened(path) as file:
         fit = file["fit"]
         costs = zip(fit["stage"].asstr()[()], fit["cost"][()])
+        views, views_sd, background = (fit[name][()] if name in fit else None for name in _OPTIONAL)
         return Motions(
             **{name: file[name][()] for name in _ARRAYS},
             statuses=np.array(file["statuses"].asstr()[()], dtype="<U20"),
@@ -194,7 +197,9 @@ def read_motions_h5(path: str | Path) -> Motions:
                 response=_response(fit),
                 downweighted=float(fit.attrs.get("downweighted", 0.0)),
                 notes=tuple(str(n) for n in fit["notes"].asstr()[()]) if "notes" in fit else (),
-                **{name: fit[name][()] if name in fit else None for name in _OPTIONAL},
+                view_corrections=None if views is None else ViewCorrections.of(views),
+                view_corrections_sd=None if views_sd is None else ViewCorrections.of(views_sd),
+                background=background,
             ),
         )
 

@@ -9,9 +9,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from typing_extensions import deprecated
 
+from grainmotion._typing import Float
 from grainmotion.errors import InputError
 from grainmotion.model.detector_response import Response
+from grainmotion.model.pose import ViewCorrections
 from grainmotion.rotations import rotation_matrix
 
 
@@ -44,9 +47,9 @@ class StateFit:
         stage's own filter F (so that stages with different filters do not compare).
     response : Response, optional
         All that was found of the detector's response; None if only gain and offset are known.
-    corrections, corrections_sd : (views, 3) arrays, optional
-        Pose of each view and its standard deviation: shift of the panel along u and v (pixels), angle of the
-        stage (radians).  None where it was not estimated.
+    view_corrections, view_corrections_sd : ViewCorrections, optional
+        Shift of each view's panel and angle of its stage, and their standard deviations.  None where they were not
+        estimated.
     background : (6,) array, optional
         Motion (u, ω) of the background about its centre of mass, mm and radians, if it could move.
     downweighted : float
@@ -59,11 +62,23 @@ class StateFit:
     offset: float = 0.0
     costs: tuple[tuple[str, float], ...] = ()
     response: Response | None = None
-    corrections: NDArray[np.float64] | None = None
-    corrections_sd: NDArray[np.float64] | None = None
+    view_corrections: ViewCorrections | None = None
+    view_corrections_sd: ViewCorrections | None = None
     background: NDArray[np.float64] | None = None
     downweighted: float = 0.0
     notes: tuple[str, ...] = ()
+
+    @property
+    @deprecated("StateFit.corrections is now StateFit.view_corrections")
+    def corrections(self) -> Float | None:
+        """Columns of `view_corrections`, pixels, pixels and radians, ``(views, 3)``."""
+        return None if self.view_corrections is None else self.view_corrections.columns
+
+    @property
+    @deprecated("StateFit.corrections_sd is now StateFit.view_corrections_sd")
+    def corrections_sd(self) -> Float | None:
+        """Columns of `view_corrections_sd`, pixels, pixels and radians, ``(views, 3)``."""
+        return None if self.view_corrections_sd is None else self.view_corrections_sd.columns
 
 
 @dataclass(frozen=True, eq=False)

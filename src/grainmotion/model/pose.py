@@ -1,4 +1,4 @@
-"""Pose: where every grain is, and what else moved."""
+"""Pose: place and rotation of every grain, and the motions of views and background."""
 
 from __future__ import annotations
 
@@ -10,21 +10,46 @@ from grainmotion._typing import Float
 
 
 @dataclass(frozen=True, eq=False)
-class NuisanceMotion:
-    """What moved beside the grains.
+class ViewCorrections:
+    """How each view departs from its geometry, or the standard deviations of that.
 
-    ``views (views, 3)`` are each panel's shift along u and along v (pixels) and the stage's angle (radians);
-    ``translation (3,)`` (mm) and ``matrix (3, 3)`` are the background's motion about its centre of mass.
+    Attributes
+    ----------
+    shifts_pixels : (views, 2) array
+        Shift of the panel along u and along v, pixels.
+    angles : (views,) array
+        By which the stage turned too far, radians.
     """
 
-    views: Float
+    shifts_pixels: Float
+    angles: Float
+
+    @classmethod
+    def of(cls, columns: Float) -> ViewCorrections:
+        """From the columns shift along u, shift along v, angle, ``(views, 3)``."""
+        return cls(columns[:, :2], columns[:, 2])
+
+    @property
+    def columns(self) -> Float:
+        """Shift along u, shift along v (pixels) and angle (radians), ``(views, 3)``."""
+        return np.column_stack([self.shifts_pixels, self.angles])
+
+
+@dataclass(frozen=True, eq=False)
+class NuisanceMotion:
+    """What moved beside the grains: views, and the background about its centre of mass.
+
+    ``translation (3,)`` (mm) and ``matrix (3, 3)`` are the background's.
+    """
+
+    views: ViewCorrections
     translation: Float
     matrix: Float
 
     @classmethod
     def still(cls, views: int) -> NuisanceMotion:
         """Nothing moved."""
-        return cls(np.zeros((views, 3)), np.zeros(3), np.eye(3))
+        return cls(ViewCorrections.of(np.zeros((views, 3))), np.zeros(3), np.eye(3))
 
 
 @dataclass(frozen=True, eq=False)

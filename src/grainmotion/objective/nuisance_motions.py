@@ -12,7 +12,7 @@ import numpy as np
 
 from grainmotion._typing import Float, Image, Projector
 from grainmotion.model.geometry import Geometry
-from grainmotion.model.pose import NuisanceMotion, Pose
+from grainmotion.model.pose import NuisanceMotion, Pose, ViewCorrections
 from grainmotion.objective.normal_matrix import spread
 from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.projection.grains import Patches, assemble, differentiate_patches, project_patches, shadows
@@ -39,7 +39,7 @@ class NuisanceModel:
         Each view has a pose of its own.
     background_shift_sd, background_rotation_sd : float
         mm, radians.
-    view_shift_sd, view_angle_sd : float
+    view_shift_sd_pixels, view_angle_sd : float
         Pixels, radians.
     gauge : (unknowns, g) array, optional
         Combinations, orthonormal in units of the deviations, that are fixed, because a motion of all grains as one
@@ -50,7 +50,7 @@ class NuisanceModel:
     views: bool = False
     background_shift_sd: float = 1.0
     background_rotation_sd: float = 0.1
-    view_shift_sd: float = 1.0
+    view_shift_sd_pixels: float = 1.0
     view_angle_sd: float = 0.01
     gauge: Float | None = None
 
@@ -58,7 +58,7 @@ class NuisanceModel:
         """Prior standard deviation of every unknown, in the order of the increments."""
         parts = []
         if self.views:
-            parts.append(np.repeat([self.view_shift_sd, self.view_shift_sd, self.view_angle_sd], views))
+            parts.append(np.repeat([self.view_shift_sd_pixels, self.view_shift_sd_pixels, self.view_angle_sd], views))
         if self.background:
             parts.append(np.repeat([self.background_shift_sd, self.background_rotation_sd], 3))
         return np.concatenate(parts) if parts else np.zeros(0)
@@ -80,7 +80,7 @@ def nuisance_values(nuisance: NuisanceModel, at: NuisanceMotion) -> Float:
     """The unknowns of a motion, in the order of the increments; zero where nothing has moved."""
     parts = []
     if nuisance.views:
-        parts.append(at.views.T.ravel())
+        parts.append(at.views.columns.T.ravel())
     if nuisance.background:
         parts += [at.translation, rotation_vector(at.matrix)]
     return np.concatenate(parts) if parts else np.zeros(0)
@@ -90,8 +90,9 @@ def retract(nuisance: NuisanceModel, at: NuisanceMotion, step: Float) -> Nuisanc
     """The motion after an increment: shifts u, shifts v and angles of all views, then the background's (u, δ)."""
     views, translation, matrix = at.views, at.translation, at.matrix
     if nuisance.views:
-        count = len(views)
-        views = views + step[: UNKNOWNS_PER_VIEW * count].reshape(UNKNOWNS_PER_VIEW, count).T
+        count = len(views.angles)
+        increments = step[: UNKNOWNS_PER_VIEW * count].reshape(UNKNOWNS_PER_VIEW, count).T
+        views = ViewCorrections.of(views.columns + increments)
         step = step[UNKNOWNS_PER_VIEW * count :]
     if nuisance.background:
         translation, matrix = translation + step[:3], rotation_matrix(step[3:6]) @ matrix
@@ -100,11 +101,12 @@ def retract(nuisance: NuisanceModel, at: NuisanceMotion, step: Float) -> Nuisanc
 
 def corrected_geometry(geometry: Geometry, at: NuisanceMotion | None) -> Geometry:
     """The views with their corrections: panels shifted by pixels along u and v, stage turned by an angle."""
-    if at is None or not at.views.any():
+    if at is None or not at.views.columns.any():
         return geometry
+    shifts = at.views.shifts_pixels
     vectors = geometry.vectors.copy()
-    vectors[:, 3:6] += at.views[:, :1] * geometry.u + at.views[:, 1:2] * geometry.v
-    turns = rotation_matrix(at.views[:, 2:] * np.array([0.0, 0.0, 1.0]))
+    vectors[:, 3:6] += shifts[:, :1] * geometry.u + shifts[:, 1:] * geometry.v
+    turns = rotation_matrix(at.views.angles[:, None] * np.array([0.0, 0.0, 1.0]))
     blocks = np.einsum("vij,vkj->vki", turns, vectors.reshape(-1, 4, 3))
     return replace(geometry, vectors=blocks.reshape(-1, 12))
 

@@ -135,11 +135,12 @@ def fit_facts(state: StateReport) -> Rows:
 
 def correction_rows(fit: StateFit, views: tuple[str, ...]) -> list[tuple[str, list[str]]]:
     """Shift of each view's panel along u and v (pixels) and angle of its stage (degrees), with standard deviations."""
-    if fit.corrections is None:
+    if fit.view_corrections is None:
         return []
-    sd = np.full_like(fit.corrections, np.nan) if fit.corrections_sd is None else fit.corrections_sd
+    values, deviations = fit.view_corrections.columns, fit.view_corrections_sd
+    sd = np.full_like(values, np.nan) if deviations is None else deviations.columns
     units = np.array([1.0, 1.0, np.rad2deg(1.0)])
-    pairs = zip(views, fit.corrections * units, sd * units, strict=True)
+    pairs = zip(views, values * units, sd * units, strict=True)
     return [(view, [f"{v:.4f} ± {d:.4f}" for v, d in zip(value, deviation)]) for view, value, deviation in pairs]
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from scipy import sparse
 
 from grainmotion._typing import Float
-from grainmotion.model.pose import Pose
+from grainmotion.model.pose import Pose, ViewCorrections
 from grainmotion.objective.normal_matrix import PatchNormalMatrix, normal_of
 from grainmotion.objective.residual import StateProblem
 from grainmotion.projection.grain_arrays import OUT_OF_PLANE, GrainArrays, planar
@@ -41,7 +41,7 @@ class RefinedFit:
     """The last problem and its solution, with their uncertainty.
 
     ``covariances (n, 6, 6)`` of (u, δ) are what the radiographs tell, ``posterior`` the same with the prior that
-    held weak directions; ``corrections_sd (views, 3)`` go with poses of views; ``downweighted`` is the share of
+    held weak directions; ``corrections_sd`` go with poses of views; ``downweighted`` is the share of
     pixels that a robust loss counted less.
     """
 
@@ -49,7 +49,7 @@ class RefinedFit:
     solution: Solution[Pose]
     covariances: Float
     posterior: Float
-    corrections_sd: Float | None = None
+    corrections_sd: ViewCorrections | None = None
     downweighted: float = 0.0
     notes: tuple[str, ...] = ()
 
@@ -91,7 +91,7 @@ def refine(fit: MultistageFit, base: Pose, problem: StateProblem, solution: Solu
     corrections_sd = None
     if problem.target.nuisance.views:
         views = len(problem.target.scan)
-        corrections_sd = np.sqrt(np.diagonal(few))[: 3 * views].reshape(3, views).T
+        corrections_sd = ViewCorrections.of(np.sqrt(np.diagonal(few))[: 3 * views].reshape(3, views).T)
     return RefinedFit(problem, solution, known, posterior, corrections_sd, share, tuple(notes))
 
 

@@ -110,7 +110,7 @@ def common_motion(problem: StateProblem, pose: Pose, misalignment: ViewMisalignm
     views = len(problem.target.scan)
     nuisance = problem.target.nuisance
     spread = np.repeat(
-        [misalignment.shift / nuisance.view_shift_sd] * 2 + [misalignment.turn / nuisance.view_angle_sd], views
+        [misalignment.shift / nuisance.view_shift_sd_pixels] * 2 + [misalignment.turn / nuisance.view_angle_sd], views
     )
     back = np.linalg.pinv(imitated_corrections(problem, pose), MIN_SINGULAR_VALUE) * spread
     n = len(problem.grains)

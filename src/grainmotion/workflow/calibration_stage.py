@@ -74,7 +74,7 @@ def calibrate_machine(
     if wanted.geometry and not (auto and len(scan) < FEWEST_VIEWS):
         names = tuple(wanted.geometry) if isinstance(wanted.geometry, list) else DEFAULT
         calibration = calibrate(scan, grid, CalibrateSettings(parameters=names), progress=listener("calibrate"))
-        calibration = calibration.clear(scan.geometry) if auto else calibration
+        calibration = calibration.significant(scan.geometry) if auto else calibration
         scan = dataclasses.replace(scan, geometry=calibration.geometry)
     if wanted.hardening:
         hardening = _hardening(scan, grid, tables, labels, listener)
