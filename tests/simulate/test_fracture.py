@@ -11,7 +11,6 @@ from grainmotion.simulate import (
     Sample,
     broken,
     cut,
-    inscribed,
     inside,
     polyhedron,
     sphere,
@@ -81,14 +80,3 @@ def test_what_cannot_be_cut_is_refused():
         broken(Particle(Ellipsoid(np.zeros(3), np.ones(3), np.eye(3)), 0.1), (0, 0, 1))
     with pytest.raises(InputError, match="no direction"):
         cut(BOX, (0, 0, 0))
-
-
-def test_an_inscribed_ellipsoid_is_inside():
-    rng = np.random.default_rng(1)
-    directions = sphere(2.0, level=3).vertices
-    for index in range(8):
-        mesh = stone(index, 2.5, level=3).moved(np.eye(3), [0.3, 0.2, 0.1])
-        core = inscribed(mesh, rng)
-        assert inside(mesh, core.center + (directions * core.semi_axes) @ core.axes.T).all()
-        assert core.semi_axes.min() > 0.4 * mesh.clearance
-    assert BOX.clearance == pytest.approx(1.0)

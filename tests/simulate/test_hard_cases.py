@@ -1,4 +1,4 @@
-"""The hard cases: each has the effect that it promises, and lies on disk as a user's experiment would."""
+"""The hard cases: each has the effect of its summary, and can be written as a user's experiment."""
 
 import functools
 
@@ -18,9 +18,8 @@ from grainmotion.simulate import (
     LATER_ANGLES_DEG,
     Sample,
     hard_case,
-    hard_case_recipes,
+    hard_cases,
     line_integrals,
-    misaligned,
     record_line_integrals,
     small,
     transmission,
@@ -30,13 +29,13 @@ NAMES = (
     "noisy", "beam-hardening", "blur", "misaligned", "misaligned-state", "gain-drift", "gain-drift-views",
     "container", "missing", "broken", "near-spherical", "shear-band",
 )  # fmt: skip
-MANY = tuple(np.arange(200) * 1.8)
+MANY_ANGLES_DEG = tuple(np.arange(200) * 1.8)
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _stones_are_packed_once():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(hard_case_recipes, "stones", functools.cache(hard_case_recipes.stones))
+        patch.setattr(hard_cases, "stones", functools.cache(hard_cases.stones))
         yield
 
 
@@ -60,14 +59,14 @@ def standardized(scan, fraction, physics):
 
 
 class TestRegistry:
-    def test_it_is_complete(self):
+    def test_names_are_those_of_the_command_line(self):
         assert tuple(HARD_CASES) == NAMES
         assert {name.value for name in DatasetName} == {"small", "paper", *HARD_CASES}
         for recipe in HARD_CASES.values():
             assert recipe.summary.endswith(".")
 
     @pytest.mark.parametrize("name", NAMES)
-    def test_every_state_is_on_the_panel_and_has_its_truth(self, name):
+    def test_every_state_is_on_the_panel_and_has_its_true_motions(self, name):
         case = hard(name)
         assert case.name == name
         assert case.summary == HARD_CASES[name].summary
@@ -83,14 +82,14 @@ class TestRegistry:
             assert p[:, :, [0, -1]].max() < 1e-6
 
     @pytest.mark.parametrize("name", ["misaligned-state", "gain-drift-views", "broken"])
-    def test_the_same_seed_gives_the_same_and_another_another(self, name):
+    def test_the_same_seed_gives_the_same_case(self, name):
         again = hard_case(name, seed=3)
         assert np.array_equal(again.state().line_integrals, hard(name).state().line_integrals)
         assert not np.array_equal(again.state(number=2).line_integrals, again.state().line_integrals)
         other = hard_case(name, seed=4)
         assert not np.allclose(other.case.sample.centers, again.case.sample.centers)
 
-    def test_what_is_unknown_is_refused(self):
+    def test_unknown_names_are_refused(self):
         with pytest.raises(InputError, match="choose one of noisy"):
             hard_case("cold")
         with pytest.raises(InputError, match="scale"):
@@ -98,7 +97,7 @@ class TestRegistry:
         with pytest.raises(InputError, match="takes none"):
             hard_case("broken", inclusion=1.5)
 
-    def test_the_paper_s_scale_is_there(self):
+    def test_the_paper_s_scale_is_available(self):
         case = hard_case("near-spherical", scale="paper")
         assert len(case.case.sample) == 15
         assert case.nominal_geometry().shape == (280, 180)
@@ -111,7 +110,7 @@ class TestNoise:
         assert np.linalg.norm(noise_free(case)) / np.linalg.norm(residual) == pytest.approx(10, rel=0.05)
 
     @pytest.mark.parametrize("name", ["missing", "container"])
-    def test_the_others_have_fifty(self, name):
+    def test_the_others_have_an_snr_of_fifty(self, name):
         case = hard(name)
         residual = case.state().line_integrals - noise_free(case)
         assert np.linalg.norm(noise_free(case)) / np.linalg.norm(residual) == pytest.approx(50, rel=0.06)
@@ -169,46 +168,43 @@ class TestDetector:
 class TestMisalignment:
     def test_the_panel_is_off_by_half_a_pixel_and_half_a_degree_in_both_states(self):
         case = hard("misaligned")
-        for told, true in (
+        for nominal, true in (
             (case.nominal_geometry(), case.true_reference_geometry()),
             (case.nominal_geometry(LATER_ANGLES_DEG[4]), case.true_geometry()),
         ):
-            origin = true.project_points([[0, 0, 0]]) - told.project_points([[0, 0, 0]])
+            origin = true.project_points([[0, 0, 0]]) - nominal.project_points([[0, 0, 0]])
             np.testing.assert_allclose(origin, -0.5, atol=0.01)
-            turned = np.einsum("ni,ni->n", true.vectors[:, 6:9], told.vectors[:, 6:9]) / 0.25
-            np.testing.assert_allclose(np.rad2deg(np.arccos(turned)), 0.5, atol=1e-6)
+            cosines = np.einsum("ni,ni->n", true.vectors[:, 6:9], nominal.vectors[:, 6:9]) / 0.25
+            np.testing.assert_allclose(np.rad2deg(np.arccos(cosines)), 0.5, atol=1e-6)
         assert np.array_equal(case.state().geometry.vectors, case.nominal_geometry(LATER_ANGLES_DEG[4]).vectors)
         assert np.array_equal(case.reference().geometry.vectors, case.nominal_geometry().vectors)
         assert np.array_equal(case.state_counts().geometry.vectors, case.state().geometry.vectors)
         true = transmission(case.later, case.true_geometry())
         assert standardized(case.state(), true, case.case.physics).std() == pytest.approx(1, abs=0.05)
 
-    def test_every_view_of_the_later_state_wobbles_on_its_own(self):
+    def test_every_view_of_the_later_state_has_a_misalignment_of_its_own(self):
         case = hard("misaligned-state")
         np.testing.assert_allclose(case.true_reference_geometry().vectors, case.nominal_geometry().vectors, atol=1e-12)
-        told, true = case.nominal_geometry(MANY), case.true_geometry(MANY)
-        off = (true.project_points([[0, 0, 0]]) - told.project_points([[0, 0, 0]]))[:, 0]
+        nominal, true = case.nominal_geometry(MANY_ANGLES_DEG), case.true_geometry(MANY_ANGLES_DEG)
+        off = (true.project_points([[0, 0, 0]]) - nominal.project_points([[0, 0, 0]]))[:, 0]
         np.testing.assert_allclose(off.std(axis=0), 0.3, rtol=0.2)
-        angles = np.arctan2(true.vectors[:, 1], true.vectors[:, 0]) - np.arctan2(told.vectors[:, 1], told.vectors[:, 0])
+        angles = np.arctan2(true.vectors[:, 1], true.vectors[:, 0]) - np.arctan2(
+            nominal.vectors[:, 1], nominal.vectors[:, 0]
+        )
         assert np.rad2deg(np.angle(np.exp(1j * angles))).std() == pytest.approx(0.1, rel=0.2)
-        again = case.true_geometry(MANY, number=2)
+        again = case.true_geometry(MANY_ANGLES_DEG, number=2)
         assert np.abs(again.vectors - true.vectors).max() > 0.01
 
-    def test_a_stage_that_turns_too_far_has_a_greater_angle(self):
-        scanner = small().scanner
-        turned = misaligned(scanner.geometry((30.0, 90.0)), stage_deg=[1.0, 2.0])
-        np.testing.assert_allclose(turned.vectors, scanner.geometry((31.0, 92.0)).vectors, atol=1e-9)
 
-    def test_a_shift_is_the_panel_s_own(self):
-        geometry = small().scanner.geometry((30.0, 90.0))
-        slipped = misaligned(geometry, shift_pixels=(3, -2))
-        np.testing.assert_allclose(slipped.vectors, geometry.window((-2, 3), geometry.shape).vectors, atol=1e-9)
-        with pytest.raises(InputError, match="2 views"):
-            misaligned(geometry, turn_deg=[1.0, 2.0, 3.0])
+class TestInclusions:
+    def test_hard_cases_take_inclusions(self):
+        assert all(p.inclusions for p in hard_case("blur", seed=3, inclusion=1.5).case.sample.particles)
+        with pytest.raises(InputError, match="inclusion"):
+            small(inclusion=-1.0)
 
 
 class TestSample:
-    def test_the_container_is_a_tenth_touches_grains_and_moves_with_them(self):
+    def test_the_container_has_a_tenth_of_the_norm_touches_grains_and_moves_with_them(self):
         case = hard("container")
         before, after = case.case.sample.tube, case.later.tube
         grains = noise_free(case, Sample(case.later.particles), subsamples=1)
@@ -225,9 +221,9 @@ class TestSample:
     def test_one_grain_is_missing(self):
         case = hard("missing")
         (label,) = case.missing
-        gone = case.case.sample.particles[label - 1]
+        absent = case.case.sample.particles[label - 1]
         masses = [sum(p.mass for p in s.particles) for s in (case.case.sample, case.later)]
-        assert masses[0] - masses[1] == pytest.approx(gone.mass)
+        assert masses[0] - masses[1] == pytest.approx(absent.mass)
         assert np.isnan(case.motions.translations[label - 1]).all()
         assert case.motions.statuses[label - 1] == Status.NOT_FITTED
         rest = np.delete(np.arange(6), label - 1)
@@ -244,7 +240,7 @@ class TestSample:
         assert first.mass + second.mass == pytest.approx(whole.mass, rel=1e-12)
         assert min(first.mass, second.mass) > 0.2 * whole.mass
         apart = cKDTree(first.shape.vertices).query(second.shape.vertices)[0].min()
-        assert 1 * voxel(case) < apart < 6 * voxel(case)  # turned by 15° each, the rims come nearer
+        assert 1 * voxel(case) < apart < 6 * voxel(case)  # rotated by 15° each, the rims come nearer
         assert case.motions.statuses[label - 1] == Status.NOT_CONVERGED
         assert case.motions.ok.sum() == 5
 
@@ -263,29 +259,14 @@ class TestSample:
         assert 4 < np.rad2deg(np.linalg.norm(case.motions.rotations, axis=1)).max() < 9
 
 
-class TestInclusions:
-    def test_stones_are_the_same_with_and_without(self):
-        plain, filled = small(seed=3), small(seed=3, inclusion=1.5)
-        for a, b in zip(plain.sample.particles, filled.sample.particles, strict=True):
-            assert np.array_equal(a.shape.vertices, b.shape.vertices)
-            ((_, value),) = b.inclusions
-            assert value == pytest.approx(1.5 * a.attenuation)
-            assert 1.001 < b.mass / a.mass < 1.1
-
-    def test_hard_cases_take_them(self):
-        assert all(p.inclusions for p in hard_case("blur", seed=3, inclusion=1.5).case.sample.particles)
-        with pytest.raises(InputError, match="inclusion"):
-            small(inclusion=-1.0)
-
-
 @pytest.mark.parametrize("name", ["misaligned", "missing"])
-def test_a_hard_case_on_disk_tells_what_is_told_and_keeps_what_is_true(name, tmp_path):
+def test_a_hard_case_on_disk_has_nominal_views_and_true_motions(name, tmp_path):
     path = write_case(tmp_path, name, seed=3)
     case = hard(name)
     assert path == tmp_path / "experiment.toml"
     for views in (4, 2):
-        told = read_geometry(tmp_path / f"{name}-{views}.csv", (96, 72))
-        np.testing.assert_allclose(told.vectors, case.nominal_geometry(LATER_ANGLES_DEG[views]).vectors, atol=1e-9)
+        nominal = read_geometry(tmp_path / f"{name}-{views}.csv", (96, 72))
+        np.testing.assert_allclose(nominal.vectors, case.nominal_geometry(LATER_ANGLES_DEG[views]).vectors, atol=1e-9)
         truth = read_motions(tmp_path / f"{name}-{views}-truth.csv")
         np.testing.assert_allclose(truth.translations, case.motions.translations)
         assert np.array_equal(truth.statuses, case.motions.statuses)

@@ -68,8 +68,3 @@ def test_shear_band_slides_two_blocks_and_turns_the_grains_between(sample):
 def test_slip_out_of_the_plane_is_refused(sample):
     with pytest.raises(InputError, match="slip in the plane"):
         shear_band(sample, 1.0, 1.0, normal=(0, 0, 1), direction=(0, 1, 1))
-
-
-def test_motions_of_another_sample_are_refused(sample):
-    with pytest.raises(InputError, match="labels 1 to n"):
-        Sample(sample.particles[:3]).moved(unmoved(sample))

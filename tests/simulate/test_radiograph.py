@@ -154,17 +154,19 @@ def test_tube_wall_is_crossed_twice_and_ends_at_its_top():
 
 
 @BEAMS
-def test_a_tube_that_moves_is_the_panel_and_source_moving_back(geometry):
+def test_moving_a_tube_is_moving_panel_and_source_back(geometry):
     tube = Tube(2.0, 2.3, 0.2, bottom=-1.5, top=1.8)
-    turn, shift = rotation_matrix([0.3, -0.2, 0.5]), np.array([0.4, -0.3, 0.2])
+    rotation, shift = rotation_matrix([0.3, -0.2, 0.5]), np.array([0.4, -0.3, 0.2])
     back = geometry.vectors.reshape(-1, 4, 3).copy()
     places = [0, 1] if geometry.beam == "cone" else [1]  # the rest are directions
     back[:, places] -= shift
-    moved = transmission(Sample((), tube.moved(turn, shift)), geometry)
-    seen = transmission(Sample((), tube), Geometry((back @ turn).reshape(-1, 12), geometry.shape, geometry.beam))
+    moved = transmission(Sample((), tube.moved(rotation, shift)), geometry)
+    expected = transmission(
+        Sample((), tube), Geometry((back @ rotation).reshape(-1, 12), geometry.shape, geometry.beam)
+    )
     assert moved.min() < 0.9
-    assert np.allclose(moved, seen, atol=1e-12)
-    twice = tube.moved(turn, shift).moved(turn.T, -turn.T @ shift)
+    assert np.allclose(moved, expected, atol=1e-12)
+    twice = tube.moved(rotation, shift).moved(rotation.T, -rotation.T @ shift)
     assert np.allclose(twice.center, 0)
     assert np.allclose(twice.axes, np.eye(3))
 

@@ -1,16 +1,16 @@
 # mypy: allow-untyped-defs
-"""Kernels: exact radiological paths through meshes, ellipsoids and tubes, on sub-sampled pixels.
+"""Kernels: exact line integrals through meshes, ellipsoids and tubes, on sub-sampled pixels.
 
-A ray of a view is written in the view's own coordinates q, where it is a straight line of constant
-(column, row).  Cone beam, with P₀ the centre of pixel (0, 0) and S the source:
+A ray of a view is written in the view's own coordinates q, in which (column, row) is constant along it.
+Cone beam, with P₀ the centre of pixel (0, 0) and S the source:
 
     x = S + λ (P(c, r) − S),   P = P₀ + c u + r v,   q = [u v P₀−S]⁻¹ (x − S) = λ (c, r, 1);
 
 parallel beam, with rays along the unit vector s:  q = [u v s]⁻¹ (x − P₀) = (c, r, λ).  A triangle stays a
 triangle in (c, r), and its plane m·q = h gives λ at any sample.  The path through a closed mesh is
-Σ ± λ over the triangles that a ray crosses, + where it leaves.  Triangles are filled row by row; an
-edge's crossing with a row of samples is computed from its lower to its upper end whatever triangle
-it is seen from, so that neighbours share it to the last bit and no ray slips through a seam.
+Σ ± λ over the triangles that a ray crosses, + where it leaves the mesh.  Triangles are filled row by row.
+The crossing of an edge with a row of samples is always computed from the edge's lower to its upper end, so
+that both triangles at the edge get the same bits and no ray passes between them.
 """
 
 from __future__ import annotations
@@ -25,19 +25,21 @@ from grainmotion.kernels.compilation import CACHE
 
 @numba.njit(cache=CACHE)
 def _crossing(xa, ya, xb, yb, row):
-    """Where an edge crosses a row, from its lower to its upper end: the same to the last bit either way."""
+    """Column at which an edge crosses a row; the same bits whichever end is given first."""
     if ya > yb:
         xa, ya, xb, yb = xb, yb, xa, ya
     return xa + (row - ya) * (xb - xa) / (yb - ya)
 
 
 @numba.njit(cache=CACHE)
-def _add_triangle(image, q, seen, a, b, c, weight, cone, per_pixel):
+def _add_triangle(image, q, positions, a, b, c, weight, cone, per_pixel):
     """Add ± weight · λ of one triangle to ``image`` (rows·k, columns·k), where k = ``per_pixel``.
 
-    ``seen`` holds the vertices' sample positions (column, row).
+    ``positions`` are those of the vertices in samples (column, row).
     """
-    xa, ya, xb, yb, xc, yc = seen[a, 0], seen[a, 1], seen[b, 0], seen[b, 1], seen[c, 0], seen[c, 1]
+    xa, ya = positions[a, 0], positions[a, 1]
+    xb, yb = positions[b, 0], positions[b, 1]
+    xc, yc = positions[c, 0], positions[c, 1]
     first = max(0, math.ceil(min(ya, yb, yc)))
     last = min(image.shape[0] - 1, math.floor(max(ya, yb, yc)))
     if first > last:
@@ -48,7 +50,7 @@ def _add_triangle(image, q, seen, a, b, c, weight, cone, per_pixel):
     m0, m1, m2 = e1 * f2 - e2 * f1, e2 * f0 - e0 * f2, e0 * f1 - e1 * f0
     h = m0 * q[a, 0] + m1 * q[a, 1] + m2 * q[a, 2]
     for row in range(first, last + 1):
-        up, down = np.inf, np.inf  # where the rising and the falling edge cross this row
+        up, down = np.inf, np.inf  # columns at which the rising and the falling edge cross this row
         if (ya <= row) != (yb <= row):
             x = _crossing(xa, ya, xb, yb, row)
             up, down = (x, down) if ya <= row else (up, x)
@@ -75,7 +77,7 @@ def _add_triangle(image, q, seen, a, b, c, weight, cone, per_pixel):
 
 @numba.njit(cache=CACHE)
 def _interval(o, d, radius, z0, z1):
-    """λ range of the ray o + λ d inside an upright cylinder on the origin, cut at z0 and z1."""
+    """λ range of the ray o + λ d inside a cylinder about the z axis from z0 to z1; (0, 0) if it misses."""
     a = d[0] * d[0] + d[1] * d[1]
     cross = o[0] * d[1] - o[1] * d[0]
     disc = radius * radius * a - cross * cross
@@ -93,7 +95,7 @@ def _interval(o, d, radius, z0, z1):
 
 @numba.njit(cache=CACHE)
 def _ray(view, cone, x, y, o, d):
-    """Origin and direction of the ray through panel position (column x, row y) counted from its centre."""
+    """Origin and direction of the ray through column x and row y, both counted from the panel's centre."""
     for i in range(3):
         point = view[3 + i] + x * view[6 + i] + y * view[9 + i]
         o[i] = view[i] if cone else point
@@ -102,7 +104,7 @@ def _ray(view, cone, x, y, o, d):
 
 @numba.njit(cache=CACHE)
 def _add_ellipsoid(image, view, cone, per_pixel, box, center, whitening, weight):
-    """Add weight × chord (in λ) of an ellipsoid in ``box``: first and last row, first and last column."""
+    """Add weight × chord (in λ) of an ellipsoid within ``box``: first and last row, first and last column."""
     rows, columns = image.shape[0] // per_pixel, image.shape[1] // per_pixel
     o, d, p, e = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for row in range(box[0], box[1] + 1):
@@ -123,7 +125,7 @@ def _add_ellipsoid(image, view, cone, per_pixel, box, center, whitening, weight)
 
 @numba.njit(cache=CACHE)
 def _in_frame(o, d, frame, p, e):
-    """Origin and direction (p, e) of a ray (o, d) in a frame: its origin (3), then its axes as rows (3 × 3)."""
+    """Write the ray (o, d) in another frame as (p, e); ``frame`` is its origin (3), then its axes as rows (3 × 3)."""
     for i in range(3):
         p[i] = e[i] = 0.0
         for j in range(3):
@@ -133,7 +135,7 @@ def _in_frame(o, d, frame, p, e):
 
 @numba.njit(cache=CACHE)
 def _finish(image, view, cone, per_pixel, tube, attenuation, by_intensity, weights, ratios, out):
-    """λ → mm, add the tube, and average each pixel's samples into its transmission."""
+    """Convert λ to mm, add the tube, and average each pixel's samples into its transmission."""
     rows, columns = out.shape
     o, d, p, e = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for row in range(rows):
@@ -172,13 +174,13 @@ def transmission(
 ):  # fmt: skip
     """Fill ``out`` (views, rows, columns) with the transmitted fraction of the beam.
 
-    Directions of parallel ``views`` have unit length; ``inverses`` and ``origins`` give q of a vertex,
-    ``signs`` the handedness of (u, v, ray); ``boxes`` (views, ellipsoids, 4) bound the ellipsoids'
-    shadows in samples; ``tube`` (16) holds inner and outer radius, bottom, top, and the tube's frame.
+    Directions of parallel ``views`` have unit length.  ``inverses`` and ``origins`` map a vertex to q, ``signs`` are
+    the handedness of (u, v, ray).  ``boxes`` (views, ellipsoids, 4) bound the footprints of the ellipsoids, in samples.
+    ``tube`` (16) is inner and outer radius, bottom, top, and the tube's frame.
     """
     for n in numba.prange(len(views)):
         image = np.zeros((out.shape[1] * per_pixel, out.shape[2] * per_pixel))
-        q, seen = np.empty((len(vertices), 3)), np.empty((len(vertices), 2))
+        q, positions = np.empty((len(vertices), 3)), np.empty((len(vertices), 2))
         for v in range(len(vertices)):
             x, y, z = (
                 vertices[v, 0] - origins[n, 0],
@@ -189,10 +191,10 @@ def transmission(
                 q[v, i] = inverses[n, i, 0] * x + inverses[n, i, 1] * y + inverses[n, i, 2] * z
             scale = 1.0 / q[v, 2] if cone else 1.0
             for i in range(2):
-                seen[v, i] = (q[v, i] * scale + 0.5) * per_pixel - 0.5
+                positions[v, i] = (q[v, i] * scale + 0.5) * per_pixel - 0.5
         for f in range(len(faces)):
             a, b, c = faces[f]
-            _add_triangle(image, q, seen, a, b, c, signs[n] * face_weights[f], cone, per_pixel)
+            _add_triangle(image, q, positions, a, b, c, signs[n] * face_weights[f], cone, per_pixel)
         for e in range(len(centers)):
             _add_ellipsoid(image, views[n], cone, per_pixel, boxes[n, e], centers[e], whitenings[e], weights[e])
         _finish(image, views[n], cone, per_pixel, tube, tube_attenuation, by_intensity, spectrum, ratios, out[n])

@@ -1,8 +1,8 @@
-"""Trilinear sampling of one voxel image on the grid of another, through an affine map of voxel indices.
+"""Kernels: trilinear resampling of a volume on the grid of another, through an affine map of voxel indices.
 
-Voxel (x, y, z) of the target falls on  q = A (x, y, z) + b  of the source (voxel centres at integers).
-The source counts as zero outside its array, so that samples fade out over the last voxel.  Threads share
-the target's z planes: no two of them write the same voxel.
+Voxel (x, y, z) of the target lies at  q = A (x, y, z) + b  of the source (voxel centres at integers).
+The source is zero outside its array, so that values fall to zero over one voxel beyond it.  Each thread takes
+z planes of the target of its own: no two threads write the same voxel.
 """
 
 from __future__ import annotations
@@ -11,11 +11,8 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from grainmotion._typing import Float, Image, Index
 from grainmotion.kernels.compilation import CACHE
-
-Image = NDArray[np.float32]
-Floats = NDArray[np.float64]
-Counts = NDArray[np.int64]
 
 
 @nb.njit(cache=CACHE, error_model="numpy")
@@ -43,7 +40,7 @@ def sample(source: Image, x: float, y: float, z: float) -> float:
 
 
 @nb.njit(parallel=True, cache=CACHE, error_model="numpy")
-def add_moved(source: Image, matrix: Floats, offset: Floats, low: Counts, high: Counts, total: Image) -> None:
+def add_moved(source: Image, matrix: Float, offset: Float, low: Index, high: Index, total: Image) -> None:
     """Add ``source`` sampled at A (x, y, z) + b to the voxels low … high − 1 (x y z) of ``total``."""
     for z in nb.prange(low[2], high[2]):
         for y in range(low[1], high[1]):
@@ -57,10 +54,10 @@ def add_moved(source: Image, matrix: Floats, offset: Floats, low: Counts, high: 
 @nb.njit(parallel=True, cache=CACHE, error_model="numpy")
 def add_moved_label(
     source: Image,
-    matrix: Floats,
-    offset: Floats,
-    low: Counts,
-    high: Counts,
+    matrix: Float,
+    offset: Float,
+    low: Index,
+    high: Index,
     total: Image,
     label: np.int32,
     threshold: np.float32,

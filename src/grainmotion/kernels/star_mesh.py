@@ -1,10 +1,10 @@
 # mypy: allow-untyped-defs
-"""Kernels: the triangle of a star-shaped mesh that a direction looks through.
+"""Kernels: point location in a star-shaped mesh.
 
-A direction from the star point (the origin) falls in the cone of one triangle.  It is found by
-walking from a neighbour: start at the triangle that a coarse octahedral map holds for the direction,
-and step over the edge that the direction is outside of.  The signed distance to that triangle's
-plane then says exactly whether the point is inside, and nearly how far from the surface it is.
+A direction from the star point (the origin) lies in the cone of exactly one triangle.  The search starts at the
+triangle that a coarse octahedral map stores for the direction, and steps to the neighbour across the edge that the
+direction is outside of, until there is none.  The sign of the distance to that triangle's plane is exact: negative
+inside the mesh.  Its size is nearly the distance to the surface, if that is small.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numba
 
 from grainmotion.kernels.compilation import CACHE
 
-MAP = 64  # cells along one side of the octahedral map
+MAP_CELLS = 64  # cells along one side of the octahedral map
 
 
 @numba.njit(cache=CACHE)
@@ -27,14 +27,14 @@ def cell(x, y, z):
     a, b = x / total, y / total
     if z < 0.0:
         a, b = (1 - abs(b)) * (1.0 if a >= 0 else -1.0), (1 - abs(a)) * (1.0 if b >= 0 else -1.0)
-    row, column = int((a + 1) / 2 * MAP), int((b + 1) / 2 * MAP)
-    return min(max(row, 0), MAP - 1), min(max(column, 0), MAP - 1)
+    row, column = int((a + 1) / 2 * MAP_CELLS), int((b + 1) / 2 * MAP_CELLS)
+    return min(max(row, 0), MAP_CELLS - 1), min(max(column, 0), MAP_CELLS - 1)
 
 
 @numba.njit(cache=CACHE)
-def _walk(x, y, z, vertices, faces, across, face):
-    """The triangle whose cone from the origin holds (x, y, z), walking from ``face``."""
-    for _ in range(4 * MAP + len(faces)):
+def _find_face(x, y, z, vertices, faces, across, face):
+    """The triangle whose cone from the origin contains (x, y, z); the search starts at ``face``."""
+    for _ in range(4 * MAP_CELLS + len(faces)):
         worst, edge = 0.0, -1
         for i in range(3):
             a, b = faces[face, i], faces[face, (i + 1) % 3]
@@ -54,20 +54,20 @@ def _walk(x, y, z, vertices, faces, across, face):
 
 @numba.njit(cache=CACHE)
 def fill_map(vertices, faces, planes, across, start, reach):
-    """A triangle for each cell's centre, and the largest radius at its corners, centre and vertices."""
+    """Fill the map: triangle at each cell's centre, and largest radius at its corners, centre and vertices."""
     face = 0
-    for i in range(MAP):
-        for k in range(MAP):
-            j = k if i % 2 == 0 else MAP - 1 - k
+    for i in range(MAP_CELLS):
+        for k in range(MAP_CELLS):
+            j = k if i % 2 == 0 else MAP_CELLS - 1 - k
             for corner in range(5):
-                a = (i + (0.5 if corner == 4 else corner // 2)) / MAP * 2 - 1
-                b = (j + (0.5 if corner == 4 else corner % 2)) / MAP * 2 - 1
+                a = (i + (0.5 if corner == 4 else corner // 2)) / MAP_CELLS * 2 - 1
+                b = (j + (0.5 if corner == 4 else corner % 2)) / MAP_CELLS * 2 - 1
                 z = 1 - abs(a) - abs(b)
                 if z < 0.0:
                     a, b = (1 - abs(b)) * (1.0 if a >= 0 else -1.0), (1 - abs(a)) * (1.0 if b >= 0 else -1.0)
-                face = _walk(a, b, z, vertices, faces, across, face)
-                slope = planes[face, 0] * a + planes[face, 1] * b + planes[face, 2] * z
-                reach[i, j] = max(reach[i, j], planes[face, 3] / slope * math.sqrt(a * a + b * b + z * z))
+                face = _find_face(a, b, z, vertices, faces, across, face)
+                along = planes[face, 0] * a + planes[face, 1] * b + planes[face, 2] * z
+                reach[i, j] = max(reach[i, j], planes[face, 3] / along * math.sqrt(a * a + b * b + z * z))
             start[i, j] = face
     for v in range(len(vertices)):
         x, y, z = vertices[v, 0], vertices[v, 1], vertices[v, 2]
@@ -77,9 +77,9 @@ def fill_map(vertices, faces, planes, across, start, reach):
 
 @numba.njit(cache=CACHE)
 def distance(x, y, z, vertices, faces, planes, across, start):
-    """Signed distance of one point to the plane of the triangle that it looks through."""
+    """Signed distance of a point to the plane of the triangle in its direction."""
     row, column = cell(x, y, z)
-    f = _walk(x, y, z, vertices, faces, across, start[row, column])
+    f = _find_face(x, y, z, vertices, faces, across, start[row, column])
     return planes[f, 0] * x + planes[f, 1] * y + planes[f, 2] * z - planes[f, 3]
 
 
@@ -92,10 +92,10 @@ def distances(points, vertices, faces, planes, across, start, out):
 
 @numba.njit(cache=CACHE)
 def hits(directions, vertices, faces, planes, across, start, out):
-    """Fill ``out`` (m, 3) with where directions (m, 3) leave the mesh."""
+    """Fill ``out`` (m, 3) with the surface points in directions (m, 3)."""
     for i in range(len(directions)):
         x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
         row, column = cell(x, y, z)
-        f = _walk(x, y, z, vertices, faces, across, start[row, column])
+        f = _find_face(x, y, z, vertices, faces, across, start[row, column])
         scale = planes[f, 3] / (planes[f, 0] * x + planes[f, 1] * y + planes[f, 2] * z)
         out[i, 0], out[i, 1], out[i, 2] = x * scale, y * scale, z * scale

@@ -1,4 +1,4 @@
-"""From line integrals to what a detector records: photons, blur, dark level, flat field, drift."""
+"""Detector model: from line integrals to counts, with photon noise, blur, dark level, flat field and drift."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from grainmotion.simulate.sample import Sample
 
 @validated
 class Physics:
-    """What stands between the sample and the counts.
+    """Beam and detector: how line integrals become counts.
 
-    Every default but the photons is the perfect detector.  The order is: paths, spectrum, average over
-    the pixel, blur, the pixel's gain, Poisson noise, counts, dark level.
+    All defaults but that of ``photons`` are those of a perfect detector.  Effects apply in this order: line integrals,
+    spectrum, average over the pixel, blur, the pixel's gain, Poisson noise, conversion to counts, dark level.
     """
 
     photons: Annotated[float, Field(gt=0, description="photons a pixel detects without the sample")] = 20_000.0
@@ -56,8 +56,11 @@ class Recording:
     Attributes
     ----------
     counts : (views, rows, columns) float32 array
+        Radiographs.
     flats, darks : (frames, rows, columns) float32 arrays
+        Images without the sample, and without the beam.
     geometry : Geometry
+        The views.
     """
 
     counts: NDArray[np.float32]
@@ -71,13 +74,22 @@ def record(sample: Sample, geometry: Geometry, physics: Physics, seed: int, beam
 
     Parameters
     ----------
-    sample : Sample
-    geometry : Geometry
-    physics : Physics
+    sample, geometry, physics : Sample, Geometry, Physics
+        The sample, the views, and the beam and detector.
     seed : int
         Of the noise and of this state's drift; flats are taken before the beam drifts.
-    beam : float or (views,) array
-        Intensity of the beam in each view over that of the flats, beside the drift.
+    beam : float or (views,) array_like
+        Intensity of the beam in each view over that of the flats, in addition to the drift.
+
+    Returns
+    -------
+    Recording
+        Counts, flats and darks.
+
+    Raises
+    ------
+    InputError
+        If ``beam`` is not one positive number, or one a view.
     """
     rng = np.random.default_rng(seed)
     fraction = _levels(beam, geometry) * _transmission(sample, geometry, physics)
@@ -95,10 +107,21 @@ def record(sample: Sample, geometry: Geometry, physics: Physics, seed: int, beam
 def record_line_integrals(
     sample: Sample, geometry: Geometry, physics: Physics, seed: int, beam: ArrayLike = 1.0
 ) -> Scan:
-    """Radiographs of a sample as line integrals with the noise of `Physics.photons`, perfectly calibrated.
+    """Radiographs of a sample as line integrals with photon noise, after a perfect flat-field correction.
 
-    Dark level and flat field cancel and are left out; blur, spectrum, this state's drift and ``beam`` (as
-    in `record`) are kept.
+    Dark level and flat field cancel and are left out; blur, spectrum, drift and ``beam`` are kept.
+
+    Parameters
+    ----------
+    sample, geometry, physics : Sample, Geometry, Physics
+        The sample, the views, and the beam and detector.
+    seed, beam : int, float or (views,) array_like
+        As in `record`.
+
+    Returns
+    -------
+    Scan
+        Noisy line integrals, dimensionless.
     """
     rng = np.random.default_rng(seed)
     drift = 1 + physics.gain_drift * rng.standard_normal()
@@ -108,7 +131,20 @@ def record_line_integrals(
 
 
 def detector_gain(shape: tuple[int, int], physics: Physics) -> Float:
-    """Relative gain of each pixel ``(rows, columns)``, the same in every state."""
+    """Relative gain of each pixel, the same in every state.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Rows and columns of the panel.
+    physics : Physics
+        Its ``flat_variation`` and ``detector_seed``.
+
+    Returns
+    -------
+    (rows, columns) array
+        1 in the mean, at least 0.2.
+    """
     if physics.flat_variation == 0:
         return np.ones(shape)
     rng = np.random.default_rng(physics.detector_seed)
@@ -119,41 +155,47 @@ def detector_gain(shape: tuple[int, int], physics: Physics) -> Float:
 
 
 def photons_for_snr(line_integrals: ArrayLike, snr: float) -> float:
-    """Photons a pixel for a wanted signal-to-noise ratio ‖b‖/‖noise‖ of line integrals.
+    """Photons a pixel that give a signal-to-noise ratio ‖b‖/‖noise‖ of line integrals b.
+
+    A line integral b measured with N photons in the open beam has the variance e^b / N.
 
     Parameters
     ----------
-    line_integrals : array of any shape
-        b without noise.  One made of N e^−b photons has the variance e^b / N.
+    line_integrals : array_like of any shape
+        b without noise, dimensionless.
     snr : float
-        As Eq. 24 of Khalili et al. (2017), which `grainmotion.model.scan.snr` measures.
+        Eq. 24 of Khalili et al. (2017), which `grainmotion.model.scan.snr` measures.
+
+    Returns
+    -------
+    float
+        Photons that a pixel detects without the sample, N.
+
+    Raises
+    ------
+    InputError
+        If ``snr`` is not positive.
     """
     if not snr > 0:
         raise InputError("snr", f"must be > 0, got {snr}", "the paper has about 50")
-    p = np.asarray(line_integrals, dtype=float)
-    return float(snr**2 * np.exp(p).sum() / (p**2).sum())
+    b = np.asarray(line_integrals, dtype=float)
+    return float(snr**2 * np.exp(b).sum() / (b**2).sum())
 
 
 def _levels(beam: ArrayLike, geometry: Geometry) -> Float:
     """Intensity of the beam of each view ``(views, 1, 1)``."""
     levels = np.asarray(beam, dtype=float)
     if levels.shape not in ((), (len(geometry),)) or not (np.isfinite(levels) & (levels > 0)).all():
-        raise InputError("beam", f"{beam!r} is no intensity a view", f"give a number > 0, or {len(geometry)} of them")
+        raise InputError(
+            "beam", f"{beam!r} is not one intensity a view", f"give a number > 0, or {len(geometry)} of them"
+        )
     return np.broadcast_to(levels, len(geometry))[:, None, None]
 
 
 def _transmission(sample: Sample, geometry: Geometry, physics: Physics) -> Float:
-    fraction = transmission(
-        sample,
-        geometry,
-        subsamples=physics.subsamples,
-        averaging=physics.averaging,
-        spectrum=physics.spectrum,
-    )
-    if physics.blur > 0:
-        for image in fraction:
-            gaussian_filter(image, physics.blur, mode="nearest", output=image)
-    return fraction
+    rays, averaging = physics.subsamples, physics.averaging
+    fraction = transmission(sample, geometry, subsamples=rays, averaging=averaging, spectrum=physics.spectrum)
+    return gaussian_filter(fraction, (0, physics.blur, physics.blur), mode="nearest") if physics.blur > 0 else fraction
 
 
 def _counts(intensity: Float, physics: Physics, rng: np.random.Generator) -> NDArray[np.float32]:

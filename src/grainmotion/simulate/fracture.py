@@ -1,9 +1,9 @@
-"""Fracture: a particle broken in two by a plane, exactly.
+"""Fracture: a particle split in two by a plane, exactly.
 
 The plane passes through the point that the mesh is star-shaped about, so that the cut face is
 star-shaped about the same point and a fan of triangles closes it; vertices on the cut are shared by both sides
 of it.  The planes of all faces pass that point at a distance of at least d, so each point within d of
-it sees the whole surface: a point d/2 into a half sees the whole half.
+it sees the whole surface, and a point d/2 inside one half sees that whole half.
 """
 
 from __future__ import annotations
@@ -14,22 +14,28 @@ from numpy.typing import ArrayLike
 from grainmotion._typing import Float
 from grainmotion.errors import InputError
 from grainmotion.simulate.sample import Particle
-from grainmotion.simulate.shapes import Ellipsoid, Mesh, Shape
+from grainmotion.simulate.shapes import Ellipsoid, Mesh, Shape, extent
 
 
 def cut(mesh: Mesh, normal: ArrayLike) -> tuple[Mesh, Mesh]:
-    """The two halves of a mesh on either side of the plane through its star point.
+    """Cut a mesh in two by the plane through its star point.
 
     Parameters
     ----------
     mesh : Mesh
-    normal : (3,) array
-        Of the plane; its length does not matter.
+        Star-shaped about its ``star_point``.
+    normal : (3,) array_like
+        Normal of the plane, of any length.
 
     Returns
     -------
     (Mesh, Mesh)
         Closed meshes: the half that ``normal`` points to, and the other; their volumes add up to the mesh's.
+
+    Raises
+    ------
+    InputError
+        If the normal is zero or not finite.
     """
     n = np.asarray(normal, dtype=float)
     length = float(np.linalg.norm(n))
@@ -42,9 +48,19 @@ def cut(mesh: Mesh, normal: ArrayLike) -> tuple[Mesh, Mesh]:
 
 
 def broken(particle: Particle, normal: ArrayLike) -> tuple[Particle, Particle]:
-    """The two halves of a particle, in place.
+    """Split a particle by the plane through the star point of its mesh; the halves stay in place.
 
-    Each inclusion goes to the half that holds it.
+    Parameters
+    ----------
+    particle : Particle
+        Its shape must be a mesh.
+    normal : (3,) array_like
+        Normal of the plane, of any length.
+
+    Returns
+    -------
+    (Particle, Particle)
+        The half that ``normal`` points to, and the other, each with the inclusions that lie in it.
 
     Raises
     ------
@@ -57,7 +73,7 @@ def broken(particle: Particle, normal: ArrayLike) -> tuple[Particle, Particle]:
     n = np.asarray(normal, dtype=float)
     sides: tuple[list[tuple[Shape, float]], ...] = ([], [])
     for shape, value in particle.inclusions:
-        low, high = _extent(shape, mesh.star_point, n)
+        low, high = (float(along[0] - n @ mesh.star_point) for along in extent(shape, n[None]))
         if low < 0 < high:
             raise InputError("broken particle", "the plane crosses an inclusion", "choose another plane")
         sides[0 if low >= 0 else 1].append((shape, value))
@@ -94,13 +110,3 @@ def _half(mesh: Mesh, heights: Float, normal: Float) -> Mesh:
     every = every[(every != np.roll(every, 1, axis=1)).all(axis=1)]  # a vertex in the plane leaves some without area
     used, renamed = np.unique(every, return_inverse=True)
     return Mesh(vertices[used], renamed.reshape(-1, 3).astype(np.int64), mesh.star_point + mesh.depth / 2 * normal)
-
-
-def _extent(shape: Shape, point: Float, normal: Float) -> tuple[float, float]:
-    """Least and greatest height of a shape above a plane."""
-    if isinstance(shape, Ellipsoid):
-        reach = float(np.linalg.norm(shape.semi_axes * (shape.axes.T @ normal)))
-        middle = float((shape.center - point) @ normal)
-        return middle - reach, middle + reach
-    heights = (shape.vertices - point) @ normal
-    return float(heights.min()), float(heights.max())

@@ -1,6 +1,7 @@
-"""Hard cases: experiments that each break one assumption of the tracker, with their truth.
+"""Hard cases: experiments that each violate one assumption of the tracker, with their true motions.
 
-`HARD_CASES` is the registry; `hard_case` makes one of them at the size of `small` or of `paper_scale`.
+One function makes each case; `HARD_CASES` is their registry, and `hard_case` makes one of them at the size of `small`
+or of `paper_scale`.
 """
 
 from __future__ import annotations
@@ -9,70 +10,229 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Literal
+from typing import Literal, NamedTuple
 
-from grainmotion._typing import Progress
+import numpy as np
+from scipy.optimize import brentq
+
+from grainmotion._typing import Float, Progress
 from grainmotion.errors import InputError
-from grainmotion.simulate import hard_case_recipes
-from grainmotion.simulate.hard_case import HardCase
-from grainmotion.simulate.hard_case_recipes import SCALES, Setup
+from grainmotion.model.motions import Motions, Status
+from grainmotion.rotations import rotation_matrix
+from grainmotion.simulate import fracture, motion_fields
+from grainmotion.simulate.hard_case_record import HardCase
+from grainmotion.simulate.misalignment import Misalignment
+from grainmotion.simulate.packing import PackingSettings, pack
+from grainmotion.simulate.sample import Particle, Sample, Tube, ellipsoid_particle
+from grainmotion.simulate.scenarios import (
+    PAPER_SCALE,
+    SMALL_SCALE,
+    STONE_ATTENUATION,
+    Case,
+    Scale,
+    Spectrum,
+    case_of,
+    later_radiographs,
+    stones,
+)
+
+SCALES: Mapping[str, Scale] = {"small": SMALL_SCALE, "paper": PAPER_SCALE}
+GRAINS_BY_SCALE = {"small": 6, "paper": 15}
+SHEAR_BAND_LAYOUT = {"small": ((112, 96), 34.0), "paper": ((280, 220), 72.0)}  # panel, radius of the cylinder in voxels
+DEFAULT_SNR = 50.0
+# Quartz at 30, 45, 60 and 90 keV (2.3, 0.95, 0.67 and 0.48 per cm) in the filtered beam of a laboratory tube
+QUARTZ_SPECTRUM: Spectrum = ((0.2, 2.16), (0.35, 0.892), (0.3, 0.629), (0.15, 0.451))
+HARDENING_DROP = 0.2  # share of the line integral that hardening takes off along the longest path
 
 
 @dataclass(frozen=True)
-class Recipe:
-    """One entry of the registry.
+class Setup:
+    """Arguments of `hard_case`, and the plain experiment that the recipes start from."""
 
-    Attributes
-    ----------
-    summary : str
-        What is hard about it, in one sentence.
-    make : callable
+    seed: int
+    scale_name: str
+    motion: str
+    inclusion: float | None
+    progress: Progress | None
+
+    @property
+    def scale(self) -> Scale:
+        return SCALES[self.scale_name]
+
+    @property
+    def voxel(self) -> float:
+        return self.scale.scanner.voxel_size
+
+    def sample(self) -> Sample:
+        return stones(self.scale, self.seed, GRAINS_BY_SCALE[self.scale_name], self.inclusion, self.progress)
+
+    def case(self, snr: float = DEFAULT_SNR) -> Case:
+        return case_of(self.sample(), self.scale, self.seed, snr)
+
+    def draws(self) -> np.random.Generator:
+        """Random numbers of the recipe, independent of those of packing and motions."""
+        return np.random.default_rng([self.seed, 2])
+
+
+def _rigid(setup: Setup, case: Case) -> HardCase:
+    """A case without any difficulty: every grain moves as a rigid body."""
+    motions = case.motions[setup.motion]
+    return HardCase(case, motions, case.sample.moved(motions))
+
+
+def noisy(setup: Setup) -> HardCase:
+    """Few photons: a signal-to-noise ratio of 10."""
+    return _rigid(setup, setup.case(snr=10.0))
+
+
+def beam_hardening(setup: Setup) -> HardCase:
+    """Four energies: the longest path attenuates 20 % less than one energy would, in both states."""
+    sample = setup.sample()
+    longest = float(later_radiographs(sample, setup.scale).max())
+    shares, ratios = np.array(QUARTZ_SPECTRUM).T
+    ratios = ratios / (shares @ ratios)  # thin paths have the nominal attenuation
+
+    def drop(path: float) -> float:
+        return 1 + float(np.log(shares @ np.exp(-ratios * path))) / path
+
+    longest_path = brentq(lambda path: drop(path) - HARDENING_DROP, 1e-3, 50.0)
+    dense = Sample(tuple(_denser(p, longest_path / longest) for p in sample.particles))
+    spectrum = tuple((float(s), float(r)) for s, r in zip(shares, ratios, strict=True))
+    case = case_of(dense, setup.scale, setup.seed, DEFAULT_SNR, spectrum)
+    return dataclasses.replace(_rigid(setup, case), facts={"longest_path": longest_path, "drop": HARDENING_DROP})
+
+
+def blur(setup: Setup) -> HardCase:
+    """The detector blurs by a Gaussian of 1 pixel, in both states."""
+    case = setup.case()
+    return _rigid(setup, dataclasses.replace(case, physics=dataclasses.replace(case.physics, blur=1.0)))
+
+
+def misaligned(setup: Setup) -> HardCase:
+    """The panel is off by half a pixel each way and by half a degree in its plane, in both states; the nominal geometry
+    does not include it.
     """
+    return dataclasses.replace(_rigid(setup, setup.case()), misalignment=Misalignment((0.5, 0.5), turn_deg=0.5))
+
+
+def misaligned_state(setup: Setup) -> HardCase:
+    """Each view of the later state has its own shift (0.3 pixel each way) and stage angle (0.1°) that the nominal
+    geometry does not include.
+    """
+    return dataclasses.replace(_rigid(setup, setup.case()), view_misalignment=Misalignment((0.3, 0.3), stage_deg=0.1))
+
+
+def gain_drift(setup: Setup) -> HardCase:
+    """The beam of the later state is 10 % stronger or weaker than its flats."""
+    gain = float(setup.draws().choice([0.9, 1.1]))
+    return dataclasses.replace(_rigid(setup, setup.case()), gain=gain, facts={"gain": gain})
+
+
+def gain_drift_views(setup: Setup) -> HardCase:
+    """The beam differs from the flats by 10 % (standard deviation) from view to view of the later state."""
+    return dataclasses.replace(_rigid(setup, setup.case()), gain_spread=0.1)
+
+
+def container(setup: Setup) -> HardCase:
+    """A tube that the grains touch has a tenth of the sinogram's norm; in the later state it and all grains are 3
+    voxels to the side.
+    """
+    sample = setup.sample()
+    inner = setup.scale.radius * setup.voxel
+    wall = Tube(inner, 1.1 * inner, 1.0)
+    norms = [np.linalg.norm(later_radiographs(s, setup.scale)) for s in (sample, Sample((), wall))]
+    wall = dataclasses.replace(wall, attenuation=float(0.1 * norms[0] / norms[1]))
+    case = case_of(Sample(sample.particles, wall), setup.scale, setup.seed, DEFAULT_SNR)
+    angle = setup.draws().uniform(0, 2 * np.pi)
+    shift = 3 * setup.voxel * np.array([np.cos(angle), np.sin(angle), 0.0])
+    own = case.motions[setup.motion]
+    motions = dataclasses.replace(own, translations=own.translations + shift)
+    later = Sample(case.sample.moved(motions).particles, wall.moved(np.eye(3), shift))
+    facts = {"tube_shift_x": float(shift[0]), "tube_shift_y": float(shift[1]), "norm_share": 0.1}
+    return HardCase(case, motions, later, facts=facts)
+
+
+def missing(setup: Setup) -> HardCase:
+    """One grain is missing in the later state."""
+    case = setup.case()
+    row = int(setup.draws().integers(len(case.sample)))
+    motions = case.motions[setup.motion]
+    moved = case.sample.moved(motions)
+    rest = Sample(moved.particles[:row] + moved.particles[row + 1 :], moved.tube)
+    truth = _marked(motions, row, Status.NOT_FITTED, "it is missing in this state")
+    for numbers in (truth.translations, truth.rotations, truth.covariances):
+        numbers[row] = np.nan
+    return HardCase(case, truth, rest, missing=(row + 1,))
+
+
+def broken(setup: Setup) -> HardCase:
+    """One grain broke in two halves, 6 voxels apart and rotated by 15° each."""
+    case, rng = setup.case(), setup.draws()
+    row = int(rng.integers(len(case.sample)))
+    motions = case.motions[setup.motion]
+    moved = case.sample.moved(motions)
+    whole = moved.particles[row]
+    normal = rng.normal(size=3) * [1.0, 1.0, 0.5]  # the halves part sideways rather than up
+    normal /= np.linalg.norm(normal)
+    halves = []
+    for half, side in zip(fracture.broken(whole, normal), (1, -1), strict=True):
+        rotation = rotation_matrix(np.deg2rad(15.0) * _direction(rng))
+        halves.append(half.moved(rotation, half.center - rotation @ half.center + side * 3 * setup.voxel * normal))
+    later = Sample((*moved.particles[:row], *halves, *moved.particles[row + 1 :]), moved.tube)
+    parted = _marked(motions, row, Status.NOT_CONVERGED, "it broke in two; the motion is the whole grain's before")
+    return HardCase(case, parted, later, broken=(row + 1,), facts={"apart": 6 * setup.voxel, "turn_deg": 15.0})
+
+
+def near_spherical(setup: Setup) -> HardCase:
+    """Grains are ellipsoids within 2 % of a ball, without inclusions."""
+    rng, diameter = np.random.default_rng(setup.seed), setup.scale.diameter * setup.voxel
+    n = GRAINS_BY_SCALE[setup.scale_name]
+    sizes = diameter * (1 + 0.08 * rng.uniform(-1, 1, n))
+    balls = [ellipsoid_particle(rng, size, STONE_ATTENUATION, elongation=1.02) for size in sizes]
+    sample = pack(balls, PackingSettings(setup.scale.radius * setup.voxel), setup.seed, setup.progress)
+    return _rigid(setup, case_of(sample, setup.scale, setup.seed, DEFAULT_SNR))
+
+
+def shear_band(setup: Setup) -> HardCase:
+    """Twenty grains sheared along a band one grain wide, with a slip of 6 voxels."""
+    panel, radius = SHEAR_BAND_LAYOUT[setup.scale_name]
+    scanner = dataclasses.replace(setup.scale.scanner, panel=panel)
+    scale = dataclasses.replace(setup.scale, scanner=scanner, radius=radius)
+    sample = stones(scale, setup.seed, 20, setup.inclusion, setup.progress)
+    case = case_of(sample, scale, setup.seed, DEFAULT_SNR)
+    angle = setup.draws().uniform(0, 2 * np.pi)
+    normal, direction = (_rotated_about_z(v, angle) for v in ([0.0, 0.5, 1.0], [0.0, 1.0, -0.5]))
+    size = 6 * setup.voxel
+    motions = motion_fields.shear_band(sample, size, scale.diameter * setup.voxel, normal=normal, direction=direction)
+    return HardCase(case, motions, sample.moved(motions), facts={"slip": size})
+
+
+class Recipe(NamedTuple):
+    """One entry of the registry: why the case is hard, in one sentence, and the function that makes it."""
 
     summary: str
     make: Callable[[Setup], HardCase]
 
 
+def _recipe(make: Callable[[Setup], HardCase]) -> Recipe:
+    """The summary of a case is the docstring of its function."""
+    return Recipe(" ".join((make.__doc__ or "").split()), make)
+
+
 HARD_CASES: Mapping[str, Recipe] = MappingProxyType(
     {
-        "noisy": Recipe("Few photons: a signal-to-noise ratio of 10.", hard_case_recipes.noisy),
-        "beam-hardening": Recipe(
-            "Four energies: the longest path attenuates 20 % less than its length says, in both states.",
-            hard_case_recipes.beam_hardening,
-        ),
-        "blur": Recipe("The detector blurs by a Gaussian of 1 pixel, in both states.", hard_case_recipes.blur),
-        "misaligned": Recipe(
-            "The panel is off by half a pixel each way and turned by half a degree in its plane, in both states, "
-            "and nobody says so.",
-            hard_case_recipes.misaligned,
-        ),
-        "misaligned-state": Recipe(
-            "Each view of the later state has a shift (0.3 pixel each way) and a stage angle (0.1°) of its own "
-            "that nobody tells.",
-            hard_case_recipes.misaligned_state,
-        ),
-        "gain-drift": Recipe(
-            "The beam of the later state is 10 % stronger or weaker than its flats.", hard_case_recipes.gain_drift
-        ),
-        "gain-drift-views": Recipe(
-            "The beam differs from the flats by 10 % (standard deviation) from view to view of the later state.",
-            hard_case_recipes.gain_drift_views,
-        ),
-        "container": Recipe(
-            "A tube that the grains touch has a tenth of the sinogram's norm, and stands 3 voxels aside, "
-            "grains and all, in the later state.",
-            hard_case_recipes.container,
-        ),
-        "missing": Recipe("One grain is gone in the later state.", hard_case_recipes.missing),
-        "broken": Recipe(
-            "One grain broke in two halves, 6 voxels apart and turned by 15° each.", hard_case_recipes.broken
-        ),
-        "near-spherical": Recipe(
-            "Grains are ellipsoids within 2 % of a ball, with nothing inside.", hard_case_recipes.near_spherical
-        ),
-        "shear-band": Recipe(
-            "Twenty grains sheared along a band one grain wide, with a slip of 6 voxels.", hard_case_recipes.shear_band
-        ),
+        "noisy": _recipe(noisy),
+        "beam-hardening": _recipe(beam_hardening),
+        "blur": _recipe(blur),
+        "misaligned": _recipe(misaligned),
+        "misaligned-state": _recipe(misaligned_state),
+        "gain-drift": _recipe(gain_drift),
+        "gain-drift-views": _recipe(gain_drift_views),
+        "container": _recipe(container),
+        "missing": _recipe(missing),
+        "broken": _recipe(broken),
+        "near-spherical": _recipe(near_spherical),
+        "shear-band": _recipe(shear_band),
     }
 )
 
@@ -86,25 +246,32 @@ def hard_case(
     inclusion: float | None = None,
     progress: Progress | None = None,
 ) -> HardCase:
-    """One of `HARD_CASES`.
+    """Make one of `HARD_CASES`.
 
     Parameters
     ----------
     name : str
+        Key of the registry.
     seed : int
-        Of the packing, the motions, the noise, and all that the case leaves to chance.
+        Of the packing, the motions, the noise, and whatever is random in the case.
     scale : {"small", "paper"}
         The size of `small` or of `paper_scale`; ``shear-band`` has more grains and a wider panel.
     motion : {"unmoved", "shift", "random"}
         The motion of the grains, see `Case`; ``shear-band`` has its own.
     inclusion : float, optional
-        See `stones`; ``near-spherical`` and ``broken`` take none.
+        As in `small`; ``near-spherical`` and ``broken`` take none.
     progress : callable, optional
+        Called as ``progress(message, done, total)``.
+
+    Returns
+    -------
+    HardCase
+        Both states with their true motions.
 
     Raises
     ------
     InputError
-        If there is no such case or scale, or the case takes no inclusions.
+        If there is no such case, scale or motion, or the case takes no inclusions.
     """
     if name not in HARD_CASES:
         raise InputError("hard case", f"'{name}' is unknown", f"choose one of {', '.join(HARD_CASES)}")
@@ -117,3 +284,32 @@ def hard_case(
     recipe = HARD_CASES[name]
     made = recipe.make(Setup(seed, scale, motion, inclusion, progress))
     return dataclasses.replace(made, name=name, summary=recipe.summary)
+
+
+# ---------------------------------------------------------------------- small parts
+def _denser(particle: Particle, factor: float) -> Particle:
+    inclusions = tuple((shape, factor * value) for shape, value in particle.inclusions)
+    return Particle(particle.shape, factor * particle.attenuation, inclusions)
+
+
+def _marked(motions: Motions, row: int, status: Status, reason: str) -> Motions:
+    """A copy of the true motions with another status of one grain."""
+    statuses, reasons = motions.statuses.copy(), list(motions.reasons)
+    statuses[row], reasons[row] = status.value, reason
+    return dataclasses.replace(
+        motions,
+        translations=motions.translations.copy(),
+        rotations=motions.rotations.copy(),
+        covariances=motions.covariances.copy(),
+        statuses=statuses,
+        reasons=tuple(reasons),
+    )
+
+
+def _direction(rng: np.random.Generator) -> Float:
+    vector = rng.normal(size=3)
+    return vector / np.linalg.norm(vector)
+
+
+def _rotated_about_z(vector: list[float], angle: float) -> Float:
+    return rotation_matrix([0.0, 0.0, angle]) @ np.array(vector)

@@ -1,4 +1,4 @@
-"""Misalignment: views that are not quite what was written down."""
+"""Misalignment: views that differ from the nominal geometry."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from grainmotion.rotations import rotation_matrix
 
 
 @dataclass(frozen=True)
-class Slip:
-    """How far the true views are from those written down; see `misaligned`.
+class Misalignment:
+    """Difference of the true views from the nominal ones; see `misaligned`.
 
     Attributes
     ----------
     shift_pixels : (float, float)
-        Of the panel, along u and v.
+        Shift of the panel along its u and v.
     turn_deg : float
-        Of the panel, in its plane.
+        Rotation of the panel in its plane.
     stage_deg : float
-        By which the stage turned too far.
+        Excess rotation of the stage.
     """
 
     shift_pixels: tuple[float, float] = (0.0, 0.0)
@@ -38,19 +38,29 @@ def misaligned(
     turn_deg: ArrayLike = 0.0,
     stage_deg: ArrayLike = 0.0,
 ) -> Geometry:
-    """The views as they truly are, where the panel slipped or the stage turned too far.
+    """The true views where the panel is shifted or rotated, or the stage rotated too far.
 
     Parameters
     ----------
     geometry : Geometry
-        What was written down.
-    shift_pixels : (2,) or (views, 2) array
-        Of the panel along its own u and v: features appear at lower columns and rows.
-    turn_deg : float or (views,) array
-        Of the panel about its normal u × v through its shifted centre, right-hand rule.
-    stage_deg : float or (views,) array
-        By which the stage turned too far: source and panel turn about +z in the sample frame, as a greater
-        angle of `Geometry.cone` does.
+        The nominal views.
+    shift_pixels : (2,) or (views, 2) array_like
+        Shift of the panel along its own u and v: features appear at lower columns and rows.
+    turn_deg : float or (views,) array_like
+        Rotation of the panel about its normal u × v through its shifted centre, right-hand rule.
+    stage_deg : float or (views,) array_like
+        Excess rotation of the stage: source and panel rotate about +z in the sample frame, as they do when an angle of
+        `Geometry.cone` grows.
+
+    Returns
+    -------
+    Geometry
+        The true views.
+
+    Raises
+    ------
+    InputError
+        If there is neither one number nor one a view.
     """
     n = len(geometry)
     try:
@@ -61,8 +71,8 @@ def misaligned(
         raise InputError("misalignment", fact, "give one number for all views, or one a view") from None
     d = geometry.detector + shift[:, :1] * geometry.u + shift[:, 1:] * geometry.v
     normals = geometry.normals / np.linalg.norm(geometry.normals, axis=1, keepdims=True)
-    turns = rotation_matrix(np.deg2rad(turn)[:, None] * normals)
-    u, v = (np.einsum("nij,nj->ni", turns, a) for a in (geometry.u, geometry.v))
-    stages = rotation_matrix(np.deg2rad(stage)[:, None] * np.array([0.0, 0.0, 1.0]))
-    vectors = np.concatenate([np.einsum("nij,nj->ni", stages, a) for a in (geometry.source, d, u, v)], axis=1)
+    in_plane = rotation_matrix(np.deg2rad(turn)[:, None] * normals)
+    u, v = (np.einsum("nij,nj->ni", in_plane, a) for a in (geometry.u, geometry.v))
+    about_z = rotation_matrix(np.deg2rad(stage)[:, None] * np.array([0.0, 0.0, 1.0]))
+    vectors = np.concatenate([np.einsum("nij,nj->ni", about_z, a) for a in (geometry.source, d, u, v)], axis=1)
     return Geometry(vectors, geometry.shape, geometry.beam)

@@ -1,4 +1,4 @@
-"""Motions known exactly: none, rigid, random, affine, shear band."""
+"""Prescribed motions: none, rigid, random, affine, shear band."""
 
 from __future__ import annotations
 
@@ -15,7 +15,18 @@ from grainmotion.simulate.sample import Sample
 
 
 def unmoved(sample: Sample) -> Motions:
-    """No motion at all."""
+    """No motion.
+
+    Parameters
+    ----------
+    sample : Sample
+        In the reference state.
+
+    Returns
+    -------
+    Motions
+        Zero translations and rotations.
+    """
     return _truth(sample, np.zeros((len(sample), 3)), np.zeros((len(sample), 3)))
 
 
@@ -25,17 +36,21 @@ def rigid(
     rotation_deg: ArrayLike = (0.0, 0.0, 0.0),
     center: ArrayLike = (0.0, 0.0, 0.0),
 ) -> Motions:
-    """The whole sample moves as one body.
+    """The whole sample moves as one rigid body.
 
     Parameters
     ----------
     sample : Sample
-    translation : (3,) array
-        mm, after the rotation.
-    rotation_deg : (3,) array
+        In the reference state.
+    translation, center : (3,) array_like
+        Translation after the rotation, and fixed point of the rotation, mm.
+    rotation_deg : (3,) array_like
         Rotation vector, degrees.
-    center : (3,) array
-        Point that the rotation leaves in place, mm.
+
+    Returns
+    -------
+    Motions
+        The exact motions of the particles.
     """
     vector = np.deg2rad(np.asarray(rotation_deg, dtype=float))
     moved = apply_motion(rotation_matrix(vector), translation, center, sample.centers)
@@ -43,23 +58,32 @@ def rigid(
 
 
 def random(sample: Sample, max_translation: float, max_angle_deg: float, seed: int) -> Motions:
-    """Every grain moves on its own: uniform in a ball of translations (mm), random axes, uniform angles.
+    """Independent random motions: translations uniform in a ball, axes of rotation random, angles uniform.
 
     Parameters
     ----------
     sample : Sample
+        In the reference state.
     max_translation : float
         Greatest *length* of a translation, mm.
     max_angle_deg : float
         Greatest angle, degrees.
     seed : int
+        The same seed gives the same motions.
+
+    Returns
+    -------
+    Motions
+        The exact motions of the particles.
+
+    Raises
+    ------
+    InputError
+        If a limit is negative, or the angle exceeds 180°.
     """
     if max_translation < 0 or not 0 <= max_angle_deg <= 180:
-        raise InputError(
-            "random motions",
-            f"limits {max_translation} mm and {max_angle_deg}°",
-            "give >= 0 mm and 0 to 180°",
-        )
+        fact = f"limits {max_translation} mm and {max_angle_deg}°"
+        raise InputError("random motions", fact, "give >= 0 mm and 0 to 180°")
     rng = np.random.default_rng(seed)
     n = len(sample)
     translations = _directions(rng, n) * max_translation * np.cbrt(rng.uniform(size=(n, 1)))
@@ -68,9 +92,21 @@ def random(sample: Sample, max_translation: float, max_angle_deg: float, seed: i
 
 
 def affine(sample: Sample, gradient: ArrayLike, center: ArrayLike = (0.0, 0.0, 0.0)) -> Motions:
-    """A homogeneous strain: u = A (X − center), each grain rotating with the skew part of A.
+    """Homogeneous deformation: u = A (X − center), each grain rotates by the axial vector of A's skew part.
 
-    ``gradient`` is A = ∂u/∂X ``(3, 3)``, dimensionless.
+    Parameters
+    ----------
+    sample : Sample
+        In the reference state.
+    gradient : (3, 3) array_like
+        A = ∂u/∂X, dimensionless.
+    center : (3,) array_like
+        Point without displacement, mm.
+
+    Returns
+    -------
+    Motions
+        The exact motions of the particles.
     """
     a = np.asarray(gradient, dtype=float).reshape(3, 3)
     skew = (a - a.T) / 2
@@ -88,41 +124,48 @@ def shear_band(
     center: ArrayLike = (0.0, 0.0, 0.0),
     rotation_factor: float = 1.0,
 ) -> Motions:
-    """Two blocks slide past each other: u = ± slip/2 · tanh(2 s / thickness) along ``direction``.
+    """Two blocks slide past each other: u = slip/2 · tanh(2 s / thickness) along ``direction``.
 
     Parameters
     ----------
     sample : Sample
+        In the reference state.
     slip : float
         Displacement of one block with respect to the other, mm.
     thickness : float
         Of the band, mm.
-    normal, direction : (3,) array
-        Of the band's plane and of the slip, which must lie in the plane; lengths do not matter.
-    center : (3,) array
-        A point of the band's mid-plane, mm.  s is the distance from it.
+    normal, direction : (3,) array_like
+        Normal of the band's plane, and direction of the slip in it; of any length.
+    center : (3,) array_like
+        A point of the band's mid-plane, mm; s is the signed distance from that plane.
     rotation_factor : float
-        Rotations of the grains over the continuum's, which is ½ curl u.
+        Rotation of the grains over the continuum's, which is ½ curl u.
+
+    Returns
+    -------
+    Motions
+        The exact motions of the particles.
+
+    Raises
+    ------
+    InputError
+        If the slip is not in the band's plane, or the thickness is not positive.
     """
     n, t = (np.asarray(v, dtype=float) / np.linalg.norm(np.asarray(v, dtype=float)) for v in (normal, direction))
     if abs(n @ t) > 1e-6 or not thickness > 0:
-        raise InputError(
-            "shear band",
-            f"direction·normal = {n @ t:.3g}, thickness {thickness} mm",
-            "slip in the plane, > 0 mm thick",
-        )
-    wave = np.tanh(2 * (sample.centers - np.asarray(center, dtype=float)) @ n / thickness)
-    slope = slip / thickness * (1 - wave**2)  # du/ds
-    rotations = rotation_factor * 0.5 * slope[:, None] * np.cross(n, t)
-    return _truth(sample, 0.5 * slip * wave[:, None] * t, rotations)
+        fact = f"direction·normal = {n @ t:.3g}, thickness {thickness} mm"
+        raise InputError("shear band", fact, "slip in the plane, > 0 mm thick")
+    profile = np.tanh(2 * (sample.centers - np.asarray(center, dtype=float)) @ n / thickness)
+    gradient = slip / thickness * (1 - profile**2)  # du/ds
+    rotations = rotation_factor * 0.5 * gradient[:, None] * np.cross(n, t)
+    return _truth(sample, 0.5 * slip * profile[:, None] * t, rotations)
 
 
 def _truth(sample: Sample, translations: Float, rotations: Float) -> Motions:
-    """Motions with the columns of a measurement: true centres, no uncertainty, all converged."""
+    """Exact motions in the form of a measurement: true centres, zero covariance, all converged."""
     n = len(sample)
-    start = Motions.identity(sample.labels, sample.centers)
     return dataclasses.replace(
-        start,
+        Motions.identity(sample.labels, sample.centers),
         translations=translations,
         rotations=rotations,
         covariances=np.zeros((n, 6, 6)),

@@ -1,11 +1,10 @@
-"""Packing: particles dropped one by one into a cylinder, settling until they can go no lower.
+"""Packing: particles dropped one by one into a cylinder, each settling until it can go no lower.
 
-Every particle falls from above in several random poses, the lowest is kept, and it then slides and
-rolls: small random moves are taken whenever they lower its centre without overlap, with steps that
-shrink as they fail.  A particle ends up resting on several neighbours with gaps of about a
-thousandth of its size.  Afterwards all particles settle again in turn.  Overlap is tested by the
-surface points of each of two neighbours against the triangles of the other, so nothing is assumed of
-the shapes but that they are star-shaped.
+A particle falls from above in several random poses, of which the lowest final position is kept.  Then it slides and
+rolls: a small random move is accepted if it lowers the centre without overlap, and steps shrink after rejected moves.
+It ends up resting on several neighbours, with gaps of about a thousandth of its size.  Afterwards all particles
+settle again in turn.  Two particles overlap where a surface point of one lies inside the other, so the only
+assumption about shapes is that they are star-shaped.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from grainmotion.simulate.signed_distance import locator
 
 @validated
 class PackingSettings:
-    """How to pack."""
+    """Settings of `pack`."""
 
     radius: Annotated[float, Field(gt=0, description="inner radius of the cylinder, mm")]
     gap: Annotated[
@@ -46,8 +45,9 @@ def pack(
     Parameters
     ----------
     particles : sequence of Particle
-        Where they lie does not matter.
+        At any place.
     settings : PackingSettings
+        The cylinder, and how long to settle.
     seed : int
         The same seed gives the same packing.
     progress : callable, optional
@@ -56,12 +56,12 @@ def pack(
     Returns
     -------
     Sample
-        The particles in their places, the heap's mid-height at z = 0.
+        The packed particles, the mid-height of the heap at z = 0.
 
     Raises
     ------
     InputError
-        If a particle does not fit in the cylinder.
+        If there are no particles, or one does not fit in the cylinder.
     """
     if not particles:
         raise InputError("particles", "there are none", "give at least one")
@@ -86,25 +86,34 @@ def pack(
     for _ in range(settings.sweeps):
         for i in np.argsort(poses.positions[:, 2]):
             packing.settle(i, n, poses, bodies, rules, settings.moves, rng)
-    for _ in range(2):  # what the last moves took the ground from
+    for _ in range(2):  # particles whose support moved last fall once more
         for i in np.argsort(poses.positions[:, 2]):
-            x, t = poses.positions[i], poses.turns[i]
-            poses.positions[i, 2] = packing.fall(i, n, x, t, poses, bodies, rules)
-    heights = np.concatenate([b.vertices @ t[2] + x[2] for b, x, t in zip(located, *poses, strict=True)])
+            poses.positions[i, 2] = packing.fall(i, n, poses.positions[i], poses.rotations[i], poses, bodies, rules)
+    heights = np.concatenate([b.vertices @ r[2] + x[2] for b, x, r in zip(located, *poses, strict=True)])
     centre = np.array([0.0, 0.0, (heights.min() + heights.max()) / 2])
     return Sample(
         tuple(
-            p.moved(turn, position - turn @ origin - centre)
-            for p, origin, position, turn in zip(particles, origins, *poses, strict=True)
+            p.moved(rotation, position - rotation @ origin - centre)
+            for p, origin, position, rotation in zip(particles, origins, *poses, strict=True)
         )
     )
 
 
 def gaps(sample: Sample, reach: float | None = None) -> Float:
-    """Least distance between the surfaces of each two particles ``(n, n)``, mm; negative where they overlap.
+    """Least distance between the surfaces of each pair of particles.
 
-    Measured from surface points of one to the triangles of the other, up to ``reach`` (mm, by
-    default a fiftieth of the largest radius); infinite beyond.
+    Parameters
+    ----------
+    sample : Sample
+        The particles.
+    reach : float, optional
+        Largest distance that is measured, mm; a fiftieth of the largest radius if None.
+
+    Returns
+    -------
+    (n, n) array
+        mm, from surface points of one particle to the triangles of the other.  Negative where they overlap, infinite
+        beyond ``reach`` and on the diagonal.
     """
     located, origins = zip(*(locator(p.shape) for p in sample.particles), strict=True)
     bodies = stack(list(located))

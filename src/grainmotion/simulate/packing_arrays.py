@@ -1,4 +1,4 @@
-"""Bodies of a packing as flat arrays, for the kernels of `settle`."""
+"""Bodies of a packing as flat arrays for `kernels.packing`."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from grainmotion._typing import Float
 from grainmotion.simulate.shapes import icosphere
 from grainmotion.simulate.signed_distance import Locator
 
-COARSE = 642  # probes tested before all the others: the directions of icosphere level 3
+COARSE_PROBES = 642  # probes tested before all others: the directions of icosphere level 3
 
 
 class Bodies(NamedTuple):
-    """n locators end to end; faces, neighbours and maps count vertices and faces from the first body's.
+    """n locators, concatenated; indices of vertices and faces count from the first body's.
 
-    ``clusters`` (c, 4) are the bounding spheres of the probes up to ``ends``; body i has the clusters
-    from ``first[i]`` to ``first[i + 1]``, and ``coarse[i]`` of them hold its coarse probes.
+    ``clusters`` (c, 4) are bounding spheres (centre, radius) of groups of probes, of which cluster k ends at probe
+    ``ends[k]``.  Body i has the clusters ``first[i]`` to ``first[i + 1]``; the first ``coarse[i]`` have coarse probes.
     """
 
     probes: Float
@@ -37,14 +37,14 @@ class Bodies(NamedTuple):
 
 
 class Poses(NamedTuple):
-    """Where the bodies are: origins ``(n, 3)`` and rotation matrices ``(n, 3, 3)``."""
+    """Poses of the bodies: origins ``(n, 3)``, mm, and rotation matrices ``(n, 3, 3)``."""
 
     positions: Float
-    turns: Float
+    rotations: Float
 
 
 class Rules(NamedTuple):
-    """What limits a move, mm: the cylinder's radius, the gap kept, and the size that scales the steps."""
+    """Limits of a move, mm: radius of the cylinder, gap between surfaces, and mean diameter that scales the steps."""
 
     radius: float
     gap: float
@@ -52,12 +52,12 @@ class Rules(NamedTuple):
 
 
 def stack(located: list[Locator]) -> Bodies:
-    """Bodies of some locators, their probes sorted into clusters."""
+    """Concatenate locators, their probes sorted into clusters."""
     groups, first, coarse = [], [0], []
     for body in located:
-        some = _groups(body.probes[:COARSE], 1)
-        groups += some + _groups(body.probes[COARSE:], 2)
-        coarse.append(len(some))
+        coarse_groups = _groups(body.probes[:COARSE_PROBES], 1)
+        groups += coarse_groups + _groups(body.probes[COARSE_PROBES:], 2)
+        coarse.append(len(coarse_groups))
         first.append(len(groups))
     middles = np.array([group.mean(axis=0) for group in groups])
     sizes = [np.linalg.norm(group - middle, axis=1).max() for group, middle in zip(groups, middles, strict=True)]
@@ -80,7 +80,7 @@ def stack(located: list[Locator]) -> Bodies:
 
 
 def _groups(probes: Float, level: int) -> list[Float]:
-    """Probes grouped by the nearest of the directions of a coarse icosphere."""
+    """Probes grouped by the nearest direction of a coarse icosphere."""
     if len(probes) == 0:
         return []
     _, nearest = cKDTree(icosphere(level)[0]).query(probes / np.linalg.norm(probes, axis=1, keepdims=True))

@@ -1,4 +1,4 @@
-"""Radiographs of a sample without voxels: exact paths, averaged over each pixel."""
+"""Radiographs of exact samples: exact path lengths, averaged over each pixel."""
 
 from __future__ import annotations
 
@@ -31,7 +31,9 @@ def line_integrals(
     Parameters
     ----------
     sample : Sample
+        Particles and tube, mm, 1/mm.
     geometry : Geometry
+        The views.
     subsamples : int
         Rays along each side of a pixel, so that a pixel averages ``subsamples``² rays.
     averaging : {"intensity", "line-integral"}
@@ -62,7 +64,25 @@ def transmission(
     averaging: Averaging = "intensity",
     spectrum: Sequence[tuple[float, float]] = ((1.0, 1.0),),
 ) -> Float:
-    """Fraction of the beam that reaches each pixel ``(views, rows, columns)``; as `line_integrals`."""
+    """Fraction of the beam that reaches each pixel, without noise.
+
+    Parameters
+    ----------
+    sample, geometry : Sample, Geometry
+        The sample and the views.
+    subsamples, averaging, spectrum : int, str, sequence of (float, float)
+        As in `line_integrals`.
+
+    Returns
+    -------
+    (views, rows, columns) float64 array
+        0 to 1.
+
+    Raises
+    ------
+    InputError
+        If a particle reaches behind the source, or a number is out of its range.
+    """
     if subsamples < 1:
         raise InputError("subsamples", f"must be >= 1, got {subsamples}", "3 is accurate to the photon noise")
     energies = np.asarray(spectrum, dtype=float).reshape(-1, 2)
@@ -104,7 +124,7 @@ def transmission(
 
 
 def _frames(geometry: Geometry) -> tuple[Float, Float, Float]:
-    """Matrices, origins and handedness of each view's coordinates q (see `rasterise`)."""
+    """Matrices, origins and handedness of each view's coordinates q (see `kernels.mesh_projection`)."""
     (rows, columns), s, u, v = geometry.shape, geometry.source, geometry.u, geometry.v
     corner = geometry.detector - (columns - 1) / 2 * u - (rows - 1) / 2 * v
     cone = geometry.beam == "cone"
@@ -143,13 +163,12 @@ def _check_in_front(vertices: Float, inverses: Float, origins: Float, cone: bool
 
 
 def _boxes(shape: Ellipsoid, geometry: Geometry, subsamples: int) -> NDArray[np.int64]:
-    """First and last row, first and last column of samples that may see an ellipsoid, ``(views, 4)``."""
-    signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
-    seen = geometry.project_points(shape.center + (signs * shape.semi_axes) @ shape.axes.T)
-    if np.isnan(seen).any():
+    """Bounds of an ellipsoid's footprint in samples: first and last row, first and last column ``(views, 4)``."""
+    pixels = geometry.project_points(shape.outline)
+    if np.isnan(pixels).any():
         raise InputError("ellipsoid", "it reaches behind the source", "move the source away")
-    inside = (seen + 0.5) * subsamples - 0.5
+    samples = (pixels + 0.5) * subsamples - 0.5
     limit = np.array(geometry.shape) * subsamples - 1
-    low = np.clip(np.floor(inside.min(axis=1)), 0, limit + 1)
-    high = np.clip(np.ceil(inside.max(axis=1)), -1, limit)
+    low = np.clip(np.floor(samples.min(axis=1)), 0, limit + 1)
+    high = np.clip(np.ceil(samples.max(axis=1)), -1, limit)
     return np.stack([low[:, 0], high[:, 0], low[:, 1], high[:, 1]], axis=1).astype(np.int64)

@@ -1,4 +1,4 @@
-"""Sample: particles without voxels, and the tube that holds them."""
+"""Sample: particles with exact shapes, and the tube that contains them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from grainmotion.simulate.shapes import Ellipsoid, Mesh, Shape
 
 @dataclass(frozen=True, eq=False)
 class Particle:
-    """One grain: a shape, and what lies inside it.
+    """One grain: a shape with its inclusions.
 
     Attributes
     ----------
@@ -50,9 +50,20 @@ class Particle:
         return np.sum(moments, axis=0) / self.mass
 
     def moved(self, matrix: ArrayLike, shift: ArrayLike) -> Particle:
-        """The particle carried by x → matrix · x + shift."""
-        inside = tuple((shape.moved(matrix, shift), value) for shape, value in self.inclusions)
-        return Particle(self.shape.moved(matrix, shift), self.attenuation, inside)
+        """Apply x → matrix · x + shift.
+
+        Parameters
+        ----------
+        matrix, shift : (3, 3) and (3,) array_like
+            A rotation, for meshes any linear map that keeps the orientation, and a translation, mm.
+
+        Returns
+        -------
+        Particle
+            The transformed particle.
+        """
+        inclusions = tuple((shape.moved(matrix, shift), value) for shape, value in self.inclusions)
+        return Particle(self.shape.moved(matrix, shift), self.attenuation, inclusions)
 
 
 @dataclass(frozen=True)
@@ -66,7 +77,7 @@ class Tube:
     attenuation : float
         1/mm.
     bottom, top : float
-        Heights above ``center``, along its own axis, at which it is cut, mm.
+        Heights of its two ends above ``center``, along its own axis, mm.
     center : (float, float, float)
         A point of its axis, mm.
     rotation : (float, float, float)
@@ -95,7 +106,18 @@ class Tube:
         return rotation_matrix(self.rotation)
 
     def moved(self, matrix: ArrayLike, shift: ArrayLike) -> Tube:
-        """The tube carried by x → matrix · x + shift, where ``matrix`` is a rotation."""
+        """Apply x → matrix · x + shift.
+
+        Parameters
+        ----------
+        matrix, shift : (3, 3) and (3,) array_like
+            A rotation and a translation, mm.
+
+        Returns
+        -------
+        Tube
+            The transformed tube.
+        """
         m = np.asarray(matrix, dtype=float)
         x, y, z = m @ self.center + np.asarray(shift, dtype=float)
         a, b, c = rotation_vector(m @ self.axes)
@@ -129,22 +151,27 @@ class Sample:
         return np.array([p.center for p in self.particles]).reshape(-1, 3)
 
     def moved(self, motions: Motions) -> Sample:
-        """The sample after x = Ω (X − c) + u + c of each particle; the tube stays (see `Tube.moved`).
+        """Move each particle to x = Ω (X − c) + u + c; the tube stays (see `Tube.moved`).
+
+        Parameters
+        ----------
+        motions : Motions
+            One a particle, in the order of the labels.
+
+        Returns
+        -------
+        Sample
+            The sample in its later state.
 
         Raises
         ------
         InputError
-            If there is not one motion a particle, in the order of the labels.
+            If the labels of the motions are not 1 to n.
         """
         if not np.array_equal(motions.labels, self.labels):
             raise InputError("motions", f"{len(motions)} motions for {len(self)} particles", "give labels 1 to n")
-        carried = [
-            particle.moved(matrix, u + c - matrix @ c)
-            for particle, matrix, u, c in zip(
-                self.particles, motions.matrices, motions.translations, motions.centers, strict=True
-            )
-        ]
-        return Sample(tuple(carried), self.tube)
+        rows = zip(self.particles, motions.matrices, motions.translations, motions.centers, strict=True)
+        return Sample(tuple(p.moved(matrix, u + c - matrix @ c) for p, matrix, u, c in rows), self.tube)
 
 
 def ellipsoid_particle(
@@ -155,40 +182,62 @@ def ellipsoid_particle(
     inclusion_attenuation: float | None = None,
     elongation: float = 1.3,
 ) -> Particle:
-    """An ellipsoid at the origin, with one smaller off-centre ellipsoid inside if it has an attenuation.
+    """A random ellipsoid at the origin, if asked with a smaller off-centre ellipsoid inside.
 
     Parameters
     ----------
     rng : numpy.random.Generator
+        Source of the shapes.
     diameter : float
-        Of the sphere of the same volume, mm.
+        Diameter of the sphere of the same volume, mm.
     attenuation : float
         1/mm.
     inclusion_attenuation : float, optional
         1/mm; no inclusion if None.
     elongation : float
         Largest ratio between two semi-axes.
+
+    Returns
+    -------
+    Particle
+        The ellipsoid, its semi-axes along x, y and z.
     """
     ratios = np.exp(rng.uniform(-0.5, 0.5, 3) * np.log(elongation))
     semi_axes = diameter / 2 * ratios / np.cbrt(np.prod(ratios))
     body = Ellipsoid(np.zeros(3), semi_axes, np.eye(3))
     if inclusion_attenuation is None:
         return Particle(body, attenuation)
-    # an ellipsoid of 0.45 times the size, shifted by at most 0.4 of the radius: inside whatever the turn
-    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-    turn *= np.sign(np.linalg.det(turn))
+    # an ellipsoid of 0.45 times the size, shifted by at most 0.4 of the radius: inside at any rotation
+    axes = _random_rotation(rng)
     offset = rng.normal(size=3)
     offset *= 0.4 * rng.uniform() ** (1 / 3) / np.linalg.norm(offset)
     small = 0.45 * semi_axes.min() * rng.uniform(0.6, 1.0, 3)
-    inclusion = Ellipsoid(offset * semi_axes, small, turn)
+    inclusion = Ellipsoid(offset * semi_axes, small, axes)
     return Particle(body, attenuation, ((inclusion, inclusion_attenuation),))
 
 
 def inscribed(mesh: Mesh, rng: np.random.Generator) -> Ellipsoid:
-    """A random, off-centre ellipsoid wholly inside a mesh, half to two thirds as wide as fits."""
+    """A random, off-centre ellipsoid inside a mesh, half to two thirds as wide as fits.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The shape around it.
+    rng : numpy.random.Generator
+        Source of its size, place and rotation.
+
+    Returns
+    -------
+    Ellipsoid
+        Wholly inside the mesh.
+    """
     room = mesh.clearance
-    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-    turn *= np.sign(np.linalg.det(turn))
+    axes = _random_rotation(rng)
     direction = rng.normal(size=3)
     offset = room * rng.uniform(0.2, 0.35) * direction / np.linalg.norm(direction)
-    return Ellipsoid(mesh.star_point + offset, room * rng.uniform(0.45, 0.64, 3), turn)
+    return Ellipsoid(mesh.star_point + offset, room * rng.uniform(0.45, 0.64, 3), axes)
+
+
+def _random_rotation(rng: np.random.Generator) -> Float:
+    matrix = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    return matrix * np.sign(np.linalg.det(matrix))

@@ -1,12 +1,12 @@
-"""Ready-made experiments with their truth: the paper's scale, and a small one for tests and demos."""
+"""Ready-made experiments with true motions: at the paper's scale, and a small one for tests and demos."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from grainmotion._typing import Progress
+from grainmotion._typing import Float, Progress
 from grainmotion.errors import InputError
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.motions import Motions
@@ -17,18 +17,18 @@ from grainmotion.simulate.detector import Physics, Recording, photons_for_snr, r
 from grainmotion.simulate.packing import PackingSettings, pack
 from grainmotion.simulate.radiograph import line_integrals
 from grainmotion.simulate.sample import Particle, Sample, inscribed
-from grainmotion.simulate.shapes import stone
+from grainmotion.simulate.stone_shapes import stone
 
-STONES = 95
+STONE_COUNT = 95  # shapes of FDOT-57
 Spectrum = tuple[tuple[float, float], ...]
-ATTENUATION = 0.1  # of every stone, 1/mm
-OPEN_BEAM = 40_000  # counts without the sample, well inside 16 bits
+STONE_ATTENUATION = 0.1  # of every stone, 1/mm
+OPEN_BEAM_COUNTS = 40_000  # counts without the sample, well inside 16 bits
 LATER_ANGLES_DEG = {2: (22.5, 112.5), 4: (0.0, 45.0, 90.0, 135.0)}
 
 
 @dataclass(frozen=True)
 class Scanner:
-    """A circular cone-beam scanner and the grid that suits it.
+    """A circular cone-beam scanner and the matching voxel grid.
 
     Attributes
     ----------
@@ -48,11 +48,22 @@ class Scanner:
 
     @property
     def voxel_size(self) -> float:
-        """A pixel carried back to the rotation axis, mm."""
+        """Size of a pixel projected back to the rotation axis, mm."""
         return self.pixel_size * self.source_to_axis / self.source_to_detector
 
     def geometry(self, angles_deg: tuple[float, ...] | None = None) -> Geometry:
-        """The views at some angles, or the full scan's."""
+        """Views of a circular scan.
+
+        Parameters
+        ----------
+        angles_deg : tuple of float, optional
+            Angles of the views, degrees; those of the full scan if None.
+
+        Returns
+        -------
+        Geometry
+            One view an angle.
+        """
         if angles_deg is None:
             angles_deg = tuple(np.arange(self.reference_views) * 360.0 / self.reference_views)
         return Geometry.cone(
@@ -72,17 +83,20 @@ class Scanner:
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A sample, its scanner and its physics, from which any state can be recorded.
+    """A sample, its scanner and its physics, from which any state can be simulated.
 
     Attributes
     ----------
     sample : Sample
         In the reference state.
     scanner : Scanner
+        Views and grid.
     physics : Physics
+        Beam and detector.
     seed : int
+        Of the noise.
     motions : dict of str to Motions
-        Ready-made truths by name: ``unmoved``, ``shift``, ``random``.
+        Ready-made motions by name: ``unmoved``, ``shift``, ``random``.
     """
 
     sample: Sample
@@ -92,37 +106,56 @@ class Case:
     motions: dict[str, Motions] = field(default_factory=dict)
 
     def reference(self) -> Scan:
-        """The full scan, as line integrals with noise."""
+        """Simulate the full scan as line integrals with noise."""
         return record_line_integrals(self.sample, self.scanner.geometry(), self.physics, self.seed)
 
     def reference_counts(self) -> Recording:
-        """The full scan, as counts with flats and darks."""
+        """Simulate the full scan as counts with flats and darks."""
         return record(self.sample, self.scanner.geometry(), self.physics, self.seed)
 
     def state(self, motions: Motions, angles_deg: tuple[float, ...], number: int = 1) -> Scan:
-        """Radiographs of a later state, as line integrals with noise of their own for each ``number``."""
+        """Simulate radiographs of a later state as line integrals with noise.
+
+        Parameters
+        ----------
+        motions : Motions
+            True motions of all particles.
+        angles_deg : tuple of float
+            Angles of the views, degrees.
+        number : int
+            Seed of the noise, beside the seed of the case.
+
+        Returns
+        -------
+        Scan
+            Noisy line integrals, dimensionless.
+        """
         moved = self.sample.moved(motions)
         return record_line_integrals(moved, self.scanner.geometry(angles_deg), self.physics, self.seed + 1000 * number)
 
     def state_counts(self, motions: Motions, angles_deg: tuple[float, ...], number: int = 1) -> Recording:
-        """Radiographs of a later state, as counts with flats and darks."""
+        """Simulate radiographs of a later state as counts with flats and darks.
+
+        Parameters
+        ----------
+        motions, angles_deg, number : Motions, tuple of float, int
+            As in `state`.
+
+        Returns
+        -------
+        Recording
+            Counts, flats and darks.
+        """
         views = self.scanner.geometry(angles_deg)
         return record(self.sample.moved(motions), views, self.physics, self.seed + 1000 * number)
 
 
 @dataclass(frozen=True)
 class Scale:
-    """How large the stones of a case are, and the scanner that suits them.
+    """Sizes of a case, and the matching scanner.
 
-    Attributes
-    ----------
-    scanner : Scanner
-    diameter, radius : float
-        Of the stones and of the cylinder that they lie in, voxels.
-    shift : (float, float, float)
-        The motion ``shift`` of the whole sample, mm.
-    level : int
-        Subdivisions of each stone's mesh, see `stone`.
+    ``diameter`` of the stones and ``radius`` of the cylinder around them are in voxels; ``shift`` is the motion of that
+    name, mm; ``level`` counts the subdivisions of each stone's mesh (see `stone`).
     """
 
     scanner: Scanner
@@ -146,9 +179,27 @@ def paper_scale(
 ) -> Case:
     """The scale of Khalili et al. (2017): 15 touching gravel stones about 45 voxels across.
 
-    A panel of 280 × 180 pixels, 352 views, voxels of 0.112 mm; every motion keeps the stones in the
-    field of view.  ``motions`` holds ``unmoved``; ``shift``, the paper's 31 voxels sideways; and
-    ``random``, up to 5 voxels and 10°.  ``inclusion`` as in `stones`.
+    A panel of 280 × 180 pixels, 352 views, voxels of 0.112 mm.  ``motions`` holds ``unmoved``; ``shift``, the paper's
+    31 voxels sideways; and ``random``, up to 5 voxels and 10°.  All keep the stones in the field of view.
+
+    Parameters
+    ----------
+    seed : int
+        Of the stones, the packing, the motions and the noise.
+    n_grains : int
+        Number of stones, 1 to 95.
+    snr : float
+        Signal-to-noise ratio of the later radiographs, Eq. 24 of Khalili et al. (2017).
+    progress : callable, optional
+        Called as ``progress(message, done, total)``.
+    inclusion : float, optional
+        Attenuation over its stone's of an ellipsoid inside each stone; no inclusions if None.  The stones
+        and their places are the same either way.
+
+    Returns
+    -------
+    Case
+        Sample, scanner, physics and motions.
     """
     return case_of(stones(PAPER_SCALE, seed, n_grains, inclusion, progress), PAPER_SCALE, seed, snr)
 
@@ -161,51 +212,56 @@ def small(
     *,
     inclusion: float | None = None,
 ) -> Case:
-    """A small sibling of `paper_scale`, in seconds: 6 stones about 20 voxels across, 90 views of 96 × 72."""
+    """A small version of `paper_scale`, made in seconds: 6 stones about 20 voxels across, 90 views of 96 × 72 pixels.
+
+    Parameters
+    ----------
+    seed, n_grains, snr, progress, inclusion : int, int, float, callable, float
+        As in `paper_scale`.
+
+    Returns
+    -------
+    Case
+        Sample, scanner, physics and motions.
+    """
     return case_of(stones(SMALL_SCALE, seed, n_grains, inclusion, progress), SMALL_SCALE, seed, snr)
 
 
 def stones(
     scale: Scale, seed: int, n_grains: int, inclusion: float | None = None, progress: Progress | None = None
 ) -> Sample:
-    """Different gravel stones of about one size, packed in a cylinder.
-
-    Parameters
-    ----------
-    scale : Scale
-    seed : int
-    n_grains : int
-    inclusion : float, optional
-        Attenuation over its stone's of an ellipsoid inside each stone; no inclusions if None.  The stones
-        and their places are the same either way.
-    progress : callable, optional
-    """
-    if not 1 <= n_grains <= STONES:
-        raise InputError("n_grains", f"must be 1 to {STONES}, got {n_grains}", "ask for fewer stones")
+    """Different gravel stones of about the same size, packed in a cylinder; parameters as in `paper_scale`."""
+    if not 1 <= n_grains <= STONE_COUNT:
+        raise InputError("n_grains", f"must be 1 to {STONE_COUNT}, got {n_grains}", "ask for fewer stones")
     if inclusion is not None and not inclusion >= 0:
         raise InputError("inclusion", f"must be >= 0, got {inclusion}", "give its attenuation over the stone's")
     rng = np.random.default_rng(seed)
     voxel = scale.scanner.voxel_size
     shapes = [
         stone(int(index), scale.diameter * voxel * (1 + 0.08 * rng.uniform(-1, 1)), scale.level)
-        for index in rng.permutation(STONES)[:n_grains]
+        for index in rng.permutation(STONE_COUNT)[:n_grains]
     ]
-    inner = np.random.default_rng([seed, 1])
-    particles = [
-        Particle(s, ATTENUATION, () if inclusion is None else ((inscribed(s, inner), ATTENUATION * inclusion),))
-        for s in shapes
-    ]
+    inclusion_rng = np.random.default_rng([seed, 1])
+    particles = [Particle(shape, STONE_ATTENUATION) for shape in shapes]
+    if inclusion is not None:
+        value = STONE_ATTENUATION * inclusion
+        particles = [replace(p, inclusions=((inscribed(s, inclusion_rng), value),)) for p, s in zip(particles, shapes)]
     return pack(particles, PackingSettings(scale.radius * voxel), seed, progress)
 
 
+def later_radiographs(sample: Sample, scale: Scale, spectrum: Spectrum = ((1.0, 1.0),)) -> Float:
+    """Noise-free line integrals of a sample in all the views that later states have."""
+    views = scale.scanner.geometry(LATER_ANGLES_DEG[4] + LATER_ANGLES_DEG[2])
+    return line_integrals(sample, views, subsamples=1, spectrum=spectrum).astype(float)
+
+
 def case_of(sample: Sample, scale: Scale, seed: int, snr: float, spectrum: Spectrum = ((1.0, 1.0),)) -> Case:
-    """The experiment of a sample: photons for an SNR (Eq. 24) of its later radiographs, and ready-made motions."""
+    """The experiment of a sample: as many photons as its later radiographs need for ``snr``, and ready-made motions."""
     scanner = scale.scanner
-    views = scanner.geometry(LATER_ANGLES_DEG[4] + LATER_ANGLES_DEG[2])
-    photons = photons_for_snr(line_integrals(sample, views, subsamples=1, spectrum=spectrum), snr)
+    photons = photons_for_snr(later_radiographs(sample, scale, spectrum), snr)
     physics = Physics(
         photons=photons,
-        counts_per_photon=OPEN_BEAM / photons,
+        counts_per_photon=OPEN_BEAM_COUNTS / photons,
         dark=100,
         dark_noise=2,
         flat_variation=0.03,

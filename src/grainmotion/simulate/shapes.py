@@ -1,4 +1,4 @@
-"""Shapes without voxels: triangle meshes that are star-shaped about a point, and ellipsoids."""
+"""Exact shapes: triangle meshes that are star-shaped about a point, and ellipsoids."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import ConvexHull
-from scipy.special import sph_harm_y
 
 from grainmotion._typing import Float
 from grainmotion.errors import InputError
-from grainmotion.simulate.stone_shapes import read_stone_shapes
+
+CUBE_CORNERS = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +26,7 @@ class Mesh:
     faces : (k, 3) int array
         Vertices of each triangle, counter-clockwise seen from outside.
     star_point : (3,) array
-        A point inside from which the whole surface is seen, mm.
+        A point inside from which the whole surface is visible, mm.
     """
 
     vertices: Float
@@ -46,25 +46,40 @@ class Mesh:
 
     @property
     def depth(self) -> float:
-        """Least distance from the star point to a face's plane, mm: all points that near see the whole surface."""
-        corners, normals = _corners(self)
-        return float(np.einsum("ij,ij->i", corners[0], normals).min())
+        """Least distance from the star point to a face's plane, mm: from all points that near all faces are visible."""
+        return float(face_planes(self.vertices - self.star_point, self.faces)[:, 3].min())
 
     @property
     def clearance(self) -> float:
         """Least distance from the star point to the surface, mm: the radius of the largest ball about it."""
-        corners, normals = _corners(self)
-        nearest, over = np.inf, np.ones(len(self.faces), dtype=bool)
+        corners = (self.vertices[self.faces] - self.star_point).transpose(1, 0, 2)
+        planes = face_planes(self.vertices - self.star_point, self.faces)
+        nearest, above_face = np.inf, np.ones(len(self.faces), dtype=bool)
         for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
             edge = end - start
             along = np.clip(-(start * edge).sum(axis=1) / (edge**2).sum(axis=1), 0, 1)
             nearest = min(nearest, float(np.linalg.norm(start + along[:, None] * edge, axis=1).min()))
-            over &= np.einsum("ij,ij->i", np.cross(start, edge), normals) >= 0
-        heights = np.einsum("ij,ij->i", corners[0], normals)[over]
-        return min(nearest, float(heights.min(initial=np.inf)))
+            above_face &= np.einsum("ij,ij->i", np.cross(start, edge), planes[:, :3]) >= 0
+        return min(nearest, float(planes[above_face, 3].min(initial=np.inf)))
+
+    @property
+    def outline(self) -> Float:
+        """Points whose convex hull holds the mesh ``(m, 3)``, mm: its vertices."""
+        return self.vertices
 
     def moved(self, matrix: ArrayLike, shift: ArrayLike) -> Mesh:
-        """The mesh carried by x → matrix · x + shift (``matrix`` may also scale)."""
+        """Apply x → matrix · x + shift.
+
+        Parameters
+        ----------
+        matrix, shift : (3, 3) and (3,) array_like
+            Any linear map that keeps the orientation, such as a scale, and a translation, mm.
+
+        Returns
+        -------
+        Mesh
+            The transformed mesh.
+        """
         m, s = np.asarray(matrix, dtype=float), np.asarray(shift, dtype=float)
         return Mesh(self.vertices @ m.T + s, self.faces, m @ self.star_point + s)
 
@@ -102,8 +117,24 @@ class Ellipsoid:
         """The matrix M ``(3, 3)`` with ‖M (x − center)‖ ≤ 1 inside, 1/mm."""
         return (self.axes / self.semi_axes).T
 
+    @property
+    def outline(self) -> Float:
+        """Points whose convex hull holds the ellipsoid ``(8, 3)``, mm: corners of the box around it."""
+        return self.center + (CUBE_CORNERS * self.semi_axes) @ self.axes.T
+
     def moved(self, matrix: ArrayLike, shift: ArrayLike) -> Ellipsoid:
-        """The ellipsoid carried by x → matrix · x + shift, where ``matrix`` is a rotation times a scale."""
+        """Apply x → matrix · x + shift.
+
+        Parameters
+        ----------
+        matrix, shift : (3, 3) and (3,) array_like
+            A rotation times a scale, and a translation, mm.
+
+        Returns
+        -------
+        Ellipsoid
+            The transformed ellipsoid.
+        """
         m, s = np.asarray(matrix, dtype=float), np.asarray(shift, dtype=float)
         scale = np.cbrt(np.linalg.det(m))
         return Ellipsoid(m @ self.center + s, scale * self.semi_axes, m @ self.axes / scale)
@@ -112,11 +143,36 @@ class Ellipsoid:
 Shape = Mesh | Ellipsoid
 
 
+def extent(shape: Shape, directions: ArrayLike) -> tuple[Float, Float]:
+    """Least and greatest x · direction over a shape, mm, ``(k,)`` each, for unit ``directions (k, 3)``."""
+    d = np.asarray(directions, dtype=float)
+    if isinstance(shape, Mesh):
+        along = shape.vertices @ d.T
+        return along.min(axis=0), along.max(axis=0)
+    half, middle = np.linalg.norm((d @ shape.axes) * shape.semi_axes, axis=1), d @ shape.center
+    return middle - half, middle + half
+
+
 @lru_cache(maxsize=8)
 def icosphere(level: int) -> tuple[Float, NDArray[np.int64]]:
-    """Unit directions ``(10·4^level + 2, 3)`` and triangles ``(20·4^level, 3)`` of a subdivided icosahedron.
+    """A subdivided icosahedron.
 
-    The directions of a lower level come first, so that ``directions[:642]`` is level 3.
+    Parameters
+    ----------
+    level : int
+        Number of subdivisions, 0 to 8.
+
+    Returns
+    -------
+    directions : (10·4^level + 2, 3) array
+        Unit vectors.  Those of a lower level come first, so that ``directions[:642]`` is level 3.
+    faces : (20·4^level, 3) int array
+        Triangles, counter-clockwise seen from outside.
+
+    Raises
+    ------
+    InputError
+        If the level is out of range.
     """
     if not 0 <= level <= 8:
         raise InputError("icosphere level", f"must be 0 to 8, got {level}", "4 or 5 is fine enough for a stone")
@@ -142,37 +198,38 @@ def icosphere(level: int) -> tuple[Float, NDArray[np.int64]]:
     return vertices, faces
 
 
-def stone_radius(stone: int, directions: ArrayLike) -> Float:
-    """Radius r(θ, φ) of one FDOT-57 stone along unit directions ``(m, 3)``, mm, ``(m,)``."""
-    return _basis(np.asarray(directions, dtype=float)) @ _real_coefficients(stone)
-
-
-def stone(index: int, diameter: float | None = None, level: int = 4) -> Mesh:
-    """A real gravel stone about its own centre of mass.
+def sphere(diameter: float, level: int = 4) -> Mesh:
+    """A triangulated sphere at the origin.
 
     Parameters
     ----------
-    index : int
-        0 to 94: which of the FDOT-57 stones (see `grainmotion.simulate.stone_shapes`).
-    diameter : float, optional
-        Diameter of the sphere of the same volume, mm; the stone's own size (12–20 mm) if None.
+    diameter : float
+        Of the sphere that the vertices lie on, mm.
     level : int
-        Subdivisions of the icosahedron that carries it: 4 gives 5,120 triangles, 5 gives 20,480.
+        Subdivisions of the icosahedron, see `icosphere`.
+
+    Returns
+    -------
+    Mesh
+        The inscribed polyhedron.
     """
-    directions, faces = icosphere(level)
-    mesh = Mesh((_level_basis(level) @ _real_coefficients(index))[:, None] * directions, faces, np.zeros(3))
-    mesh = mesh.moved(np.eye(3), -mesh.centroid)
-    return mesh if diameter is None else _resized(mesh, diameter)
-
-
-def sphere(diameter: float, level: int = 4) -> Mesh:
-    """A triangulated sphere at the origin whose *vertices* lie on the sphere."""
     directions, faces = icosphere(level)
     return Mesh(directions * diameter / 2, faces, np.zeros(3))
 
 
 def polyhedron(points: ArrayLike) -> Mesh:
-    """The convex polyhedron spanned by points ``(m, 3)``, mm."""
+    """The convex hull of points.
+
+    Parameters
+    ----------
+    points : (m, 3) array_like
+        mm, not all in one plane.
+
+    Returns
+    -------
+    Mesh
+        The hull; points inside it are dropped.
+    """
     points = np.asarray(points, dtype=float)
     hull = ConvexHull(points)
     keep = np.unique(hull.simplices)
@@ -184,9 +241,26 @@ def polyhedron(points: ArrayLike) -> Mesh:
 
 
 def random_polyhedron(rng: np.random.Generator, diameter: float, corners: int = 16) -> Mesh:
-    """A convex polyhedron with random corners on a mild ellipsoid, about its centre of mass.
+    """A convex polyhedron with random corners on an ellipsoid of moderate aspect ratio.
 
-    ``diameter`` (mm) is that of the sphere of the same volume.
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Source of the shape.
+    diameter : float
+        Diameter of the sphere of the same volume, mm.
+    corners : int
+        Number of random points, at least 6; the hull may have fewer corners.
+
+    Returns
+    -------
+    Mesh
+        The polyhedron, its centre of mass at the origin.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than 6 corners, or the diameter is not positive.
     """
     if corners < 6:
         raise InputError("corners", f"must be >= 6, got {corners}", "ask for more corners")
@@ -197,11 +271,12 @@ def random_polyhedron(rng: np.random.Generator, diameter: float, corners: int = 
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     mesh = polyhedron(directions * rng.uniform(0.8, 1.25, 3))
     mesh = mesh.moved(np.eye(3), -mesh.centroid)
-    return _resized(Mesh(mesh.vertices, mesh.faces, np.zeros(3)), diameter)
+    return resized(Mesh(mesh.vertices, mesh.faces, np.zeros(3)), diameter)
 
 
 # ---------------------------------------------------------------------- helpers
-def _resized(mesh: Mesh, diameter: float) -> Mesh:
+def resized(mesh: Mesh, diameter: float) -> Mesh:
+    """A mesh scaled about the origin to the volume of a sphere of ``diameter``, mm."""
     if not diameter > 0:
         raise InputError("diameter", f"must be > 0, got {diameter}", "give it in mm")
     return mesh.moved(np.eye(3) * diameter / np.cbrt(6 * mesh.volume / np.pi), np.zeros(3))
@@ -214,38 +289,16 @@ def _tetrahedra(mesh: Mesh) -> tuple[Float, Float]:
     return volumes, mesh.star_point + corners.sum(axis=1) / 4
 
 
-def _corners(mesh: Mesh) -> tuple[Float, Float]:
-    """Corners of the faces seen from the star point ``(3, k, 3)``, and outward unit normals ``(k, 3)``."""
-    corners = (mesh.vertices[mesh.faces] - mesh.star_point).transpose(1, 0, 2)
-    normals = np.cross(corners[1] - corners[0], corners[2] - corners[0])
-    return corners, normals / np.linalg.norm(normals, axis=1, keepdims=True)
+def face_planes(vertices: Float, faces: NDArray[np.integer]) -> Float:
+    """Outward unit normal of each face's plane and its distance from the origin ``(k, 4)``."""
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    normals = np.cross(b - a, c - a)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.concatenate([normals, np.einsum("ij,ij->i", normals, a)[:, None]], axis=1)
 
 
 def _outward(vertices: Float, faces: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Turn triangles around the origin so that they are counter-clockwise seen from outside."""
+    """Reorder triangles around the origin so that they are counter-clockwise seen from outside."""
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     inward = np.einsum("ij,ij->i", a, np.cross(b, c)) < 0
     return np.where(inward[:, None], faces[:, ::-1], faces)
-
-
-def _basis(directions: Float) -> Float:
-    """Real design matrix ``(m, 2·378)``: Re and −Im of the stored harmonics, m > 0 counted twice."""
-    shapes = read_stone_shapes()
-    theta = np.arccos(np.clip(directions[:, 2], -1, 1))
-    phi = np.arctan2(directions[:, 1], directions[:, 0])
-    twice = np.where(shapes.orders > 0, 2.0, 1.0)
-    y = sph_harm_y(shapes.degrees, shapes.orders, theta[:, None], phi[:, None]) * twice
-    return np.concatenate([y.real, -y.imag], axis=1)
-
-
-@lru_cache(maxsize=3)
-def _level_basis(level: int) -> NDArray[np.float32]:
-    return _basis(icosphere(level)[0]).astype(np.float32)
-
-
-def _real_coefficients(index: int) -> Float:
-    shapes = read_stone_shapes()
-    if not 0 <= index < len(shapes):
-        raise InputError("stone", f"index {index} is not 0 to {len(shapes) - 1}", "choose one of the shapes")
-    a = shapes.coefficients[index]
-    return np.concatenate([a.real, a.imag])

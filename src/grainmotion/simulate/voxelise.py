@@ -1,4 +1,4 @@
-"""The exact sample on a voxel grid, for testing what works on voxels."""
+"""Voxelisation of the exact sample, for testing what works on voxels."""
 
 from __future__ import annotations
 
@@ -8,12 +8,25 @@ from numpy.typing import NDArray
 from grainmotion._typing import Float
 from grainmotion.model.volume import Volume
 from grainmotion.simulate.sample import Sample
-from grainmotion.simulate.shapes import Ellipsoid, Shape
+from grainmotion.simulate.shapes import Ellipsoid, Shape, extent
 from grainmotion.simulate.signed_distance import locator, signed_distances
 
 
 def inside(shape: Shape, points: Float) -> NDArray[np.bool_]:
-    """Which of the points ``(m, 3)``, mm, lie inside a shape ``(m,)``."""
+    """Find the points that lie inside a shape.
+
+    Parameters
+    ----------
+    shape : Mesh or Ellipsoid
+        The solid.
+    points : (m, 3) array
+        mm, x y z.
+
+    Returns
+    -------
+    (m,) bool array
+        True inside the shape or on its surface.
+    """
     if isinstance(shape, Ellipsoid):
         return (((points - shape.center) @ shape.whitening.T) ** 2).sum(axis=1) <= 1
     body, origin = locator(shape)
@@ -21,34 +34,57 @@ def inside(shape: Shape, points: Float) -> NDArray[np.bool_]:
 
 
 def label_volume(sample: Sample, grid: Volume) -> NDArray[np.int16]:
-    """Label of the particle that holds the centre of each voxel ``(nz, ny, nx)``, 0 outside all."""
+    """Label each voxel by the particle that holds its centre.
+
+    Parameters
+    ----------
+    sample : Sample
+        Particles labelled 1 to n.
+    grid : Volume
+        The voxel grid; its values are not used.
+
+    Returns
+    -------
+    (nz, ny, nx) int16 array
+        Labels, 0 outside all particles.
+    """
     out = np.zeros(grid.shape, np.int16)
     for label, particle in zip(sample.labels, sample.particles, strict=True):
         box, points = _points(particle.shape, grid, 1)
-        held = inside(particle.shape, points).reshape(out[box].shape)
-        out[box][held] = label
+        out[box][inside(particle.shape, points).reshape(out[box].shape)] = label
     return out
 
 
 def attenuation_volume(sample: Sample, grid: Volume, samples: int = 3) -> Volume:
-    """Attenuation averaged over each voxel by ``samples``³ points; the tube is left out."""
+    """Average the attenuation over each voxel; the tube is left out.
+
+    Parameters
+    ----------
+    sample : Sample
+        Particles and their inclusions.
+    grid : Volume
+        The voxel grid; its values are not used.
+    samples : int
+        Sampling points along each side of a voxel, ``samples``³ in all.
+
+    Returns
+    -------
+    Volume
+        Attenuation, 1/mm, on the same grid.
+    """
     out = np.zeros(grid.shape)
     for particle in sample.particles:
         for shape, value in particle.parts:
             box, points = _points(shape, grid, samples)
             nz, ny, nx = out[box].shape
-            held = inside(shape, points).reshape(nz, samples, ny, samples, nx, samples)
-            out[box] += value * held.mean(axis=(1, 3, 5))
+            share = inside(shape, points).reshape(nz, samples, ny, samples, nx, samples).mean(axis=(1, 3, 5))
+            out[box] += value * share
     return Volume(out.astype(np.float32), grid.voxel_size, grid.center)
 
 
 def _points(shape: Shape, grid: Volume, samples: int) -> tuple[tuple[slice, slice, slice], Float]:
     """The part of the grid around a shape, and its sampling points ``(m, 3)``."""
-    if isinstance(shape, Ellipsoid):
-        half = np.sqrt(((shape.axes * shape.semi_axes) ** 2).sum(axis=1))
-        low, high = shape.center - half, shape.center + half
-    else:
-        low, high = shape.vertices.min(axis=0), shape.vertices.max(axis=0)
+    low, high = extent(shape, np.eye(3))
     limit = np.array(grid.shape[::-1])
     first = np.clip(np.floor((low - grid.origin) / grid.voxel_size), 0, limit).astype(int)
     last = np.clip(np.ceil((high - grid.origin) / grid.voxel_size) + 1, first, limit).astype(int)

@@ -1,0 +1,184 @@
+"""Record of a hard case: a sample with one later state, its true motions, and nominal and true geometry."""
+
+from __future__ import annotations
+
+import dataclasses
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from grainmotion._typing import Float
+from grainmotion.model.geometry import Geometry
+from grainmotion.model.motions import Motions
+from grainmotion.model.scan import Scan
+from grainmotion.simulate.detector import Physics, Recording, record, record_line_integrals
+from grainmotion.simulate.misalignment import Misalignment, misaligned
+from grainmotion.simulate.sample import Sample
+from grainmotion.simulate.scenarios import LATER_ANGLES_DEG, Case
+
+FOUR_ANGLES_DEG = LATER_ANGLES_DEG[4]
+_FORMER = {"told_geometry": "nominal_geometry", "slip": "misalignment", "wobble": "view_misalignment"}
+
+
+@dataclass(frozen=True, eq=False)
+class HardCase:
+    """A reference state, one later state, and an effect that makes tracking hard.
+
+    Attributes
+    ----------
+    case : Case
+        The reference state: sample, scanner and physics (which serves the later state, too).
+    motions : Motions
+        True motions to the later state, a row for each grain of the reference.  A missing grain is NaN and
+        ``not-fitted``.  A broken one has the motion that it had as a whole, and is ``not-converged``.
+    later : Sample
+        The sample in the later state; its labels are not those of the motions where grains are missing or broken.
+    name, summary : str
+        Name in the registry, and a sentence.
+    misalignment : Misalignment
+        Of all views of both states, against the nominal geometry.
+    view_misalignment : Misalignment
+        Standard deviations of a further misalignment of each view of the later state.
+    gain, gain_spread : float
+        Intensity of the later state's beam over that of the flats, and its standard deviation from view to view.
+    missing, broken : tuple of int
+        Labels of the grains that are missing, and of those that broke.
+    facts : dict of str to float
+        Sizes of the effect that depend on the seed.
+    """
+
+    case: Case
+    motions: Motions
+    later: Sample
+    name: str = ""
+    summary: str = ""
+    misalignment: Misalignment = field(default_factory=Misalignment)
+    view_misalignment: Misalignment = field(default_factory=Misalignment)
+    gain: float = 1.0
+    gain_spread: float = 0.0
+    missing: tuple[int, ...] = ()
+    broken: tuple[int, ...] = ()
+    facts: Mapping[str, float] = field(default_factory=dict)
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> object:
+            if name not in _FORMER:
+                raise AttributeError(f"HardCase has no attribute {name!r}")
+            warnings.warn(f"HardCase.{name} is now HardCase.{_FORMER[name]}", DeprecationWarning, stacklevel=2)
+            return getattr(self, _FORMER[name])
+
+    def nominal_geometry(self, angles_deg: tuple[float, ...] | None = None) -> Geometry:
+        """The views as the tracker is given them.
+
+        Parameters
+        ----------
+        angles_deg : tuple of float, optional
+            Angles of the views, degrees; those of the full scan if None.
+
+        Returns
+        -------
+        Geometry
+            Views of an aligned scanner.
+        """
+        return self.case.scanner.geometry(angles_deg)
+
+    def true_reference_geometry(self) -> Geometry:
+        """The true views of the full scan."""
+        return misaligned(self.nominal_geometry(), **dataclasses.asdict(self.misalignment))
+
+    def true_geometry(self, angles_deg: tuple[float, ...] = FOUR_ANGLES_DEG, number: int = 1) -> Geometry:
+        """The true views of the later state.
+
+        Parameters
+        ----------
+        angles_deg : tuple of float
+            Nominal angles of the views, degrees.
+        number : int
+            Seed of what is random in the views.
+
+        Returns
+        -------
+        Geometry
+            Misaligned views.
+        """
+        every, each, z = self.misalignment, self.view_misalignment, self._draws(len(angles_deg), number)
+        return misaligned(
+            self.nominal_geometry(angles_deg),
+            shift_pixels=np.array(every.shift_pixels) + each.shift_pixels * z[:, :2],
+            turn_deg=every.turn_deg + each.turn_deg * z[:, 2],
+            stage_deg=every.stage_deg + each.stage_deg * z[:, 3],
+        )
+
+    def beam(self, views: int = len(FOUR_ANGLES_DEG), number: int = 1) -> Float:
+        """Intensity of the beam in each view of the later state over that of the flats.
+
+        Parameters
+        ----------
+        views, number : int
+            Number of views, and seed of what is random in them.
+
+        Returns
+        -------
+        (views,) array
+            At least 0.1.
+        """
+        return np.maximum(self.gain + self.gain_spread * self._draws(views, number)[:, 4], 0.1)
+
+    def reference(self) -> Scan:
+        """Simulate the full scan as line integrals with noise; its geometry is the nominal one."""
+        case = self.case
+        scan = record_line_integrals(case.sample, self.true_reference_geometry(), case.physics, case.seed)
+        return dataclasses.replace(scan, geometry=self.nominal_geometry())
+
+    def reference_counts(self) -> Recording:
+        """Simulate the full scan as counts with flats and darks; its geometry is the nominal one."""
+        case = self.case
+        recording = record(case.sample, self.true_reference_geometry(), case.physics, case.seed)
+        return dataclasses.replace(recording, geometry=self.nominal_geometry())
+
+    def state(self, angles_deg: tuple[float, ...] = FOUR_ANGLES_DEG, number: int = 1) -> Scan:
+        """Simulate the later state as line integrals with noise.
+
+        Parameters
+        ----------
+        angles_deg : tuple of float
+            Nominal angles of the views, degrees.
+        number : int
+            Seed of the noise and of what is random in the views.
+
+        Returns
+        -------
+        Scan
+            With the nominal geometry.
+        """
+        scan = record_line_integrals(*self._later_state(angles_deg, number))
+        return dataclasses.replace(scan, geometry=self.nominal_geometry(angles_deg))
+
+    def state_counts(self, angles_deg: tuple[float, ...] = FOUR_ANGLES_DEG, number: int = 1) -> Recording:
+        """Simulate the later state as counts with flats and darks.
+
+        Parameters
+        ----------
+        angles_deg, number : tuple of float, int
+            As in `state`.
+
+        Returns
+        -------
+        Recording
+            With the nominal geometry.
+        """
+        recording = record(*self._later_state(angles_deg, number))
+        return dataclasses.replace(recording, geometry=self.nominal_geometry(angles_deg))
+
+    def _later_state(self, angles_deg: tuple[float, ...], number: int) -> tuple[Sample, Geometry, Physics, int, Float]:
+        """What `record` needs for the later state."""
+        views, beam = self.true_geometry(angles_deg, number), self.beam(len(angles_deg), number)
+        return self.later, views, self.case.physics, self.case.seed + 1000 * number, beam
+
+    def _draws(self, views: int, number: int) -> Float:
+        """Standard normal numbers of each view ``(views, 5)``: two shifts, in-plane rotation, stage angle, gain."""
+        return np.random.default_rng([self.case.seed, number]).standard_normal((views, 5))
