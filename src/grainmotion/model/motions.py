@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 from typing_extensions import deprecated
 
@@ -16,6 +15,9 @@ from grainmotion.errors import InputError
 from grainmotion.model.detector_response import Response
 from grainmotion.model.pose import ViewCorrections
 from grainmotion.rotations import rotation_matrix
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 class Status(StrEnum):
@@ -171,6 +173,8 @@ class Motions:
 
     def to_table(self) -> pd.DataFrame:
         """The table of ``motions.csv``: mm and degrees, one row a grain."""
+        import pandas as pd  # half a second that a fit does not need
+
         sd = np.sqrt(np.diagonal(self.covariances, axis1=1, axis2=2)).copy()
         sd[:, 3:] = np.rad2deg(sd[:, 3:])
         numbers = np.concatenate([self.centers, self.translations, np.rad2deg(self.rotations), sd], axis=1)
