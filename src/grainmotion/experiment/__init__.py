@@ -1,1 +1,1 @@
-"""The experiment file: read, validated, its inputs found and checked before any work begins."""
+"""The experiment file: read and validated, its input files located and checked before any work begins."""

@@ -5,9 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from grainmotion._typing import Beam
+from grainmotion._typing import Beam, Float
 from grainmotion.errors import InputError
 from grainmotion.experiment.config import AngleRange, Circular
 from grainmotion.io.files import checked_file
@@ -15,7 +14,8 @@ from grainmotion.io.hdf5 import NXtomo
 from grainmotion.model.geometry import DetectorAlignment, Geometry
 
 
-def _angles(table: Circular, folder: Path, nxtomo: NXtomo | None) -> NDArray[np.float64]:
+def scan_angles_deg(table: Circular, folder: Path, nxtomo: NXtomo | None) -> Float:
+    """Angles of the views, degrees: those of the table, else those of the NXtomo file."""
     given = table.angles_deg
     if isinstance(given, AngleRange):
         return np.linspace(given.first, given.last, given.count)
@@ -30,7 +30,7 @@ def _angles(table: Circular, folder: Path, nxtomo: NXtomo | None) -> NDArray[np.
     raise InputError("geometry.angles_deg", "it is missing", "give a list, a text file, or first, last and count")
 
 
-def _read_angles(path: Path) -> NDArray[np.float64]:
+def _read_angles(path: Path) -> Float:
     """One angle a line, degrees; ``#`` begins a comment."""
     angles = []
     for number, line in enumerate(path.read_text(errors="replace").splitlines(), start=1):
@@ -43,8 +43,8 @@ def _read_angles(path: Path) -> NDArray[np.float64]:
     return np.array(angles)
 
 
-def circular_geometry(table: Circular, beam: Beam, shape: tuple[int, int], angles_deg: NDArray[np.float64]) -> Geometry:
-    """The views of a ``[….geometry]`` table."""
+def circular_geometry(table: Circular, beam: Beam, shape: tuple[int, int], angles_deg: Float) -> Geometry:
+    """The views of a ``[….geometry]`` table, on a panel of ``shape`` rows and columns."""
     panel = DetectorAlignment(
         offset=table.detector_offset,
         tilts_deg=table.detector_tilts_deg,

@@ -1,8 +1,8 @@
-"""The experiment file: one TOML that says what was measured, where it lies and how to treat it.
+"""The experiment file: one TOML with the measurements, where their files are, and the settings of every stage.
 
-Every table is a record below; the tables of the stages are the settings of the verbs themselves, so
+Every table is a record below; the tables of the stages are the settings of the Python functions themselves, so
 that the keys of the file and the keywords of Python are one list.  Paths start at the file's folder.
-A key that nobody knows is an error, with the nearest known one.
+An unknown key is an error that names the nearest known one.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from grainmotion._typing import Beam
+from grainmotion._validation import validated
 from grainmotion.backends.device import Choice
 from grainmotion.calibration.corrections import Parameter
 from grainmotion.errors import InputError
@@ -26,7 +27,7 @@ from grainmotion.reconstruction.reconstruct import ReconstructSettings
 from grainmotion.segmentation.settings import SegmentSettings
 from grainmotion.tracking.track import TrackSettings
 
-RESERVED = (
+RESERVED_STATE_NAMES = (
     "reference.h5", "reconstruction.h5", "report.html", "stages.json", "reference.tif", "reference.vti",
     "calibration.json",
 )  # fmt: skip
@@ -46,11 +47,12 @@ class _Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class Air(_Table):
-    """Where the radiographs see only air: one factor a view is taken from there.  Give one of the two."""
+@validated
+class Air:
+    """Where the radiographs show only air, for one factor a view.  Give one of the two."""
 
-    margin: int | None = Field(default=None, gt=0, description="columns at the left and as many at the right")
-    region: tuple[int, int, int, int] | None = Field(default=None, description="row0, row1, column0, column1")
+    margin: Annotated[int | None, Field(gt=0, description="columns at the left and as many at the right")] = None
+    region: Annotated[tuple[int, int, int, int] | None, Field(description="row0, row1, column0, column1")] = None
 
 
 class AngleRange(_Table):
@@ -62,7 +64,7 @@ class AngleRange(_Table):
 
 
 class Circular(_Table):
-    """A circular scan, as `Geometry.cone` and `parallel`; a state's table inherits the reference's."""
+    """A circular scan, as `Geometry.cone` and `Geometry.parallel`; a state's table inherits the reference's keys."""
 
     beam: Beam | None = Field(default=None, description='"cone" or "parallel"')
     source_to_axis: float | None = Field(default=None, gt=0, description="mm, cone beam only")
@@ -82,11 +84,11 @@ class Circular(_Table):
 
 
 class ScanTable(_Table):
-    """Radiographs with all that makes line integrals of them."""
+    """Radiographs, with everything needed to turn them into line integrals."""
 
     radiographs: Files | None = Field(default=None, description="TIFF, .npy, HDF5 path, or one NXtomo file")
     flats: Files | None = Field(default=None, description="images of the open beam; averaged")
-    darks: Files | None = Field(default=None, description="images without beam; averaged; none is a dark of 0")
+    darks: Files | None = Field(default=None, description="images without beam; averaged; without them the dark is 0")
     kind: Kind | None = Field(default=None, description='"counts" (default), "transmission" or "line-integrals"')
     geometry: str | Circular | None = Field(default=None, description="CSV with one row a view, or a table")
     beam: Beam | None = Field(default=None, description='"cone" (default) or "parallel"')
@@ -94,19 +96,19 @@ class ScanTable(_Table):
         default=None,
         description='radiographs to use, "start:stop:step" or a list; the geometry holds these or all of them',
     )
-    air: Air | None = Field(default=None, description="where only air is seen, for one factor a view")
+    air: Air | None = Field(default=None, description="where the radiographs show only air, for one factor a view")
     saturation: float | None = Field(default=None, gt=0, description="count from which a pixel is saturated")
 
 
 class ReferenceTable(ScanTable):
-    """The full scan of the initial state, or the volume that another software made of it."""
+    """The full scan of the initial state, or its volume reconstructed by other software."""
 
     volume: Files | None = Field(default=None, description="a reconstructed volume [z, y, x], 1/mm")
     labels: Files | None = Field(default=None, description="grains in that volume, 0 = none")
 
 
 class VolumeTable(_Table):
-    """The grid of voxels; by default what the panel sees, with voxels of one pixel at the axis."""
+    """The grid of voxels; by default the field of view, with voxels of one pixel at the axis."""
 
     shape: tuple[int, int, int] | None = Field(default=None, description="voxels along z, y, x")
     voxel_size: float | None = Field(default=None, gt=0, description="mm")
@@ -158,12 +160,14 @@ class ExperimentFile(_Table):
 
 @dataclasses.dataclass(frozen=True)
 class Experiment:
-    """An experiment file that was read and found valid.
+    """A valid experiment file.
 
     Attributes
     ----------
     path : Path
+        The file.
     tables : ExperimentFile
+        Its content.
     """
 
     path: Path
@@ -171,12 +175,12 @@ class Experiment:
 
     @property
     def folder(self) -> Path:
-        """Where relative paths start."""
+        """Folder of the file, where relative paths start."""
         return self.path.parent
 
     @property
     def output(self) -> Path:
-        """Where results go unless told otherwise."""
+        """Folder of the results unless another is given."""
         return self.folder / self.tables.output.directory
 
     def on(self, device: Choice) -> Experiment:
@@ -190,10 +194,20 @@ class Experiment:
 def read_experiment(path: str | Path) -> Experiment:
     """Read and validate an experiment file.
 
+    Parameters
+    ----------
+    path : path
+        The TOML file; ``docs/experiment.md`` lists its keys.
+
+    Returns
+    -------
+    Experiment
+        The file's tables, with a default for each key that it leaves out.  No other file is read.
+
     Raises
     ------
     InputError
-        If it is missing or no TOML, or a key is unknown, missing or has a value that cannot be.
+        If the file is missing or no TOML, or a key is unknown, missing or has an invalid value.
     """
     path = checked_file(path)
     try:
@@ -216,7 +230,7 @@ def read_experiment(path: str | Path) -> Experiment:
 def _check_states(tables: ExperimentFile) -> None:
     names = [s.name.lower() for s in tables.states]
     for name in names:
-        if name in RESERVED:
+        if name in RESERVED_STATE_NAMES:
             raise InputError("states", f"a state cannot be called '{name}': its folder would meet a file", "rename it")
         if names.count(name) > 1:
             raise InputError("states", f"the name '{name}' is given twice", "give each state its own name")

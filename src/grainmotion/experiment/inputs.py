@@ -1,4 +1,4 @@
-"""Inputs of an experiment: everything found, its shapes and geometry checked, before any work begins."""
+"""Inputs of an experiment: all files located, their shapes and geometry checked, before any work begins."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from scipy import ndimage
 
+from grainmotion._typing import Float
 from grainmotion.backends.device import chosen
 from grainmotion.errors import InputError
 from grainmotion.experiment.config import Experiment
@@ -20,27 +21,27 @@ from grainmotion.model.motions import Motions
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 
-RATIO_LIMIT = 20.0  # voxel over pixel at the sample, either way
-MANY_VIEWS = 30  # from which the mean over views tells shadows from noise
-SHADOW_LIMIT = 10.0  # columns of the volume's shadow over those of the panel
+MAX_VOXEL_PIXEL_RATIO = 20.0  # of a voxel and a pixel at the sample, either way; more is a mistake of units
+MIN_VIEWS_FOR_CONTRAST = 30  # fewer do not average the noise enough
+MAX_FOOTPRINT_PANEL_RATIO = 10.0  # columns of the volume's footprint over those of the panel
 
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """Everything that an experiment starts from.
+    """The data that an experiment starts from.
 
     Attributes
     ----------
     reference : ScanInput, optional
-        None if the volume is given.
+        The full scan; None if the volume is given.
     states : tuple of ScanInput
-        In the order of the file.
+        The later states, in the order of the file.
     starts : tuple of Motions or None
-        The motions.csv from which each state starts, where one is named.
+        Initial motions of each state that names a file of them, mm and radians.
     grid : Volume
         Zeros on the grid of the reference volume.
     volume, labels : Stack, optional
-        Given by the user.
+        The reference volume (1/mm) and its labels, if they are given.
     """
 
     reference: ScanInput | None
@@ -54,18 +55,28 @@ class Inputs:
 def find_inputs(experiment: Experiment) -> Inputs:
     """Find all files of an experiment and check headers, shapes and geometry; pixels are not read.
 
+    Parameters
+    ----------
+    experiment : Experiment
+        The experiment file.
+
+    Returns
+    -------
+    Inputs
+        The files and geometry of all scans.
+
     Raises
     ------
     InputError
-        At the first thing that cannot be.
+        If a file is missing or damaged, or files and keys contradict each other; the first case found.
     """
     tables, folder = experiment.tables, experiment.folder
     for device in (tables.reconstruct.device, tables.track.device):
         chosen(device)
     volume = named_stack("reference.volume", tables.reference.volume, folder)
     labels = named_stack("reference.labels", tables.reference.labels, folder)
-    asked = tables.calibrate.geometry not in (False, "auto") or tables.calibrate.hardening
-    if volume is not None and asked:
+    calibrates = tables.calibrate.geometry not in (False, "auto") or tables.calibrate.hardening
+    if volume is not None and calibrates:
         fact = "the reference is a volume, and calibration needs its full scan"
         raise InputError("calibrate", fact, "leave [calibrate] out, or reference.volume")
     reference = None
@@ -84,7 +95,7 @@ def find_inputs(experiment: Experiment) -> Inputs:
 
 
 def _start(folder: Path, initial: str, grid: Volume) -> Motions | None:
-    """The motions that ``initial`` names, or None for another state's."""
+    """The motions in the file that ``initial`` names; None if it names a state."""
     if initial in ("previous", "reference"):
         return None
     if initial.endswith(".tsv"):
@@ -93,18 +104,16 @@ def _start(folder: Path, initial: str, grid: Volume) -> Motions | None:
 
 
 def check_plausible(key: str, geometry: Geometry, grid: Volume) -> None:
-    """Refuse a geometry that cannot belong to the volume: other units, or a panel that never sees it.
+    """Refuse a geometry that cannot belong to the volume: other units, or a panel that the volume never projects on.
 
     The volume is taken as the upright cylinder in its box.
     """
     units = "check that all lengths share one unit, mm: volume, pixel size and distances"
-    turn = np.linspace(0, 2 * np.pi, 24, endpoint=False)
-    radius = grid.voxel_size * min(grid.shape[1:]) / 2
-    ring = np.stack([radius * np.cos(turn), radius * np.sin(turn), np.zeros_like(turn)], axis=1)
+    circle = cylinder_circle(grid)
     top = np.array([0.0, 0.0, grid.voxel_size * grid.shape[0] / 2])
-    points = np.concatenate([ring + top, ring - top]) + grid.center
+    points = np.concatenate([circle + top, circle - top])
     ratio = grid.voxel_size / geometry.pixel_at(grid.center)
-    if ratio > 0 and not 1 / RATIO_LIMIT < ratio < RATIO_LIMIT:
+    if ratio > 0 and not 1 / MAX_VOXEL_PIXEL_RATIO < ratio < MAX_VOXEL_PIXEL_RATIO:
         fact = f"a voxel of {grid.voxel_size:.4g} mm is {ratio:.3g} times a pixel at the sample"
         raise InputError(f"{key}.geometry and volume.voxel_size", f"{fact}: wrong units?", units)
     where = geometry.project_points(points)
@@ -114,7 +123,7 @@ def check_plausible(key: str, geometry: Geometry, grid: Volume) -> None:
     low, high = where.min(axis=1), where.max(axis=1)
     extent = high - low
     widest = float(extent[:, 1].max())
-    if widest > SHADOW_LIMIT * geometry.shape[1]:
+    if widest > MAX_FOOTPRINT_PANEL_RATIO * geometry.shape[1]:
         fact = f"the volume's shadow is {widest:.0f} pixels wide, the panel {geometry.shape[1]}"
         raise InputError(f"{key}.geometry and volume", f"{fact}: the sample does not fit the field of view", units)
     if float(extent.max()) < 2:
@@ -129,12 +138,19 @@ def check_plausible(key: str, geometry: Geometry, grid: Volume) -> None:
         raise InputError(f"{key}.geometry, view {view}", fact, remedy)
 
 
-def check_contrast(where: str, scan: Scan) -> None:
-    """Refuse a full scan without a shadow: its mean radiograph is flat to within its own noise.
+def cylinder_circle(grid: Volume) -> Float:
+    """Points ``(24, 3)`` of the circle at half the height of the upright cylinder in a volume's box, mm."""
+    angles = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    circle = np.stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)], axis=1)
+    return circle * grid.voxel_size * min(grid.shape[1:]) / 2 + grid.center
 
-    The noise is what the means of every second view and of the others differ by, pixel by pixel.
+
+def check_contrast(where: str, scan: Scan) -> None:
+    """Refuse a full scan of nothing: its mean radiograph is flat to within its own noise.
+
+    The noise is estimated from the difference between the means of every second view and of the others.
     """
-    if len(scan) < MANY_VIEWS:
+    if len(scan) < MIN_VIEWS_FOR_CONTRAST:
         return
     halves = [scan.line_integrals[start::2].mean(axis=0, dtype=float) for start in (0, 1)]
     first, second = (ndimage.uniform_filter(h, 5) for h in halves)
@@ -146,7 +162,7 @@ def check_contrast(where: str, scan: Scan) -> None:
 
 
 def _grid(experiment: Experiment, scan: ScanInput | None, volume: Stack | None) -> Volume:
-    """Zeros on the grid of ``[volume]``; what it does not say follows from the volume or the panel."""
+    """Zeros on the grid of ``[volume]``; keys that it leaves out follow from the given volume or the panel."""
     table = experiment.tables.volume
     shape, voxel_size = table.shape, table.voxel_size
     if volume is not None:

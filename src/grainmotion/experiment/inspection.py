@@ -1,4 +1,4 @@
-"""Inspection: what an experiment's data are, before any work: shapes, pixels, memory, warnings."""
+"""Inspection of an experiment's data before any work: shapes, pixels, memory, warnings."""
 
 from __future__ import annotations
 
@@ -6,34 +6,41 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from grainmotion.experiment.inputs import Inputs
+from grainmotion.experiment.inputs import Inputs, cylinder_circle
 from grainmotion.experiment.scan_inputs import ScanInput
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.preprocessing.flat_field import PixelReport
 
-MASKED_SHARE = 0.01  # more masked pixels than this deserve a warning
-AIR_LIMIT = 0.02  # a median line integral of the outermost columns beyond this, too
-BYTES_A_VOXEL = 30  # float volume, labels, distances and the grown labels at the peak of the segmentation
+MAX_MASKED_SHARE = 0.01  # of all pixels; more give a warning
+MAX_AIR_LINE_INTEGRAL = 0.02  # median over the outermost columns; more gives a warning
+USUAL_VOXEL_PIXEL_RATIO = (0.4, 2.5)  # of a voxel and a pixel at the sample; others give a warning
+MAX_PANEL_OVERHANG = 0.1  # of the volume beyond the panel, as a share of its columns; more gives a warning
+BYTES_PER_VOXEL = 30  # float volume, labels, distances and the grown labels at the peak of the segmentation
 
 
 @dataclass(frozen=True)
 class ScanFacts:
-    """What is known of one scan.
+    """Facts about one scan.
 
     Attributes
     ----------
     key : str
+        "reference" or "states.NAME".
     views, rows, columns : int
+        Number of radiographs, and of their rows and columns.
     dtype, kind, beam : str
+        Number type of the files, what their pixels are, and the beam.
     pixel_at_sample : float
-        Pixel carried back to the volume's centre, mm.
+        Pixel size over the magnification at the volume's centre, mm.
     magnification : float
+        At the volume's centre.
     air : float
         Median line integral of the two outermost columns.
     highest : float
         Highest line integral.
     pixels : PixelReport
+        Numbers of bad pixels.
     """
 
     key: str
@@ -52,19 +59,20 @@ class ScanFacts:
 
 @dataclass(frozen=True)
 class Inspection:
-    """What is known of an experiment.
+    """Facts about an experiment.
 
     Attributes
     ----------
     scans : tuple of ScanFacts
         The reference first, then the states.
     volume_shape : (int, int, int)
+        Voxels along z, y, x.
     voxel_size : float
-        mm.
+        Edge of a voxel, mm.
     memory : float
         Estimate of the peak, bytes.
     warnings : tuple of str
-        What may be meant otherwise, with a remedy.
+        Unusual facts, each with a remedy.
     """
 
     scans: tuple[ScanFacts, ...]
@@ -75,7 +83,7 @@ class Inspection:
 
 
 def inspect_inputs(inputs: Inputs) -> Inspection:
-    """Read all radiographs once and tell what they are; errors are those of a run."""
+    """Read all radiographs once and report facts and warnings; raises the errors that a run would raise."""
     facts: list[ScanFacts] = []
     warnings: list[str] = []
     for source in (inputs.reference, *inputs.states):
@@ -94,7 +102,7 @@ def inspect_inputs(inputs: Inputs) -> Inspection:
     if not inputs.states:
         warnings.append("no states: add a [[states]] table for each later state")
     grid = inputs.grid
-    memory = BYTES_A_VOXEL * float(np.prod(grid.shape))
+    memory = BYTES_PER_VOXEL * float(np.prod(grid.shape))
     if reference is not None:
         memory = max(memory, 8.0 * np.prod(grid.shape) + 9.0 * facts[0].views * facts[0].rows * facts[0].columns)
     return Inspection(tuple(facts), grid.shape, grid.voxel_size, memory, tuple(warnings))
@@ -121,28 +129,25 @@ def _facts(source: ScanInput, scan: Scan, pixels: PixelReport, grid: Volume) -> 
 
 def _scan_warnings(source: ScanInput, facts: ScanFacts, grid: Volume) -> list[str]:
     warnings = []
-    if facts.pixels.bad > MASKED_SHARE * facts.pixels.total:
+    if facts.pixels.bad > MAX_MASKED_SHARE * facts.pixels.total:
         warnings.append(f"{facts.key}: {facts.pixels}; check flats, darks and exposure")
-    if abs(facts.air) > AIR_LIMIT:
+    if abs(facts.air) > MAX_AIR_LINE_INTEGRAL:
         warnings.append(
             f"{facts.key}: the outermost columns have a line integral of {facts.air:.3f}; "
             f"if they see only air, set {facts.key}.air = {{ margin = 2 }}"
         )
     ratio = grid.voxel_size / facts.pixel_at_sample
-    if not 0.4 < ratio < 2.5:
+    if not USUAL_VOXEL_PIXEL_RATIO[0] < ratio < USUAL_VOXEL_PIXEL_RATIO[1]:
         warnings.append(f"{facts.key}: a voxel is {ratio:.2f} times a pixel at the sample; near 1 is usual")
     if facts.key != "reference" and facts.views < 2:
         warnings.append(f"{facts.key}: one view leaves the motion along its rays poorly determined; take 2 or more")
-    if _cut(source, grid):
+    if _overhangs(source, grid):
         warnings.append(f"{facts.key}: the volume is wider than the panel sees; matter outside it is not modelled")
     return warnings
 
 
-def _cut(source: ScanInput, grid: Volume) -> bool:
-    """Whether the sides of the volume's upright cylinder fall off the panel in some view, by over a tenth."""
-    turn = np.linspace(0, 2 * np.pi, 24, endpoint=False)
-    radius = grid.voxel_size * min(grid.shape[1:]) / 2
-    ring = np.stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)], axis=1) * radius + grid.center
-    columns = source.geometry.project_points(ring)[..., 1]
+def _overhangs(source: ScanInput, grid: Volume) -> bool:
+    """Whether the sides of the volume's upright cylinder project beyond the panel in some view."""
+    columns = source.geometry.project_points(cylinder_circle(grid))[..., 1]
     width = source.geometry.shape[1]
-    return bool((columns.min() < -0.1 * width) or (columns.max() > 1.1 * width))
+    return bool(columns.min() < -MAX_PANEL_OVERHANG * width or columns.max() > (1 + MAX_PANEL_OVERHANG) * width)

@@ -1,19 +1,19 @@
-"""One scan of an experiment file: its files found, its geometry made, its pixels read as line integrals."""
+"""One scan of an experiment file: its files located, its geometry made, its pixels read as line integrals."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from pydantic import ValidationError
 
-from grainmotion._typing import Beam
+from grainmotion._typing import Beam, Index
 from grainmotion.errors import InputError
-from grainmotion.experiment.circular import _angles, circular_geometry
+from grainmotion.experiment.circular import circular_geometry, scan_angles_deg
 from grainmotion.experiment.config import Air, Circular, Kind, ReferenceTable, ScanTable
+from grainmotion.experiment.config_errors import input_error
 from grainmotion.io.geometry_csv import read_geometry
 from grainmotion.io.hdf5 import DARK, FLAT, NXtomo
 from grainmotion.io.stacks import Stack, find_stack
@@ -30,23 +30,27 @@ from grainmotion.preprocessing.flat_field import (
 
 @dataclass(frozen=True, eq=False)
 class ScanInput:
-    """The files of one scan, found and checked, and how to read them.
+    """The files of one scan, located and checked, and how to read them.
 
     Attributes
     ----------
     key : str
         "reference" or "states.NAME".
     radiographs : Stack
+        Images of the sample.
     flats, darks : Stack, optional
+        Images of the open beam and of no beam.
     kind : {"counts", "transmission", "line-integrals"}
     geometry : Geometry
         Of the chosen views.
     views : int array, optional
         Which radiographs to use; None for all.
     air : Air, optional
+        Where the radiographs show only air.
     saturation : float, optional
+        Count from which a pixel is saturated.
     hardening : Hardening, optional
-        Curve that makes the line integrals linear; no part of the `settings`.
+        Curve that undoes beam hardening; not part of the `settings`.
     """
 
     key: str
@@ -55,7 +59,7 @@ class ScanInput:
     darks: Stack | None
     kind: Kind
     geometry: Geometry
-    views: NDArray[np.int64] | None = None
+    views: Index | None = None
     air: Air | None = None
     saturation: float | None = None
     hardening: Hardening | None = None
@@ -67,20 +71,20 @@ class ScanInput:
         return tuple(f for s in stacks if s is not None for f in s.files)
 
     @property
-    def settings(self) -> dict[str, Any]:
-        """What else decides the line integrals, as plain data."""
+    def settings(self) -> dict[str, object]:
+        """All that the line integrals depend on beside the content of the files, as plain data."""
         return {
             "kind": self.kind,
             "beam": self.geometry.beam,
             "geometry": self.geometry.vectors.tolist(),
             "views": None if self.views is None else self.views.tolist(),
-            "air": None if self.air is None else self.air.model_dump(),
+            "air": None if self.air is None else asdict(self.air),
             "saturation": self.saturation,
             "inner": [[p.inner, p.key] for s in (self.radiographs, self.flats, self.darks) if s for p in s.parts],
         }
 
-    def select(self, views: NDArray[np.int64]) -> ScanInput:
-        """Some of the chosen views, in the order asked for."""
+    def select(self, views: Index) -> ScanInput:
+        """The scan of fewer views: ``views`` counts the chosen ones, in the order wanted."""
         chosen = views if self.views is None else self.views[views]
         return replace(self, views=chosen, geometry=self.geometry[views])
 
@@ -91,7 +95,7 @@ class ScanInput:
             if self.kind == "counts":
                 flats = None if self.flats is None else self.flats.read()
                 darks = None if self.darks is None else self.darks.read()
-                assert flats is not None  # find_inputs saw to it
+                assert flats is not None  # find_scan refuses counts without flats
                 scan, report = line_integrals_from_counts(
                     images, flats, darks, self.geometry, saturation=self.saturation
                 )
@@ -106,7 +110,7 @@ class ScanInput:
         return (scan if self.hardening is None else self.hardening.apply(scan)), report
 
     def _named(self, where: str) -> str:
-        """File and key behind the "counts", "flats" or "darks" of an error."""
+        """File and key for the "counts", "flats" or "darks" that an error names."""
         stack = {"flats": self.flats, "darks": self.darks}.get(where, self.radiographs)
         key = where if where in ("flats", "darks") or where.startswith("air") else "radiographs"
         return f"{stack.spec if stack else ''} ({self.key}.{key})"
@@ -129,57 +133,70 @@ def read_scan(
     radiographs : path, glob, ``"file.h5::/path"``, or a list of those
         TIFF, .npy, HDF5 or one NXtomo file, which brings flats and darks unless they are given.
     geometry : Geometry or path
-        Or its CSV, one row a radiograph.
+        One view a radiograph, mm; a path names its CSV.
     flats, darks : like ``radiographs``, optional
-        Images of the open beam and of no beam; averaged.
+        Images of the open beam and of no beam; averaged.  Only counts need them.
     kind : {"counts", "transmission", "line-integrals"}
+        What the pixels of the radiographs are.
     beam : {"cone", "parallel"}
         Of a geometry read from CSV.
     air : Air, optional
-        Where only air is seen, ``Air(margin=8)`` or ``Air(region=(0, 20, 0, 20))``.
+        Where the radiographs show only air, ``Air(margin=8)`` or ``Air(region=(0, 20, 0, 20))``.
 
     Returns
     -------
     Scan
+        Line integrals −ln((I − dark)/(flat − dark)), dimensionless, with a mask where pixels are not valid.
+
+    Raises
+    ------
+    InputError
+        If a file is missing or damaged, shapes or numbers of views do not agree, counts come without flats, or
+        pixels have values that cannot be; it names the file.
     """
-    images = find_stack(radiographs)
-    (count, rows, columns), _ = images.info()
-    views = geometry if isinstance(geometry, Geometry) else read_geometry(geometry, (rows, columns), beam)
-    if len(views) != count:
-        where = "geometry" if isinstance(geometry, Geometry) else str(geometry)
-        fact = f"{len(views)} views, but {images.spec} holds {count} radiographs"
-        raise InputError(where, fact, "give one view a radiograph, in the same order")
-    table = ReferenceTable(kind=kind)
-    given = [None if files is None else find_stack(files) for files in (flats, darks)]
-    if images.nxtomo is not None:
-        own = [_find_beam_images("reference", n, table, table, Path(), images.nxtomo) for n in ("flats", "darks")]
-        given = [g or o for g, o in zip(given, own)]
-    if kind == "counts" and given[0] is None:
-        raise InputError("flats", "it is missing", "give flats, or set kind to what the images are")
-    return ScanInput("scan", images, given[0], given[1], kind, views, air=air).read()[0]
+    given = geometry if isinstance(geometry, Geometry) else None
+    try:
+        table = ReferenceTable(
+            radiographs=_names(radiographs),
+            flats=_names(flats),
+            darks=_names(darks),
+            kind=kind,
+            beam=beam,
+            air=air,
+            geometry=None if given is not None else str(geometry),
+        )
+    except ValidationError as error:
+        raise input_error(error, ReferenceTable, {}) from error
+    return find_scan("scan", table, table, Path(), given).read()[0]
 
 
-def find_scan(key: str, table: ScanTable, reference: ReferenceTable, folder: Path) -> ScanInput:
-    """Find one scan; what its table does not say is the reference's."""
+def _names(files: str | Path | Sequence[str | Path] | None) -> list[str] | None:
+    if files is None:
+        return None
+    return [str(file) for file in ([files] if isinstance(files, str | Path) else files)]
+
+
+def find_scan(
+    key: str, table: ScanTable, reference: ReferenceTable, folder: Path, geometry: Geometry | None = None
+) -> ScanInput:
+    """Find one scan; a key that its table leaves out is the reference's, the geometry the table's unless given."""
     radiographs = named_stack(f"{key}.radiographs", table.radiographs, folder)
     if radiographs is None:
         raise InputError(f"{key}.radiographs", "it is missing", "name the radiographs")
     kind = table.kind or reference.kind or "counts"
     (count, rows, columns), _ = radiographs.info()
-    nxtomo = radiographs.nxtomo
-    views = _chosen(key, table.views, count)
-    geometry = _find_geometry(key, table, reference, folder, (rows, columns), nxtomo)
+    views = _chosen_views(key, table.views, count)
+    if geometry is None:
+        geometry = _find_geometry(key, table, reference, folder, (rows, columns), radiographs.nxtomo)
     if len(geometry) == count and views is not None:
         geometry = geometry[views]
     used = count if views is None else len(views)
     if len(geometry) != used:
-        source = f"{key}.geometry"
-        if isinstance(table.geometry, str):
-            source = f"{table.geometry} ({source})"
+        source = f"{table.geometry} ({key}.geometry)" if isinstance(table.geometry, str) else f"{key}.geometry"
         fact = f"{len(geometry)} views, but {radiographs.spec} ({key}.radiographs) holds {count} radiographs"
         fact += "" if used == count else f", of which {used} are chosen"
         raise InputError(source, fact, "give one view a radiograph, in the same order")
-    flats, darks = (_find_beam_images(key, name, table, reference, folder, nxtomo) for name in ("flats", "darks"))
+    flats, darks = (_find_beam_images(frames, key, table, reference, folder) for frames in (FLAT, DARK))
     if kind != "counts":
         flats = darks = None
     elif flats is None:
@@ -201,25 +218,18 @@ def find_scan(key: str, table: ScanTable, reference: ReferenceTable, folder: Pat
     )
 
 
-def _find_beam_images(
-    key: str, name: str, table: ScanTable, reference: ReferenceTable, folder: Path, nxtomo: NXtomo | None
-) -> Stack | None:
-    """Flats or darks: the table's, its NXtomo file's, the reference's, the reference's NXtomo file's."""
-    frames = FLAT if name == "flats" else DARK
-    own = named_stack(f"{key}.{name}", getattr(table, name), folder)
-    if own is not None:
-        return own
-    if nxtomo is not None and nxtomo.count(frames):
-        return find_stack(nxtomo.path).frames(frames)
-    if key == "reference":
-        return None
-    shared = named_stack(f"reference.{name}", getattr(reference, name), folder)
-    if shared is None and reference.radiographs is not None:
-        first = named_stack("reference.radiographs", reference.radiographs, folder)
-        file = None if first is None else first.nxtomo
-        if first is not None and file is not None and file.count(frames):
-            shared = first.frames(frames)
-    return shared
+def _find_beam_images(frames: int, key: str, table: ScanTable, reference: ReferenceTable, folder: Path) -> Stack | None:
+    """Flats or darks: the scan's own files or those in its NXtomo file, else the reference's."""
+    name = {FLAT: "flats", DARK: "darks"}[frames]
+    for owner, scan in ((key, table), ("reference", reference)):
+        own = named_stack(f"{owner}.{name}", scan.flats if frames == FLAT else scan.darks, folder)
+        if own is not None:
+            return own
+        radiographs = named_stack(f"{owner}.radiographs", scan.radiographs, folder)
+        nxtomo = None if radiographs is None else radiographs.nxtomo
+        if radiographs is not None and nxtomo is not None and nxtomo.count(frames):
+            return radiographs.frames(frames)
+    return None
 
 
 def _find_geometry(
@@ -230,24 +240,25 @@ def _find_geometry(
     shape: tuple[int, int],
     nxtomo: NXtomo | None,
 ) -> Geometry:
+    """The views of a scan: a CSV, a circular scan, or the reference's circle with the angles of an NXtomo file."""
     given = table.geometry
-    if given is None and nxtomo is not None and isinstance(reference.geometry, Circular):
-        given = reference.geometry.model_copy(update={"angles_deg": None, "first": None, "last": None, "count": None})
+    circle = reference.geometry if isinstance(reference.geometry, Circular) else None
+    if given is None and nxtomo is not None and circle is not None:
+        given = circle.model_copy(update={"angles_deg": None, "first": None, "last": None, "count": None})
     if given is None:
         raise InputError(f"{key}.geometry", "it is missing", "name a CSV, or give a table for a circular scan")
-    circular = reference.geometry.beam if isinstance(reference.geometry, Circular) else None
-    inherited: Beam = table.beam or reference.beam or circular or "cone"
+    inherited: Beam = table.beam or reference.beam or (circle.beam if circle else None) or "cone"
     if isinstance(given, str):
         return read_geometry(folder / given, shape, inherited)
     try:
-        angles = _angles(given, folder, nxtomo)
+        angles = scan_angles_deg(given, folder, nxtomo)
         return circular_geometry(given, given.beam or inherited, shape, angles)
     except InputError as error:
         where = error.where if error.where.startswith(str(folder)) else f"{key}.{error.where}"
         raise InputError(where, error.fact, error.remedy) from error
 
 
-def _chosen(key: str, views: str | list[int] | None, count: int) -> NDArray[np.int64] | None:
+def _chosen_views(key: str, views: str | list[int] | None, count: int) -> Index | None:
     """Indices that "start:stop:step" or a list picks from ``count`` radiographs."""
     if views is None:
         return None
