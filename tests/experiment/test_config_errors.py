@@ -1,0 +1,73 @@
+"""What an experiment file is refused for: the key at fault and a remedy, unknown keys before wrong values."""
+
+import pytest
+from experiment_inputs import inputs_of
+
+from grainmotion.errors import InputError
+from tiny_experiment import TOML, write_tiny
+
+
+@pytest.fixture(scope="module")
+def tiny(tmp_path_factory):
+    return write_tiny(tmp_path_factory.mktemp("tiny")).parent
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("[volume]", "[volumes]", "volumes: unknown key; did you mean 'volume'?"),
+        ("voxel_size", "voxelsize", "volume.voxelsize: unknown key; did you mean 'voxel_size'?"),
+        ("sweeps = 3", "sweep = 3", "reconstruct.sweep: unknown key; did you mean 'sweeps'?"),
+        ("search = false", "serach = false", "track.serach: unknown key; did you mean 'search'?"),
+        ("threshold = 0.5", "treshold = 0.5", "segment.treshold: unknown key; did you mean 'threshold'?"),
+        ('geometry = "one.csv"', 'geometri = "one.csv"', "states.one.geometri: unknown key"),
+        ("pixel_size = 0.4", "pixelsize = 0.4", "states.two.geometry.pixelsize: unknown key"),
+        ('name = "two"', 'naem = "two"', r"states\[2\].naem: unknown key; did you mean 'name'?"),
+        ('name = "two"', "", r"states\[2\].name: it is missing"),
+        ('name = "two"', 'name = "one"', "'one' is given twice"),
+        ('name = "two"', 'name = "report.html"', "cannot be called"),
+        ('name = "two"', 'name = "../two"', "states.../two.name"),
+        ("sweeps = 3", "sweeps = 0", "reconstruct.sweeps.*got 0"),
+        ("sweeps = 3", 'sweeps = "many"', "reconstruct.sweeps.*got 'many'"),
+        ("shape = [28, 36, 36]", "shape = [28, 36]", "volume.shape"),
+        ("shape = [28, 36, 36]", "shape = [28, 36, 0]", "volume.shape"),
+        ("voxel_size = 0.1", "voxel_size = -0.1", "volume.voxel_size.*got -0.1"),
+        ("pixel_size = 0.4", "", "states.two.geometry.pixel_size: it is missing"),
+        ("pixel_size = 0.4", "pixel_size = 0", "states.two.geometry.pixel_size"),
+        ("[10.0, 55.0, 100.0]", '[10.0, "x", 100.0]', r"states.two.geometry.angles_deg\[1\]"),
+        ("source_to_axis = 50", "", "states.two.geometry.source_to_axis: it is missing"),
+        ("source_to_axis = 50", "source_to_axis = 500", "states.two.geometry.source_to_axis"),
+        ('beam = "cone"', 'beam = "fan"', "states.two.geometry.beam"),
+        ("angles_deg = [10.0, 55.0, 100.0]", "", "states.two.geometry.angles_deg: it is missing"),
+        ('flats = "flats.tif"', "", "reference.flats: it is missing"),
+        ('geometry = "one.csv"', "", "states.one.geometry: it is missing"),
+        ("[reference]", "[reference", "malformed TOML"),
+    ],
+)
+def test_refused(tiny, old, new, message):
+    assert old in TOML
+    with pytest.raises(InputError, match=message):
+        inputs_of(tiny, TOML.replace(old, new, 1))
+
+
+def test_reference_is_needed(tiny):
+    with pytest.raises(InputError, match="reference: it is missing"):
+        inputs_of(tiny, "[volume]\nvoxel_size = 0.1\n")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("[10.0, 55.0, 100.0]", "{ first = 1, last = 2, cuont = 3 }", "angles_deg.cuont: unknown key; .* 'count'?"),
+        ("[track]", "[calibrate]\nhardenin = 2\n[track]", "calibrate.hardenin: unknown key; did you mean 'hardening'?"),
+        ("[volume]", "air = { margn = 3 }\n[volume]", "reference.air.margn: unknown key; did you mean 'margin'?"),
+        ("[volume]", "zzz = 1\n[volume]", "reference.zzz: unknown key; known keys are radiographs, flats"),
+        ("sweeps = 3", "sweeps = 0\nserach = 1", "reconstruct.serach: unknown key"),
+        ("[reference]", "states = 3\n[reference]", "states: it is no list of tables"),
+    ],
+)
+def test_unknown_keys_come_first_and_name_the_nearest(tiny, old, new, message):
+    toml = TOML.replace(old, new, 1)
+    toml = toml if "states = 3" not in new else toml[: toml.index("[[states]]")]
+    with pytest.raises(InputError, match=message):
+        inputs_of(tiny, toml)

@@ -1,0 +1,84 @@
+"""Scans read from files: an NXtomo file with all in it, and `read_scan` from Python."""
+
+import h5py
+import numpy as np
+import pytest
+from experiment_inputs import inputs_of
+
+from grainmotion.errors import InputError
+from grainmotion.experiment.config import Air, read_experiment
+from grainmotion.experiment.inputs import find_inputs
+from grainmotion.experiment.scan_inputs import read_scan
+from tiny_experiment import PANEL, geometry, write_tiny
+
+CONE = "source_to_axis = 50\nsource_to_detector = 200"
+
+
+@pytest.fixture(scope="module")
+def tiny(tmp_path_factory):
+    return write_tiny(tmp_path_factory.mktemp("tiny")).parent
+
+
+class TestNXtomo:
+    def test_one_file_brings_flats_darks_and_angles(self, tmp_path):
+        frames = np.full((7, *PANEL), 1000, np.uint16)
+        frames[0], frames[-1] = 10, 2000
+        with h5py.File(tmp_path / "scan.nxs", "w") as file:
+            file["entry/instrument/detector/data"] = frames
+            file["entry/instrument/detector/image_key"] = [2, 0, 0, 0, 0, 0, 1]
+            file["entry/sample/rotation_angle"] = [0.0, 0.0, 10.0, 20.0, 30.0, 40.0, 40.0]
+        np.save(tmp_path / "later.npy", frames[1:3])
+        toml = f"""
+[reference]
+radiographs = "scan.nxs"
+[reference.geometry]
+pixel_size = 0.4
+{CONE}
+[[states]]
+name = "one"
+radiographs = "scan.nxs"
+views = "::2"
+[[states]]
+name = "two"
+radiographs = "later.npy"
+geometry = {{ angles_deg = [0, 90] }}
+"""
+        inputs = inputs_of(tmp_path, toml)
+        assert inputs.reference is not None
+        expected = geometry([0, 10, 20, 30, 40]).vectors
+        np.testing.assert_allclose(inputs.reference.geometry.vectors, expected)
+        scan, report = inputs.reference.read()
+        np.testing.assert_allclose(scan.line_integrals, -np.log(990 / 1990), rtol=1e-5)
+        assert report.bad == 0
+        np.testing.assert_allclose(inputs.states[0].geometry.vectors, expected[::2])
+        np.testing.assert_allclose(inputs.states[1].read()[0].line_integrals, -np.log(990 / 1990), rtol=1e-5)
+
+
+class TestReadScan:
+    """The same scan from Python, without an experiment file."""
+
+    def test_is_the_scan_of_the_experiment(self, tiny):
+        scan = read_scan(tiny / "one.tif", tiny / "one.csv", flats=tiny / "flats.tif", darks=tiny / "darks.tif")
+        expected, _ = find_inputs(read_experiment(tiny / "experiment.toml")).states[0].read()
+        np.testing.assert_array_equal(scan.line_integrals, expected.line_integrals)
+
+    def test_geometry_given_as_such_and_air(self, tiny):
+        files = {"flats": [tiny / "flats.tif"], "darks": str(tiny / "darks.tif")}
+        scan = read_scan(tiny / "two.npy", geometry([10, 55, 100]), air=Air(margin=2), **files)
+        assert abs(np.median(scan.line_integrals[:, :, :2])) < 1e-3
+
+    @pytest.mark.parametrize(
+        ("options", "fact"),
+        [
+            ({}, "flats: it is missing"),
+            ({"geometry": geometry([0, 90]), "kind": "transmission"}, "2 views, but"),
+            ({"kind": "photons"}, "kind: input should be 'counts', .* got 'photons'"),
+        ],
+    )
+    def test_refused(self, tiny, options, fact):
+        with pytest.raises(InputError, match=fact):
+            read_scan(tiny / "one.tif", **{"geometry": tiny / "one.csv", **options})
+
+    def test_wrong_air_is_refused(self):
+        with pytest.raises(InputError, match=r"Air\.margin: .* greater than 0, got 0"):
+            Air(margin=0)
