@@ -62,7 +62,7 @@ class TestKernel:
         slopes = np.zeros((1, 2, 2, 3))
         slopes[:, :, 0, 0] = slopes[:, :, 1, 1] = 1
         turns, moves = np.array([turn]), np.array([move])
-        kernel._put(
+        kernel._add_grain(
             images, tables, np.array([[0, 1]]), anchors, np.full((2, 2), (5, 6)), np.array([0, 30, 60]), slopes, 0,
             turn, shifts[move], -1.0,
         )  # fmt: skip
