@@ -1,4 +1,4 @@
-"""The graph of touching watershed basins, and which of them are one grain (see `segment`)."""
+"""Region adjacency graph of watershed basins, and the merging of those that are one grain (see `segment`)."""
 
 from __future__ import annotations
 
@@ -8,15 +8,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
+from scipy.cluster.hierarchy import DisjointSet
+from skimage.segmentation import relabel_sequential
 
 Ints = NDArray[np.int32]
 
-UNEVEN = 0.9  # a saddle above this share of the lower peak separates nothing
+MAX_SADDLE = 0.9
+"""Saddle over the lower of the two peaks, above which basins are one: an uneven surface causes as much."""
 
 
 @dataclass(frozen=True, eq=False)
 class BasinGraph:
-    """Touching basins 1 … n: ``peaks (n + 1,)`` of the distance; each pair's saddle and its faces along z, y, x."""
+    """Touching basins 1 … n: ``peaks (n + 1,)`` of the distance; each pair's saddle and faces along z, y, x.
+
+    Distances are in voxels, faces in numbers of voxel faces.
+    """
 
     peaks: NDArray[np.float64]
     pairs: NDArray[np.int64]  # (k, 2)
@@ -25,6 +31,7 @@ class BasinGraph:
 
     @classmethod
     def of(cls, distance: NDArray[np.float32], basins: Ints) -> BasinGraph:
+        """The graph of basins of a distance transform."""
         peaks = np.zeros(int(basins.max()) + 1)
         peaks[1:] = ndimage.maximum(distance, basins, np.arange(1, len(peaks)))
         pairs, heights = [], []
@@ -42,7 +49,7 @@ class BasinGraph:
     def _gathered(
         cls, peaks: NDArray[np.float64], pairs: NDArray[np.integer], saddles: NDArray[np.floating], faces: NDArray
     ) -> BasinGraph:
-        """From pairs that may come many times and either way round."""
+        """From pairs that may occur many times and in either order."""
         n = len(peaks)
         key, index = np.unique(pairs.min(axis=1).astype(np.int64) * n + pairs.max(axis=1), return_inverse=True)
         highest, total = np.zeros(len(key)), np.zeros((len(key), 3))
@@ -50,42 +57,45 @@ class BasinGraph:
         np.add.at(total, index, faces)
         return cls(peaks, np.column_stack([key // n, key % n]), highest, total)
 
-    def joined(self, depth: float, oneness: float) -> Ints:
-        """New labels ``(n + 1,)`` once all that is one grain has joined."""
-        shallow = self._join_shallow(depth)
-        return self._under(shallow)._join_necks(oneness)[shallow]
+    def merged(self, depth: float, oneness: float) -> Ints:
+        """New labels ``(n + 1,)`` after both steps of merging."""
+        shallow = self._merge_shallow(depth)
+        return self._relabelled(shallow)._merge_necks(oneness)[shallow]
 
-    def _join_shallow(self, depth: float) -> Ints:
-        """New labels once peaks that hardly stand above their highest saddle have joined."""
-        root = np.arange(len(self.peaks))
+    def _merge_shallow(self, depth: float) -> Ints:
+        """New labels after merging peaks that hardly rise above their highest saddle."""
+        count = len(self.peaks)
+        sets, highest = DisjointSet(range(count)), np.arange(count)  # of each set's root, the basin of its highest peak
         for k in np.argsort(-self.saddles, kind="stable"):
-            a, b = (_find(root, int(i)) for i in self.pairs[k])
+            a, b = (int(highest[sets[int(i)]]) for i in self.pairs[k])
             low, high = (a, b) if self.peaks[a] < self.peaks[b] else (b, a)
             peak, saddle = self.peaks[low], self.saddles[k]
-            if a != b and (peak - saddle < depth or saddle > UNEVEN * peak):
-                root[low] = high
-        return renumbered(np.array([_find(root, i) for i in range(len(root))]))
+            if a != b and (peak - saddle < depth or saddle > MAX_SADDLE * peak):
+                sets.merge(a, b)
+                highest[sets[a]] = high
+        return _numbered(highest, sets)
 
-    def _under(self, labels: Ints) -> BasinGraph:
-        """The graph of basins joined under new labels."""
+    def _relabelled(self, labels: Ints) -> BasinGraph:
+        """The graph of basins merged under new labels."""
         peaks = np.zeros(int(labels.max()) + 1)
         np.maximum.at(peaks, labels, self.peaks)
         pairs = labels[self.pairs]
         apart = pairs[:, 0] != pairs[:, 1]
         return self._gathered(peaks, pairs[apart], self.saddles[apart], self.faces[apart])
 
-    def _join_necks(self, oneness: float) -> Ints:
-        """New labels once basins with a wide neck between them have joined, the widest first."""
-        root, peaks = np.arange(len(self.peaks)), self.peaks.copy()
-        necks: list[dict[int, tuple[float, NDArray[np.float64]]]] = [{} for _ in root]
+    def _merge_necks(self, oneness: float) -> Ints:
+        """New labels after merging basins with a wide neck between them, the widest first."""
+        count, peaks = len(self.peaks), self.peaks.copy()
+        sets, first = DisjointSet(range(count)), np.arange(count)  # of each set's root, its first basin
+        necks: list[dict[int, tuple[float, NDArray[np.float64]]]] = [{} for _ in peaks]
         for (a, b), saddle, faces in zip(self.pairs.tolist(), self.saddles.tolist(), self.faces, strict=True):
             necks[a][b] = necks[b][a] = (saddle, faces)
-        version = [0] * len(root)
+        version = [0] * count
         queue: list[tuple[float, int, int, int, int]] = []
 
         def offer(a: int, b: int) -> None:
             (saddle, faces), peak = necks[a][b], min(peaks[a], peaks[b])
-            # the norm of the faces' numbers is the area of a flat neck, whichever way it looks
+            # the norm of the numbers of faces is the area of a flat neck of any orientation
             kappa = saddle**2 * float(np.sqrt(faces @ faces)) / (np.pi * peak**4)
             if kappa >= oneness:
                 heapq.heappush(queue, (-kappa, a, b, version[a], version[b]))
@@ -96,7 +106,8 @@ class BasinGraph:
             _, a, b, va, vb = heapq.heappop(queue)
             if version[a] != va or version[b] != vb:
                 continue
-            root[b] = a
+            sets.merge(a, b)
+            first[sets[a]] = a
             peaks[a] = max(peaks[a], peaks[b])
             version[a], version[b] = version[a] + 1, -1
             for c, (saddle, faces) in necks[b].items():
@@ -107,18 +118,9 @@ class BasinGraph:
             necks[b] = {}
             for c in necks[a]:
                 offer(min(a, c), max(a, c))
-        return renumbered(np.array([_find(root, i) for i in range(len(root))]))
+        return _numbered(first, sets)
 
 
-def _find(root: NDArray[np.int64], i: int) -> int:
-    while root[i] != i:
-        root[i] = root[root[i]]
-        i = int(root[i])
-    return i
-
-
-def renumbered(labels: NDArray[np.integer]) -> Ints:
-    """The same partition with 0 kept and the others numbered 1 … n."""
-    values, index = np.unique(np.concatenate([[0], labels]), return_inverse=True)
-    assert values[0] == 0
-    return index[1:].astype(np.int32)
+def _numbered(names: NDArray[np.int64], sets: DisjointSet) -> Ints:
+    """Labels ``(n + 1,)`` 0, 1 … in the order of the names that sets have under their roots."""
+    return np.asarray(relabel_sequential(names[[sets[i] for i in range(len(names))]])[0], np.int32)
