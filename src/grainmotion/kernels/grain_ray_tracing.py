@@ -11,7 +11,7 @@ J(o, λ d) = J/λ:   G·d = 0,   H·d = −J.
 
 Planes are taken eight at a time, and the last eight go past the end: indices are kept inside the image, and what
 lies beyond it reads its empty layers.  Indices are 32 bits wide, so that the loads of eight planes are one gather
-each (see `docs/decisions/0011-walks-of-grains.md`).
+each (see `docs/decisions/0011-grain-ray-tracing.md`).
 """
 
 from __future__ import annotations
