@@ -306,7 +306,7 @@ def page(found: list[dict[str, Any]], missed: list[str]) -> str:
         "of a crowd are in place.  Blocks of that matrix, which are not made, would be O(n^(4/3)), a dense factor",
         "O(n³).",
         "",
-        f"![CPU time and memory against the number of grains](../../docs/images/{PLOT.name})",
+        f"![CPU time and memory against the number of grains](../../../docs/images/{PLOT.name})",
         "",
         "On paper, from the fit and from bytes a grain of the largest size measured; 128 workers of one core each:",
         "",
