@@ -16,6 +16,7 @@ from typing import Any, get_args
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
+from grainmotion.calibration.settings import ScannerSettings
 from grainmotion.experiment import config
 from grainmotion.planning.plan import PlanSettings
 from grainmotion.reconstruction.reconstruct import ReconstructSettings
@@ -27,7 +28,7 @@ TABLES: dict[str, type] = {
     "[reference.geometry], [states.geometry]": config.Circular,
     "[reference.air]": config.Air,
     "[volume]": config.VolumeTable,
-    "[calibrate]": config.CalibrateTable,
+    "[calibrate]": ScannerSettings,
     "[reconstruct]": ReconstructSettings,
     "[segment]": SegmentSettings,
     "[track]": TrackSettings,

@@ -4,11 +4,12 @@ The whole job in a notebook::
 
     import grainmotion as gm
 
-    scan = gm.read_scan("reference/*.tif", "reference.csv", flats="flats/*.tif", darks="darks/*.tif")
-    volume = gm.reconstruct(scan, gm.Volume.zeros((280, 180, 180), voxel_size=0.112)).volume
-    grains = gm.grains_from_labels(volume, gm.segment(volume).labels)
-    state = gm.read_scan("step-01/*.tif", "step-01.csv", flats="flats/*.tif", darks="darks/*.tif")
-    motions = gm.track(grains, state)
+    beam = dict(flats="flats/*.tif", darks="darks/*.tif")
+    scan = gm.read_scan("reference/*.tif", "reference.csv", **beam)
+    grid = gm.Volume.zeros((280, 180, 180), voxel_size=0.112)  # z, y, x; mm
+    reference = gm.Reference.from_scan(scan, grid)  # calibrate, reconstruct, segment, extract the grains
+    state = gm.read_scan("step-01/*.tif", "step-01.csv", **beam)
+    motions = gm.track(reference.grains, reference.correct(state))
     motions.to_table()
 """
 

@@ -6,6 +6,9 @@ from .backends.device import Device as Device
 from .calibration.calibrate import CalibrateSettings as CalibrateSettings
 from .calibration.calibrate import calibrate as calibrate
 from .calibration.corrections import Calibration as Calibration
+from .calibration.scanner import ScannerCalibration as ScannerCalibration
+from .calibration.settings import ReferenceSettings as ReferenceSettings
+from .calibration.settings import ScannerSettings as ScannerSettings
 from .errors import BackendError as BackendError
 from .errors import GrainmotionError as GrainmotionError
 from .errors import InputError as InputError
@@ -51,6 +54,7 @@ from .reconstruction.reconstruct import (
     reconstruct as reconstruct,
 )
 from .report.page import write_report as write_report
+from .segmentation.extraction import extract_grains as extract_grains
 from .segmentation.extraction import grains_from_labels as grains_from_labels
 from .segmentation.segment import Segmentation as Segmentation
 from .segmentation.segment import segment as segment
@@ -58,6 +62,7 @@ from .segmentation.settings import SegmentSettings as SegmentSettings
 from .tracking.track import PAPER as PAPER
 from .tracking.track import TrackSettings as TrackSettings
 from .tracking.track import track as track
+from .workflow.reference import Reference as Reference
 from .workflow.run import run as run
 
 __version__: str

@@ -1,4 +1,4 @@
-"""Types that many modules name."""
+"""Types that many modules name, and progress passed on."""
 
 from __future__ import annotations
 
@@ -19,3 +19,10 @@ Projector = Literal["trilinear", "exact"]
 """``"trilinear"``: the smooth image, sampled once a voxel; ``"exact"``: the exact radiological path of boxes."""
 Progress = Callable[[str, int, int], None]
 """Called with a message, what is done and the total."""
+
+
+def prefixed(progress: Progress | None, stage: str) -> Progress | None:
+    """Progress of a part of the work, with the name of its stage before each message."""
+    if progress is None:
+        return None
+    return lambda message, done, total: progress(f"{stage}: {message}", done, total)

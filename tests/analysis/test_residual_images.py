@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from few_grains import VOXEL, geometry, grain_set, small_motions
-from grainmotion.analysis.residual_images import leftover
+from grainmotion.analysis.residual_images import residual_images
 from grainmotion.model.detector_response import Response
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import StateFit
@@ -41,7 +41,7 @@ def fitted(**fit):
 class TestLeftover:
     def test_gain_and_offset(self):
         images = 1.1 * simulate_radiographs(GRAINS, TRUTH, geometry()) + 0.03
-        found = leftover(GRAINS, fitted(gain=1.1, offset=0.03), Scan(images + NOISE, geometry()))
+        found = residual_images(GRAINS, fitted(gain=1.1, offset=0.03), Scan(images + NOISE, geometry()))
         np.testing.assert_allclose(found, NOISE, atol=1e-5)
 
     def test_everything_at_once(self):
@@ -53,20 +53,20 @@ class TestLeftover:
         scan = Scan(RESPONSE.apply(path) + NOISE, geometry())
         grains = GrainSet(GRAINS.grains, wall(), True)
         motions = fitted(response=RESPONSE, view_corrections=ViewCorrections.of(CORRECTIONS), background=BACKGROUND)
-        np.testing.assert_allclose(leftover(grains, motions, scan), NOISE, atol=1e-5)
+        np.testing.assert_allclose(residual_images(grains, motions, scan), NOISE, atol=1e-5)
         for name in ("response", "view_corrections", "background"):
             worse = replace(motions, fit=replace(motions.fit, **{name: None}))
-            assert np.abs(leftover(grains, worse, scan) - NOISE).max() > 0.05, name
+            assert np.abs(residual_images(grains, worse, scan) - NOISE).max() > 0.05, name
 
     def test_a_background_that_stays(self):
         grains = GrainSet(GRAINS.grains, wall())
         scan = Scan(simulate_radiographs(grains, TRUTH, geometry()) + NOISE, geometry())
-        np.testing.assert_allclose(leftover(grains, TRUTH, scan), NOISE, atol=1e-4)
+        np.testing.assert_allclose(residual_images(grains, TRUTH, scan), NOISE, atol=1e-4)
 
     def test_masked_pixels_are_nan(self):
         valid = np.random.default_rng(1).uniform(size=NOISE.shape) > 0.1
         scan = Scan(np.where(valid, simulate_radiographs(GRAINS, TRUTH, geometry()), 9), geometry(), valid)
-        found = leftover(GRAINS, TRUTH, scan)
+        found = residual_images(GRAINS, TRUTH, scan)
         np.testing.assert_array_equal(np.isnan(found), ~valid)
         assert np.nanmax(np.abs(found)) < 1e-5
 
@@ -80,16 +80,16 @@ class TestLeftover:
             residuals=TRUTH.residuals[1:2], iterations=TRUTH.iterations[1:2], reasons=("",),
         )  # fmt: skip
         expected = simulate_radiographs(alone, own, geometry())
-        np.testing.assert_allclose(leftover(GRAINS, lost, scan), expected, atol=1e-5)
+        np.testing.assert_allclose(residual_images(GRAINS, lost, scan), expected, atol=1e-5)
 
     @pytest.mark.parametrize("projector", ["trilinear", "exact"])
     def test_projector(self, projector):
         scan = Scan(simulate_radiographs(GRAINS, TRUTH, geometry(), projector=projector), geometry())
-        np.testing.assert_allclose(leftover(GRAINS, TRUTH, scan, projector=projector), 0, atol=1e-6)
+        np.testing.assert_allclose(residual_images(GRAINS, TRUTH, scan, projector=projector), 0, atol=1e-6)
 
     def test_the_scan_is_left_alone(self):
         valid = np.random.default_rng(1).uniform(size=NOISE.shape) > 0.1
         scan = Scan(np.abs(NOISE), geometry(), valid)
         before = scan.line_integrals.copy()
-        leftover(GRAINS, TRUTH, scan)
+        residual_images(GRAINS, TRUTH, scan)
         np.testing.assert_array_equal(scan.line_integrals, before)

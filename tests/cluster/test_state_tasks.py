@@ -18,10 +18,11 @@ from grainmotion.model.volume import Volume
 from grainmotion.segmentation.extraction import lay_together
 from grainmotion.segmentation.label_refinement import fine_grains
 from grainmotion.tracking.track import TrackSettings
+from grainmotion.workflow import tracking_stage
 from grainmotion.workflow.context import RunContext
 from grainmotion.workflow.provenance import StageCache
+from grainmotion.workflow.reference_stages import reconstruct_stage, segment_stage
 from grainmotion.workflow.run import run
-from grainmotion.workflow.tracking_stage import track_states
 from inline_work import InlineExecutor
 from tiny_experiment import TOML, write_tiny
 
@@ -63,6 +64,13 @@ def tiny(folder, **initials):
 def job_of(experiment, cluster):
     folder = experiment.output
     return RunContext(experiment, find_inputs(experiment), folder, StageCache(folder), None, cluster=cluster)
+
+
+def track_states(context):
+    """The motions of all states, after the stages of the reference, which are done."""
+    reference = segment_stage(context, reconstruct_stage(context))
+    context.reused.clear()
+    return {name: state.motions for name, state in tracking_stage.track_states(context, reference).items()}
 
 
 def by_one(experiment):
@@ -118,9 +126,9 @@ def test_what_is_there_is_not_done_again(tmp_path):
 
 def test_an_error_names_the_state(tmp_path):
     experiment = tiny(tmp_path, a="reference")
-    source = find_inputs(experiment).states[0]
+    scan, _ = find_inputs(experiment).states[0].read()
     wrong = Motions.identity(np.array([7, 7, 8]), np.zeros((3, 3)))
-    shelf, states = SharedStore(tmp_path / "shelf"), [State("a", source, "wrong.csv", wrong)]
+    shelf, states = SharedStore(tmp_path / "shelf"), [State("a", scan, "wrong.csv", wrong)]
     with pytest.raises(InputError, match=r"states\.a\.initial \(wrong\.csv\)"):
         list(track_scattered(InlineExecutor(), shelf, grain_set(), states, TrackSettings()))
 
@@ -129,17 +137,17 @@ def test_the_sample_arrives_whole(tmp_path, monkeypatch):
     """With its background, on the processor, its voxels end to end and in one file."""
     arrived = []
 
-    def told(source, initial, grains, start, settings, device):
+    def told(grains, scan, start, settings, *, device):
         arrived.append((grains, device))
         return Motions.identity(grains.labels, grains.centers)
 
-    monkeypatch.setattr("grainmotion.cluster.state_tasks.track_state", told)
+    monkeypatch.setattr("grainmotion.cluster.state_tasks.track", told)
     laid = [replace(grain, fine=None) for grain in grain_set().grains]
     lay_together(laid)
     whole = GrainSet(tuple(laid), background=Volume(np.ones((40, 40, 40)), 0.1), background_moves=True)
-    source = find_inputs(tiny(tmp_path, a="reference")).states[0]
+    scan, _ = find_inputs(tiny(tmp_path, a="reference")).states[0].read()
     shelf = SharedStore(tmp_path / "shelf")
-    list(track_scattered(InlineExecutor(), shelf, whole, [State("a", source, "reference", None)], TrackSettings()))
+    list(track_scattered(InlineExecutor(), shelf, whole, [State("a", scan, "reference", None)], TrackSettings()))
     ((grains, device),) = arrived
     assert device == CPU
     assert grains.background_moves
@@ -164,9 +172,9 @@ def test_no_more_at_once_than_there_are_workers(tmp_path):
             asked.append([after[0], more()])
             yield after
 
-    source = find_inputs(tiny(tmp_path, a="reference")).states[0]
-    states = [State("a", source, "reference", None), State("b", source, "previous", "a")]
-    states.append(State("c", source, "reference", None))
+    scan, _ = find_inputs(tiny(tmp_path, a="reference")).states[0].read()
+    states = [State("a", scan, "reference", None), State("b", scan, "previous", "a")]
+    states.append(State("c", scan, "reference", None))
     found = track_scattered(Busy(), SharedStore(tmp_path / "shelf"), grain_set(), states, TrackSettings(search=False))
     assert [name for name, _ in found] == ["c", "a", "b"]
     assert asked == [["a", "c", None], [None, None], ["b", None]]

@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 import pytest
 
-from grainmotion.io.results import Reference, read_motions_h5, read_reference, write_motions_h5, write_reference
+from grainmotion.io.results import StoredReference, read_motions_h5, read_reference, write_motions_h5, write_reference
 from grainmotion.model.detector_response import Response
 from grainmotion.model.motions import Motions, StateFit
 from grainmotion.model.pose import ViewCorrections
@@ -93,7 +93,7 @@ class TestReferenceFile:
         volume = Volume(np.random.default_rng(0).uniform(size=(4, 5, 6)), 0.1, (1.0, 2.0, 3.0))
         labels = np.zeros((4, 5, 6), np.int32)
         labels[1:3, 1:3, 1:3] = 2
-        write_reference(tmp_path / "r.h5", Reference(volume, (0.3, 0.1), labels, 0.5, (2,)))
+        write_reference(tmp_path / "r.h5", StoredReference(volume, (0.3, 0.1), labels, 0.5, (2,)))
         back = read_reference(tmp_path / "r.h5")
         np.testing.assert_array_equal(back.volume.array, volume.array)
         assert (back.volume.voxel_size, back.volume.center) == (0.1, (1.0, 2.0, 3.0))
@@ -101,5 +101,5 @@ class TestReferenceFile:
         np.testing.assert_array_equal(back.labels, labels)
 
     def test_volume_alone(self, tmp_path):
-        write_reference(tmp_path / "r.h5", Reference(Volume.zeros((2, 2, 2), 1.0)))
+        write_reference(tmp_path / "r.h5", StoredReference(Volume.zeros((2, 2, 2), 1.0)))
         assert read_reference(tmp_path / "r.h5").labels is None

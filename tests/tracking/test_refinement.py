@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from few_grains import VOXEL, errors, geometry, grain_set, radiographs, small_motions
-from grainmotion.analysis.residual_images import leftover
+from grainmotion.analysis.residual_images import residual_images
 from grainmotion.model.pose import NuisanceMotion, Pose, ViewCorrections
 from grainmotion.model.scan import Scan
 from grainmotion.objective.data_term import Target
@@ -86,7 +86,7 @@ class TestPosesOfViews:
 
     def test_nothing_is_left_on_the_radiographs(self):
         scan = misplaced()
-        assert np.std(leftover(GRAINS, with_view_poses(), scan)) == pytest.approx(0.01, rel=0.1)
+        assert np.std(residual_images(GRAINS, with_view_poses(), scan)) == pytest.approx(0.01, rel=0.1)
 
     def test_views_that_stand_where_told_get_no_corrections_to_speak_of(self):
         measured = track(GRAINS, radiographs(GRAINS, TRUTH), settings=replace(QUICK, view_corrections="always"))

@@ -1,6 +1,7 @@
 """The order of a run: what it leaves behind, and that it goes on where it stopped."""
 
 import shutil
+from collections import Counter
 
 import h5py
 import numpy as np
@@ -8,9 +9,11 @@ import pytest
 
 from grainmotion.errors import InputError
 from grainmotion.experiment.config import read_experiment
+from grainmotion.experiment.scan_inputs import ScanInput
 from grainmotion.io.motions_csv import read_motions
 from grainmotion.io.results import read_motions_h5, read_reference
 from grainmotion.io.tiff import read_tiff, write_tiff
+from grainmotion.workflow import reference_stages
 from grainmotion.workflow import run as pipeline
 from tiny_experiment import BALLS, PANEL, SHIFTS, TOML, sample, write_tiny
 
@@ -41,7 +44,7 @@ def quick_track(copied, monkeypatch):
         starts.append(start)
         return motions
 
-    monkeypatch.setattr("grainmotion.experiment.state_tracking.track", known)
+    monkeypatch.setattr("grainmotion.workflow.tracking_stage.track", known)
     return starts
 
 
@@ -111,6 +114,31 @@ class TestResults:
         assert names == {"reference.h5", "report.html", "stages.json", *SHIFTS, *states}
 
 
+class TestRadiographs:
+    @pytest.fixture
+    def reads(self, monkeypatch):
+        """How often each scan was read."""
+        counts, read = Counter(), ScanInput.read
+
+        def counted(source):
+            counts[source.key] += 1
+            return read(source)
+
+        monkeypatch.setattr(ScanInput, "read", counted)
+        return counts
+
+    def test_each_scan_is_read_once(self, copied, reads):
+        shutil.rmtree(copied.parent / "results")
+        run(copied)
+        assert reads == {"reference": 1, "states.one": 1, "states.two": 1}
+
+    def test_a_run_that_goes_on_reads_what_it_needs_once(self, copied, reads):
+        for name in ("one/motions.csv", "one/residuals.tif", "report.html"):
+            (copied.parent / "results" / name).unlink()
+        assert run(copied).done == ("one/track", "one/residuals", "report")
+        assert reads == {"states.one": 1, "states.two": 1}
+
+
 class TestResume:
     def test_a_finished_run_does_nothing(self, copied):
         result = run(copied)
@@ -160,7 +188,7 @@ class TestResume:
                 raise KeyboardInterrupt
             return kept
 
-        monkeypatch.setattr("grainmotion.experiment.state_tracking.track", killed)
+        monkeypatch.setattr("grainmotion.workflow.tracking_stage.track", killed)
         with pytest.raises(KeyboardInterrupt):
             run(copied)
         assert not (copied.parent / "results" / "two").exists()
@@ -177,7 +205,7 @@ class TestResume:
             raise KeyboardInterrupt
 
         with monkeypatch.context() as patch:
-            patch.setattr(pipeline, "segment", killed)
+            patch.setattr(reference_stages, "segment", killed)
             with pytest.raises(KeyboardInterrupt):
                 run(copied)
         assert (copied.parent / "results" / "reconstruction.h5").exists()

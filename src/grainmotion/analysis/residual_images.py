@@ -1,4 +1,4 @@
-"""What a state's motions leave of its radiographs."""
+"""Residual radiographs: measured minus simulated from the motions of a state."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from grainmotion.rotations import rotation_matrix
 from grainmotion.segmentation.extraction import packed_body
 
 
-def leftover(grains: GrainSet, motions: Motions, scan: Scan, *, projector: Projector = "trilinear") -> Image:
+def residual_images(grains: GrainSet, motions: Motions, scan: Scan, *, projector: Projector = "trilinear") -> Image:
     """Measured − m(simulated) of each view ``(views, rows, columns)``, line integrals; NaN where a pixel is masked.
 
     Grains with unknown motions are left out of what is simulated.

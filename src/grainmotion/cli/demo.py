@@ -19,8 +19,8 @@ from grainmotion.io.geometry_csv import write_geometry
 from grainmotion.io.motions_csv import read_motions
 from grainmotion.io.results import read_reference
 from grainmotion.workflow import outputs
-from grainmotion.workflow.context import REFERENCE
 from grainmotion.workflow.dataset import write_dataset
+from grainmotion.workflow.reference_stages import REFERENCE
 from grainmotion.workflow.run import RunResult, run
 
 PLAIN_CASES = {"small": simulate.small, "paper": simulate.paper_scale}
@@ -125,7 +125,10 @@ def run_demo(folder: str | Path, seed: int = 0, progress: Progress | None = None
         for name, motions in result.motions.items()
     }
     facts = {name: comparison_facts(c) for name, c in comparisons.items()}
-    outputs.write_report(experiment, find_inputs(experiment), reference, result.motions, result.folder, facts)
+    inputs = find_inputs(experiment)
+    scans = {source.key.removeprefix("states."): source.read()[0] for source in inputs.states}
+    results = outputs.Results(experiment, inputs, result.folder, reference, scans, result.motions)
+    outputs.write_report(results, facts)
     return Demo(result, comparisons)
 
 

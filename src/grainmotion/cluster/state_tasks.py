@@ -1,24 +1,25 @@
-"""States side by side: each tracked whole by one worker, from grains on the shelf and radiographs that it reads.
+"""Tasks that track whole states, several states at the same time, each on one worker.
 
-So small samples are tracked, whose walks take less than handing them out (`dask_backend.WORTH`).  A state that starts
-from another's motions follows it.
+Small samples are tracked so: sharing one state's projections out would take longer than doing them.  A state that
+starts from another's motions waits for it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from grainmotion.backends.device import CPU
 from grainmotion.cluster.executor import Executor
 from grainmotion.cluster.shared_store import SharedStore, StoredObject
 from grainmotion.cluster.worker_threads import own_threads
-from grainmotion.experiment.scan_inputs import ScanInput
-from grainmotion.experiment.state_tracking import track_state
+from grainmotion.experiment.state_tracking import errors_of_state
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions
-from grainmotion.tracking.track import TrackSettings
+from grainmotion.model.scan import Scan
+from grainmotion.tracking.settings import TrackSettings
+from grainmotion.tracking.track import track
 
 if TYPE_CHECKING:
     from dask.delayed import Delayed
@@ -31,8 +32,8 @@ class State:
     Attributes
     ----------
     name : str
-    source : ScanInput
-        Its radiographs.
+    scan : Scan
+        Its radiographs, corrected.
     initial : str
         What the experiment file says of its start.
     start : Motions or str, optional
@@ -40,7 +41,7 @@ class State:
     """
 
     name: str
-    source: ScanInput
+    scan: Scan
     initial: str
     start: Motions | str | None
 
@@ -49,24 +50,25 @@ def track_scattered(
     work: Executor, shelf: SharedStore, grains: GrainSet, states: Sequence[State], settings: TrackSettings
 ) -> Iterator[tuple[str, Motions]]:
     """Names of the states and their motions, whichever is there first; no more at once than there are workers."""
-    shelved, waiting, found = shelf.put(grains), list(states), dict[str, Motions]()
+    shelved, waiting, tracked = shelf.put(grains), list(states), dict[str, Motions]()
 
     def more() -> tuple[str, Delayed] | None:
         for state in waiting:
-            start = found.get(state.start) if isinstance(state.start, str) else state.start
+            start = tracked.get(state.start) if isinstance(state.start, str) else state.start
             if isinstance(state.start, str) and start is None:
                 continue
             waiting.remove(state)
-            told = shelf.put((state.source, state.initial, start, settings))
-            return state.name, work.task(_track, grains=shelved, told=told)
+            given = shelf.put((replace(state, start=start), settings))
+            return state.name, work.task(_track, grains=shelved, given=given)
         return None
 
     for name, motions in work.as_done(more):
-        found[name] = motions
+        tracked[name] = motions
         yield name, motions
 
 
-def _track(grains: StoredObject, told: StoredObject) -> Motions:
+def _track(grains: StoredObject, given: StoredObject) -> Motions:
     with own_threads():  # one state at a time, so that the grains are here once
-        source, initial, start, settings = told.take()
-        return track_state(source, initial, grains.take(), start, settings, device=CPU)
+        state, settings = given.take()
+        with errors_of_state(f"states.{state.name}", state.initial):
+            return track(grains.take(), state.scan, state.start, settings, device=CPU)

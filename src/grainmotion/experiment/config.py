@@ -18,7 +18,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from grainmotion._typing import Beam
 from grainmotion._validation import validated
 from grainmotion.backends.device import Choice
-from grainmotion.calibration.corrections import Parameter
+from grainmotion.calibration.settings import ReferenceSettings, ScannerSettings
 from grainmotion.errors import InputError
 from grainmotion.experiment.config_errors import input_error
 from grainmotion.io.files import checked_file
@@ -115,20 +115,6 @@ class VolumeTable(_Table):
     center: tuple[float, float, float] = Field(default=(0.0, 0.0, 0.0), description="mm, x y z")
 
 
-class CalibrateTable(_Table):
-    """What the reference scan is asked about the machine, for the reference and all states."""
-
-    geometry: bool | Literal["auto"] | list[Parameter] = Field(
-        default="auto",
-        description='"auto": find "shift_u", "turn" and "axis_tilt" and correct what is clearly off (a full scan of '
-        "few views is left alone); true: correct them whatever they are; a list: find these, out of those and "
-        '"axis_offset", "yaw", "pitch", "shift_v"; false: take the geometry as told',
-    )
-    hardening: Literal[0, 2, 3, 4] = Field(
-        default=0, description="degree of the curve that undoes beam hardening; 0 to leave it"
-    )
-
-
 class StateTable(ScanTable):
     """The few radiographs of one later state."""
 
@@ -149,7 +135,7 @@ class ExperimentFile(_Table):
 
     reference: ReferenceTable
     volume: VolumeTable = Field(default_factory=VolumeTable)
-    calibrate: CalibrateTable = Field(default_factory=CalibrateTable)
+    calibrate: ScannerSettings = Field(default_factory=ScannerSettings)
     reconstruct: ReconstructSettings = Field(default_factory=ReconstructSettings)
     segment: SegmentSettings = Field(default_factory=SegmentSettings)
     track: TrackSettings = Field(default_factory=TrackSettings)
@@ -182,6 +168,11 @@ class Experiment:
     def output(self) -> Path:
         """Folder of the results unless another is given."""
         return self.folder / self.tables.output.directory
+
+    @property
+    def reference_settings(self) -> ReferenceSettings:
+        """How the reference state is made: the tables ``[calibrate]``, ``[reconstruct]`` and ``[segment]``."""
+        return ReferenceSettings(self.tables.calibrate, self.tables.reconstruct, self.tables.segment)
 
     def on(self, device: Choice) -> Experiment:
         """The same experiment, all of its work on a device."""

@@ -45,7 +45,7 @@ _OPTIONAL = {
 
 
 @dataclass(frozen=True, eq=False)
-class Reference:
+class StoredReference:
     """The reference state: its volume and grains.
 
     Attributes
@@ -69,14 +69,14 @@ class Reference:
     border: tuple[int, ...] = ()
 
 
-def write_reference(path: str | Path, reference: Reference, grains: GrainSet | None = None) -> None:
+def write_reference(path: str | Path, reference: StoredReference, grains: GrainSet | None = None) -> None:
     """Write a ``reference.h5``.
 
     Parameters
     ----------
     path : path
         The file to write.
-    reference : Reference
+    reference : StoredReference
         Volume, and labels if it is segmented.
     grains : GrainSet, optional
         The grains of the labels, for their table.
@@ -98,7 +98,7 @@ def write_reference(path: str | Path, reference: Reference, grains: GrainSet | N
                 table[name] = values
 
 
-def read_reference(path: str | Path) -> Reference:
+def read_reference(path: str | Path) -> StoredReference:
     """Read a ``reference.h5``.
 
     Parameters
@@ -108,7 +108,7 @@ def read_reference(path: str | Path) -> Reference:
 
     Returns
     -------
-    Reference
+    StoredReference
         Without the table of grains, which follows from volume and labels.
     """
     with opened(path) as file:
@@ -117,10 +117,10 @@ def read_reference(path: str | Path) -> Reference:
         volume = Volume(data[()], float(data.attrs["voxel_size"]), (x, y, z))
         residuals = tuple(float(r) for r in file["residuals"][()])
         if "labels" not in file:
-            return Reference(volume, residuals)
+            return StoredReference(volume, residuals)
         labels = file["labels"]
         border = tuple(int(b) for b in labels.attrs["border"])
-        return Reference(volume, residuals, labels[()], float(labels.attrs["threshold"]), border)
+        return StoredReference(volume, residuals, labels[()], float(labels.attrs["threshold"]), border)
 
 
 def grain_columns(grains: GrainSet, labels: NDArray[np.int32]) -> dict[str, NDArray[np.generic]]:

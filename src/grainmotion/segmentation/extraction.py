@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +16,8 @@ from grainmotion.model.grains import Grain, GrainSet
 from grainmotion.model.volume import Volume
 from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.segmentation.label_refinement import Boxed, fine_grains
+from grainmotion.segmentation.segment import Segmentation
+from grainmotion.segmentation.settings import Background, SegmentSettings
 
 
 def packed_body(background: Volume) -> GrainArrays:
@@ -24,10 +25,46 @@ def packed_body(background: Volume) -> GrainArrays:
     return GrainArrays.of(grains_from_labels(background, np.ones(background.shape, np.int8), reach=0))
 
 
-Background = Literal["auto", "ignore", "fixed", "moving"]
 Cut = Callable[[Volume, NDArray[np.integer], list[Boxed], int, float], Iterable[Volume | None]]
 MUCH, BESIDE = 0.02, 1.5  # share of all attenuation; voxels
 SMOOTHED, FAINT = 2.0, 0.02  # voxels; share of the grains' attenuation that tells a wall from noise
+
+
+def extract_grains(
+    volume: Volume, segmentation: Segmentation, settings: SegmentSettings | None = None, *, cut: Cut = fine_grains
+) -> GrainSet:
+    """Extract the grains of a segmented volume, as ``grainmotion run`` does.
+
+    Parameters
+    ----------
+    volume : Volume
+        Attenuation, 1/mm.
+    segmentation : Segmentation
+        Its labels, and those that the border of the field of view cuts.
+    settings : SegmentSettings, optional
+        ``reach``, ``background`` and ``finer`` decide what becomes of voxels without a label.
+    cut : callable, optional
+        Resamples grains on finer voxels, as `label_refinement.fine_grains`.
+
+    Returns
+    -------
+    GrainSet
+
+    Raises
+    ------
+    InputError
+        If the labels are not the volume's, or there is no grain.
+    """
+    settings = settings or SegmentSettings()
+    return grains_from_labels(
+        volume,
+        segmentation.labels,
+        reach=settings.reach,
+        border=segmentation.border,
+        background=settings.background,
+        finer=settings.finer,
+        cut=cut,
+    )
 
 
 def grains_from_labels(

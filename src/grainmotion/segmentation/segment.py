@@ -73,6 +73,11 @@ class Segmentation:
     threshold: float
     border: tuple[int, ...]
 
+    @classmethod
+    def of(cls, labels: Ints) -> Segmentation:
+        """The segmentation behind labels that were given: no threshold is known."""
+        return cls(labels, float("nan"), border_labels(labels))
+
 
 def segment(
     volume: Volume, settings: SegmentSettings | None = None, *, progress: Progress | None = None

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
 from grainmotion._validation import validated
-from grainmotion.segmentation.extraction import Background
+
+Background = Literal["auto", "ignore", "fixed", "moving"]
 
 
 @validated

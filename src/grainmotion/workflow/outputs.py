@@ -1,145 +1,191 @@
-"""Outputs of a state beside its motions: residual radiographs, the rebuilt sample, exports, the report."""
+"""What a run writes beside the motions: residual radiographs, the deformed volume, exports, the report."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from grainmotion import report
-from grainmotion._typing import Projector
 from grainmotion.analysis.deformed_volume import rebuild
-from grainmotion.analysis.residual_images import leftover
-from grainmotion.experiment.config import Experiment
+from grainmotion.analysis.residual_images import residual_images
+from grainmotion.calibration.scanner import ScannerCalibration
+from grainmotion.experiment.config import Experiment, Export
 from grainmotion.experiment.inputs import Inputs
 from grainmotion.experiment.scan_inputs import ScanInput
-from grainmotion.io.results import Reference
+from grainmotion.io.results import StoredReference
 from grainmotion.io.spam import write_ddic_tsv
 from grainmotion.io.tiff import read_tiff, write_tiff
 from grainmotion.io.vtk import write_grains_vtp, write_image_vti
-from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions
 from grainmotion.model.scan import Scan
-from grainmotion.model.volume import Volume
 from grainmotion.report import ReportData, StateReport
 from grainmotion.report.data import Rows
+from grainmotion.workflow.calibration_stage import calibration_facts
+from grainmotion.workflow.context import RunContext
+from grainmotion.workflow.provenance import Stage
+from grainmotion.workflow.reference_stages import SegmentedReference
+from grainmotion.workflow.tracking_stage import TrackedState
+
+REFERENCE_EXPORTS = {"vtk": ("reference.vti",), "spam": ("reference.tif", "reference_labels.tif")}
+STATE_EXPORTS = {"vtk": "grains.vtp", "spam": "grains-ddic.tsv"}
+RESIDUALS, REPORT = "residuals.tif", "report.html"
+DEFORMED = ("rebuilt.tif", "rebuilt_labels.tif")
 
 
-def write_residuals(folder: Path, grains: GrainSet, motions: Motions, scan: Scan, projector: Projector) -> list[Path]:
-    """Write ``residuals.tif``: measured − m(simulated) of each view, NaN where a pixel is masked."""
-    residuals = leftover(grains, motions, scan, projector=projector)
-    path = folder / "residuals.tif"
-    write_tiff(path, residuals.astype(np.float32))
-    return [path]
+@dataclass(frozen=True, eq=False)
+class Results:
+    """All that the report is made from; scans and motions go by the name of their state."""
+
+    experiment: Experiment
+    inputs: Inputs
+    folder: Path
+    reference: StoredReference
+    scans: Mapping[str, Scan]
+    motions: Mapping[str, Motions]
+    scanner: ScannerCalibration = field(default_factory=ScannerCalibration)
 
 
-def write_rebuilt(folder: Path, grains: GrainSet, motions: Motions, grid: Volume) -> list[Path]:
-    """Write ``rebuilt.tif`` and ``rebuilt_labels.tif``: the current configuration on the reference's grid."""
-    volume, labels = rebuild(grains, motions, grid)
-    paths = [folder / "rebuilt.tif", folder / "rebuilt_labels.tif"]
+def write_outputs(
+    context: RunContext, reference: Callable[[], SegmentedReference], tracked: Mapping[str, TrackedState]
+) -> None:
+    """Write the reference's exports, then what follows from each state's motions."""
+    output, prints = context.tables.output, context.fingerprints
+    for export in output.exports:
+        files = [context.folder / file for file in REFERENCE_EXPORTS[export]]
+        write: Callable[[], None] = partial(_export_reference, reference, export, files)
+        _complete(context, f"reference/{export}", prints.after_segmentation(export), files, write)
+    for table, source in context.states:
+        folder, state = context.folder / table.name, tracked[table.name]
+        files = [folder / RESIDUALS]
+        outputs = [("residuals", files, partial(_write_residuals, context, reference, source, state, files[0]))]
+        if output.rebuild:
+            files = [folder / file for file in DEFORMED]
+            outputs.append(("rebuilt", files, partial(_write_deformed, context, reference, state, files)))
+        for export in output.exports:
+            files = [folder / STATE_EXPORTS[export]]
+            outputs.append((export, files, partial(_export_state, reference, state, export, files[0])))
+        for name, files, write in outputs:
+            _complete(context, f"{table.name}/{name}", prints.after_tracking(name, table.name), files, write)
+
+
+def _complete(context: RunContext, name: str, fingerprint: str, files: list[Path], write: Callable[[], None]) -> None:
+    """A stage whose result is its files alone."""
+    tell = partial(context.tell, name.replace("/", ": "))
+    context.complete(Stage(name, fingerprint, files, run=tell, write=lambda _: write(), load=lambda: None))
+
+
+def _write_residuals(
+    context: RunContext,
+    reference: Callable[[], SegmentedReference],
+    source: ScanInput,
+    state: TrackedState,
+    path: Path,
+) -> None:
+    """Measured − m(simulated) of each view, NaN where a pixel is masked; simulated only if tracking did not keep it."""
+    residual = state.residual
+    if residual is None:
+        grains, scan, projector = reference().grains, context.radiographs(source), context.tables.track.projector
+        residual = residual_images(grains, state.motions, scan, projector=projector)
+    write_tiff(path, residual.astype(np.float32))
+
+
+def _write_deformed(
+    context: RunContext, reference: Callable[[], SegmentedReference], state: TrackedState, paths: list[Path]
+) -> None:
+    """The deformed volume and its labels on the reference's grid."""
+    volume, labels = rebuild(reference().grains, state.motions, context.inputs.grid)
     write_tiff(paths[0], volume.array)
     write_tiff(paths[1], labels)
-    return paths
 
 
-def write_export(what: str, folder: Path, motions: Motions, reference: Reference) -> list[Path]:
-    """Write a state for ParaView ("vtk": ``grains.vtp``) or for spam ("spam": ``grains-ddic.tsv``)."""
-    if what == "vtk":
-        path = folder / "grains.vtp"
-        write_grains_vtp(path, motions)
-        return [path]
-    path = folder / "grains-ddic.tsv"
-    write_ddic_tsv(path, motions, reference.volume, reference.labels)
-    return [path]
+def _export_state(reference: Callable[[], SegmentedReference], state: TrackedState, name: Export, path: Path) -> None:
+    """Motions for ParaView or for spam."""
+    stored = reference().stored
+    if name == "vtk":
+        write_grains_vtp(path, state.motions)
+    else:
+        write_ddic_tsv(path, state.motions, stored.volume, stored.labels)
 
 
-def write_reference_export(what: str, folder: Path, reference: Reference) -> list[Path]:
-    """Write the reference beside the states: ``reference.vti``, or volume and labels as TIFF for spam."""
-    if what == "vtk":
-        paths = [folder / "reference.vti"]
-        write_image_vti(paths[0], reference.volume, reference.labels)
-        return paths
-    assert reference.labels is not None
-    paths = [folder / "reference.tif", folder / "reference_labels.tif"]
-    write_tiff(paths[0], reference.volume.array)
-    write_tiff(paths[1], reference.labels)
-    return paths
+def _export_reference(reference: Callable[[], SegmentedReference], name: Export, paths: list[Path]) -> None:
+    """Volume and labels for ParaView or for spam."""
+    stored = reference().stored
+    if name == "vtk":
+        write_image_vti(paths[0], stored.volume, stored.labels)
+        return
+    assert stored.labels is not None
+    write_tiff(paths[0], stored.volume.array)
+    write_tiff(paths[1], stored.labels)
 
 
-def write_report(
-    experiment: Experiment,
-    inputs: Inputs,
-    reference: Reference,
-    motions: Mapping[str, Motions],
-    folder: Path,
-    comparisons: Mapping[str, Rows] | None = None,
-    machine: Rows = (),
+# ---------------------------------------------------------------------- the report
+def report_stage(
+    context: RunContext, reference: Callable[[], SegmentedReference], motions: Mapping[str, Motions]
 ) -> Path:
-    """Write ``report.html`` from the results in ``folder``.
+    """Write the report on all states."""
 
-    ``comparisons`` are facts beside a state, ``machine`` those that calibration found.
-    """
+    def write() -> None:
+        scans = {table.name: context.radiographs(source) for table, source in context.states}
+        stored, scanner = reference().stored, context.scanner()
+        write_report(Results(context.experiment, context.inputs, context.folder, stored, scans, motions, scanner))
+
+    _complete(context, "report", context.fingerprints.report, [context.folder / REPORT], write)
+    return context.folder / REPORT
+
+
+def write_report(results: Results, comparisons: Mapping[str, Rows] | None = None) -> None:
+    """Write ``report.html``; ``comparisons`` are facts beside a state."""
+    experiment, reference = results.experiment, results.reference
     beside = comparisons or {}
-    states = tuple(
-        _state_report(scan, name, motions[name], folder, reference.volume.voxel_size, beside.get(name, ()))
-        for scan, name in zip(inputs.states, motions)
-    )
     data = ReportData(
         title=experiment.path.stem if experiment.path.stem != "experiment" else experiment.folder.resolve().name,
-        facts=(*_facts(inputs, reference), *machine),
+        facts=(*_reference_facts(results.inputs, reference), *calibration_facts(results.scanner)),
         reconstruction_errors=reference.residuals,
         volume=reference.volume,
         labels=reference.labels,
-        states=states,
+        states=tuple(_state_report(results, name, beside.get(name, ())) for name in results.motions),
     )
-    path = folder / "report.html"
-    report.write_report(path, data)
-    return path
+    report.write_report(results.folder / REPORT, data)
 
 
-def _state_report(
-    source: ScanInput, name: str, motions: Motions, folder: Path, voxel_size: float, comparison: Rows
-) -> StateReport:
-    scan, _ = source.read()
-    residual = read_tiff(folder / name / "residuals.tif")
+def _state_report(results: Results, name: str, comparison: Rows) -> StateReport:
+    scan = results.scans[name]
+    residual = read_tiff(results.folder / name / RESIDUALS)
     measured = scan.line_integrals.copy()
     if scan.valid is not None:
         measured[~scan.valid] = np.nan
-    upright = float(source.geometry.v[:, 2].mean()) >= 0
+    upright = float(scan.geometry.vectors[:, 11].mean()) >= 0
     return StateReport(
         name=name,
         measured=measured,
         simulated=measured - residual,
         residual=residual,
-        motions=motions,
-        voxel_size=voxel_size,
-        views=tuple(f"view {k}, {angle:.1f}°" for k, angle in enumerate(source.geometry.azimuths_deg)),
+        motions=results.motions[name],
+        voxel_size=results.reference.volume.voxel_size,
+        views=tuple(f"view {k}, {angle:.1f}°" for k, angle in enumerate(scan.geometry.azimuths_deg)),
         comparison=comparison,
         first_row="bottom" if upright else "top",
     )
 
 
-def _facts(inputs: Inputs, reference: Reference) -> Rows:
+def _reference_facts(inputs: Inputs, reference: StoredReference) -> Rows:
     volume, labels = reference.volume, reference.labels
+    size = " x ".join(str(n) for n in volume.shape)
     rows = [
-        (
-            "Volume",
-            f"{' x '.join(str(n) for n in volume.shape)} voxels (z, y, x) of {volume.voxel_size:.4g} mm",
-        ),
+        ("Volume", f"{size} voxels (z, y, x) of {volume.voxel_size:.4g} mm"),
         ("Grains", str(0 if labels is None else len(np.unique(labels[labels > 0])))),
     ]
     if np.isfinite(reference.threshold):
         rows.append(("Threshold", f"{reference.threshold:.4g} /mm"))
     if reference.border:
         rows.append(("Cut by the border of the field of view", f"{len(reference.border)} grains"))
-    if inputs.reference is not None:
-        geometry = inputs.reference.geometry
-        rows.insert(
-            0,
-            ("Reference scan", f"{len(geometry)} views of {geometry.shape[0]} x {geometry.shape[1]} pixels"),
-        )
-        rows.append(("Relative residual of the reconstruction", f"{reference.residuals[-1]:.4f}"))
-    else:
-        rows.insert(0, ("Reference volume", "given"))
-    return tuple(rows)
+    if inputs.reference is None:
+        return ("Reference volume", "given"), *rows
+    geometry = inputs.reference.geometry
+    rows.append(("Relative residual of the reconstruction", f"{reference.residuals[-1]:.4f}"))
+    scan = f"{len(geometry)} views of {geometry.shape[0]} x {geometry.shape[1]} pixels"
+    return ("Reference scan", scan), *rows

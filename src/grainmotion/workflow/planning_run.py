@@ -25,8 +25,10 @@ from grainmotion.model.grains import GrainSet
 from grainmotion.planning.candidates import candidate_angles, nearest_views
 from grainmotion.planning.plan import Plan, PlanSettings, plan
 from grainmotion.report.plan_figure import plan_figure
-from grainmotion.segmentation.extraction import grains_from_labels
-from grainmotion.workflow.context import REFERENCE, kept
+from grainmotion.segmentation.extraction import extract_grains, grains_from_labels
+from grainmotion.segmentation.segment import Segmentation
+from grainmotion.workflow.context import load_result
+from grainmotion.workflow.reference_stages import REFERENCE
 from grainmotion.workflow.run import run
 
 FOLDER = "plan"
@@ -58,13 +60,10 @@ def plan_experiment(
     settings = settings or experiment.tables.plan
     views = _candidates(experiment, settings)
     done = run(experiment, out=out, until="segment", progress=progress)
-    reference = kept(read_reference, done.folder / REFERENCE)
+    reference = load_result(read_reference, done.folder / REFERENCE)
     assert reference.labels is not None
-    segmented = experiment.tables.segment
-    grains = grains_from_labels(
-        reference.volume, reference.labels, reach=segmented.reach, border=reference.border,
-        background=segmented.background, finer=1,
-    )  # fmt: skip
+    segmentation = Segmentation(reference.labels, reference.threshold, reference.border)
+    grains = extract_grains(reference.volume, segmentation, replace(experiment.tables.segment, finer=1))
     return _planned(grains, views, settings, done.folder, progress)
 
 

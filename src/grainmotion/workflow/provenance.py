@@ -1,4 +1,4 @@
-"""Ledger: which stages of a run are done, and from what they were made.
+"""Provenance: which stages of a run are done, and from what they were made.
 
 A stage's fingerprint is a hash of its settings, of the content of its input files and of the
 fingerprints of the stages before it.  ``stages.json`` keeps one fingerprint a finished stage; a stage
@@ -10,15 +10,45 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Generic, TypeVar
 
 from grainmotion.io.files import atomic_write
 
 FILE_NAME = "stages.json"
-_BLOCK = 1 << 22
+_BLOCK = 1 << 22  # bytes of a file hashed at a time
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, eq=False)
+class Stage(Generic[T]):
+    """One step of a run, whose result lies in files.
+
+    Attributes
+    ----------
+    name : str
+        As in ``stages.json``.
+    fingerprint : str
+        Hash of all that it is made from.
+    files : list of Path
+        What ``write`` writes.
+    run : callable
+        Does the work and returns its result.
+    write : callable
+        Writes a result to the files.
+    load : callable
+        Reads the result back from the files.
+    """
+
+    name: str
+    fingerprint: str
+    files: list[Path]
+    run: Callable[[], T]
+    write: Callable[[T], object]
+    load: Callable[[], T]
 
 
 class StageCache:
@@ -26,14 +56,14 @@ class StageCache:
 
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
-        self._stages: dict[str, dict[str, Any]] = {}
+        self._stages: dict[str, tuple[str, list[str]]] = {}
         self._hashes: dict[str, tuple[int, int, str]] = {}
         try:
             kept = json.loads((self.folder / FILE_NAME).read_text())
-            self._stages = dict(kept["stages"])
+            self._stages = {n: (str(s["fingerprint"]), list(s["files"])) for n, s in kept["stages"].items()}
             self._hashes = {name: (int(s), int(t), str(h)) for name, (s, t, h) in kept["inputs"].items()}
         except (OSError, ValueError, KeyError, TypeError, AttributeError):
-            pass  # no ledger, or none that can be read: every stage is redone
+            self._stages, self._hashes = {}, {}  # none, or none that can be read: every stage is done again
 
     def fingerprint(self, settings: object, files: Iterable[Path] = (), upstream: Iterable[str] = ()) -> str:
         """Hash of what a stage is made from; ``settings`` must be plain data, as JSON holds it."""
@@ -43,14 +73,12 @@ class StageCache:
 
     def is_done(self, stage: str, fingerprint: str) -> bool:
         """Whether the stage was finished from just this, and its files are still there."""
-        entry = self._stages.get(stage)
-        if entry is None or entry.get("fingerprint") != fingerprint:
-            return False
-        return all((self.folder / name).is_file() for name in entry.get("files", []))
+        made_from, names = self._stages.get(stage, ("", []))
+        return made_from == fingerprint and all((self.folder / name).is_file() for name in names)
 
     def files(self, stage: str) -> list[Path]:
         """The files of a finished stage."""
-        return [self.folder / name for name in self._stages.get(stage, {}).get("files", [])]
+        return [self.folder / name for name in self._stages[stage][1]]
 
     def strike(self, stage: str) -> None:
         """Declare a stage unfinished, before its files are touched."""
@@ -60,11 +88,12 @@ class StageCache:
     def enter(self, stage: str, fingerprint: str, files: Iterable[Path]) -> None:
         """Declare a stage finished, after its files are in place."""
         names = [f.relative_to(self.folder).as_posix() for f in files]
-        self._stages[stage] = {"fingerprint": fingerprint, "files": names}
+        self._stages[stage] = fingerprint, names
         self._save()
 
     def _save(self) -> None:
-        kept = {"stages": self._stages, "inputs": self._hashes}
+        stages = {name: {"fingerprint": made, "files": files} for name, (made, files) in self._stages.items()}
+        kept = {"stages": stages, "inputs": self._hashes}
         with atomic_write(self.folder / FILE_NAME) as temporary:
             temporary.write_text(json.dumps(kept, indent=1))
 

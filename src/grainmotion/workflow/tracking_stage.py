@@ -1,84 +1,104 @@
-"""States of a run: which motions each starts from, and who tracks it."""
+"""The states of a run: which motions each starts from, and whether one process or several workers track it."""
 
 from __future__ import annotations
 
-from pathlib import Path
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass
 
+from grainmotion._typing import Image, prefixed
 from grainmotion.cluster.state_tasks import State
 from grainmotion.experiment.config import StateTable
 from grainmotion.experiment.scan_inputs import ScanInput
-from grainmotion.experiment.state_tracking import track_state
+from grainmotion.experiment.state_tracking import errors_of_state
 from grainmotion.io.motions_csv import write_motions
 from grainmotion.io.results import read_motions_h5, write_motions_h5
 from grainmotion.model.motions import Motions
-from grainmotion.workflow.context import RunContext, kept
+from grainmotion.tracking.track import track
+from grainmotion.workflow.context import RunContext, load_result
+from grainmotion.workflow.provenance import Stage
+from grainmotion.workflow.reference_stages import SegmentedReference
 
 
-def track_states(job: RunContext) -> dict[str, Motions]:
-    """The motions of all states, in their order; what is there already is read."""
-    motions = _side_by_side(job)
+@dataclass(frozen=True, eq=False)
+class TrackedState:
+    """The motions of a state, and what tracking left of its radiographs if this run tracked it in this process."""
+
+    motions: Motions
+    residual: Image | None = None
+
+
+def track_states(context: RunContext, reference: Callable[[], SegmentedReference]) -> dict[str, TrackedState]:
+    """Track all states in their order; what is done already is read."""
+    tracked = _side_by_side(context, reference)
     previous = None
-    for scan, table in _states(job):
-        if table.name not in motions:
-            motions[table.name] = _track(job, scan, table, previous)
-        previous = motions[table.name]
-    return {table.name: motions[table.name] for _, table in _states(job)}
+    for table, source in context.states:
+        if table.name not in tracked:
+            start = previous if table.initial == "previous" else _named_start(context, table)
+            run = functools.partial(_track, context, reference, table, source, start)
+            tracked[table.name] = context.complete(_stage(context, table, run))()
+        previous = tracked[table.name].motions
+    return {table.name: tracked[table.name] for table, _ in context.states}
 
 
-def _states(job: RunContext) -> list[tuple[ScanInput, StateTable]]:
-    return list(zip(job.corrected.states, job.tables.states, strict=True))
+def _track(
+    context: RunContext,
+    reference: Callable[[], SegmentedReference],
+    table: StateTable,
+    source: ScanInput,
+    start: Motions | None,
+) -> TrackedState:
+    """One state, by this process or by all workers together."""
+    grains, scan, settings = reference().grains, context.radiographs(source), context.tables.track
+    progress, device = prefixed(context.progress, table.name), context.tracking_device
+    with errors_of_state(source.key, table.initial):
+        return TrackedState(track(grains, scan, start, settings, progress=progress, device=device))
 
 
-def _track(job: RunContext, scan: ScanInput, table: StateTable, previous: Motions | None) -> Motions:
-    """One state, by all who work."""
-    stage, fingerprint = f"{table.name}/track", job.track_prints[table.name]
-    if job.has(stage, fingerprint):
-        return kept(read_motions_h5, _files(job, table)[0])
-    start = previous if table.initial == "previous" else _named(job, table)
-    listener = job.listener(table.name)
-    motions = track_state(scan, table.initial, job.grains(), start, job.tables.track, listener, job.walkers)
-    _keep(job, table, motions)
-    return motions
-
-
-def _side_by_side(job: RunContext) -> dict[str, Motions]:
-    """Of a small sample the states that are to be tracked, each by one worker, if several need not wait."""
-    states: list[State] = []
-    before: Motions | str | None = None
-    missing = [t for _, t in _states(job) if not job.ledger.is_done(f"{t.name}/track", job.track_prints[t.name])]
-    if job.cluster is None or len(missing) < 2 or not job.cluster.walks_states(job.grains()):
+def _side_by_side(context: RunContext, reference: Callable[[], SegmentedReference]) -> dict[str, TrackedState]:
+    """Track states of a small sample at the same time, each by one worker, if several need not wait for another."""
+    cluster, states = context.cluster, list[State]()
+    missing = {
+        table.name: table
+        for table, _ in context.states
+        if not context.cache.is_done(f"{table.name}/track", context.fingerprints.tracks[table.name])
+    }
+    if cluster is None or len(missing) < 2 or not cluster.walks_states(reference().grains):
         return {}
-    for scan, table in _states(job):
-        if table not in missing:
-            before = kept(read_motions_h5, _files(job, table)[0])
+    previous: Motions | str | None = None
+    for table, source in context.states:
+        if table.name not in missing:
+            previous = _load(context, table).motions
             continue
-        start = before if table.initial == "previous" else _named(job, table)
-        states.append(State(table.name, scan, table.initial, start))
-        before = table.name
+        start = previous if table.initial == "previous" else _named_start(context, table)
+        states.append(State(table.name, context.radiographs(source), table.initial, start))
+        previous = table.name
     if sum(not isinstance(state.start, str) for state in states) < 2:
         return {}
-    found: dict[str, Motions] = {}
-    job.tell("tracking states side by side", 0, len(states))
-    for name, motions in job.cluster.track(job.grains(), states, job.tables.track):
-        found[name] = motions
-        _keep(job, next(table for table in missing if table.name == name), motions)
-        job.tell(f"tracking states side by side: {name} done", len(found), len(states))
-    return found
+    tracked: dict[str, TrackedState] = {}
+    context.tell("tracking states side by side", 0, len(states))
+    for name, motions in cluster.track(reference().grains, states, context.tables.track):
+        run = functools.partial(TrackedState, motions)
+        tracked[name] = context.complete(_stage(context, missing[name], run))()
+        context.tell(f"tracking states side by side: {name} done", len(tracked), len(states))
+    return tracked
 
 
-def _named(job: RunContext, table: StateTable) -> Motions | None:
-    """The motions of the file that a state is told to start from, or no motion."""
-    return job.inputs.starts[job.tables.states.index(table)]
+def _stage(context: RunContext, table: StateTable, run: Callable[[], TrackedState]) -> Stage[TrackedState]:
+    files = [context.folder / table.name / name for name in ("motions.h5", "motions.csv")]
+
+    def write(tracked: TrackedState) -> None:
+        write_motions_h5(files[0], tracked.motions)
+        write_motions(files[1], tracked.motions)
+
+    fingerprint = context.fingerprints.tracks[table.name]
+    return Stage(f"{table.name}/track", fingerprint, files, run, write, functools.partial(_load, context, table))
 
 
-def _keep(job: RunContext, table: StateTable, motions: Motions) -> None:
-    """Write a state's motions."""
-    stage, files = f"{table.name}/track", _files(job, table)
-    job.ledger.strike(stage)
-    write_motions_h5(files[0], motions)
-    write_motions(files[1], motions)
-    job.finish(stage, job.track_prints[table.name], files)
+def _load(context: RunContext, table: StateTable) -> TrackedState:
+    return TrackedState(load_result(read_motions_h5, context.folder / table.name / "motions.h5"))
 
 
-def _files(job: RunContext, table: StateTable) -> list[Path]:
-    return [job.folder / table.name / name for name in ("motions.h5", "motions.csv")]
+def _named_start(context: RunContext, table: StateTable) -> Motions | None:
+    """The motions of the file that a state starts from, or no motion."""
+    return context.inputs.starts[context.tables.states.index(table)]

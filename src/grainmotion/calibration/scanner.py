@@ -1,0 +1,108 @@
+"""Calibration of a scanner on its reference scan: geometry of panel and axis, then beam hardening."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grainmotion._typing import Progress, prefixed
+from grainmotion.calibration.calibrate import CalibrateSettings, calibrate
+from grainmotion.calibration.corrections import DEFAULT, Calibration
+from grainmotion.calibration.settings import ReferenceSettings
+from grainmotion.errors import InputError
+from grainmotion.model.scan import Scan
+from grainmotion.model.volume import Volume
+from grainmotion.preprocessing.beam_hardening import Hardening, HardeningSettings, calibrate_hardening
+from grainmotion.reconstruction.reconstruct import reconstruct
+from grainmotion.segmentation.segment import segment
+
+HARDENING_ROUNDS = ("hardening", "hardening, once more")  # the first template is itself of a hardened volume
+
+
+@dataclass(frozen=True, eq=False)
+class ScannerCalibration:
+    """What the reference scan says of the scanner.
+
+    Attributes
+    ----------
+    calibration : Calibration, optional
+        Corrections of the geometry; None if it is taken as given.
+    hardening : Hardening, optional
+        Curve that undoes beam hardening; None if it was not asked for.
+    """
+
+    calibration: Calibration | None = None
+    hardening: Hardening | None = None
+
+    def apply(self, scan: Scan) -> Scan:
+        """Correct a scan of this scanner.
+
+        Parameters
+        ----------
+        scan : Scan
+            The reference scan, or the radiographs of a later state, with the geometry as given.
+
+        Returns
+        -------
+        Scan
+            With the corrected geometry and linearised line integrals.
+        """
+        if self.calibration is not None:
+            scan = replace(scan, geometry=self.calibration.apply(scan.geometry))
+        return scan if self.hardening is None else self.hardening.apply(scan)
+
+
+def calibrate_scanner(
+    scan: Scan,
+    grid: Volume,
+    settings: ReferenceSettings,
+    *,
+    labels: NDArray[np.int32] | None = None,
+    progress: Progress | None = None,
+) -> ScannerCalibration:
+    """Determine what ``settings.calibrate`` asks for; ``labels`` are the grains if they were given."""
+    wanted = settings.calibrate
+    if not wanted.calibrates(len(scan)):
+        return ScannerCalibration()
+    calibration = hardening = None
+    if wanted.calibrates_geometry(len(scan)):
+        names = tuple(wanted.geometry) if isinstance(wanted.geometry, list) else DEFAULT
+        how = CalibrateSettings(parameters=names)
+        calibration = calibrate(scan, grid, how, progress=prefixed(progress, "calibrate"))
+        calibration = calibration.significant(scan.geometry) if wanted.geometry == "auto" else calibration
+        scan = replace(scan, geometry=calibration.geometry)
+    if wanted.hardening:
+        hardening = _hardening(scan, grid, settings, labels, progress)
+    return ScannerCalibration(calibration, hardening)
+
+
+def _hardening(
+    scan: Scan,
+    grid: Volume,
+    settings: ReferenceSettings,
+    labels: NDArray[np.int32] | None,
+    progress: Progress | None,
+) -> Hardening:
+    """The curve, from a reconstruction of what was measured, then of what the first curve made of it."""
+    how = HardeningSettings(
+        degree=settings.calibrate.hardening,
+        threshold=settings.segment.threshold,
+        projector=settings.reconstruct.projector,
+    )
+    curve = Hardening()
+    for name in HARDENING_ROUNDS:
+        volume = reconstruct(curve.apply(scan), grid, settings.reconstruct, progress=prefixed(progress, name)).volume
+        grains = _grains(volume, settings) if labels is None else labels
+        curve = calibrate_hardening(scan, volume, grains, how)
+        if curve.is_linear:
+            break
+    return curve
+
+
+def _grains(volume: Volume, settings: ReferenceSettings) -> NDArray[np.int32] | None:
+    try:
+        return segment(volume, settings.segment).labels
+    except InputError:  # reported later, of the corrected volume
+        return None

@@ -1,0 +1,107 @@
+"""Fingerprints of a run's stages: what each is made from, so that a stage is done again only if that changed.
+
+They hold what the experiment file says, not what calibration corrects: the calibration's own fingerprint comes before
+the reconstruction's.  The device is left out, since all give the same results to rounding.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from functools import cached_property
+
+from grainmotion.calibration.settings import ScannerSettings
+from grainmotion.experiment.config import Experiment
+from grainmotion.experiment.inputs import Inputs
+from grainmotion.reconstruction.settings import ReconstructSettings
+from grainmotion.segmentation.settings import SegmentSettings
+from grainmotion.tracking.settings import TrackSettings
+from grainmotion.workflow.provenance import StageCache
+
+Settings = ScannerSettings | ReconstructSettings | SegmentSettings | TrackSettings
+
+
+@dataclass(frozen=True, eq=False)
+class Fingerprints:
+    """Of all stages of one experiment."""
+
+    experiment: Experiment
+    inputs: Inputs
+    cache: StageCache
+
+    @property
+    def calibrates(self) -> bool:
+        """Whether the scanner is calibrated on the reference scan: only if there is one to reconstruct."""
+        reference = self.inputs.reference
+        if self.inputs.volume is not None or reference is None:
+            return False
+        return self.experiment.tables.calibrate.calibrates(len(reference.geometry))
+
+    @cached_property
+    def calibrate(self) -> str:
+        """Of the scanner's calibration."""
+        inputs, grid, tables = self.inputs, self.inputs.grid, self.experiment.tables
+        assert inputs.reference is not None
+        made = ["calibrate", _plain(tables.calibrate), grid.shape, grid.voxel_size, grid.center]
+        made.append(inputs.reference.settings)
+        files = list(inputs.reference.files)
+        if tables.calibrate.hardening:
+            made += [_plain(tables.reconstruct), _plain(tables.segment)]
+            files += [] if inputs.labels is None else inputs.labels.files
+        return self.cache.fingerprint(made, files)
+
+    @cached_property
+    def reconstruct(self) -> str:
+        """Of the reference volume."""
+        inputs, grid = self.inputs, self.inputs.grid
+        place = [grid.shape, grid.voxel_size, grid.center]
+        if inputs.volume is not None:
+            inner = [p.inner for p in inputs.volume.parts]
+            return self.cache.fingerprint(["volume", place, inner], inputs.volume.files)
+        assert inputs.reference is not None
+        made = ["reconstruct", place, _plain(self.experiment.tables.reconstruct), inputs.reference.settings]
+        return self.cache.fingerprint(made, inputs.reference.files, [self.calibrate] if self.calibrates else [])
+
+    @cached_property
+    def segment(self) -> str:
+        """Of the grains."""
+        labels = self.inputs.labels
+        if labels is not None:
+            made = ["labels", [p.inner for p in labels.parts]]
+            return self.cache.fingerprint(made, labels.files, [self.reconstruct])
+        return self.cache.fingerprint(["segment", _plain(self.experiment.tables.segment)], (), [self.reconstruct])
+
+    @cached_property
+    def tracks(self) -> dict[str, str]:
+        """Of each state's motions, by the state's name."""
+        prints: dict[str, str] = {}
+        previous, tables = "reference", self.experiment.tables
+        for scan, table in zip(self.inputs.states, tables.states, strict=True):
+            files, upstream = list(scan.files), [self.segment]
+            named = table.initial not in ("previous", "reference")
+            if named:
+                files.append(self.experiment.folder / table.initial)
+            elif table.initial == "previous":
+                upstream.append(previous)
+            made = ["track", _plain(tables.track), scan.settings, named]
+            previous = prints[table.name] = self.cache.fingerprint(made, files, upstream)
+        return prints
+
+    def after_segmentation(self, name: str) -> str:
+        """Of what is made from the grains alone."""
+        return self.cache.fingerprint(name, (), [self.segment])
+
+    def after_tracking(self, name: str, state: str) -> str:
+        """Of what is made from a state's motions."""
+        return self.cache.fingerprint(name, (), [self.tracks[state]])
+
+    @cached_property
+    def report(self) -> str:
+        """Of the report on all states."""
+        upstream = [self.segment, *self.tracks.values()]
+        return self.cache.fingerprint(["report", list(self.tracks)], (), upstream)
+
+
+def _plain(settings: Settings) -> dict[str, object]:
+    """Settings as plain data, but for the device."""
+    return {key: value for key, value in dataclasses.asdict(settings).items() if key != "device"}

@@ -1,0 +1,107 @@
+"""The reference state made from its full scan, as the command ``grainmotion run`` makes it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grainmotion._typing import Progress, prefixed
+from grainmotion.calibration.scanner import ScannerCalibration, calibrate_scanner
+from grainmotion.calibration.settings import ReferenceSettings
+from grainmotion.model.grains import GrainSet
+from grainmotion.model.scan import Scan
+from grainmotion.model.volume import Volume
+from grainmotion.reconstruction.reconstruct import reconstruct
+from grainmotion.segmentation.extraction import extract_grains
+from grainmotion.segmentation.segment import Segmentation, segment
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """The reference state: its volume, where its grains are, and what its scan says of the scanner.
+
+    Attributes
+    ----------
+    volume : Volume
+        Attenuation, 1/mm.
+    segmentation : Segmentation
+        Labels, threshold, and which grains the border of the field of view cuts.
+    grains : GrainSet
+        What `track` takes.
+    scanner : ScannerCalibration
+        Corrections that hold for the later states too, see `correct`.
+    residuals : tuple of float
+        Relative residual of the reconstruction after each sweep.
+    """
+
+    volume: Volume
+    segmentation: Segmentation
+    grains: GrainSet
+    scanner: ScannerCalibration
+    residuals: tuple[float, ...]
+
+    @classmethod
+    def from_scan(
+        cls,
+        scan: Scan,
+        grid: Volume,
+        settings: ReferenceSettings | None = None,
+        *,
+        labels: NDArray[np.integer] | None = None,
+        progress: Progress | None = None,
+    ) -> Reference:
+        """Calibrate the scanner, reconstruct, segment and extract the grains, as ``grainmotion run`` does.
+
+        Parameters
+        ----------
+        scan : Scan
+            Line integrals of the full scan of the reference state, with the geometry as given.
+        grid : Volume
+            Where to reconstruct, zeros as a rule, mm.
+        settings : ReferenceSettings, optional
+            What to calibrate, and how to reconstruct and segment; by default as an experiment file without these
+            tables.  Those of an experiment file are ``read_experiment(path).reference_settings``.
+        labels : (nz, ny, nx) integer array, optional
+            Grains, 0 for none, instead of a segmentation.
+        progress : callable, optional
+            Called as ``progress(message, done, total)``.
+
+        Returns
+        -------
+        Reference
+            Its ``grains`` are for `track`; radiographs of later states go through `correct` first.
+
+        Raises
+        ------
+        InputError
+            If the scan has too few views for what is to be calibrated, or no grain is found.
+        """
+        settings = settings or ReferenceSettings()
+        whole = None if labels is None else labels.astype(np.int32)
+        scanner = calibrate_scanner(scan, grid, settings, labels=whole, progress=progress)
+        step = prefixed(progress, "reconstruct")
+        reconstruction = reconstruct(scanner.apply(scan), grid, settings.reconstruct, progress=step)
+        volume = reconstruction.volume
+        if whole is None:
+            segmentation = segment(volume, settings.segment, progress=prefixed(progress, "segment"))
+        else:
+            segmentation = Segmentation.of(whole)
+        grains = extract_grains(volume, segmentation, settings.segment)
+        return cls(volume, segmentation, grains, scanner, reconstruction.residuals)
+
+    def correct(self, scan: Scan) -> Scan:
+        """Correct radiographs of a later state by what the reference scan says of the scanner.
+
+        Parameters
+        ----------
+        scan : Scan
+            As measured, with the geometry as given.
+
+        Returns
+        -------
+        Scan
+            With the corrected geometry and linearised line integrals, for `track`.
+        """
+        return self.scanner.apply(scan)

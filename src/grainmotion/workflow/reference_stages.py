@@ -1,0 +1,97 @@
+"""Reconstruction and segmentation of the reference as stages of a run."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+from grainmotion._typing import prefixed
+from grainmotion.io.results import StoredReference, read_reference, write_reference
+from grainmotion.model.grains import GrainSet
+from grainmotion.reconstruction.reconstruct import reconstruct
+from grainmotion.segmentation.extraction import Cut, extract_grains
+from grainmotion.segmentation.label_refinement import fine_grains
+from grainmotion.segmentation.segment import Segmentation, segment
+from grainmotion.segmentation.settings import SegmentSettings
+from grainmotion.workflow.calibration_stage import corrected_source
+from grainmotion.workflow.context import RunContext, load_result
+from grainmotion.workflow.provenance import Stage
+
+CHECKPOINT = "reconstruction.h5"  # the volume until its grains are found; then both are in REFERENCE
+REFERENCE = "reference.h5"
+
+
+@dataclass(eq=False)
+class SegmentedReference:
+    """A reference volume with its labels, and the grains, extracted when they are first asked for."""
+
+    stored: StoredReference
+    settings: SegmentSettings
+    cut: Cut = fine_grains
+
+    @cached_property
+    def grains(self) -> GrainSet:
+        """The grains that are tracked."""
+        stored = self.stored
+        assert stored.labels is not None
+        segmentation = Segmentation(stored.labels, stored.threshold, stored.border)
+        return extract_grains(stored.volume, segmentation, self.settings, cut=self.cut)
+
+
+def reconstruct_stage(context: RunContext) -> Callable[[], StoredReference]:
+    """Reconstruct the reference, or take the volume that was given."""
+    if context.inputs.volume is not None:
+        return lambda: StoredReference(context.given_volume)
+    return context.complete(
+        Stage(
+            "reconstruct",
+            context.fingerprints.reconstruct,
+            [context.folder / CHECKPOINT],
+            run=functools.partial(_reconstruct, context),
+            write=functools.partial(write_reference, context.folder / CHECKPOINT),
+            load=lambda: load_result(read_reference, context.cache.files("reconstruct")[0]),
+        )
+    )
+
+
+def segment_stage(context: RunContext, reference: Callable[[], StoredReference]) -> Callable[[], SegmentedReference]:
+    """Segment the reference volume, or take the labels that were given, and extract the grains."""
+    settings, path = context.tables.segment, context.folder / REFERENCE
+    cut = fine_grains if context.cluster is None else context.cluster.cut
+
+    def run() -> SegmentedReference:
+        stored = reference()
+        if context.given_labels is not None:
+            found = Segmentation.of(context.given_labels)
+        else:
+            found = segment(stored.volume, settings, progress=prefixed(context.progress, "segment"))
+        whole = StoredReference(stored.volume, stored.residuals, found.labels, found.threshold, found.border)
+        segmented = SegmentedReference(whole, settings, cut)
+        len(segmented.grains)  # extracted before the old result is struck out
+        return segmented
+
+    def write(segmented: SegmentedReference) -> None:
+        write_reference(path, segmented.stored, segmented.grains)
+        if context.inputs.volume is None:
+            context.cache.enter("reconstruct", context.fingerprints.reconstruct, [path])
+            (context.folder / CHECKPOINT).unlink(missing_ok=True)
+
+    def load() -> SegmentedReference:
+        return SegmentedReference(load_result(read_reference, path), settings, cut)
+
+    return context.complete(Stage("segment", context.fingerprints.segment, [path], run, write, load))
+
+
+def _reconstruct(context: RunContext) -> StoredReference:
+    source, grid, settings = context.inputs.reference, context.inputs.grid, context.tables.reconstruct
+    assert source is not None
+    progress = prefixed(context.progress, "reconstruct")
+    if context.cluster is not None:
+        context.forget(source)  # the workers read it
+        result = context.cluster.reconstruct(corrected_source(source, context.scanner()), grid, settings, progress)
+    else:
+        result = reconstruct(context.radiographs(source), grid, settings, progress=progress)
+        context.forget(source)
+    return StoredReference(result.volume, result.residuals)

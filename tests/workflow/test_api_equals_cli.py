@@ -1,0 +1,86 @@
+"""The library gives what the command gives, to the last bit; README's example is that library."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import grainmotion as gm
+from grainmotion.io.results import read_motions_h5, read_reference
+from tiny_experiment import TOML, write_tiny
+
+COMMAND = [sys.executable, "-c", "from grainmotion.cli.app import main; main()"]
+README = Path(__file__).parents[2] / "README.md"
+PLAIN = TOML.replace("[reconstruct]", "[calibrate]\ngeometry = false\n\n[reconstruct]")
+CALIBRATED = TOML.replace("[reconstruct]", '[calibrate]\ngeometry = ["shift_u"]\nhardening = 2\n\n[reconstruct]')
+ODD_SEGMENTATION = 'threshold = 0.5\nreach = 1.0\nfiner = 1\nbackground = "moving"'
+CASES = {
+    "plain": PLAIN,
+    "calibrated": CALIBRATED.replace("pixel_size = 0.4\n", "pixel_size = 0.4\ndetector_offset = [-0.2, 0.0]\n"),
+    "segmented otherwise": PLAIN.replace("threshold = 0.5", ODD_SEGMENTATION),
+}
+
+
+def by_library(folder, settings):
+    """The motions of both states in about ten lines, as README has them."""
+    beam = {"flats": folder / "flats.tif", "darks": folder / "darks.tif"}
+    scan = gm.read_scan(folder / "reference" / "*.tif", folder / "reference.csv", **beam)
+    reference = gm.Reference.from_scan(scan, gm.Volume.zeros((28, 36, 36), 0.1), settings.reference_settings)
+    motions = [None]
+    for name, table in zip(("one", "two"), settings.tables.states, strict=True):
+        state = gm.read_scan(folder / table.radiographs[0], folder / f"{name}.csv", **beam)
+        start, how = motions[-1], settings.tables.track
+        motions.append(gm.track(reference.grains, reference.correct(state), start, how))
+    return reference, motions[1:]
+
+
+def equal(one, other):
+    for name in ("labels", "centers", "translations", "rotations", "covariances", "residuals", "statuses"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
+    assert one.reasons == other.reasons
+    assert one.fit.costs == other.fit.costs
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_motions_are_the_same_to_the_bit(tmp_path, case):
+    path = write_tiny(tmp_path, CASES[case])
+    settings = gm.read_experiment(path)
+    from grainmotion.experiment.inputs import find_inputs
+    from grainmotion.io.geometry_csv import write_geometry
+
+    write_geometry(tmp_path / "two.csv", find_inputs(settings).states[1].geometry)
+    subprocess.run([*COMMAND, "run", path, "--quiet"], check=True, capture_output=True)
+    reference, motions = by_library(tmp_path, settings)
+    stored = read_reference(tmp_path / "results" / "reference.h5")
+    np.testing.assert_array_equal(reference.volume.array, stored.volume.array)
+    np.testing.assert_array_equal(reference.segmentation.labels, stored.labels)
+    assert (reference.segmentation.border, reference.residuals) == (stored.border, stored.residuals)
+    assert (reference.scanner.calibration is None) == (case != "calibrated")
+    for name, found in zip(("one", "two"), motions, strict=True):
+        equal(read_motions_h5(tmp_path / "results" / name / "motions.h5"), found)
+
+
+def python_block(text):
+    """The example in README, or in the package's docstring."""
+    block = re.search(r"```python\n(.*?)```", text, re.S)
+    return block.group(1) if block else re.sub("(?m)^    ", "", text.split("::\n", 1)[1])
+
+
+@pytest.mark.parametrize("source", ["README", "docstring"])
+def test_the_documented_example_runs(tmp_path, monkeypatch, source):
+    """With the files of a tiny experiment in the places that it names."""
+    code = python_block(README.read_text() if source == "README" else gm.__doc__)
+    assert len(code.strip().splitlines()) <= 10
+    write_tiny(tmp_path)
+    for name, folder in (("flats", "flats"), ("darks", "darks"), ("one", "step-01")):
+        (tmp_path / folder).mkdir()
+        (tmp_path / f"{name}.tif").rename(tmp_path / folder / f"{name}.tif")
+    (tmp_path / "one.csv").rename(tmp_path / "step-01.csv")
+    monkeypatch.chdir(tmp_path)
+    names = {}
+    exec(code.replace("(280, 180, 180), voxel_size=0.112", "(28, 36, 36), voxel_size=0.1"), names)
+    assert len(names["motions"]) == 3
+    assert len(names["motions"].to_table()) == 3
