@@ -1,4 +1,4 @@
-"""Pixels, scales and numbers of the page."""
+"""Pixels and scales of the page's images."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from grainmotion.report import images, tables
+from grainmotion.report import images
 from grainmotion.report.images import GreyScale
 
 
@@ -76,28 +76,3 @@ class TestShrink:
         shrunk, k = images.shrink(np.ones((5, 7)), 10)
         assert k == 2
         np.testing.assert_array_equal(shrunk, np.ones((3, 4)))
-
-
-class TestNumbers:
-    @pytest.mark.parametrize(
-        ("value", "text"),
-        [
-            (0.00412, "0.0041"),
-            (0.07, "0.070"),
-            (12.3, "12"),
-            (123.4, "123"),
-            (0, "0"),
-            (-0.5, "−0.50"),
-            (3e-7, "3.0e−07"),
-        ],
-    )
-    def test_significant_digits(self, value, text):
-        assert tables.significant(value, 2) == text
-
-    @pytest.mark.parametrize(("value", "text"), [(-1.23456, "−1.235"), (-0.0001, "0.000"), (np.nan, "–")])
-    def test_fixed_decimals(self, value, text):
-        assert tables.number(value, 3) == text
-
-    @pytest.mark.parametrize(("voxel_size", "decimals"), [(0.112, 4), (1.0, 3), (0.01, 5), (20.0, 2), (5000.0, 0)])
-    def test_lengths_show_a_thousandth_of_a_voxel(self, voxel_size, decimals):
-        assert tables.length_decimals(voxel_size) == decimals

@@ -12,7 +12,6 @@ import numpy as np
 import plotly.graph_objects
 import pytest
 
-from grainmotion.errors import InputError
 from grainmotion.model.motions import COLUMNS, Motions, Status
 from grainmotion.report import ReportData, StateReport, write_report
 
@@ -203,20 +202,3 @@ class TestSparse:
         motions = example.motions()
         state = replace(example.state("s"), motions=replace(motions, fit=replace(motions.fit, costs=costs)))
         assert written(tmp_path, ReportData("x", states=(state,))).count("svg") == 1
-
-
-class TestBadInput:
-    def test_shapes_that_disagree(self):
-        images = np.zeros((2, 4, 5))
-        with pytest.raises(InputError, match="simulated"):
-            StateReport("s", images, images[:1], example.motions(), 0.1)
-        with pytest.raises(InputError, match="3 captions for 2 views"):
-            StateReport("s", images, images, example.motions(), 0.1, views=("a", "b", "c"))
-
-    def test_two_states_of_one_name(self):
-        with pytest.raises(InputError, match="appear twice"):
-            ReportData("x", states=(example.state("s"), example.state("s")))
-
-    def test_labels_without_their_volume(self):
-        with pytest.raises(InputError, match="labels"):
-            ReportData("x", labels=np.zeros((2, 2, 2), int))

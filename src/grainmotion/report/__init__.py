@@ -1,4 +1,4 @@
-"""One self-contained HTML page that shows what was measured, and how well."""
+"""One self-contained HTML page with the results of an experiment: radiographs, fit, motions, uncertainties."""
 
 from grainmotion.report.data import ReportData, StateReport
 from grainmotion.report.page import write_report

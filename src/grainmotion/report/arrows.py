@@ -2,26 +2,27 @@
 
 from __future__ import annotations
 
-from typing import Any
+import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from grainmotion._typing import Float
+from grainmotion._typing import Float, Index
 from grainmotion.model.motions import Motions
 from grainmotion.report.tables import STATUS_COLOURS, number
 
-COLOURS = "Viridis"
-HEAD = 0.5  # length of an arrow's head over the arrow's
+ARROW_COLOUR_SCALE = "Viridis"
+ARROW_HEAD_SHARE = 0.5  # of the arrow's length
+ARROW_LENGTH_SHARE = 0.2  # of the sample's size, for the longest arrow
+MIN_EXTENT_VOXELS = 20  # of a sample whose grains lie on one point
 
 
-def scenes(motions: Motions, voxel_size: float, most: int) -> dict[str, Any]:
-    """``grains``: markers at the centres; ``arrows``: a figure a kind of arrow; some ``most`` grains."""
-    step = max(1, -(-len(motions) // max(1, most)))
+def scenes(motions: Motions, voxel_size: float, max_grains: int) -> dict[str, object]:
+    """``grains``: markers at the centres; ``arrows``: a figure a kind of arrow; of at most ``max_grains`` grains."""
+    step = max(1, math.ceil(len(motions) / max(1, max_grains)))
     rows = np.arange(0, len(motions), step)
     u, degrees = motions.translations, np.rad2deg(motions.rotations)
-    known = np.isfinite(u).all(axis=1)
-    mean = u[known].mean(axis=0) if known.any() else np.zeros(3)
+    measured = np.isfinite(u).all(axis=1)
+    mean = u[measured].mean(axis=0) if measured.any() else np.zeros(3)
     kinds = {
         "Displacement u (mm)": (u, "|u| (mm)"),
         "Displacement less its mean over grains (mm)": (u - mean, "|u − mean| (mm)"),
@@ -33,18 +34,18 @@ def scenes(motions: Motions, voxel_size: float, most: int) -> dict[str, Any]:
     return {"grains": _grains(motions, rows), "arrows": arrows, "note": note}
 
 
-def scene(places: Float, vectors: Float, unit: str, voxel_size: float) -> dict[str, Any]:
-    """Arrows ``vectors (n, 3)`` from ``places (n, 3)``, as the data and layout of a plotly figure."""
-    known = np.isfinite(vectors).all(axis=1)
-    centers, arrows = places[known], vectors[known]
+def scene(starts: Float, vectors: Float, unit: str, voxel_size: float) -> dict[str, object]:
+    """Arrows ``vectors (n, 3)`` from ``starts (n, 3)``, as the data and layout of a plotly figure."""
+    measured = np.isfinite(vectors).all(axis=1)
+    centers, arrows = starts[measured], vectors[measured]
     length = np.linalg.norm(arrows, axis=1)
-    factor = _factor(places, length, voxel_size)
+    factor = _magnification(starts, length, voxel_size)
     tips = centers + factor * arrows
     top = float(length.max(initial=0)) or 1.0
     shafts = np.stack([centers, tips, np.full_like(tips, np.nan)], axis=1).reshape(-1, 3)
-    colour = {"colorscale": COLOURS, "cmin": 0.0, "cmax": top}
+    colour = {"colorscale": ARROW_COLOUR_SCALE, "cmin": 0.0, "cmax": top}
     bar = {"title": {"text": unit}, "thickness": 14, "len": 0.7}
-    data: list[dict[str, Any]] = [
+    data: list[dict[str, object]] = [
         {
             "type": "scatter3d",
             "mode": "lines",
@@ -56,13 +57,13 @@ def scene(places: Float, vectors: Float, unit: str, voxel_size: float) -> dict[s
         {
             "type": "cone",
             **_xyz(tips),
-            **dict(zip("uvw", _rounded((HEAD * factor * arrows).T))),
+            **dict(zip("uvw", _rounded((ARROW_HEAD_SHARE * factor * arrows).T))),
             "sizemode": "raw",
             "sizeref": 1.0,
             "anchor": "tip",
-            "colorscale": COLOURS,
+            "colorscale": ARROW_COLOUR_SCALE,
             "cmin": 0.0,
-            "cmax": HEAD * factor * top,
+            "cmax": ARROW_HEAD_SHARE * factor * top,
             "showscale": False,
             "hoverinfo": "skip",
         },
@@ -85,7 +86,7 @@ def scene(places: Float, vectors: Float, unit: str, voxel_size: float) -> dict[s
         "scene": {
             "aspectmode": "data",
             **{f"{a}axis": {"title": {"text": f"{a} (mm)"}, "showbackground": False} for a in "xyz"},
-            "camera": {"eye": _eye(np.vstack([places, tips]))},
+            "camera": {"eye": _camera(np.vstack([starts, tips]))},
         },
         "margin": {"l": 0, "r": 0, "t": 8, "b": 0},
         "legend": {"x": 0.01, "y": 0.99, "bgcolor": "rgba(0,0,0,0)", "itemsizing": "constant"},
@@ -94,9 +95,9 @@ def scene(places: Float, vectors: Float, unit: str, voxel_size: float) -> dict[s
     return {"data": data if len(centers) else [], "layout": layout, "note": f"arrows × {factor:g}"}
 
 
-def _grains(motions: Motions, shown: NDArray[np.int64]) -> list[dict[str, Any]]:
-    """Markers at the centres, one trace a status, with what is known of the grain on hovering."""
-    traces = []
+def _grains(motions: Motions, shown: Index) -> list[dict[str, object]]:
+    """Markers at the centres, one trace a status, with the grain's motion as the text shown on hovering."""
+    traces: list[dict[str, object]] = []
     for status, colour in STATUS_COLOURS.items():
         rows = shown[motions.statuses[shown] == status]
         if len(rows) == 0:
@@ -120,25 +121,25 @@ def _grains(motions: Motions, shown: NDArray[np.int64]) -> list[dict[str, Any]]:
     return traces
 
 
-def _factor(centers: Float, length: Float, voxel_size: float) -> float:
+def _magnification(centers: Float, length: Float, voxel_size: float) -> float:
     """A round number that makes the longest arrow about a fifth of the sample; 1 if that is near enough."""
-    extent = float(np.ptp(centers, axis=0).max()) if len(centers) > 1 else 20 * voxel_size
     longest = float(length.max(initial=0))
     if longest == 0:
         return 1.0
-    wanted = max(extent, 20 * voxel_size) / 5 / longest
+    extent = max(float(np.ptp(centers, axis=0).max()), MIN_EXTENT_VOXELS * voxel_size)
+    wanted = ARROW_LENGTH_SHARE * extent / longest
     if 0.5 <= wanted <= 2:
         return 1.0
     power = 10.0 ** np.floor(np.log10(wanted))
     return float(power * max(m for m in (1, 2, 3, 4, 5, 6, 8) if m * power <= wanted * (1 + 1e-9)))
 
 
-def _eye(points: Float) -> dict[str, float]:
-    """A place of the camera from which slender samples fit too (plotly scales the box to a volume of 1)."""
+def _camera(points: Float) -> dict[str, float]:
+    """Position of the camera, such that slender samples fit too (plotly scales the box to a volume of 1)."""
     extent = np.maximum(np.ptp(points, axis=0), 1e-12) if len(points) else np.ones(3)
     extent = np.maximum(extent, extent.max() / 50)
-    far = max(1.0, 0.85 * float(extent.max() / np.cbrt(extent.prod())))
-    return {"x": 1.3 * far, "y": -1.5 * far, "z": 0.6 * far}
+    distance = max(1.0, 0.85 * float(extent.max() / np.cbrt(extent.prod())))
+    return {"x": 1.3 * distance, "y": -1.5 * distance, "z": 0.6 * distance}
 
 
 def _xyz(points: Float) -> dict[str, list[float | None]]:

@@ -1,11 +1,11 @@
-"""Curves as SVG inside the page; lines of text and axes take the page's colour."""
+"""Curves as SVG inside the page; text and axes take the page's text colour."""
 
 from __future__ import annotations
 
 import io
 import re
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING
 
 import matplotlib
 import numpy as np
@@ -14,21 +14,24 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullFormatter
 
-INK = "#010203"  # stands for the page's text colour
-COLOURS = ("#2f7ed8", "#d9722e", "#2a9d68", "#b8478f", "#8a6d1f", "#5b6ee1", "#c0392b", "#16909b")
-STYLE: dict[Any, Any] = {
+TEXT_COLOUR = "#010203"  # replaced by the page's text colour
+LINE_COLOURS = ("#2f7ed8", "#d9722e", "#2a9d68", "#b8478f", "#8a6d1f", "#5b6ee1", "#c0392b", "#16909b")
+if TYPE_CHECKING:
+    from matplotlib.typing import RcKeyType  # of matplotlib 3.10 and later
+
+SVG_STYLE: dict[RcKeyType, object] = {
     "svg.fonttype": "none",
     "svg.hashsalt": "grainmotion",
     "font.size": 10,
-    "text.color": INK,
-    "axes.labelcolor": INK,
-    "axes.edgecolor": INK,
-    "xtick.color": INK,
-    "ytick.color": INK,
+    "text.color": TEXT_COLOUR,
+    "axes.labelcolor": TEXT_COLOUR,
+    "axes.edgecolor": TEXT_COLOUR,
+    "xtick.color": TEXT_COLOUR,
+    "ytick.color": TEXT_COLOUR,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": True,
-    "grid.color": INK,
+    "grid.color": TEXT_COLOUR,
     "grid.alpha": 0.15,
     "text.parse_math": False,
 }
@@ -36,7 +39,7 @@ STYLE: dict[Any, Any] = {
 
 def convergence_svg(costs: Sequence[tuple[str, float]]) -> str:
     """Relative residual by iteration, a colour a stage, logarithmic."""
-    with matplotlib.rc_context(STYLE):
+    with matplotlib.rc_context(SVG_STYLE):
         figure, axes = _axes()
         values = np.array([cost for _, cost in costs], dtype=float)
         iterations = np.arange(1, len(values) + 1)
@@ -45,7 +48,7 @@ def convergence_svg(costs: Sequence[tuple[str, float]]) -> str:
             axes.plot(
                 iterations[part],
                 _drawable(values)[part],
-                color=COLOURS[colour % len(COLOURS)],
+                color=LINE_COLOURS[colour % len(LINE_COLOURS)],
                 marker="o",
                 ms=3.5,
                 lw=1.8,
@@ -62,10 +65,10 @@ def convergence_svg(costs: Sequence[tuple[str, float]]) -> str:
 
 def reconstruction_svg(errors: Sequence[float]) -> str:
     """Relative residual ε of the reconstruction by iteration, logarithmic."""
-    with matplotlib.rc_context(STYLE):
+    with matplotlib.rc_context(SVG_STYLE):
         figure, axes = _axes()
         values = np.asarray(errors, dtype=float)
-        axes.plot(np.arange(1, len(values) + 1), _drawable(values), color=COLOURS[0], marker="o", ms=3.5, lw=1.8)
+        axes.plot(np.arange(1, len(values) + 1), _drawable(values), color=LINE_COLOURS[0], marker="o", ms=3.5, lw=1.8)
         axes.set_xlabel("iteration")
         axes.set_ylabel("relative residual ε = ‖b − Ax‖/‖b‖")
         _finish(axes, values)
@@ -86,7 +89,7 @@ def _stages(costs: Sequence[tuple[str, float]]) -> list[tuple[str, int, int]]:
 
 
 def _drawable(values: np.ndarray) -> np.ndarray:
-    """The values that a logarithmic axis can show, NaN elsewhere."""
+    """The values, NaN where a logarithmic axis cannot show them."""
     return np.where(np.isfinite(values) & (values > 0), values, np.nan)
 
 
@@ -111,7 +114,7 @@ def _svg(figure: Figure, title: str) -> str:
     stream = io.StringIO()
     figure.savefig(stream, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
     text = stream.getvalue()
-    text = text[text.index("<svg") :].replace(INK, "currentColor")
+    text = text[text.index("<svg") :].replace(TEXT_COLOUR, "currentColor")
     text = re.sub(r"<metadata>.*?</metadata>", f"<title>{title}</title>", text, flags=re.DOTALL)
     used = set(re.findall(r'(?:href="#|url\(#)([^")]+)', text))
     text = re.sub(r' id="([^"]*)"', lambda m: m.group() if m.group(1) in used else "", text)

@@ -1,4 +1,4 @@
-"""What a report is made of."""
+"""The data that a report shows."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from grainmotion.model.motions import Motions
 from grainmotion.model.volume import Volume
 
 Rows = tuple[tuple[str, str], ...]
-"""Facts: a name and a value a row, as text with its unit."""
+"""Facts: name and value, the value as text with its unit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,17 +28,17 @@ class StateReport:
         Line integrals, dimensionless; ``simulated`` with gain and offset applied.  NaN where a pixel
         carries no weight.
     motions : Motions
-        What was measured.
+        The measured motions, mm and radians.
     voxel_size : float
-        Edge of a voxel, mm: lengths are also told in voxels.
+        Edge of a voxel, mm: lengths are also given in voxels.
     residual : (views, rows, columns) array, optional
         Measured − simulated; their difference if not given.
     views : tuple of str, optional
         Caption of each view, such as its angle; numbered if not given.
     comparison : tuple of (str, str)
-        Facts of a comparison with another measurement or the truth, if there is one.
+        Facts of a comparison with another measurement or with the true motions, if there is one.
     first_row : {"bottom", "top"}
-        Whether row 0 of the radiographs is their lowest (v along +z) or highest row; the page shows up as up.
+        Whether row 0 of the radiographs is their lowest (v along +z) or highest row; the page shows +z upwards.
     """
 
     name: str
@@ -73,7 +73,7 @@ class StateReport:
 
 @dataclass(frozen=True, eq=False)
 class ReportData:
-    """Everything that the page shows.
+    """The data of one page.
 
     Attributes
     ----------
@@ -103,6 +103,6 @@ class ReportData:
             shape = None if self.volume is None else self.volume.shape
             raise InputError("report", f"labels {self.labels.shape} for a volume {shape}", "give both on one grid")
         names = [state.name for state in self.states]
-        twice = sorted({name for name in names if names.count(name) > 1})
-        if twice:
-            raise InputError("report", f"states {twice} appear twice", "give each state its own name")
+        repeated = sorted({name for name in names if names.count(name) > 1})
+        if repeated:
+            raise InputError("report", f"states {repeated} appear twice", "give each state its own name")

@@ -17,7 +17,7 @@ from grainmotion.model.volume import Volume
 from grainmotion.report.data import StateReport
 
 SLICE_PIXELS = 160_000  # of one slice of the volume
-HOLE = 255  # palette index of pixels without a value, transparent
+TRANSPARENT = 255  # palette index of pixels without a value
 PALETTES = {"grey": "gray", "diverging": "RdBu_r"}
 
 
@@ -94,22 +94,22 @@ def png(image: Array, scale: GreyScale) -> str:
     """A ``data:`` address of the image; pixels that are not finite are transparent."""
     finite = np.isfinite(image)
     unit = (np.where(finite, image, 0) - scale.low) / (scale.high - scale.low)
-    index = np.where(finite, np.clip(np.rint(unit * (HOLE - 1)), 0, HOLE - 1), HOLE)
-    colours = colormaps[PALETTES[scale.palette]](np.linspace(0, 1, HOLE))[:, :3]
-    return _encode(index.astype(np.uint8), np.vstack([colours, [[0.5, 0.5, 0.5]]]), HOLE)
+    index = np.where(finite, np.clip(np.rint(unit * (TRANSPARENT - 1)), 0, TRANSPARENT - 1), TRANSPARENT)
+    colours = colormaps[PALETTES[scale.palette]](np.linspace(0, 1, TRANSPARENT))[:, :3]
+    return _encode(index.astype(np.uint8), np.vstack([colours, [[0.5, 0.5, 0.5]]]))
 
 
 def label_png(labels: NDArray[np.integer]) -> str:
     """A ``data:`` address of a slice of labels; neighbours in number differ in colour, 0 is transparent."""
     wheel = colormaps["turbo"]((np.arange(64) * 0.618034) % 1)[:, :3]
-    index = np.where(labels > 0, labels % 64, HOLE).astype(np.uint8)
-    palette = np.vstack([wheel, np.full((HOLE + 1 - 64, 3), 0.5)])
-    return _encode(index, palette, HOLE)
+    index = np.where(labels > 0, labels % 64, TRANSPARENT).astype(np.uint8)
+    palette = np.vstack([wheel, np.full((TRANSPARENT + 1 - 64, 3), 0.5)])
+    return _encode(index, palette)
 
 
 def palette_png(palette: str) -> str:
     """A ``data:`` address of a colour bar, low on the left."""
-    return png(np.linspace(0, 1, HOLE)[None, :], GreyScale(0.0, 1.0, palette))
+    return png(np.linspace(0, 1, TRANSPARENT)[None, :], GreyScale(0.0, 1.0, palette))
 
 
 def central_slices(volume: Volume, labels: NDArray[np.integer] | None, scale: GreyScale) -> list[Slice]:
@@ -147,9 +147,9 @@ def _rms(image: Array) -> float:
     return float(np.sqrt(np.mean(values**2))) if values.size else math.nan
 
 
-def _encode(index: NDArray[np.uint8], palette: Array, hole: int) -> str:
+def _encode(index: NDArray[np.uint8], palette: Array) -> str:
     picture = Image.fromarray(np.ascontiguousarray(index), mode="P")
     picture.putpalette(np.rint(palette * 255).astype(np.uint8).tobytes())
     stream = io.BytesIO()
-    picture.save(stream, "PNG", transparency=hole, optimize=False, compress_level=9)
+    picture.save(stream, "PNG", transparency=TRANSPARENT, optimize=False, compress_level=9)
     return "data:image/png;base64," + base64.b64encode(stream.getvalue()).decode()

@@ -1,4 +1,4 @@
-"""Tables of the page: facts, counts by status, grains."""
+"""Content of the page's tables as text: facts, counts by status, corrections of the views, grains."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ STATUS_COLOURS = {
     Status.NOT_FITTED.value: "#8b929c",
 }
 
-GROUPS = (
+COLUMN_GROUPS = (
     ("", ("label", "status")),
     ("centre in the reference state (mm)", ("x", "y", "z")),
     ("translation (mm)", ("ux", "uy", "uz")),
@@ -32,7 +32,7 @@ GROUPS = (
 
 
 def number(value: float, decimals: int) -> str:
-    """A number with a fixed count of decimals, a true minus sign, and – where there is none."""
+    """A number with a fixed count of decimals and a true minus sign; – for NaN and infinity."""
     if not math.isfinite(value):
         return "–"
     text = f"{value:.{decimals}f}"
@@ -40,7 +40,7 @@ def number(value: float, decimals: int) -> str:
 
 
 def significant(value: float, digits: int = 3) -> str:
-    """A number with a few significant digits, trailing zeros kept, and – where there is none."""
+    """A number with a few significant digits, trailing zeros kept; – for NaN and infinity."""
     if not math.isfinite(value):
         return "–"
     if value == 0:
@@ -57,7 +57,7 @@ def length_decimals(voxel_size: float) -> int:
 
 @dataclass(frozen=True)
 class SummaryRow:
-    """A state at a glance: grains by status; typical motion, typical uncertainty and fit as text."""
+    """Summary of a state: grains by status; typical motion, typical uncertainty and fit as text."""
 
     name: str
     grains: int
@@ -109,7 +109,7 @@ def summary_row(state: StateReport) -> SummaryRow:
 
 
 def fit_facts(state: StateReport) -> Rows:
-    """How the fit of a state went, and what it says of the detector's response and of the background."""
+    """The fit of a state as a whole: gain, residual, detector response, motion of the background."""
     fit = state.motions.fit
     facts = [
         ("views", str(len(state.views))),
@@ -163,7 +163,9 @@ def grain_table(state: StateReport, max_rows: int) -> GrainTable:
     values = [_column(table[name].to_numpy()[order], name, decimals) for name in COLUMNS[2:]]
     labels, statuses = (table[name].to_numpy()[order] for name in COLUMNS[:2])
     reasons = [motions.reasons[i] for i in order]
-    return GrainTable(GROUPS, tuple(zip(map(str, labels), map(str, statuses), zip(*values), reasons)), len(table))
+    return GrainTable(
+        COLUMN_GROUPS, tuple(zip(map(str, labels), map(str, statuses), zip(*values), reasons)), len(table)
+    )
 
 
 def _column(values: np.ndarray, name: str, decimals: int) -> list[str]:
@@ -181,7 +183,9 @@ def _median(values: np.ndarray) -> float:
     return float(np.median(values)) if values.size else math.nan
 
 
-def _enumerate(labels: list[int], most: int = 40) -> str:
+def _enumerate(labels: list[int], max_labels: int = 40) -> str:
     """The labels after the word grain, or the first of them and how many more there are."""
-    shown = ", ".join(map(str, labels[:most])) + (f" and {len(labels) - most} more" if len(labels) > most else "")
+    shown = ", ".join(map(str, labels[:max_labels])) + (
+        f" and {len(labels) - max_labels} more" if len(labels) > max_labels else ""
+    )
     return f"grain {shown}" if len(labels) == 1 else f"grains {shown}"
