@@ -32,7 +32,7 @@ from grainmotion.errors import InputError
 from grainmotion.io.files import atomic_write, checked_file
 from grainmotion.model.motions import Motions, Status
 from grainmotion.model.volume import Volume
-from grainmotion.rotations import recenter, rotation_matrix, rotation_vector
+from grainmotion.rotations import recenter, rotation_vector
 
 POSITION = ("Zpos", "Ypos", "Xpos")
 DISPLACEMENT = ("Zdisp", "Ydisp", "Xdisp")
@@ -77,10 +77,7 @@ def write_ddic_tsv(path: str | Path, motions: Motions, grid: Volume, labels: NDA
     """
     if len(motions) and motions.labels.min() < 1:
         raise InputError("motions.label", f"label {motions.labels.min()}", "spam counts grains from 1; relabel them")
-    centers, translations = motions.centers, motions.translations
-    known = ~np.isnan(motions.rotations.sum(axis=1))
-    matrices = np.broadcast_to(np.eye(3), (len(motions), 3, 3)).copy()
-    matrices[known] = rotation_matrix(motions.rotations[known])
+    centers, translations, matrices = motions.centers, motions.translations, motions.matrices
     if labels is not None:
         centers = _label_centers(labels, motions.labels, grid)
         translations = recenter(matrices, translations, motions.centers, centers)
@@ -91,7 +88,7 @@ def write_ddic_tsv(path: str | Path, motions: Motions, grid: Volume, labels: NDA
     table.loc[1:, list(POSITION + DISPLACEMENT)] = np.nan
     table.loc[1:, "returnStatus"] = RETURN_STATUS[Status.LEFT_FIELD.value]
     table[["Fzz", "Fyy", "Fxx"]] = 1.0
-    moved = known & ~np.isnan(translations.sum(axis=1))
+    moved = np.isfinite(np.hstack([translations, motions.rotations])).all(axis=1)
     gradients = np.where(moved[:, None, None], matrices, np.eye(3))[:, ::-1, ::-1]
     disp = np.where(moved[:, None], translations, np.nan)[:, ::-1] / grid.voxel_size
     table.loc[motions.labels, list(POSITION)] = (centers - grid.origin)[:, ::-1] / grid.voxel_size

@@ -21,7 +21,6 @@ from grainmotion.errors import InputError
 from grainmotion.io.files import atomic_write
 from grainmotion.model.motions import Motions, Status
 from grainmotion.model.volume import Volume
-from grainmotion.rotations import rotation_matrix
 
 STATUS_CODES: dict[str, int] = {status.value: code for code, status in enumerate(Status)}
 """Code of each status in the point array ``status_code``: 0 converged, 1 not-converged, 2
@@ -52,16 +51,13 @@ def write_grains_vtp(path: str | Path, motions: Motions) -> None:
     variances = np.diagonal(motions.covariances, axis1=1, axis2=2)
     with np.errstate(invalid="ignore"):
         sd = np.sqrt(variances)
-    known = np.isfinite(motions.rotations).all(axis=1)
-    matrices = np.full((n, 3, 3), np.nan)
-    matrices[known] = rotation_matrix(motions.rotations[known])
     data = {
         "label": motions.labels.astype("<i8"),
         "status_code": np.array([STATUS_CODES[str(s)] for s in motions.statuses], dtype="<i4"),
         "reference_center": motions.centers,
         "displacement": motions.translations,
         "rotation_vector_deg": np.rad2deg(motions.rotations),
-        "rotation_matrix": matrices.reshape(n, 9),
+        "rotation_matrix": motions.matrices.reshape(n, 9),
         "sd_displacement": sd[:, :3],
         "sd_rotation_deg": np.rad2deg(sd[:, 3:]),
         "displacement_covariance": motions.covariances[:, :3, :3].reshape(n, 9),

@@ -75,7 +75,7 @@ def _pairs(figure: Figure, axes: Axes, plan: Plan) -> None:
     """The criterion of every pair of candidate angles, voxels, with the best and the even pair."""
     order = np.argsort(plan.angles_deg)
     angles, values = plan.angles_deg[order], plan.pairs[np.ix_(order, order)] / plan.voxel_size
-    top = min(values.max(), 3 * values.min())  # worse pairs are not worth telling apart
+    top = min(values.max(), 3 * values.min())  # worse pairs all have one colour
     image = axes.pcolormesh(angles, angles, values, cmap="viridis_r", vmax=top, shading="nearest", rasterized=True)
     bar = figure.colorbar(image, ax=axes, extend="max" if top < values.max() else "neither")
     bar.set_label("voxels")
