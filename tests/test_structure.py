@@ -15,13 +15,12 @@ TESTS = Path(__file__).parent
 PACKAGE = TESTS.parent / "src" / "grainmotion"
 SOURCES = sorted(PACKAGE.rglob("*.py"))
 MAX_TOP_LEVEL_FILES = 8
-MAX_ANY_LINES = 149
+MAX_ANY_LINES = 133
 MAX_PARAMETERS = 7
 LONG_SIGNATURES = {"cli/app.py:plan", "cluster/dask_backend.py:project"}
 """Functions outside kernels that may have more parameters; the list only gets shorter."""
 SHARED_CONSTANTS = {
-    *("BLOCK", "CHUNKS", "COLOURS", "COLUMNS", "CORE", "DIRECTIONS", "FORMER", "GROUPS", "HEADER", "LARGE", "MARGIN"),
-    *("MOST", "RESERVED", "STORED", "STYLE", "TILE", "TOGETHER"),
+    *("BLOCK", "CHUNKS", "COLUMNS", "DIRECTIONS", "FORMER", "LARGE", "MARGIN", "MOST", "STORED", "TILE", "TOGETHER"),
 }
 """Names of constants that mean different things in different modules; the list only gets shorter."""
 

@@ -15,7 +15,7 @@ from scipy import ndimage
 
 from grainmotion.analysis.deformed_volume import rebuild
 from grainmotion.errors import InputError
-from grainmotion.io.spam import HEADER, read_ddic_tsv, write_ddic_tsv
+from grainmotion.io.spam import DDIC_COLUMNS, read_ddic_tsv, write_ddic_tsv
 from grainmotion.model.motions import Motions
 from grainmotion.model.volume import Volume
 from grainmotion.rotations import apply_motion, recenter
@@ -81,8 +81,8 @@ class TestFormat:
         one = converged([2], center, h * np.array([[3.0, 2.0, 1.0]]), np.array([[0.0, 0.0, 90.0]]))
         write_ddic_tsv(tmp_path / "a.tsv", one, GRID)
         lines = (tmp_path / "a.tsv").read_text().splitlines()
-        assert tuple(lines[0].split("\t")) == HEADER
-        rows = [dict(zip(HEADER, map(float, line.split("\t")))) for line in lines[1:]]
+        assert tuple(lines[0].split("\t")) == DDIC_COLUMNS
+        rows = [dict(zip(DDIC_COLUMNS, map(float, line.split("\t")))) for line in lines[1:]]
         assert [row["Label"] for row in rows] == [0, 1, 2]
         assert np.isnan(rows[1]["Zpos"])
         assert rows[1]["returnStatus"] < 0
@@ -112,7 +112,7 @@ class TestFormat:
         write_ddic_tsv(tmp_path / "a.tsv", motions, GRID)
         lines = [line.split("\t") for line in (tmp_path / "a.tsv").read_text().splitlines()]
         stretch = np.diag([1.1, 0.95, 1.02])
-        first = HEADER.index("Fzz")
+        first = DDIC_COLUMNS.index("Fzz")
         for line in lines[1:]:
             gradient = np.array(line[first : first + 9], dtype=float).reshape(3, 3) @ stretch
             line[first : first + 9] = [repr(float(x)) for x in gradient.ravel()]
@@ -130,12 +130,12 @@ class TestBadInput:
         [
             ("Label\tZpos\n1\t2\n", "columns .* are missing"),
             ("NodeNumber\tZpos\n1\t2\n", "NodeNumber"),
-            ("\t".join(HEADER) + "\n" + "\t".join(["1"] * 21 + ["x"]) + "\n", None),
+            ("\t".join(DDIC_COLUMNS) + "\n" + "\t".join(["1"] * 21 + ["x"]) + "\n", None),
             (
-                "\t".join(HEADER) + "\n" + "\t".join(["1", "two"] + ["1"] * 20) + "\n",
+                "\t".join(DDIC_COLUMNS) + "\n" + "\t".join(["1", "two"] + ["1"] * 20) + "\n",
                 "Zpos is 'two' in row 1",
             ),
-            ("\t".join(HEADER) + "\n" + 2 * ("\t".join(["1"] * 22) + "\n"), "given twice"),
+            ("\t".join(DDIC_COLUMNS) + "\n" + 2 * ("\t".join(["1"] * 22) + "\n"), "given twice"),
             ("\x00\x01", "missing|no table"),
         ],
     )

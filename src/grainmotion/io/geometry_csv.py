@@ -12,7 +12,7 @@ from grainmotion.errors import InputError
 from grainmotion.io.files import atomic_write, checked_file
 from grainmotion.model.geometry import COLUMNS, Geometry
 
-_HEADER = ",".join(COLUMNS)
+CSV_HEADER = ",".join(COLUMNS)
 
 
 def read_geometry(path: str | Path, shape: tuple[int, int], beam: Beam = "cone") -> Geometry:
@@ -42,11 +42,11 @@ def read_geometry(path: str | Path, shape: tuple[int, int], beam: Beam = "cone")
         table = pd.read_csv(path, comment="#", skipinitialspace=True, dtype=str)
     except (ValueError, UnicodeDecodeError) as error:  # pandas' parser errors are ValueErrors
         fact = f"not a table ({' '.join(str(error).split())})"
-        raise InputError(str(path), fact, f"give a CSV with the header {_HEADER}") from error
+        raise InputError(str(path), fact, f"give a CSV with the header {CSV_HEADER}") from error
     table.columns = [str(c).strip() for c in table.columns]
     missing = [c for c in COLUMNS if c not in table.columns]
     if missing:
-        raise InputError(str(path), f"no column {', '.join(missing)}", f"begin it with the header {_HEADER}")
+        raise InputError(str(path), f"no column {', '.join(missing)}", f"begin it with the header {CSV_HEADER}")
     if table.empty:
         raise InputError(str(path), "it holds no view", "give one row a radiograph")
     numbers = table[list(COLUMNS)].apply(pd.to_numeric, errors="coerce").to_numpy(float)

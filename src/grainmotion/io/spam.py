@@ -38,7 +38,7 @@ POSITION = ("Zpos", "Ypos", "Xpos")
 DISPLACEMENT = ("Zdisp", "Ydisp", "Xdisp")
 GRADIENT = ("Fzz", "Fzy", "Fzx", "Fyz", "Fyy", "Fyx", "Fxz", "Fxy", "Fxx")
 QUALITY = ("PSCC", "error", "iterations", "returnStatus", "deltaPhiNorm", "LabelDilate")
-HEADER = ("Label", *POSITION, *DISPLACEMENT, *GRADIENT, *QUALITY)
+DDIC_COLUMNS = ("Label", *POSITION, *DISPLACEMENT, *GRADIENT, *QUALITY)
 
 RETURN_STATUS: dict[str, int] = {
     Status.CONVERGED.value: 2,
@@ -83,12 +83,12 @@ def write_ddic_tsv(path: str | Path, motions: Motions, grid: Volume, labels: NDA
         translations = recenter(matrices, translations, motions.centers, centers)
 
     rows = int(motions.labels.max(initial=0)) + 1
-    table = pd.DataFrame(np.zeros((rows, len(HEADER))), columns=list(HEADER))
+    table = pd.DataFrame(np.zeros((rows, len(DDIC_COLUMNS))), columns=list(DDIC_COLUMNS))
     table["Label"] = np.arange(rows)
     table.loc[1:, list(POSITION + DISPLACEMENT)] = np.nan
     table.loc[1:, "returnStatus"] = RETURN_STATUS[Status.LEFT_FIELD.value]
     table[["Fzz", "Fyy", "Fxx"]] = 1.0
-    moved = np.isfinite(np.hstack([translations, motions.rotations])).all(axis=1)
+    moved = np.isfinite(np.hstack([translations, motions.rotations]).sum(axis=1))
     gradients = np.where(moved[:, None, None], matrices, np.eye(3))[:, ::-1, ::-1]
     disp = np.where(moved[:, None], translations, np.nan)[:, ::-1] / grid.voxel_size
     table.loc[motions.labels, list(POSITION)] = (centers - grid.origin)[:, ::-1] / grid.voxel_size
