@@ -8,7 +8,7 @@ from skimage.segmentation import expand_labels
 from grainmotion.kernels.layout import PADDING
 from grainmotion.model.volume import Volume
 from grainmotion.segmentation.extraction import grains_from_labels
-from grainmotion.segmentation.label_refinement import flooded, splined
+from grainmotion.segmentation.label_refinement import refined_labels, upsampled
 from grainmotion.simulate import Ellipsoid, Particle, Sample, attenuation_volume, label_volume
 
 VOXEL = 0.1
@@ -32,7 +32,7 @@ class TestSpline:
             z, y, x = (np.polynomial.polynomial.polyval(a / 20, c) for a, c in zip(axes, powers, strict=True))
             return z[:, None, None] * y[:, None] * x
 
-        found = splined(cubic([np.arange(n, dtype=float) for n in shape]), factor)
+        found = upsampled(cubic([np.arange(n, dtype=float) for n in shape]), factor)
         expected = cubic(fine_centres(shape, factor))
         inner = tuple(slice(10 * factor, -10 * factor) for _ in shape)
         assert found.shape == expected.shape
@@ -42,17 +42,17 @@ class TestSpline:
     def test_the_sum_stays(self, factor):
         array = np.random.default_rng(1).uniform(size=(9, 10, 11))
         array = np.pad(array, 12)  # what is cut off by the edge has died away
-        assert splined(array, factor).sum() / factor**3 == pytest.approx(array.sum(), rel=1e-6)
+        assert upsampled(array, factor).sum() / factor**3 == pytest.approx(array.sum(), rel=1e-6)
 
     def test_factor_one_changes_nothing(self):
         array = np.random.default_rng(2).uniform(size=(6, 7, 8))
-        np.testing.assert_allclose(splined(array, 1), array, atol=1e-5)
+        np.testing.assert_allclose(upsampled(array, 1), array, atol=1e-5)
 
     def test_precision_is_kept(self):
-        assert splined(np.ones((5, 5, 5), np.float32), 2).dtype == np.float32
+        assert upsampled(np.ones((5, 5, 5), np.float32), 2).dtype == np.float32
 
     def test_even_attenuation_stays_even(self):
-        np.testing.assert_allclose(splined(np.full((5, 6, 7), 0.3), 3), 0.3, rtol=1e-5)
+        np.testing.assert_allclose(upsampled(np.full((5, 6, 7), 0.3), 3), 0.3, rtol=1e-5)
 
 
 # ---------------------------------------------------------------------- grains
@@ -96,7 +96,7 @@ class TestTouching:
         sample = touching(axis)
         volume, labels = blurred(sample, blur), label_volume(sample, GRID)
         nearest = np.kron(expand_labels(labels, REACH), np.ones((2, 2, 2), labels.dtype))
-        found = flooded(splined(volume.array, 2), labels, 2, REACH)
+        found = refined_labels(upsampled(volume.array, 2), labels, 2, REACH)
         share = wrong_mass(sample, found, 2)
         assert share < 1e-3
         assert share < 0.5 * wrong_mass(sample, nearest, 2)
@@ -110,20 +110,20 @@ class TestTouching:
         shifted = np.roll(grown, 1, axis=2)
         disturbed = np.where((grown > 0) & (shifted > 0) & (rng.uniform(size=labels.shape) < 0.5), shifted, labels)
         nearest = np.kron(expand_labels(disturbed, REACH), np.ones((2, 2, 2), labels.dtype))
-        share = wrong_mass(sample, flooded(splined(blurred(sample).array, 2), disturbed, 2, REACH), 2)
+        share = wrong_mass(sample, refined_labels(upsampled(blurred(sample).array, 2), disturbed, 2, REACH), 2)
         assert share < 1e-3
         assert share < 0.3 * wrong_mass(sample, nearest, 2)
 
     def test_far_grains_get_the_nearest_label(self):
         sample = balls((-1.2, 0, 0), (1.2, 0, 0))
         labels = label_volume(sample, GRID)
-        found = flooded(splined(attenuation_volume(sample, GRID).array, 2), labels, 2, REACH)
+        found = refined_labels(upsampled(attenuation_volume(sample, GRID).array, 2), labels, 2, REACH)
         np.testing.assert_array_equal(found, np.kron(expand_labels(labels, REACH), np.ones((2, 2, 2), int)))
 
     def test_reach_bounds_what_is_handed_out(self):
         sample = touching()
         labels = label_volume(sample, GRID)
-        found = flooded(splined(attenuation_volume(sample, GRID).array, 2), labels, 2, 0)
+        found = refined_labels(upsampled(attenuation_volume(sample, GRID).array, 2), labels, 2, 0)
         np.testing.assert_array_equal(found > 0, np.kron(labels, np.ones((2, 2, 2), int)) > 0)
 
     def test_thin_grains_stay(self):

@@ -1,13 +1,12 @@
-"""The a-posteriori reconstruction: the current configuration rebuilt by moving the reference grains.
+"""The volume of the current configuration, from the grains of the reference and their motions.
 
-Each voxel centre x of the wanted grid is pulled back into the grain's own voxels by the inverse motion,
-X = Ωᵀ(x − u − c) + c, and the grain's attenuation is read there trilinearly; the reference is never
-rotated voxel by voxel, so a moved grain has no holes.  Contributions of all grains, and the background
-where it is, add up.
+Each voxel centre x of the grid is pulled back into the grain's own voxels by the inverse motion,
+X = Ωᵀ(x − u − c) + c, and the grain's attenuation is interpolated there trilinearly, so that a moved grain
+has no holes.  The contributions of all grains, and of the background where it is, add up.
 
 A voxel carries the label of the grain that contributes most to it, provided that this contribution
-exceeds half of that grain's own typical attenuation: the attenuation below which half of the grain's
-mass lies.  (A median by mass bears both a dense inclusion and a halo of partly filled voxels.)
+exceeds half of that grain's typical attenuation: the attenuation below which half of the grain's mass
+lies.  (This median by mass is robust against a dense inclusion and a halo of partly filled voxels.)
 """
 
 from __future__ import annotations
@@ -22,11 +21,11 @@ from grainmotion.model.motions import Motions, Status
 from grainmotion.model.volume import Volume
 from grainmotion.rotations import rotation_matrix
 
-LEFT_OUT = (Status.LEFT_FIELD.value, Status.NOT_FITTED.value)
+WITHOUT_MOTION = (Status.LEFT_FIELD.value, Status.NOT_FITTED.value)
 
 
 def rebuild(grains: GrainSet, motions: Motions, grid: Volume) -> tuple[Volume, NDArray[np.int32]]:
-    """Rebuild the current configuration of a sample on a grid.
+    """Rebuild the volume of the current configuration on a grid.
 
     Parameters
     ----------
@@ -62,14 +61,14 @@ def rebuild(grains: GrainSet, motions: Motions, grid: Volume) -> tuple[Volume, N
         grain = by_label[int(motions.labels[i])]
         rotation = rotation_matrix(motions.rotations[i])
         matrix, offset = _pull_back(grain.volume, grid, rotation, motions.translations[i], motions.centers[i])
-        low, high = _reach(grain.volume, matrix, offset, grid.shape)
+        low, high = _bounds(grain.volume, matrix, offset, grid.shape)
         half = np.float32(typical_attenuation(grain) / 2)
         resample.add_moved_label(
             grain.volume.array, matrix, offset, low, high, total, np.int32(grain.label), half, best, labels
         )
     if grains.background is not None:
         matrix, offset = _pull_back(grains.background, grid, np.eye(3), np.zeros(3), np.zeros(3))
-        low, high = _reach(grains.background, matrix, offset, grid.shape)
+        low, high = _bounds(grains.background, matrix, offset, grid.shape)
         resample.add_moved(grains.background.array, matrix, offset, low, high, total)
     return Volume(total, grid.voxel_size, grid.center), labels
 
@@ -86,7 +85,7 @@ def typical_attenuation(grain: Grain) -> float:
 
 def _movable(motions: Motions) -> NDArray[np.bool_]:
     finite = np.isfinite(motions.translations).all(axis=1) & np.isfinite(motions.rotations).all(axis=1)
-    return finite & ~np.isin(motions.statuses, LEFT_OUT)
+    return finite & ~np.isin(motions.statuses, WITHOUT_MOTION)
 
 
 def _pull_back(
@@ -102,10 +101,10 @@ def _pull_back(
     return back * (grid.voxel_size / source.voxel_size), start / source.voxel_size
 
 
-def _reach(
+def _bounds(
     source: Volume, matrix: NDArray[np.float64], offset: NDArray[np.float64], shape: tuple[int, int, int]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """First and one-past-last voxels (x y z) of the grid that the moved source can reach."""
+    """First voxel (x y z) of the grid that the moved source touches, and the one past the last."""
     ends = np.array([[-1, n] for n in source.shape[::-1]], dtype=float)
     corners = np.stack(np.meshgrid(*ends, indexing="ij"), axis=-1).reshape(-1, 3)
     places = np.linalg.solve(matrix, (corners - offset).T).T

@@ -1,4 +1,4 @@
-"""compare: measured motions against the truth, grain by grain.
+"""Errors of measured motions against true ones, grain by grain.
 
 Grains are paired by their centres in the reference state.  The two centres of a pair differ a little
 (a segmented grain is not quite the true one), so the true motion is evaluated at the *measured*
@@ -92,18 +92,19 @@ def compare(
     Parameters
     ----------
     measured, truth : Motions
-        Grains may be in any order and differ in number; labels play no part.  Pairs are one to one and
+        Grains may be in any order and differ in number; labels are not used.  Pairs are one to one and
         lie within half the grain spacing (the median distance to the nearest true neighbour).
     voxel_size : float, optional
         mm, for errors in voxels.
     limit_voxels : float
-        A grain whose translation error is longer than this has failed; takes a ``voxel_size``.
+        A grain whose translation error is longer than this has failed; without effect if there is no ``voxel_size``.
     limit_deg : float
         A grain whose rotation error is longer than this, in degrees, has failed.
 
     Returns
     -------
     Comparison
+        Errors of the true grains, in their order.
 
     Raises
     ------
@@ -116,17 +117,17 @@ def compare(
     if voxel_size is not None and not voxel_size > 0:
         raise InputError("voxel_size", f"must be > 0, got {voxel_size}", "give it in mm, or leave it out")
     matches = _paired(measured.centers, truth.centers)
-    found = np.flatnonzero(matches >= 0)
-    pair = matches[found]
+    matched = np.flatnonzero(matches >= 0)
+    pair = matches[matched]
     translations, rotations = np.full((n, 3), np.nan), np.full((n, 3), np.nan)
-    if len(found):
-        true = truth.matrices[found]
-        at_measured = recenter(true, truth.translations[found], truth.centers[found], measured.centers[pair])
-        translations[found] = measured.translations[pair] - at_measured
+    if len(matched):
+        true = truth.matrices[matched]
+        at_measured = recenter(true, truth.translations[matched], truth.centers[matched], measured.centers[pair])
+        translations[matched] = measured.translations[pair] - at_measured
         difference = measured.matrices[pair] @ np.swapaxes(true, -1, -2)
-        rotations[found] = np.rad2deg(rotation_vector(difference))
+        rotations[matched] = np.rad2deg(rotation_vector(difference))
     failed = np.ones(n, dtype=bool)
-    failed[found] = ~measured.ok[pair] | ~(np.linalg.norm(rotations[found], axis=1) <= limit_deg)
+    failed[matched] = ~measured.ok[pair] | ~(np.linalg.norm(rotations[matched], axis=1) <= limit_deg)
     if voxel_size is not None:
         failed |= ~(np.linalg.norm(translations, axis=1) <= limit_voxels * voxel_size)
     return Comparison(
@@ -145,15 +146,15 @@ def _paired(measured: NDArray[np.float64], truth: NDArray[np.float64]) -> NDArra
     matches = np.full(len(truth), -1)
     if len(measured) == 0:
         return matches
-    reach = np.inf
+    largest = np.inf
     if len(truth) > 1:
         apart = cdist(truth, truth)
         np.fill_diagonal(apart, np.inf)
-        reach = float(np.median(apart.min(axis=1))) / 2
+        largest = float(np.median(apart.min(axis=1))) / 2
     distances = cdist(truth, measured)
-    # beyond the reach all are equally bad, so that one lost grain does not shift its neighbours' pairs
-    rows, columns = linear_sum_assignment(np.where(distances <= reach, distances, 1e3 * min(reach, 1e9)))
-    near = distances[rows, columns] <= reach
+    # all pairs too far apart cost the same, so that one missing grain does not shift the pairs of its neighbours
+    rows, columns = linear_sum_assignment(np.where(distances <= largest, distances, 1e3 * min(largest, 1e9)))
+    near = distances[rows, columns] <= largest
     matches[rows[near]] = columns[near]
     return matches
 

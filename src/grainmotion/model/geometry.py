@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,6 +33,15 @@ from grainmotion.rotations import rotation_matrix
 
 COLUMNS = ("sx", "sy", "sz", "dx", "dy", "dz", "ux", "uy", "uz", "vx", "vy", "vz")
 _ASTRA = {"cone": "cone_vec", "parallel": "parallel3d_vec"}
+
+
+class AstraGeometry(TypedDict):
+    """A projection geometry of ASTRA's ``cone_vec`` or ``parallel3d_vec``."""
+
+    type: str
+    DetectorRowCount: int
+    DetectorColCount: int
+    Vectors: Float
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +94,31 @@ class Geometry:
         source_to_detector: float,
         panel: DetectorAlignment | None = None,
     ) -> Geometry:
-        """A circular cone-beam scan; lengths in mm, see `DetectorAlignment` for an imperfect set-up."""
+        """A circular cone-beam scan.
+
+        Parameters
+        ----------
+        angles_deg : (n,) array
+            Angle of each view, degrees; see the drawing in `grainmotion.model.geometry`.
+        shape : (int, int)
+            Rows and columns of the panel.
+        pixel_size : float
+            Edge of a pixel, mm.
+        source_to_axis, source_to_detector : float
+            Distances from the source to the rotation axis and to the panel, mm.
+        panel : DetectorAlignment, optional
+            Departures from a perfect set-up.
+
+        Returns
+        -------
+        Geometry
+            One view an angle.
+
+        Raises
+        ------
+        InputError
+            If the axis does not lie between source and detector, or a number is not finite.
+        """
         if not 0 < source_to_axis < source_to_detector:
             raise InputError(
                 "geometry.source_to_axis",
@@ -100,7 +133,24 @@ class Geometry:
     def parallel(
         cls, angles_deg: ArrayLike, shape: tuple[int, int], pixel_size: float, *, panel: DetectorAlignment | None = None
     ) -> Geometry:
-        """A circular parallel-beam scan; the panel's centre is put on the axis (any distance is the same)."""
+        """A circular parallel-beam scan; the panel's centre lies on the axis, as its distance does not matter.
+
+        Parameters
+        ----------
+        angles_deg : (n,) array
+            Angle of each view, degrees; see the drawing in `grainmotion.model.geometry`.
+        shape : (int, int)
+            Rows and columns of the panel.
+        pixel_size : float
+            Edge of a pixel, mm.
+        panel : DetectorAlignment, optional
+            Departures from a perfect set-up.
+
+        Returns
+        -------
+        Geometry
+            One view an angle.
+        """
         start = np.array([0.0, 1.0, 0.0])
         return cls(_circular(start, np.zeros(3), angles_deg, pixel_size, panel, moves=False), shape, "parallel")
 
@@ -108,8 +158,8 @@ class Geometry:
     def __len__(self) -> int:
         return len(self.vectors)
 
-    def __getitem__(self, views: int | slice | Sequence[int] | NDArray[Any]) -> Geometry:
-        """The geometry of some views, in the order asked for."""
+    def __getitem__(self, views: int | slice | Sequence[int] | NDArray[np.integer] | NDArray[np.bool_]) -> Geometry:
+        """The geometry of the selected views, in the given order."""
         index = [int(views)] if isinstance(views, int | np.integer) else views
         return Geometry(self.vectors[index], self.shape, self.beam)
 
@@ -158,13 +208,35 @@ class Geometry:
         return np.stack([np.linalg.norm(self.v, axis=1), np.linalg.norm(self.u, axis=1)], axis=1)
 
     def pixel_positions(self, view: int) -> Float:
-        """Centres of all pixels of one view, ``(rows, columns, 3)``, mm."""
+        """Centres of all pixels of one view.
+
+        Parameters
+        ----------
+        view : int
+            Index of the view.
+
+        Returns
+        -------
+        (rows, columns, 3) array
+            mm, sample frame.
+        """
         r = np.arange(self.shape[0]) - (self.shape[0] - 1) / 2
         c = np.arange(self.shape[1]) - (self.shape[1] - 1) / 2
         return self.detector[view] + c[None, :, None] * self.u[view] + r[:, None, None] * self.v[view]
 
     def project_points(self, points: ArrayLike) -> Float:
-        """Where points ``(m, 3)`` fall: (row, column) in pixels, ``(n, m, 2)``, NaN behind the source."""
+        """Project points onto the panel of every view.
+
+        Parameters
+        ----------
+        points : (m, 3) array
+            mm, sample frame.
+
+        Returns
+        -------
+        (n, m, 2) array
+            Row and column, pixels; NaN for a point behind the source.
+        """
         points = np.asarray(points, dtype=float).reshape(-1, 3)
         s, d, u, v = self.source, self.detector, self.u, self.v
         if self.beam == "cone":
@@ -191,7 +263,18 @@ class Geometry:
         return np.stack([cr[..., 1] + (self.shape[0] - 1) / 2, cr[..., 0] + (self.shape[1] - 1) / 2], -1)
 
     def pixel_at(self, point: ArrayLike) -> float:
-        """Size of a pixel carried back to ``point`` (pixel size over magnification), mm, mean over views."""
+        """Size of a pixel at a point of the sample: pixel size over magnification.
+
+        Parameters
+        ----------
+        point : (3,) array
+            mm, sample frame.
+
+        Returns
+        -------
+        float
+            mm, mean over the views.
+        """
         size = self.pixel_sizes.mean(axis=1)
         if self.beam == "parallel":
             return float(size.mean())
@@ -200,9 +283,19 @@ class Geometry:
         return float((size * depth).mean())
 
     def window(self, first: tuple[int, int], shape: tuple[int, int]) -> Geometry:
-        """The same views on another part of the panels' planes: ``shape`` pixels from pixel ``first`` on.
+        """The same views on another part of the panels' planes.
 
-        ``first`` (row, column) may be negative, and the window larger than the panel.
+        Parameters
+        ----------
+        first : (int, int)
+            Row and column of its first pixel on this panel; may be negative.
+        shape : (int, int)
+            Rows and columns of the window, which may be larger than the panel.
+
+        Returns
+        -------
+        Geometry
+            Views of ``shape`` pixels.
         """
         down, right = (f + (new - old) / 2 for f, new, old in zip(first, shape, self.shape, strict=True))
         vectors = self.vectors.copy()
@@ -210,7 +303,23 @@ class Geometry:
         return Geometry(vectors, shape, self.beam)
 
     def binned(self, factor: int) -> Geometry:
-        """The same panels with pixels ``factor`` times as large; rows and columns must divide by it."""
+        """The same panels with larger pixels.
+
+        Parameters
+        ----------
+        factor : int
+            Edge of the new pixels over that of the old ones.
+
+        Returns
+        -------
+        Geometry
+            Views of fewer pixels.
+
+        Raises
+        ------
+        InputError
+            If rows or columns do not divide by ``factor``.
+        """
         rows, columns = self.shape
         if rows % factor or columns % factor:
             raise InputError("geometry", f"{self.shape} pixels do not divide by {factor}", "cut a window first")
@@ -219,7 +328,7 @@ class Geometry:
         return Geometry(vectors, (rows // factor, columns // factor), self.beam)
 
     # ------------------------------------------------------------------ exchange
-    def to_astra(self) -> dict[str, Any]:
+    def to_astra(self) -> AstraGeometry:
         """The projection geometry that ``astra.create_proj_geom`` makes of these views (copied)."""
         return {
             "type": _ASTRA[self.beam],
@@ -229,8 +338,24 @@ class Geometry:
         }
 
     @classmethod
-    def from_astra(cls, geometry: dict[str, Any]) -> Geometry:
-        """Read a ``cone_vec`` or ``parallel3d_vec`` geometry of ASTRA."""
+    def from_astra(cls, geometry: AstraGeometry) -> Geometry:
+        """Read a geometry of ASTRA.
+
+        Parameters
+        ----------
+        geometry : dict
+            A ``cone_vec`` or ``parallel3d_vec`` geometry; `astra.geom_2vec` makes one of a circular scan.
+
+        Returns
+        -------
+        Geometry
+            The same views.
+
+        Raises
+        ------
+        InputError
+            If it is of another type.
+        """
         beams: dict[str, Beam] = {"cone_vec": "cone", "parallel3d_vec": "parallel"}
         kind = geometry.get("type")
         if kind not in beams:

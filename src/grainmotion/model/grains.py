@@ -68,13 +68,24 @@ class GrainSet:
             raise InputError("grains", f"label {labels[counts.argmax()]} is there twice", "give each grain its own")
         sizes = sorted({g.volume.voxel_size for g in self.grains})
         if sizes[-1] > sizes[0] * (1 + 1e-6):
-            raise InputError("grains", f"voxel sizes {sizes[0]} and {sizes[-1]} mm", "cut all grains from one volume")
+            raise InputError("grains", f"voxel sizes {sizes[0]} and {sizes[-1]} mm", "extract them from one volume")
 
     def __len__(self) -> int:
         return len(self.grains)
 
     def without(self, rows: Collection[int]) -> GrainSet:
-        """The same sample without the grains of some rows."""
+        """The same sample without some of its grains.
+
+        Parameters
+        ----------
+        rows : collection of int
+            Positions of those grains in ``grains``.
+
+        Returns
+        -------
+        GrainSet
+            The other grains, with the same background.
+        """
         return replace(self, grains=tuple(g for k, g in enumerate(self.grains) if k not in rows))
 
     @property

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class Status(StrEnum):
-    """What became of a grain; `Motions.reasons` says why and what to do."""
+    """Outcome of the fit of a grain; `Motions.reasons` gives cause and remedy."""
 
     CONVERGED = "converged"
     NOT_CONVERGED = "not-converged"
@@ -48,16 +48,16 @@ class StateFit:
         Stage and relative residual ‖F(b − m(P))‖/‖F b‖ after each iteration, in order, under the
         stage's own filter F (so that stages with different filters do not compare).
     response : Response, optional
-        All that was found of the detector's response; None if only gain and offset are known.
+        Fitted response of the detector; None if only gain and offset are known.
     view_corrections, view_corrections_sd : ViewCorrections, optional
         Shift of each view's panel and angle of its stage, and their standard deviations.  None where they were not
         estimated.
     background : (6,) array, optional
         Motion (u, ω) of the background about its centre of mass, mm and radians, if it could move.
     downweighted : float
-        Share of the shaded pixels that a robust loss counted less.
+        Share of the shaded pixels to which a robust loss gave less weight.
     notes : tuple of str
-        Sentences on the state as a whole: what was refused, what was seen that belongs to no grain.
+        Sentences on the state as a whole, such as refused options and unexplained attenuation.
     """
 
     gain: float = 1.0
@@ -102,7 +102,7 @@ class Motions:
         Ω ← exp[δ]ₓ Ω.  NaN where not estimated.
     statuses : (n,) array of Status strings
     residuals : (n,) array
-        Root mean square of (measured − simulated) over the grain's shadow, line-integral units.
+        Root mean square of (measured − simulated) over the grain's footprint, line-integral units.
     iterations : (n,) int array
     reasons : tuple of n str
         A sentence a grain: cause and remedy; empty for grains that converged.
@@ -141,7 +141,20 @@ class Motions:
 
     @classmethod
     def identity(cls, labels: NDArray[np.int64], centers: NDArray[np.float64]) -> Motions:
-        """No motion, not fitted: the usual start."""
+        """No motion, not fitted: the usual start.
+
+        Parameters
+        ----------
+        labels : (n,) int array
+            Labels of the grains.
+        centers : (n, 3) array
+            Their centres of mass in the reference state, mm, x y z.
+
+        Returns
+        -------
+        Motions
+            Zero translations and rotations, status ``not-fitted``.
+        """
         n = len(labels)
         return cls(
             labels=np.asarray(labels),
@@ -166,10 +179,25 @@ class Motions:
         return self.statuses == Status.CONVERGED.value
 
     def first(self, count: int, note: str) -> Motions:
-        """The first ``count`` grains, with another note on the state."""
-        names = ("labels", "centers", "translations", "rotations", "covariances", "statuses", "residuals", "iterations")
-        rows: dict[str, Any] = {name: getattr(self, name)[:count] for name in names}
-        return replace(self, **rows, reasons=self.reasons[:count], fit=replace(self.fit, notes=(*self.fit.notes, note)))
+        """The first grains alone, with another note on the state.
+
+        Parameters
+        ----------
+        count : int
+            How many grains to keep.
+        note : str
+            Added to ``fit.notes``.
+
+        Returns
+        -------
+        Motions
+            Of ``count`` grains.
+        """
+        return Motions(
+            self.labels[:count], self.centers[:count], self.translations[:count], self.rotations[:count],
+            self.covariances[:count], self.statuses[:count], self.residuals[:count], self.iterations[:count],
+            self.reasons[:count], replace(self.fit, notes=(*self.fit.notes, note)),
+        )  # fmt: skip
 
     def to_table(self) -> pd.DataFrame:
         """The table of ``motions.csv``: mm and degrees, one row a grain."""
@@ -188,6 +216,18 @@ class Motions:
     @classmethod
     def from_table(cls, table: pd.DataFrame, where: str = "motions table") -> Motions:
         """Read the table of ``motions.csv``; covariances get the variances alone.
+
+        Parameters
+        ----------
+        table : DataFrame
+            The columns of `to_table`, mm and degrees.
+        where : str
+            Name of the table in errors.
+
+        Returns
+        -------
+        Motions
+            mm and radians.
 
         Raises
         ------

@@ -14,7 +14,7 @@ from grainmotion.model.volume import precision_of
 
 @dataclass(frozen=True, eq=False)
 class Scan:
-    """Radiographs as line integrals −ln((I − dark)/(flat − dark)), with the views that saw them.
+    """Radiographs as line integrals −ln((I − dark)/(flat − dark)), with the geometry of their views.
 
     Attributes
     ----------
@@ -26,7 +26,7 @@ class Scan:
     valid : (views, rows, columns) bool array, optional
         False where the pixel was dead, saturated or dark and must carry no weight; None if all are good.
     open_beam : (rows, columns) array, optional
-        Flat minus dark over its own mean, which says how many photons stand behind each pixel; None is even.
+        Flat minus dark over its own mean, in proportion to the photons of each pixel; None if uniform.
 
     Raises
     ------
@@ -60,7 +60,18 @@ class Scan:
         return len(self.geometry)
 
     def select(self, views: slice | list[int] | NDArray[np.int_]) -> Scan:
-        """The scan of some views, in the order asked for."""
+        """The scan of some views, in the given order.
+
+        Parameters
+        ----------
+        views : slice, list of int or int array
+            Views to keep.
+
+        Returns
+        -------
+        Scan
+            Their radiographs and geometry.
+        """
         valid = None if self.valid is None else self.valid[views]
         return Scan(self.line_integrals[views], self.geometry[views], valid, self.open_beam)
 
@@ -71,16 +82,7 @@ class Scan:
 def air_levels(
     scan: Scan, *, margin: int | None = None, region: tuple[int, int, int, int] | None = None
 ) -> NDArray[np.float64]:
-    """Median line integral of the air in each view, ``(views,)``.
-
-    Parameters
-    ----------
-    scan : Scan
-    margin : int
-        Columns at the left and as many at the right of the panel that see only air.
-    region : (row0, row1, column0, column1)
-        Pixels that see only air instead, end excluded.
-    """
+    """Median line integral of the air in each view, ``(views,)``; parameters as of `normalize_air`."""
     rows, columns = scan.geometry.shape
     if (margin is None) == (region is None):
         raise InputError(
@@ -88,20 +90,20 @@ def air_levels(
             "give either margin or region",
             "margin = columns at both sides, or region = [r0, r1, c0, c1]",
         )
-    seen = np.zeros((rows, columns), dtype=bool)
+    air = np.zeros((rows, columns), dtype=bool)
     if margin is not None:
         if not 0 < margin <= columns // 2:
             raise InputError("air.margin", f"must be 1 to {columns // 2} columns, got {margin}", "give fewer columns")
-        seen[:, :margin] = seen[:, columns - margin :] = True
+        air[:, :margin] = air[:, columns - margin :] = True
     elif region is not None:
         r0, r1, c0, c1 = region
         if not (0 <= r0 < r1 <= rows and 0 <= c0 < c1 <= columns):
             fact = f"{list(region)} is not inside the panel of {rows} rows and {columns} columns"
             raise InputError("air.region", fact, "give [row0, row1, column0, column1], end excluded")
-        seen[r0:r1, c0:c1] = True
+        air[r0:r1, c0:c1] = True
     levels = np.empty(len(scan))
     for view, image in enumerate(scan.line_integrals):
-        good = seen if scan.valid is None else seen & scan.valid[view]
+        good = air if scan.valid is None else air & scan.valid[view]
         if not good.any():
             raise InputError("air", f"view {view} has no good pixel there", "choose another margin or region")
         levels[view] = np.median(image[good])
@@ -109,13 +111,51 @@ def air_levels(
 
 
 def normalize_air(scan: Scan, *, margin: int | None = None, region: tuple[int, int, int, int] | None = None) -> Scan:
-    """Scale the beam by one factor a view so that air has a line integral of 0; see `air_levels`."""
+    """Scale the beam by one factor a view so that air has a line integral of 0.
+
+    Parameters
+    ----------
+    scan : Scan
+        Line integrals whose air is not at 0.
+    margin : int, optional
+        Columns at the left and as many at the right of the panel that show only air.
+    region : (row0, row1, column0, column1), optional
+        Pixels that show only air, end excluded; give either this or ``margin``.
+
+    Returns
+    -------
+    Scan
+        With the median line integral of the air subtracted from each radiograph.
+
+    Raises
+    ------
+    InputError
+        If neither or both of ``margin`` and ``region`` are given, or no good pixel lies there.
+    """
     levels = air_levels(scan, margin=margin, region=region).astype(scan.line_integrals.dtype)
     return replace(scan, line_integrals=scan.line_integrals - levels[:, None, None])
 
 
 def snr(scan_a: Scan, scan_b: Scan) -> float:
-    """Signal-to-noise ratio of Eq. 24, √2 ‖b₁‖/‖b₁ − b₂‖, from two scans of the same state."""
+    """Signal-to-noise ratio from two scans of the same state, √2 ‖b₁‖/‖b₁ − b₂‖.
+
+    Eq. 24 of Khalili et al. (2017), doi 10.1007/s11340-017-0263-5.
+
+    Parameters
+    ----------
+    scan_a, scan_b : Scan
+        Of the same views.
+
+    Returns
+    -------
+    float
+        Infinite if the scans are equal.
+
+    Raises
+    ------
+    InputError
+        If their shapes differ.
+    """
     if scan_a.line_integrals.shape != scan_b.line_integrals.shape:
         fact = f"shapes {scan_a.line_integrals.shape} and {scan_b.line_integrals.shape} differ"
         raise InputError("snr", fact, "give two scans of the same state by the same views")

@@ -23,7 +23,7 @@ class Volume:
     ----------
     array : (nz, ny, nx) float32 or float64 array
         Attenuation at the voxels' centres, in 1/mm, indexed ``[z, y, x]``.  Double precision is kept, and
-        grains cut from it are tracked in it; anything else becomes float32.
+        grains extracted from it are tracked in it; anything else becomes float32.
     voxel_size : float
         Edge of a voxel, mm.
     center : (3,) tuple of float
@@ -63,7 +63,22 @@ class Volume:
         voxel_size: float,
         center: tuple[float, float, float] = (0.0, 0.0, 0.0),
     ) -> Volume:
-        """An empty volume: the grid on which to reconstruct, ``shape`` in z, y, x order."""
+        """An empty volume: the grid on which to reconstruct.
+
+        Parameters
+        ----------
+        shape : (int, int, int)
+            Voxels along z, y, x.
+        voxel_size : float
+            Edge of a voxel, mm.
+        center : (float, float, float)
+            Centre of the grid in the sample frame, mm, x y z.
+
+        Returns
+        -------
+        Volume
+            Of zeros.
+        """
         return cls(np.zeros(shape, np.float32), voxel_size, center)
 
     @property

@@ -1,15 +1,15 @@
-"""Beam hardening: Scan, Volume → Hardening, a curve that makes line integrals linear again.
+"""Linearisation of beam hardening by a curve fitted to a scan and its reconstruction.
 
-A beam of many energies is attenuated less and less with depth, so that the measured line integral b falls
-behind the path.  A template of the sample, where all material, or each grain, has one attenuation,
-knows how it should have grown: its reprojection t is as long as the path.  Herman's linearisation (Physics in
-Medicine and Biology 24, 1979) is the fit
+A polychromatic beam is attenuated less and less with depth, so that the measured line integral b grows more
+slowly than the path.  The reprojection t of a template of the sample, in which all material, or each grain, has
+one attenuation, is proportional to the path.  Herman's linearisation (Physics in Medicine and Biology 24, 1979)
+is the fit
 
     t ≈ s g(b),   g(b) = b + c₂ b² + … + c_n bⁿ,   c_k ≥ 0,
 
-over all pixels that see the sample.  Coefficients that are not negative make g monotone and convex, as
-the physics has it; the scale s is left out, so that thin paths stay as they are, and the attenuation that
-comes out is that of the unhardened beam.  What is no more than the noise is no hardening: g is the identity then.
+over all pixels that show the sample.  Coefficients that are not negative make g monotone and convex, as the
+physics requires.  The scale s is not applied: thin paths stay as they are, and the corrected attenuation is that
+of the unhardened beam.  Where the departure from linear is not significant, g is the identity.
 """
 
 from __future__ import annotations
@@ -31,22 +31,27 @@ from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.projection.volumes import project
 
-GROUPS = 8  # of views, whose fits differ by what is not hardening
-SIGNIFICANT = 3.0  # standard deviations
-LEAST = 0.02  # of the longest path: a departure below this is what voxels do to surfaces
-LONG = 99.5  # percentile of the line integrals that stands for the longest path
-SHORT = 0.2  # of the longest path: shorter ones see surfaces more than material
+JACKKNIFE_GROUPS = 8
+"""Groups of views that are left out in turn, for the standard deviation of the curve."""
+SIGNIFICANT_SD = 3.0
+"""Standard deviations from which a departure from linear is significant."""
+MIN_DEPARTURE = 0.02
+"""Smallest departure that is taken for hardening, over the longest path: voxels at surfaces cause less."""
+LONGEST_PERCENTILE = 99.5
+"""Percentile of the line integrals that stands for the longest path."""
+MIN_PATH = 0.2
+"""Shortest path that is fitted, over the longest: shorter ones depend on surfaces more than on material."""
 
 
 @validated
 class HardeningSettings:
-    """How to find the curve of beam hardening."""
+    """How to fit the curve of beam hardening."""
 
     degree: Annotated[int, Field(ge=2, le=4, description="degree of the curve")] = 3
     threshold: Annotated[
         float | None, Field(description="attenuation from which a voxel is material, 1/mm; Otsu's unless given")
     ] = None
-    views: Annotated[int, Field(ge=GROUPS, description="views of which the template is projected, at most")] = 64
+    views: Annotated[int, Field(ge=JACKKNIFE_GROUPS, description="most views on which the template is projected")] = 64
     projector: Annotated[Projector, Field(description="as the reconstruction's")] = "trilinear"
 
 
@@ -84,7 +89,7 @@ class Hardening:
         return float(self(np.array(self.longest)) / self.longest - 1) if self.longest > 0 else 0.0
 
     def __call__(self, line_integrals: NDArray[np.floating]) -> NDArray[np.floating]:
-        """g(b), in the precision of b; what is negative, which is noise, stays as it is."""
+        """g(b), in the precision of b; negative values, which are noise, stay as they are."""
         b = np.maximum(line_integrals, 0)
         higher = np.zeros_like(b)
         for c in self.coefficients[:0:-1]:
@@ -92,12 +97,23 @@ class Hardening:
         return line_integrals + b * higher
 
     def apply(self, scan: Scan) -> Scan:
-        """The scan as one energy would have made it."""
+        """Linearise a scan.
+
+        Parameters
+        ----------
+        scan : Scan
+            As measured.
+
+        Returns
+        -------
+        Scan
+            Its line integrals as a monochromatic beam would have given them.
+        """
         return scan if self.is_linear else dataclasses.replace(scan, line_integrals=self(scan.line_integrals))
 
     def __str__(self) -> str:
         if self.is_linear:
-            return f"no beam hardening beyond {SIGNIFICANT:.0f} sd ({100 * self.sd:.2g} %)"
+            return f"no beam hardening beyond {SIGNIFICANT_SD:.0f} sd ({100 * self.sd:.2g} %)"
         return f"beam hardening of {100 * self.departure:.1f} ± {100 * self.sd:.1f} % on the longest path"
 
 
@@ -107,7 +123,7 @@ def calibrate_hardening(
     labels: NDArray[np.integer] | None = None,
     settings: HardeningSettings | None = None,
 ) -> Hardening:
-    """Find the curve of beam hardening from a full scan and its first reconstruction.
+    """Fit the curve of beam hardening to a full scan and its first reconstruction.
 
     Parameters
     ----------
@@ -116,15 +132,16 @@ def calibrate_hardening(
     volume : Volume
         Reconstructed from it, 1/mm.
     labels : (nz, ny, nx) integer array, optional
-        Grains.  Where given, a template with each grain at its own mean attenuation is tried beside the one with
-        each connected piece of material at its mean; the one that fits the radiographs better counts.
+        Grains.  Where given, a template with each grain at its own mean attenuation is compared with the one of
+        connected pieces of material at their means, and the one that fits the radiographs better is used.
     settings : HardeningSettings, optional
+        Degree, threshold and number of views.
 
     Returns
     -------
     Hardening
-        To be applied to this scan before it is reconstructed again, and to the states'.  The identity if the data
-        show no hardening.
+        To be applied to this scan before it is reconstructed again, and to those of the states.  The identity if
+        the data show no hardening.
 
     Raises
     ------
@@ -132,38 +149,38 @@ def calibrate_hardening(
         If no voxel lies above the threshold, or the scan has too few views.
     """
     settings = settings or HardeningSettings()
-    if len(scan) < GROUPS:
-        raise InputError("hardening", f"{len(scan)} views", f"give the full scan, {GROUPS} views at least")
-    some = scan.select(np.unique(np.linspace(0, len(scan) - 1, min(settings.views, len(scan))).astype(int)))
-    template = _pieces(volume, settings)
-    curves = [_curve(some, _template(volume, found), settings) for found in (template, labels) if found is not None]
+    if len(scan) < JACKKNIFE_GROUPS:
+        raise InputError("hardening", f"{len(scan)} views", f"give the full scan, {JACKKNIFE_GROUPS} views at least")
+    views = scan.select(np.unique(np.linspace(0, len(scan) - 1, min(settings.views, len(scan))).astype(int)))
+    parts = [_pieces(volume, settings)] if labels is None else [_pieces(volume, settings), labels]
+    curves = [_curve(views, _template(volume, part), settings) for part in parts]
     return min(curves, key=lambda curve: curve[0])[1]
 
 
 def _curve(scan: Scan, template: Volume, settings: HardeningSettings) -> tuple[float, Hardening]:
-    """How badly a template fits, ‖t − s g(b)‖/‖t‖, and the curve."""
+    """Relative misfit ‖t − s g(b)‖/‖t‖ of a template, and the curve."""
     t = project(template, scan.geometry, projector=settings.projector)
     b = scan.line_integrals.astype(float)
-    seen = t > 0 if scan.valid is None else (t > 0) & scan.valid
-    if not seen.any():
-        raise InputError("hardening", "no radiograph sees the material", "check the threshold and the volume")
-    longest = float(np.percentile(b[seen], LONG))
-    used = seen & (b > SHORT * longest)
-    group = np.broadcast_to((np.arange(len(scan)) % GROUPS)[:, None, None], b.shape)[used]
+    material = t > 0 if scan.valid is None else (t > 0) & scan.valid
+    if not material.any():
+        raise InputError("hardening", "no radiograph shows the material", "check the threshold and the volume")
+    longest = float(np.percentile(b[material], LONGEST_PERCENTILE))
+    used = material & (b > MIN_PATH * longest)
+    group = np.broadcast_to((np.arange(len(scan)) % JACKKNIFE_GROUPS)[:, None, None], b.shape)[used]
     x, y = b[used] / longest, t[used].astype(float)
-    moments = [_moments(x[group == k], y[group == k], settings.degree) for k in range(GROUPS)]
+    moments = [_moments(x[group == k], y[group == k], settings.degree) for k in range(JACKKNIFE_GROUPS)]
     whole = np.sum(moments, axis=0)
     c, misfit = _fit(whole)
-    # The jackknife: what the curve would be without one group of views, and how that varies.
+    # jackknife: the variance of the curve fitted without one group of views
     spread = [float(_fit(whole - m)[0][1:].sum()) for m in moments]
-    sd = float(np.sqrt((GROUPS - 1) * np.var(spread)))
-    if c[1:].sum() < max(SIGNIFICANT * sd, LEAST):
+    sd = float(np.sqrt((JACKKNIFE_GROUPS - 1) * np.var(spread)))
+    if c[1:].sum() < max(SIGNIFICANT_SD * sd, MIN_DEPARTURE):
         return misfit, Hardening((1.0,), longest, sd)
     return misfit, Hardening(tuple(float(k) for k in c / longest ** np.arange(len(c))), longest, sd)
 
 
 def _pieces(volume: Volume, settings: HardeningSettings) -> NDArray[np.integer]:
-    """Connected pieces of what lies above the threshold, numbered 1 … n."""
+    """Connected components of the voxels above the threshold, numbered 1 … n."""
     array = volume.array
     if array.max() <= array.min():
         raise InputError("hardening", "the volume is uniform", "check the reconstruction")
@@ -175,7 +192,7 @@ def _pieces(volume: Volume, settings: HardeningSettings) -> NDArray[np.integer]:
 
 
 def _template(volume: Volume, labels: NDArray[np.integer]) -> Volume:
-    """The volume with each label at its mean attenuation, and nothing around."""
+    """The volume with each label at its mean attenuation, and zero elsewhere."""
     if labels.shape != volume.shape:
         fact = f"labels of {labels.shape} voxels, the volume of {volume.shape}"
         raise InputError("hardening", fact, "give the labels of that volume")
@@ -186,13 +203,13 @@ def _template(volume: Volume, labels: NDArray[np.integer]) -> Volume:
 
 
 def _moments(b: Float, t: Float, degree: int) -> Float:
-    """Sums of products of b, b², …, bⁿ and t: all that a least-squares fit needs, ``(n + 1, n + 1)``."""
+    """Sums of products of b, b², …, bⁿ and t, sufficient for a least-squares fit, ``(n + 1, n + 1)``."""
     columns = np.stack([b**k for k in range(1, degree + 1)] + [t])
     return columns @ columns.T
 
 
 def _fit(moments: Float) -> tuple[Float, float]:
-    """c₁ = 1, c₂, … of the fit whose moments these are, none negative; and its relative misfit."""
+    """Non-negative c₁ = 1, c₂, … of the least-squares fit with these moments, and its relative misfit."""
     normal, right, square = moments[:-1, :-1], moments[:-1, -1], moments[-1, -1]
     root = np.linalg.cholesky(normal + 1e-12 * np.trace(normal) * np.eye(len(normal)))
     c = nnls(root.T, np.linalg.solve(root, right))[0]

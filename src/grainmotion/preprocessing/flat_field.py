@@ -1,8 +1,8 @@
-"""Intensities → Scan: line integrals from counts, flats and darks, or from transmissions.
+"""Flat-field correction: line integrals from counts, flats and darks, or from transmissions.
 
-The line integral of a pixel is −ln((I − dark)/(flat − dark)).  Pixels for which this has no meaning
-(dead, without any transmission, saturated) are marked in `Scan.valid`, carry no weight in any fit,
-and hold the mean of their good neighbours so that filters meet no hole; `PixelReport` counts them.
+The line integral of a pixel is −ln((I − dark)/(flat − dark)).  Pixels for which it is undefined (dead,
+without any transmission, saturated) are marked in `Scan.valid`, carry no weight in any fit, and hold the
+mean of their good neighbours, as filters need finite values; `PixelReport` counts them.
 """
 
 from __future__ import annotations
@@ -17,9 +17,12 @@ from grainmotion.errors import InputError
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.scan import Scan
 
-BAD_FLAT_SHARE = 0.05  # more of the panel than this at or below the dark: the files are mixed up
-SAMPLE = 1 << 16  # pixels that tell what is typical of a scan
-TRANSMISSION_LIMIT = 20.0  # a median transmission above this, or a line integral, is a count
+MAX_BAD_FLAT_SHARE = 0.05
+"""Largest share of the flat at or below the dark; more means that the files are mixed up."""
+MEDIAN_SAMPLE = 1 << 16
+"""Pixels drawn at random for the median of a scan; the median of all takes as long as reading them."""
+MAX_MEDIAN = 20.0
+"""Largest median of transmissions and of line integrals; above it they are counts."""
 
 
 @dataclass(frozen=True)
@@ -31,9 +34,9 @@ class PixelReport:
     total : int
         Pixels of all views.
     dead : int
-        Pixels whose flat is not above the dark, once a view.
+        Pixels whose flat is not above the dark, counted once in each view.
     dark : int
-        Other pixels that saw nothing: counts at or below the dark, transmission at or below zero.
+        Other pixels without signal: counts at or below the dark, transmission at or below zero.
     saturated : int
         Other pixels at the top of the camera's range, in the radiograph or in the flat.
     """
@@ -53,7 +56,6 @@ class PixelReport:
         return f"{self.bad} of {self.total} pixels masked: {kinds}"
 
 
-# ---------------------------------------------------------------------- from what the camera gives
 def line_integrals_from_counts(
     counts: ArrayLike,
     flats: ArrayLike,
@@ -77,7 +79,10 @@ def line_integrals_from_counts(
 
     Returns
     -------
-    Scan, PixelReport
+    scan : Scan
+        Line integrals, with the mask of good pixels and the open beam.
+    report : PixelReport
+        Numbers of masked pixels.
 
     Raises
     ------
@@ -91,22 +96,22 @@ def line_integrals_from_counts(
     flat, flat_top = _mean_image("flats", flats, geometry, saturation)
     dark = np.zeros(geometry.shape) if darks is None else _mean_image("darks", darks, geometry, None)[0]
     dead = flat <= dark
-    if dead.mean() > BAD_FLAT_SHARE:
+    if dead.mean() > MAX_BAD_FLAT_SHARE:
         raise InputError(
             "flats",
             f"{100 * dead.mean():.0f} % of the mean flat is at or below the mean dark",
             "flats below darks: check that flats and darks are not swapped and belong to this scan",
         )
-    top = _top(images.dtype, saturation)
+    top = _saturation_level(images.dtype, saturation)
     saturated = (images >= top) | flat_top if top is not None else np.broadcast_to(flat_top, images.shape)
     signal = images.astype(np.float32) - dark.astype(np.float32)
-    unseen = signal <= 0
+    dark_pixels = signal <= 0
     open_beam = np.where(dead, 1.0, flat - dark).astype(np.float32)
-    good = ~(dead | saturated | unseen)
+    good = ~(dead | saturated | dark_pixels)
     report = PixelReport(
         total=images.size,
         dead=int(dead.sum()) * len(images),
-        dark=int((unseen & ~dead & ~saturated).sum()),
+        dark=int((dark_pixels & ~dead & ~saturated).sum()),
         saturated=int((saturated & ~dead).sum()),
     )
     np.divide(signal, open_beam, out=signal)
@@ -123,7 +128,7 @@ def line_integrals_from_transmission(transmission: ArrayLike, geometry: Geometry
     _check_shape("transmission", images, geometry)
     _check_finite("transmission", images)
     typical = _typical(images)
-    if typical > TRANSMISSION_LIMIT:
+    if typical > MAX_MEDIAN:
         raise InputError(
             "transmission",
             f"the median is {typical:.4g}, where I/I0 is about 0 to 1",
@@ -140,7 +145,7 @@ def checked_line_integrals(images: ArrayLike, geometry: Geometry) -> tuple[Scan,
     _check_shape("line-integrals", values, geometry)
     _check_finite("line-integrals", values)
     typical = _typical(values)
-    if typical > TRANSMISSION_LIMIT:
+    if typical > MAX_MEDIAN:
         raise InputError(
             "line-integrals",
             f"the median is {typical:.4g}, and exp(-{typical:.4g}) of the beam reaches no camera",
@@ -150,7 +155,7 @@ def checked_line_integrals(images: ArrayLike, geometry: Geometry) -> tuple[Scan,
 
 
 # ---------------------------------------------------------------------- checks and repair
-def _top(dtype: np.dtype, saturation: float | None) -> float | None:
+def _saturation_level(dtype: np.dtype, saturation: float | None) -> float | None:
     if saturation is not None:
         return saturation
     return float(np.iinfo(dtype).max) if np.issubdtype(dtype, np.integer) else None
@@ -166,7 +171,7 @@ def _mean_image(
         fact = f"images of {stack.shape[1:]} pixels, where the radiographs have {geometry.shape}"
         raise InputError(name, fact, f"give {name} of the same camera settings")
     _check_counts(name, stack)
-    top = _top(stack.dtype, saturation)
+    top = _saturation_level(stack.dtype, saturation)
     saturated = np.zeros(geometry.shape, dtype=bool)
     if top is not None:
         saturated |= np.asarray(stack >= top).any(axis=0)
@@ -184,10 +189,10 @@ def _check_shape(name: str, images: NDArray, geometry: Geometry) -> None:
 
 
 def _typical(images: NDArray) -> float:
-    """The median of some pixels drawn at random; that of all of a scan takes as long as reading it."""
+    """Median of pixels drawn at random."""
     flat = images.reshape(-1)
-    if flat.size > SAMPLE:
-        flat = flat[np.random.default_rng(0).integers(0, flat.size, SAMPLE)]
+    if flat.size > MEDIAN_SAMPLE:
+        flat = flat[np.random.default_rng(0).integers(0, flat.size, MEDIAN_SAMPLE)]
     return float(np.median(flat)) if flat.size else 0.0
 
 
@@ -226,7 +231,7 @@ def _from_ratio(name: str, ratio: NDArray[np.float32], good: NDArray[np.bool_], 
 
 
 def _repaired(values: NDArray[np.float32], good: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """Put into each bad pixel the mean of its good neighbours among eight, or else the nearest good one."""
+    """Replace each bad pixel by the mean of its good neighbours among eight, or else by the nearest good pixel."""
     out = np.where(good, values, np.float32(0))
     weights = np.pad(good, ((0, 0), (1, 1), (1, 1)))
     padded = np.pad(out, ((0, 0), (1, 1), (1, 1)))
