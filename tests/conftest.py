@@ -1,4 +1,4 @@
-"""What all tests share: random examples are the same in every run, and a slow machine is no failure."""
+"""Settings of all tests: random examples are the same in every run, and a slow machine is no failure."""
 
 from hypothesis import settings
 

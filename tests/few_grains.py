@@ -1,4 +1,4 @@
-"""A few small grains and radiographs of them, made with the package's own projector: for what needs no ruler."""
+"""A few small grains and radiographs of them, by the package's own projector: for tests that measure no accuracy."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def geometry(angles_deg=ANGLES, shape=PANEL) -> Geometry:
 
 
 def grain_set(count: int = 5, sphere: int | None = None, seed: int = 0, finer: int = 2) -> GrainSet:
-    """Convex polyhedra with soft faces and a dense corner, labels 1 … count; grain ``sphere`` is an even ball."""
+    """Convex polyhedra with soft faces and a dense corner, labels 1 … count; grain ``sphere`` is a uniform ball."""
     rng = np.random.default_rng(seed)
     z, y, x = np.meshgrid(*((np.arange(n) - (n - 1) / 2) * VOXEL for n in (46, 44, 52)), indexing="ij")
     volume, labels = np.zeros(x.shape, np.float32), np.zeros(x.shape, np.int32)
@@ -52,7 +52,7 @@ def grain_set(count: int = 5, sphere: int | None = None, seed: int = 0, finer: i
 
 
 def blob(x0, y0, z0, a, b, c) -> np.ndarray:
-    """A smooth body, aslant, on a grid of its own: differences of its radiographs are slopes."""
+    """A smooth oblique body on a grid of its own: finite differences of its radiographs are near their derivatives."""
     z, y, x = np.mgrid[:46, :44, :52].astype(float)
     across = y - y0 - 0.3 * (x - x0)
     array = np.exp(-(((x - x0) / a) ** 2 + (across / b) ** 2 + ((z - z0) / c) ** 2) / 2)
@@ -67,7 +67,7 @@ def smooth_grains() -> GrainSet:
 
 
 def motions(grains: GrainSet, translations=0.0, rotations_deg=0.0) -> Motions:
-    """Known motions; numbers, one row for all or one row a grain."""
+    """Given motions: a number, one row for all grains, or one row per grain."""
     n = len(grains)
     return dataclasses.replace(
         Motions.identity(grains.labels, grains.centers),
@@ -77,7 +77,7 @@ def motions(grains: GrainSet, translations=0.0, rotations_deg=0.0) -> Motions:
 
 
 def small_motions(grains: GrainSet, voxels: float = 1.5, degrees: float = 4.0, seed: int = 1) -> Motions:
-    """Every grain its own way."""
+    """Random motions, uniform up to these limits, independent for every grain."""
     rng = np.random.default_rng(seed)
     n = len(grains)
     return motions(grains, voxels * VOXEL * rng.uniform(-1, 1, (n, 3)), degrees * rng.uniform(-1, 1, (n, 3)))
@@ -93,5 +93,5 @@ def radiographs(grains: GrainSet, truth: Motions, *, views=None, noise=0.01, gai
 
 def errors(measured: Motions, truth: Motions) -> tuple[np.ndarray, np.ndarray]:
     """Translation errors in voxels and rotation errors in degrees, ``(n, 3)`` each."""
-    turns = rotation_vector(measured.matrices @ truth.matrices.transpose(0, 2, 1))
-    return (measured.translations - truth.translations) / VOXEL, np.rad2deg(turns)
+    rotations = rotation_vector(measured.matrices @ truth.matrices.transpose(0, 2, 1))
+    return (measured.translations - truth.translations) / VOXEL, np.rad2deg(rotations)

@@ -1,4 +1,4 @@
-"""A block of many small grains and a state of it, made with the package's own projector: for what grows with n."""
+"""A block of many small grains and a state of it, by the package's own projector: for costs that grow with n."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ VOXEL, ACROSS = 0.1, 8
 
 
 def block(side: int, seed: int = 0) -> GrainSet:
-    """``side``³ soft convex grains 8 voxels apart, in double precision, on their reference's voxels alone."""
+    """``side``³ soft convex grains 8 voxels apart, in double precision, without finer voxels."""
     rng = np.random.default_rng(seed)
     n = side * ACROSS + 4
     array, labels = np.zeros((n, n, n)), np.zeros((n, n, n), np.int32)
@@ -37,7 +37,7 @@ def block(side: int, seed: int = 0) -> GrainSet:
 
 
 def views(side: int) -> Geometry:
-    """Four cone-beam views that hold the block."""
+    """Four cone-beam views that contain the block."""
     pixels = int(1.6 * side * ACROSS) + 12
     size = VOXEL * side * ACROSS
     return Geometry.cone(
@@ -51,11 +51,11 @@ def still(n: int) -> Pose:
 
 
 def state(grains: GrainSet, geometry: Geometry, noise: float = 0.002, seed: int = 1) -> tuple[Scan, Pose]:
-    """Radiographs of the grains moved by up to half a voxel and 2°, and where they are."""
+    """Radiographs of the grains moved by up to half a voxel and 2°, and their true pose."""
     rng = np.random.default_rng(seed)
     packed, n = GrainArrays.of(grains), len(grains)
-    turns = rotation_matrix(np.deg2rad(2) * rng.uniform(-1, 1, (n, 3)))
-    pose = replace(still(n), translations=0.5 * VOXEL * rng.uniform(-1, 1, (n, 3)), matrices=turns)
+    rotations = rotation_matrix(np.deg2rad(2) * rng.uniform(-1, 1, (n, 3)))
+    pose = replace(still(n), translations=0.5 * VOXEL * rng.uniform(-1, 1, (n, 3)), matrices=rotations)
     patches = shadows(packed, pose, geometry)
     images = assemble(project_patches(packed, pose, geometry, patches, "trilinear"), patches, geometry)
     return Scan(images + noise * rng.standard_normal(images.shape), geometry), pose

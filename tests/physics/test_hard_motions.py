@@ -1,6 +1,6 @@
-"""Every hard case of the registry, from its reference scan to its motions: errors, statuses, and who says what.
+"""Every hard case of the registry, from its reference scan to its motions: errors, statuses, reasons and notes.
 
-Bounds are about twice what `docs/accuracy.md` measures; no converged grain may be wrong by its own word.
+Bounds are about twice what `docs/accuracy.md` measures; no converged grain may be wrong by its own standard deviation.
 """
 
 import numpy as np
@@ -41,13 +41,13 @@ def test_every_case_has_a_bound():
 @pytest.mark.parametrize(
     "name", [n if n in ("gain-drift", "container") else pytest.param(n, marks=pytest.mark.slow) for n in BOUNDS]
 )
-def test_errors_and_words(name):
+def test_errors_and_reasons(name):
     made = hard_case(name, SEEDS.get(name, 0))
     scan, state = made.reference(), made.state(LATER_ANGLES_DEG[4])
     if name == "misaligned":  # as a run does by default
-        found = calibrate(scan, made.case.scanner.grid).significant(scan.geometry)
-        scan = Scan(scan.line_integrals, found.geometry)
-        state = Scan(state.line_integrals, found.apply(state.geometry))
+        corrections = calibrate(scan, made.case.scanner.grid).significant(scan.geometry)
+        scan = Scan(scan.line_integrals, corrections.geometry)
+        state = Scan(state.line_integrals, corrections.apply(state.geometry))
     volume = reconstruct(scan, made.case.scanner.grid).volume
     measured = track(grains_from_labels(volume, segment(volume).labels), state)
     h = volume.voxel_size
@@ -59,8 +59,8 @@ def test_errors_and_words(name):
     converged = measured.ok[rows] & (rows >= 0)
     assert not (off > limit)[converged].any()
     voxel, degrees = BOUNDS[name]
-    told = converged if degrees is not None else rows >= 0
-    assert np.sqrt(np.mean((errors.translation_errors[told] / h) ** 2)) < voxel
+    counted = converged if degrees is not None else rows >= 0
+    assert np.sqrt(np.mean((errors.translation_errors[counted] / h) ** 2)) < voxel
     if degrees is not None:
         assert np.sqrt(np.mean(errors.rotation_errors_deg[converged] ** 2)) < degrees
     for label in made.missing + made.broken:

@@ -1,4 +1,4 @@
-"""The small ready-made case, from its full scan to motions: the truth is known and not made by our projector."""
+"""The small simulated case, from its full scan to motions: the truth is known, radiographs are not by our projector."""
 
 from functools import cache
 
@@ -44,8 +44,7 @@ def volume():
 @cache
 def grains(segmented):
     if segmented:
-        found = segment(volume())
-        return grains_from_labels(volume(), found.labels)
+        return grains_from_labels(volume(), segment(volume()).labels)
     return grains_from_labels(volume(), label_volume(case().sample, case().scanner.grid))
 
 
@@ -58,7 +57,7 @@ def tracked(name, views, segmented=False):
 
 @pytest.mark.parametrize("views", [4, 2])
 @pytest.mark.parametrize("name", ["unmoved", "shift", "random"])
-def test_all_grains_are_found(name, views):
+def test_all_grains_are_registered(name, views):
     measured, comparison = tracked(name, views)
     assert comparison.failures == 0, measured.reasons
     assert len(comparison.spurious) == 0
@@ -75,7 +74,7 @@ def test_with_our_own_segmentation():
 
 
 def test_standard_deviations_are_of_the_errors_size():
-    """Errors over the stated standard deviations, all states together: neither boasting nor timid beyond 3."""
+    """Errors over the stated standard deviations, all states together: within a factor of 3 of one."""
     ratios = []
     for name in ("unmoved", "shift", "random"):
         measured, comparison = tracked(name, 4)
@@ -99,7 +98,7 @@ def test_a_beam_that_drifts():
 
 
 @pytest.fixture(scope="module")
-def found():
+def tracked_round_grains():
     """A ball and a spheroid between two stones, tracked; the spheroid's axis in the reference."""
     scanner = Scanner((52, 52), 0.5, 120.0, 480.0, 90)
     d, rng = 20 * scanner.voxel_size, np.random.default_rng(3)
@@ -120,21 +119,21 @@ def found():
 
 
 class TestRoundGrains:
-    """A ball, and a spheroid beside two stones: rotations that no radiograph can tell are not told."""
+    """A ball and a spheroid beside two stones: rotations that radiographs cannot determine are reported as such."""
 
-    def test_ball_and_spheroid_are_poorly_determined_and_stones_are_not(self, found):
-        measured, comparison, _ = found
+    def test_ball_and_spheroid_are_poorly_determined_and_stones_are_not(self, tracked_round_grains):
+        measured, comparison, _ = tracked_round_grains
         np.testing.assert_array_equal(comparison.matches, np.arange(4))
         assert list(measured.statuses) == [Status.CONVERGED.value] * 2 + [Status.POORLY_DETERMINED.value] * 2
         assert all("rotation about" in reason and "translation" not in reason for reason in measured.reasons[2:])
 
-    def test_their_places_are_found_all_the_same(self, found):
-        _, comparison, _ = found
+    def test_their_translations_are_right_all_the_same(self, tracked_round_grains):
+        _, comparison, _ = tracked_round_grains
         assert np.abs(comparison.translation_errors).max() / comparison.voxel_size < LIMIT_VOXEL
         assert np.abs(comparison.rotation_errors_deg[:2]).max() < 2 * LIMIT_DEG
 
-    def test_only_the_spheroids_own_axis_is_unknown(self, found):
-        measured, _, axis = found
+    def test_only_rotation_about_the_spheroids_axis_is_unknown(self, tracked_round_grains):
+        measured, _, axis = tracked_round_grains
         turned = measured.matrices[3] @ axis
         rotations = measured.covariances[3, 3:, 3:]
         assert np.sqrt(turned @ rotations @ turned) > 0.4  # radians: no more than the prior says

@@ -1,4 +1,4 @@
-"""A container that moved as one body: found with the grains, where it is known that it may move."""
+"""A container that moved as one body: its motion is fitted with the grains', if it may move."""
 
 from functools import cache
 
@@ -27,7 +27,7 @@ SHIFT, TURN = np.array([3.0, -1.0, 0.5]) * VOXEL, np.deg2rad([0.5, -0.4, 1.5])
 
 @cache
 def wall():
-    """A tube that is neither quite round nor even, so that it shows how it turns."""
+    """A tube that is neither quite round nor uniform, so that its rotation is determined."""
     y, x = (np.mgrid[:72, :72] - 35.5) * VOXEL
     ring = np.clip(0.5 - (np.abs(np.hypot(x, 1.06 * y) - 3.1) - 0.12) / VOXEL, 0, 1)
     array = np.tile(0.5 * ring * (1 + 0.4 * (x > 1.0)), (46, 1, 1))
@@ -35,19 +35,19 @@ def wall():
     return Volume(array.astype(np.float32), VOXEL)
 
 
-def walls_shadow(at=None):
+def wall_projection(at=None):
     return background_images(packed_body(wall()), at, WIDE, "trilinear", False)[0]
 
 
-def seen(truth):
+def observed(truth):
     """Radiographs of the moved grains and the moved wall."""
     images = simulate_radiographs(GRAINS, truth, WIDE)
-    images += walls_shadow(NuisanceMotion(NuisanceMotion.still(4).views, SHIFT, rotation_matrix(TURN)))
+    images += wall_projection(NuisanceMotion(NuisanceMotion.still(4).views, SHIFT, rotation_matrix(TURN)))
     return Scan(images + 0.01 * np.random.default_rng(2).standard_normal(images.shape), WIDE)
 
 
 def tracked(moves, settings=None):
-    return track(GrainSet(GRAINS.grains, wall(), moves), seen(TRUTH), settings=settings)
+    return track(GrainSet(GRAINS.grains, wall(), moves), observed(TRUTH), settings=settings)
 
 
 @pytest.fixture(scope="module")
@@ -56,23 +56,23 @@ def moving():
 
 
 class TestMovingBackground:
-    def test_its_motion_is_found(self, moving):
+    def test_its_motion_is_measured(self, moving):
         np.testing.assert_allclose(moving.fit.background[:3], SHIFT, atol=0.03 * VOXEL)
         np.testing.assert_allclose(np.rad2deg(moving.fit.background[3:]), np.rad2deg(TURN), atol=0.1)
 
-    def test_the_grains_are_right(self, moving):
+    def test_the_grains_are_registered(self, moving):
         assert moving.ok.all(), moving.reasons
         u, w = errors(moving, TRUTH)
         assert np.abs(u).max() < 0.06
         assert np.abs(w).max() < 1.0
 
-    def test_a_fixed_one_would_spoil_them(self, moving):
+    def test_a_fixed_background_would_bias_them(self, moving):
         fixed = tracked(False, TrackSettings(search=False))
         assert fixed.fit.background is None
         sizes = [np.sqrt((errors(m, TRUTH)[0] ** 2).mean()) for m in (fixed, moving)]
         assert sizes[0] > 5 * sizes[1]
 
-    def test_one_that_did_not_move_stays(self):
+    def test_a_background_that_did_not_move_stays(self):
         still = motions(GRAINS)
         images = simulate_radiographs(GrainSet(GRAINS.grains, wall()), still, WIDE)
         noisy = Scan(images + 0.01 * np.random.default_rng(3).standard_normal(images.shape), WIDE)
@@ -82,23 +82,23 @@ class TestMovingBackground:
         assert np.abs(errors(measured, still)[0]).max() < 0.06
 
     def test_whatever_the_last_filter(self):
-        """A wide filter correlates pixels, which is no evidence of a motion."""
+        """A wide filter correlates pixels; that is no evidence of a motion."""
         images = simulate_radiographs(GrainSet(GRAINS.grains, wall()), TRUTH, WIDE)
         noisy = Scan(images + 0.01 * np.random.default_rng(3).standard_normal(images.shape), WIDE)
         how = TrackSettings(search=False, filters=(8.0, 6.0))
         assert FIXED_BACKGROUND_NOTE in track(GrainSet(GRAINS.grains, wall(), True), noisy, settings=how).fit.notes
 
     @pytest.mark.parametrize("share", [0.05, 0.1])
-    def test_one_that_hardly_moved_moves(self, monkeypatch, share):
-        """A twentieth of the motion, 0.15 voxel, is far more than what noise feigns."""
+    def test_a_small_motion_is_measured(self, monkeypatch, share):
+        """A twentieth of the motion, 0.15 voxel, is far more than noise can imitate."""
         monkeypatch.setattr(f"{__name__}.SHIFT", share * SHIFT)
         monkeypatch.setattr(f"{__name__}.TURN", share * TURN)
         measured = tracked(True, TrackSettings(search=False))
         assert FIXED_BACKGROUND_NOTE not in measured.fit.notes
         np.testing.assert_allclose(measured.fit.background[:3], SHIFT, atol=0.03 * VOXEL)
 
-    def test_noise_is_held(self):
-        """Free to move, a background of noise would find a valley somewhere and take the grains along."""
+    def test_a_background_of_noise_is_fixed(self):
+        """Free to move, a background of noise would go to some local minimum and shift the grains."""
         rng = np.random.default_rng(5)
         noise = Volume((0.003 * rng.standard_normal((46, 44, 52))).astype(np.float32), VOXEL)
         scan = radiographs(GRAINS, TRUTH)
@@ -107,22 +107,22 @@ class TestMovingBackground:
         assert free.ok.all(), free.reasons
         np.testing.assert_allclose(free.translations, fixed.translations, atol=2e-3 * VOXEL)
 
-    def test_the_search_knows_where_it_went(self, monkeypatch):
-        """Grains are sought on radiographs less the wall where it is now, not where it was."""
+    def test_the_search_uses_its_current_position(self, monkeypatch):
+        """Grains are searched on radiographs minus the wall at its current position, not at its first."""
         rng = np.random.default_rng(4)
-        ways = rng.normal(size=(2, 5, 3))
-        ways /= np.linalg.norm(ways, axis=2, keepdims=True)
-        truth = motions(GRAINS, 0.6 * ways[0], 70.0 * ways[1])
-        taken = []
+        directions = rng.normal(size=(2, 5, 3))
+        directions /= np.linalg.norm(directions, axis=2, keepdims=True)
+        truth = motions(GRAINS, 0.6 * directions[0], 70.0 * directions[1])
+        backgrounds = []
 
         def watched(grains, target, *rest):
-            taken.append(target.fixed_background)
+            backgrounds.append(target.fixed_background)
             return anneal(grains, target, *rest)
 
         monkeypatch.setattr(global_search, "anneal", watched)
-        measured = track(GrainSet(GRAINS.grains, wall(), True), seen(truth))
-        assert taken
-        there = walls_shadow(NuisanceMotion(NuisanceMotion.still(4).views, SHIFT, rotation_matrix(TURN)))
-        assert np.abs(taken[-1] - there).mean() < 0.2 * np.abs(walls_shadow() - there).mean()
+        measured = track(GrainSet(GRAINS.grains, wall(), True), observed(truth))
+        assert backgrounds
+        expected = wall_projection(NuisanceMotion(NuisanceMotion.still(4).views, SHIFT, rotation_matrix(TURN)))
+        assert np.abs(backgrounds[-1] - expected).mean() < 0.2 * np.abs(wall_projection() - expected).mean()
         assert measured.ok.all(), measured.reasons
         assert np.abs(errors(measured, truth)[0]).max() < 0.06

@@ -87,12 +87,12 @@ class TestMatchedAdjoint:
             y, origin, VOXEL, geometry.vectors, geometry.beam == "cone", projector == "exact", back
         )
         forward = double_forward(x, geometry, projector, origin)
-        assert np.abs(forward).max() > 0.5  # the views do see it
+        assert np.abs(forward).max() > 0.5  # the body is in view
         assert np.vdot(forward, y) == pytest.approx(np.vdot(x, back), rel=1e-11)
 
     @every_geometry
     @every_projector
-    def test_of_nouns_in_single_precision(self, geometry, projector):
+    def test_of_records_in_single_precision(self, geometry, projector):
         rng = np.random.default_rng(2)
         x, y = random_volume(), rng.uniform(size=(len(geometry), *PANEL)).astype(np.float32)
         back = back_project(y, geometry, x, projector=projector)
@@ -102,7 +102,7 @@ class TestMatchedAdjoint:
         assert one == pytest.approx(np.vdot(x.array.astype(float), back.array), rel=1e-5)
 
     @every_projector
-    def test_back_projection_adds_to_what_is_there_and_skips_empty_pixels(self, projector):
+    def test_back_projection_adds_up_and_skips_empty_pixels(self, projector):
         geometry = GEOMETRIES["cone"]
         y = np.zeros((len(geometry), *PANEL), np.float32)
         assert not back_project(y, geometry, random_volume(), projector=projector).array.any()
@@ -234,7 +234,7 @@ class TestKnownBodies:
             assert errors[projector, 14] > 1.6 * errors[projector, 28] > 1.6**2 * errors[projector, 56]
             assert errors[projector, 56] < 0.015
 
-    def test_magnified_shadow_of_a_ball(self):
+    def test_magnified_projection_of_a_ball(self):
         """The brightest pixel is the ball's centre and its value the diameter."""
         _, volume = exact_ball(0.1)
         geometry = Geometry.cone([30.0], (61, 61), 0.05, source_to_axis=10, source_to_detector=20)
@@ -260,7 +260,7 @@ def two_grains(seed=10):
 def double_project(packed, pose, geometry, patches, projector, derivatives=False):
     """The grains' kernels in double precision."""
     n = int(patches.offsets[-1])
-    values, slopes = np.zeros(n), np.zeros((6, n))
+    values, derivative_images = np.zeros(n), np.zeros((6, n))
     arguments = (
         packed.images.astype(float), packed.starts, packed.shapes, packed.corners, packed.extents, packed.voxel_size,
         packed.centers + pose.translations, np.ascontiguousarray(pose.matrices), geometry.vectors,
@@ -270,8 +270,8 @@ def double_project(packed, pose, geometry, patches, projector, derivatives=False
     if not derivatives:
         kernel.project(*arguments, values)
         return values
-    kernel.project_with_derivatives(*arguments, values, slopes)
-    return values, slopes
+    kernel.project_with_derivatives(*arguments, values, derivative_images)
+    return values, derivative_images
 
 
 POSE = Pose(
@@ -287,9 +287,9 @@ class TestDerivatives:
         grains, _ = two_grains()
         packed = GrainArrays.of(grains)
         patches = shadows(packed, POSE, geometry)
-        values, slopes = double_project(packed, POSE, geometry, patches, projector, derivatives=True)
+        values, derivative_images = double_project(packed, POSE, geometry, patches, projector, derivatives=True)
         np.testing.assert_allclose(values, double_project(packed, POSE, geometry, patches, projector), atol=1e-12)
-        assert np.abs(slopes).max(axis=1).min() > 0.1
+        assert np.abs(derivative_images).max(axis=1).min() > 0.1
         step = 1e-7
         for k in range(6):
             increment = step * np.eye(6)[k]
@@ -307,8 +307,8 @@ class TestDerivatives:
                 for sign in (1, -1)
             ]
             difference = (ends[0] - ends[1]) / (2 * step)
-            # a few samples may cross a voxel's border within the step: there the slope has a corner
-            wrong = np.abs(difference - slopes[k]) > 1e-6 * np.abs(slopes[k]).max()
+            # a few samples may cross a voxel's border within the step: there the derivative has a jump
+            wrong = np.abs(difference - derivative_images[k]) > 1e-6 * np.abs(derivative_images[k]).max()
             assert wrong.mean() < 2e-3
             assert np.abs(difference).max() > 0
 
@@ -319,12 +319,12 @@ class TestDerivatives:
         packed = GrainArrays.of(grains)
         patches = shadows(packed, POSE, geometry)
         exact_values, exact = double_project(packed, POSE, geometry, patches, projector, derivatives=True)
-        values, slopes = differentiate_patches(packed, POSE, geometry, patches, projector)
+        values, derivative_images = differentiate_patches(packed, POSE, geometry, patches, projector)
         np.testing.assert_allclose(values, exact_values, atol=3e-6)
         differences = difference_patches(packed, POSE, geometry, patches, projector)[1]
         for k in range(6):
             scale = np.sqrt((exact[k] ** 2).mean())
-            assert np.sqrt(((slopes[k] - exact[k]) ** 2).mean()) < 1e-4 * scale
+            assert np.sqrt(((derivative_images[k] - exact[k]) ** 2).mean()) < 1e-4 * scale
             assert (
                 np.sqrt(((differences[k] - exact[k]) ** 2).mean()) < (0.05 if projector == "trilinear" else 0.3) * scale
             )  # boxes have corners
@@ -332,20 +332,20 @@ class TestDerivatives:
     @every_geometry
     @every_projector
     def test_invariances(self, geometry, projector):
-        """A grain that slides along a ray, or turns about it, keeps that ray's line integral."""
+        """A grain that slides along a ray, or rotates about it, keeps that ray's line integral."""
         grains, _ = two_grains()
         packed = GrainArrays.of(grains)
         patches = shadows(packed, POSE, geometry)
-        values, slopes = double_project(packed, POSE, geometry, patches, projector, derivatives=True)
+        values, derivative_images = double_project(packed, POSE, geometry, patches, projector, derivatives=True)
         points, directions = rays(geometry)
         for p, (g, i, r0, r1, c0, c1) in enumerate(patches.boxes):
             mine = slice(patches.offsets[p], patches.offsets[p + 1])
             e = directions[i, r0:r1, c0:c1].reshape(-1, 3)
             away = (packed.centers + POSE.translations)[g] - points[i, r0:r1, c0:c1].reshape(-1, 3)
-            by_u, by_turn = slopes[:3, mine].T, slopes[3:, mine].T
+            by_u, by_rotation = derivative_images[:3, mine].T, derivative_images[3:, mine].T
             scale = np.abs(by_u).max()
             np.testing.assert_allclose((by_u * e).sum(-1), 0, atol=1e-11 * scale)
-            about_ray = (by_turn * e).sum(-1) + (by_u * np.cross(e, away)).sum(-1)
+            about_ray = (by_rotation * e).sum(-1) + (by_u * np.cross(e, away)).sum(-1)
             np.testing.assert_allclose(about_ray, 0, atol=1e-10 * scale)
         assert values.max() > 0.1
 
@@ -364,8 +364,8 @@ class TestPatches:
 
     @every_projector
     @pytest.mark.parametrize("pixel", [0.005, 0.02, 0.1, 0.4], ids="pixel {} mm".format)
-    def test_so_they_do_whatever_the_pixel_size(self, projector, pixel):
-        """Voxels of 0.1 mm on pixels from 20 times finer to 4 times coarser: nothing is cut off at the rims."""
+    def test_at_any_pixel_size(self, projector, pixel):
+        """Voxels of 0.1 mm on pixels from 20 times finer to 4 times coarser: nothing is cut off at the edges."""
         grains, volume = two_grains()
         across = int(np.ceil(2.6 / pixel))
         leaning = DetectorAlignment(axis_tilt_deg=(35, 20))  # so that corners of voxels reach furthest
@@ -379,8 +379,8 @@ class TestPatches:
 
     @every_projector
     @pytest.mark.parametrize("elongated", [False, True])
-    def test_so_do_large_grains(self, projector, elongated):
-        """120 voxels across: the hull that bounds the shadow must not cut the rim off."""
+    def test_of_large_grains(self, projector, elongated):
+        """120 voxels across: the hull that bounds the footprint must not cut off its edge."""
         n = 124
         z, y, x = np.meshgrid(*[np.arange(n) - (n - 1) / 2] * 3, indexing="ij")
         square = (x + y) ** 2 / 2 + (x - y) ** 2 / 2 * (36 if elongated else 1) + z**2
@@ -427,10 +427,10 @@ class TestPatches:
 
     @pytest.mark.parametrize("axis", [0, 1, 2], ids="xyz")
     @every_projector
-    def test_a_quarter_turn_is_that_of_the_array(self, projector, axis):
-        """Turning the grain by +90° about x, y or z is turning its voxels, y→z, z→x or x→y."""
+    def test_a_quarter_rotation_is_that_of_the_array(self, projector, axis):
+        """Rotating the grain by +90° about x, y or z is rotating its voxels, y→z, z→x or x→y."""
         array = random_volume(12, (5, 5, 5)).array
-        first, second = [(1, 2), (2, 0), (0, 1)][axis]  # the turn carries the first to the second axis, x y z
+        first, second = [(1, 2), (2, 0), (0, 1)][axis]  # the rotation carries the first to the second axis, x y z
         turned = np.rot90(array, axes=(2 - first, 2 - second))
         grains = grains_from_labels(Volume(array, 0.1, (0.1, 0.2, 0.3)), np.ones((5, 5, 5), np.int8), reach=0, finer=1)
         motions = Motions.identity(grains.labels, np.array([[0.1, 0.2, 0.3]]))  # not the centre of mass
@@ -444,7 +444,7 @@ class TestPatches:
 
     @pytest.mark.parametrize("name", ["cone, tilted", "parallel, tilted"])
     @every_projector
-    def test_a_shift_moves_the_shadow_as_project_points_says(self, projector, name):
+    def test_a_shift_moves_the_projection_as_project_points_says(self, projector, name):
         _, volume = exact_ball(0.02, (0.0, 0.0, 0.0), 0.1)
         grains = grains_from_labels(volume, (volume.array > 0).astype(np.int8), reach=0)
         wide = GEOMETRIES[name]

@@ -1,6 +1,6 @@
-"""What is measured on every code target: from a solver's matrix to one run end to end, and their motions on file.
+"""Cases that are tracked with the kernels of every code target, and their motions in a file.
 
-``python tests/targets/cases.py OUT.npz`` does all cases with the kernels and the BLAS that the environment asks for
+``python tests/targets/cases.py OUT.npz`` runs all cases with the kernels and the BLAS that the environment selects
 (and with ``tests`` and the root of the repository on PYTHONPATH).
 """
 
@@ -25,7 +25,7 @@ from grainmotion.segmentation.segment import segment
 from grainmotion.simulate import LATER_ANGLES_DEG, small
 from grainmotion.tracking.track import TrackSettings, track
 
-STONE = 10.0
+STONE_RADIUS = 10.0
 """Radius of the stones of the small case, voxels."""
 
 
@@ -33,21 +33,20 @@ STONE = 10.0
 class Outcome:
     """Motions of a state, the voxel size (mm) and the radius of a grain (voxels).
 
-    ``rough`` says that the cost has a valley every voxel, so that rounding chooses among them: a result is wanted,
-    but not the same.
+    ``rough`` says that the cost has a local minimum every voxel, among which rounding chooses: results may differ.
     """
 
     motions: Motions
     voxel: float
-    radius: float = STONE
+    radius: float = STONE_RADIUS
     rough: bool = False
 
 
-Found = dict[str, Outcome]
+Outcomes = dict[str, Outcome]
 
 
-def tiny_grain() -> Found:
-    """Three grains from a poor reference and two views, by either projector (the studies' warm-up).
+def tiny_grain() -> Outcomes:
+    """Three grains from a poor reference and two views, by either projector (as the studies compile their kernels).
 
     Along the exact path, single sums made its normal matrix indefinite on some processors.
     """
@@ -63,41 +62,41 @@ def tiny_grain() -> Found:
     }
 
 
-def small_packing() -> Found:
-    """Six stones of 20 voxels, from a noisy scan of 90 views: near their places, and lost, so that a search is due."""
+def small_packing() -> Outcomes:
+    """Six stones of 20 voxels, from a noisy scan of 90 views: near their places, and far away, which needs a search."""
     case = small()
     volume = reconstruct(case.reference(), case.scanner.grid).volume
     grains = grains_from_labels(volume, segment(volume).labels)
-    truths = {"random motions": case.motions["random"], "lost grains": thrown(case.motions["unmoved"], 8.0, 60.0)}
-    found: Found = {}
+    truths = {"random motions": case.motions["random"], "lost grains": displaced(case.motions["unmoved"], 8.0, 60.0)}
+    outcomes: Outcomes = {}
     for name, truth in truths.items():
         for views in (4, 2) if name == "random motions" else (4,):
             measured = track(grains, case.state(truth, LATER_ANGLES_DEG[views]))
-            found[f"{name}, {views} views"] = Outcome(measured, grains.voxel_size)
-    return found
+            outcomes[f"{name}, {views} views"] = Outcome(measured, grains.voxel_size)
+    return outcomes
 
 
-def thrown(still: Motions, voxels: float, degrees: float) -> Motions:
-    """Every grain moved and turned its own way, too far for descent."""
-    ways = np.random.default_rng(4).normal(size=(2, len(still), 3))
-    shifts, turns = ways / np.linalg.norm(ways, axis=2, keepdims=True)
+def displaced(still: Motions, voxels: float, degrees: float) -> Motions:
+    """Every grain shifted and rotated in a random direction, too far for Gauss–Newton alone."""
+    directions = np.random.default_rng(4).normal(size=(2, len(still), 3))
+    shifts, axes = directions / np.linalg.norm(directions, axis=2, keepdims=True)
     distance = voxels * small().scanner.voxel_size
-    return replace(still, translations=distance * shifts, rotations=np.deg2rad(degrees) * turns)
+    return replace(still, translations=distance * shifts, rotations=np.deg2rad(degrees) * axes)
 
 
-def planar() -> Found:
+def planar() -> Outcomes:
     """Four samples of the paper's Table 2 from two views, which only a search solves."""
-    found: Found = {}
+    outcomes: Outcomes = {}
     for seed in range(4):
         grains = images.draw(seed).grains()
         scan = images.observe(grains, images.large_motions(grains, seed), 2)
         measured = track(grains, scan, settings=table2.SETTINGS)
-        found[f"table 2, sample {seed}"] = Outcome(measured, 1.0, images.DIAMETER / 2)
-    return found
+        outcomes[f"table 2, sample {seed}"] = Outcome(measured, 1.0, images.DIAMETER / 2)
+    return outcomes
 
 
-def end_to_end() -> Found:
-    """A simulated scan of six stones as TIFFs, an experiment file and two states, by `run`: what a user gets."""
+def end_to_end() -> Outcomes:
+    """A simulated scan of six stones as TIFFs, an experiment file and two states, by `run`, as a user does."""
     with tempfile.TemporaryDirectory() as folder:
         run_demo(Path(folder))
         files = sorted(Path(folder).glob("results/*/motions.h5"))
@@ -106,7 +105,7 @@ def end_to_end() -> Found:
         return {f"run, state {file.parent.name}": Outcome(read_motions_h5(file), voxel) for file in files}
 
 
-CASES: tuple[Callable[[], Found], ...] = (tiny_grain, small_packing, planar, end_to_end)
+CASES: tuple[Callable[[], Outcomes], ...] = (tiny_grain, small_packing, planar, end_to_end)
 
 
 def blas() -> list[str]:
@@ -115,21 +114,21 @@ def blas() -> list[str]:
 
 
 def measure(out: Path) -> None:
-    """Do all cases and keep their motions, with what compiled the kernels and which BLAS was there."""
+    """Run all cases and save their motions, with the BLAS in use."""
     arrays: dict[str, np.ndarray] = {"blas": np.array(blas())}
     for case in CASES:
         for name, outcome in case().items():
-            found = outcome.motions
-            kept = {
-                "statuses": np.array(found.statuses),
-                "translations": found.translations,
-                "rotations": found.rotations,
-                "sds": np.sqrt(np.diagonal(found.covariances, axis1=1, axis2=2)),
+            motions = outcome.motions
+            columns = {
+                "statuses": np.array(motions.statuses),
+                "translations": motions.translations,
+                "rotations": motions.rotations,
+                "sds": np.sqrt(np.diagonal(motions.covariances, axis1=1, axis2=2)),
                 "voxel": np.array(outcome.voxel),
                 "radius": np.array(outcome.voxel * outcome.radius),
                 "rough": np.array(outcome.rough),
             }
-            arrays |= {f"{name}/{key}": value for key, value in kept.items()}
+            arrays |= {f"{name}/{key}": value for key, value in columns.items()}
     np.savez(out, **arrays)
 
 

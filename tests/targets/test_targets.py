@@ -26,24 +26,24 @@ from grainmotion.rotations import rotation_matrix, rotation_vector
 
 pytestmark = pytest.mark.targets
 ROOT = Path(__file__).parents[2]
-KEPT, SOURCE = ROOT / ".targets", ROOT / "src" / "grainmotion"
-OF_SD, OF_VOXEL = 0.05, 1e-4
+KERNEL_CACHE, SOURCE = ROOT / ".targets", ROOT / "src" / "grainmotion"
+MAX_OF_SD, MAX_OF_VOXEL = 0.05, 1e-4
 SOLVER_TESTS = ("solvers/test_gauss_newton.py", "solvers/test_semidefinite.py")
-AT_ONCE = 2  # processes, of one thread each
+MAX_PROCESSES = 2  # processes, of one thread each
 
 AVX2 = frozenset({"avx2", "fma", "bmi2"})
 
 
 @cache
 def kernels() -> str:
-    """A short name for the source of all kernels: numba does not see that a kernel calls another that has changed."""
-    files = sorted(p for room in ("kernels", "simulate") for p in (SOURCE / room).rglob("*.py"))
+    """Short hash of the source of all kernels: numba does not notice that a kernel calls another that has changed."""
+    files = sorted((SOURCE / "kernels").rglob("*.py"))
     return hashlib.sha256(b"".join(p.read_bytes() for p in files)).hexdigest()[:8]
 
 
 @dataclass(frozen=True)
 class Target:
-    """What kernels are compiled for, or whose kernels the BLAS takes; ``needs`` are instructions of the processor."""
+    """A processor for which kernels are compiled, or whose BLAS kernels are used; ``needs`` are its instructions."""
 
     name: str
     variable: str = "NUMBA_CPU_NAME"
@@ -55,12 +55,12 @@ class Target:
         return all(binding.get_host_cpu_features().get(n) for n in self.needs)
 
     def measured(self, folder: Path) -> Path:
-        """Do all cases, and the solver's tests; returns where the motions are kept."""
+        """Run all cases, and the solver's tests; returns the file of the motions."""
         out = folder / f"{self.variable}-{self.name}.npz"
         mine = {self.variable: self.name, "NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
         mine["PYTHONPATH"] = os.pathsep.join([str(ROOT / "tests"), str(ROOT)])
         if self.variable == "NUMBA_CPU_NAME":  # only what that processor has, whatever more this one can do
-            mine |= {"NUMBA_CPU_FEATURES": "", "NUMBA_CACHE_DIR": str(KEPT / kernels() / self.name)}
+            mine |= {"NUMBA_CPU_FEATURES": "", "NUMBA_CACHE_DIR": str(KERNEL_CACHE / kernels() / self.name)}
         left = {k: v for k, v in os.environ.items() if not k.startswith(("NUMBA_CPU", "OPENBLAS_CORETYPE"))}
         solver = [
             "-m",
@@ -92,12 +92,12 @@ TARGETS = (
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory) -> Iterator[dict[Target, Future[Path]]]:
-    """All targets under way; kernels of an earlier source are removed."""
+    """Start all targets; compiled kernels of an earlier source are removed."""
     folder = tmp_path_factory.mktemp("targets")
-    for old in KEPT.glob("*"):
+    for old in KERNEL_CACHE.glob("*"):
         if old.name != kernels():
             shutil.rmtree(old)
-    with ThreadPoolExecutor(AT_ONCE) as pool:
+    with ThreadPoolExecutor(MAX_PROCESSES) as pool:
         yield {t: pool.submit(t.measured, folder) for t in (HOST, *TARGETS) if t.can_run}
 
 
@@ -123,15 +123,17 @@ def compared(ours, theirs, name: str) -> tuple[float, float, str]:
         return np.nan, np.nan, "" if np.isfinite(other["translations"]).all() else "no result"
     if list(one["statuses"]) != list(other["statuses"]):
         return np.inf, np.inf, f"statuses {one['statuses']} and {other['statuses']}"
-    told = np.isin(one["statuses"], ["converged", "poorly-determined"])
+    compared_rows = np.isin(one["statuses"], ["converged", "poorly-determined"])
     turns = rotation_vector(rotation_matrix(other["rotations"]) @ np.swapaxes(rotation_matrix(one["rotations"]), 1, 2))
-    apart = np.abs(np.hstack([other["translations"] - one["translations"], turns]))[told]
-    assert told.any()
+    apart = np.abs(np.hstack([other["translations"] - one["translations"], turns]))[compared_rows]
+    assert compared_rows.any()
     assert np.isfinite(apart).all()
     voxels = apart / np.repeat([one["voxel"], one["voxel"] / one["radius"]], 3)
-    sds = np.divide(apart, one["sds"][told], out=np.full_like(apart, np.inf), where=one["sds"][told] > 0)
+    sds = np.divide(
+        apart, one["sds"][compared_rows], out=np.full_like(apart, np.inf), where=one["sds"][compared_rows] > 0
+    )
     sds[voxels == 0] = 0
-    far = np.minimum(sds / OF_SD, voxels / OF_VOXEL)
+    far = np.minimum(sds / MAX_OF_SD, voxels / MAX_OF_VOXEL)
     said = f"grain {np.argmax(far.max(axis=1))} is {far.max():.1f} times too far" if (far > 1).any() else ""
     return float(sds.max(initial=0)), float(voxels.max(initial=0)), said
 

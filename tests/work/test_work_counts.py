@@ -1,4 +1,4 @@
-"""The watch on speed: work that is counted, not timed, for small cases that stay as they are.
+"""Speed as counts of work, not as times, for small cases that stay as they are.
 
 Counts are the same on every machine, but for the rounding that may decide a last step: each bound lies about an
 eighth above what was counted, or one above a small number.  A change that breaks one does more work than before:
@@ -10,7 +10,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from work_counts import Walks, walks, watched
+from work_counts import RayWork, count_work, projection_work
 
 from few_grains import VOXEL, geometry, grain_set, motions, radiographs, small_motions
 from grainmotion.kernels.grain_ray_tracing import DIRECTIONS
@@ -28,8 +28,8 @@ from grainmotion.tracking.track import track
 CORNERS = np.stack(np.meshgrid(*[(0, 1)] * 3), axis=-1).reshape(-1, 3)  # of a voxel, x y z
 
 # Five grains 14 voxels across, 4 views, random motions up to 1.5 voxels and 4° (see few_grains): all stages.
-# Calls of the walks (one a pose tried) and planes walked by them, by the stage that progress names.
-TRACKED = {
+# Calls of the projection kernels (one per pose) and planes sampled, by the stage that progress names.
+MAX_STAGE_WORK = {
     "start": (1, 15_100),
     "one body": (7, 89_000),
     "free, filter 6": (6, 315_000),
@@ -37,48 +37,48 @@ TRACKED = {
     "free, filter 0.7": (6, 495_000),
     "judging the grains": (17, 1_352_000),
 }
-ALL_STAGES = (38, 2_390_000)
+MAX_WORK_SMALL = (38, 2_390_000)
 # The same grains shifted by 8 voxels together.
-SHIFTED = (41, 2_360_000)
+MAX_WORK_SHIFTED = (41, 2_360_000)
 
-# One projection of those grains: over the planes on which a grain's voxels count, those crossed and those walked
-# (eights), and over the rays that meet a grain's extents all rays of the patches.
-CROSSED, WALKED, RAYS = 1.5, 2.2, 1.3
+# One projection of those grains: planes crossed and planes sampled (groups of eight), over the planes with filled
+# voxels; and all rays of the patches, over those that meet a grain's extents.
+MAX_CROSSED, MAX_SAMPLED, MAX_RAYS = 1.5, 2.2, 1.3
 
-# The most memory that Python held at once while tracking, over that of its radiographs and finest derivatives.
-PEAK = 14.5
+# Peak memory of Python while tracking, over that of its radiographs and finest derivatives.
+MAX_PEAK_MEMORY = 14.5
 
 # Sweeps of SART until ε is below 4 % (3.4 % is the voxels' own) for two ellipsoids without noise, 60 views.
-SWEEPS = 2
+MAX_SWEEPS = 2
 
 
 def pose(packed: GrainArrays, seed: int = 0) -> Pose:
-    """Every grain its own way."""
+    """Random motions, independent for every grain."""
     rng = np.random.default_rng(seed)
     n = len(packed)
     return Pose(rng.uniform(-1, 1, (n, 3)) * VOXEL, rotation_matrix(rng.uniform(-2, 2, (n, 3))))
 
 
 def within(name: str, counted: float, bound: float) -> None:
-    """Print a count and hold it against its bound."""
+    """Print a count and compare it with its bound."""
     print(f"{name}: {counted:g}, bound {bound:g}")
     assert counted <= bound, f"{name}: {counted:g} is more work than {bound:g}"
 
 
 @cache
-def tracked(case: str) -> dict[str, Walks]:
-    """Walks by stage, and all together."""
+def tracked(case: str) -> dict[str, RayWork]:
+    """Work by stage, and all together."""
     grains = grain_set(5)
     truth = small_motions(grains) if case == "small" else motions(grains, (0.0, 8 * VOXEL, 5 * VOXEL))
     scan = radiographs(grains, truth)
-    with watched() as watch:
-        found = track(grains, scan, progress=watch.listen)
-    assert (found.statuses == "converged").all()
-    return {**watch.stages, "all": watch.whole}
+    with count_work() as log:
+        measured = track(grains, scan, progress=log.listen)
+    assert (measured.statuses == "converged").all()
+    return {**log.stages, "all": log.whole}
 
 
 class TestCounts:
-    """What is counted is what there is to walk: every ray and plane gone through one by one."""
+    """The counts agree with every ray and plane examined one by one."""
 
     @staticmethod
     def one_by_one(packed, at, views, patches):
@@ -108,37 +108,37 @@ class TestCounts:
 
     @pytest.mark.parametrize("beam", ["cone", "parallel"])
     @pytest.mark.parametrize("fine", [False, True])
-    def test_against_going_through_all(self, fine, beam):
+    def test_against_one_by_one(self, fine, beam):
         packed = GrainArrays.of(grain_set(2), fine)
         views = geometry((0.0, 50.0)) if beam == "cone" else Geometry.parallel((0.0, 50.0), (52, 64), VOXEL)
         at = pose(packed)
         patches = shadows(packed, at, views)
-        counted = walks(packed, at, views, patches)
+        counted = projection_work(packed, at, views, patches)
         meeting, crossed, filled = self.one_by_one(packed, at, views, patches)
         assert counted.projections == 4
         assert counted.rays == (patches.jobs[:, 3] - patches.jobs[:, 2]).sum()
         # a ray that only touches an edge between two planes counts as meeting
         assert meeting <= counted.meeting <= 1.1 * meeting
         assert counted.planes == pytest.approx(crossed, rel=1e-3)
-        assert 0 <= counted.walked - counted.planes <= 7 * counted.meeting
-        within("planes crossed, over filled", counted.planes / filled, CROSSED)
-        within("planes walked, over filled", counted.walked / filled, WALKED)
-        within("rays, over those that meet a grain", counted.rays / counted.meeting, RAYS)
+        assert 0 <= counted.sampled - counted.planes <= 7 * counted.meeting
+        within("planes crossed, over filled", counted.planes / filled, MAX_CROSSED)
+        within("planes sampled, over filled", counted.sampled / filled, MAX_SAMPLED)
+        within("rays, over those that meet a grain", counted.rays / counted.meeting, MAX_RAYS)
 
 
 class TestTracking:
-    @pytest.mark.parametrize("stage", TRACKED)
+    @pytest.mark.parametrize("stage", MAX_STAGE_WORK)
     def test_stages(self, stage):
-        counted = tracked("small").get(stage, Walks())
-        within(f"{stage}, calls", counted.calls, TRACKED[stage][0])
-        within(f"{stage}, planes", counted.walked, TRACKED[stage][1])
+        counted = tracked("small").get(stage, RayWork())
+        within(f"{stage}, calls", counted.calls, MAX_STAGE_WORK[stage][0])
+        within(f"{stage}, planes", counted.sampled, MAX_STAGE_WORK[stage][1])
 
-    @pytest.mark.parametrize(("case", "bound"), [("small", ALL_STAGES), ("shift", SHIFTED)])
+    @pytest.mark.parametrize(("case", "bound"), [("small", MAX_WORK_SMALL), ("shift", MAX_WORK_SHIFTED)])
     def test_all_stages(self, case, bound):
-        """Stages that are new or go by another name count here."""
+        """Includes stages that are new or renamed."""
         counted = tracked(case)["all"]
         within(f"{case}, calls", counted.calls, bound[0])
-        within(f"{case}, planes", counted.walked, bound[1])
+        within(f"{case}, planes", counted.sampled, bound[1])
 
     def test_memory_of_a_state(self):
         grains = grain_set(5)
@@ -151,7 +151,7 @@ class TestTracking:
         track(grains, scan)
         peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
-        within("peak, over radiographs and derivatives", peak / needed, PEAK)
+        within("peak, over radiographs and derivatives", peak / needed, MAX_PEAK_MEMORY)
 
 
 class TestReconstruction:
@@ -164,4 +164,4 @@ class TestReconstruction:
         found = reconstruct(scan, Volume.zeros((36, 44, 44), VOXEL), ReconstructSettings(sweeps=4, tolerance=0))
         print(found.residuals)
         counted = next((k for k, e in enumerate(found.residuals, start=1) if e < 0.04), 99)
-        within("sweeps", counted, SWEEPS)
+        within("sweeps", counted, MAX_SWEEPS)

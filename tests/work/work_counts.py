@@ -1,7 +1,7 @@
-"""How much work is done, counted from what the kernels are given: nothing inside them counts.
+"""Work of the kernels, counted from their arguments.
 
-`Walks` of one call say how many rays it walks and how many planes these cross; `watched` gathers them over a run,
-stage by stage, by standing in front of the kernels.
+`RayWork` of one call is the number of rays it traces and of planes these cross; `count_work` adds it up over a run,
+stage by stage, by wrapping the kernels.
 """
 
 from __future__ import annotations
@@ -23,29 +23,29 @@ from grainmotion.model.pose import Pose
 from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.projection.grains import Patches
 
-WALKERS = ("project", "project_with_derivatives")
+COUNTED_KERNELS = ("project", "project_with_derivatives")
 
 
 @dataclass(frozen=True)
-class Walks:
-    """Work of walks: calls, projections of a grain to a view, rays, those that meet a grain's extents, planes
-    crossed there, and planes walked: eights."""
+class RayWork:
+    """Calls, projections of a grain to a view, rays, rays that meet a grain's extents, planes crossed there, and planes
+    sampled (whole groups of eight)."""
 
     calls: int = 0
     projections: int = 0
     rays: int = 0
     meeting: int = 0
     planes: int = 0
-    walked: int = 0
+    sampled: int = 0
 
-    def __add__(self, other: Walks) -> Walks:
-        return Walks(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
+    def __add__(self, other: RayWork) -> RayWork:
+        return RayWork(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
 
 
 @nb.njit(error_model="numpy")
 def _counted(shapes, corners, extents, voxel, positions, matrices, views, cone, panel, boxes, jobs):
-    """Rays that meet, planes crossed and planes walked, job by job as the kernels go."""
-    meeting, planes, walked = 0, 0, 0
+    """Rays that meet a grain, planes crossed and planes sampled, in the order of the kernels."""
+    meeting, planes, sampled = 0, 0, 0
     middle = (panel[1] - 1) / 2
     for j in range(len(jobs)):
         p, r, c0, c1 = jobs[j, 0], jobs[j, 1], jobs[j, 2], jobs[j, 3]
@@ -64,21 +64,21 @@ def _counted(shapes, corners, extents, voxel, positions, matrices, views, cone, 
             count = ordered(o, d, shapes[g], low, high)[2]
             meeting += 1
             planes += count
-            walked += (count + 7) // 8 * 8
-    return meeting, planes, walked
+            sampled += (count + 7) // 8 * 8
+    return meeting, planes, sampled
 
 
-def walks_of(given: dict[str, np.ndarray]) -> Walks:
+def work_of_call(given: dict[str, np.ndarray]) -> RayWork:
     """The work of one call of a kernel of `kernels.grain_projection`, from its arguments by name."""
     names = inspect.signature(_counted.py_func).parameters
     jobs = given["jobs"]
     rays = int((jobs[:, 3] - jobs[:, 2]).sum())
-    return Walks(1, len(given["boxes"]), rays, *_counted(*(given[name] for name in names)))
+    return RayWork(1, len(given["boxes"]), rays, *_counted(*(given[name] for name in names)))
 
 
-def walks(packed: GrainArrays, pose: Pose, geometry: Geometry, patches: Patches) -> Walks:
+def projection_work(packed: GrainArrays, pose: Pose, geometry: Geometry, patches: Patches) -> RayWork:
     """The work of projecting patches once."""
-    return walks_of(
+    return work_of_call(
         {
             "shapes": packed.shapes,
             "corners": packed.corners,
@@ -96,10 +96,10 @@ def walks(packed: GrainArrays, pose: Pose, geometry: Geometry, patches: Patches)
 
 
 @dataclass
-class Watch:
-    """What was done while `watched`, by stage; ``listen`` is to be told the progress."""
+class WorkLog:
+    """Work done within `count_work`, by stage; ``listen`` is passed as the progress callback."""
 
-    stages: dict[str, Walks] = field(default_factory=lambda: defaultdict(Walks))
+    stages: dict[str, RayWork] = field(default_factory=lambda: defaultdict(RayWork))
     stage: str = "start"
 
     def listen(self, message: str, done: int, total: int) -> None:
@@ -107,25 +107,25 @@ class Watch:
         self.stage = message.split(":")[0]
 
     @property
-    def whole(self) -> Walks:
+    def whole(self) -> RayWork:
         """All stages together."""
-        return sum(self.stages.values(), Walks())
+        return sum(self.stages.values(), RayWork())
 
 
 @contextmanager
-def watched() -> Iterator[Watch]:
-    """Count the walks of all grains while it lasts."""
-    watch = Watch()
+def count_work() -> Iterator[WorkLog]:
+    """Count the work of all projections of grains within the context."""
+    log = WorkLog()
 
     def counting(name):
         inner = getattr(kernel, name)
         signature = inspect.signature(inner.py_func)
 
-        def walk(*arguments):
-            watch.stages[watch.stage] += walks_of(signature.bind(*arguments).arguments)
+        def counted(*arguments):
+            log.stages[log.stage] += work_of_call(signature.bind(*arguments).arguments)
             inner(*arguments)
 
-        return walk
+        return counted
 
-    with mock.patch.multiple(kernel, **{name: counting(name) for name in WALKERS}):
-        yield watch
+    with mock.patch.multiple(kernel, **{name: counting(name) for name in COUNTED_KERNELS}):
+        yield log
