@@ -20,7 +20,7 @@ MAX_PARAMETERS = 7
 LONG_SIGNATURES = {"cli/app.py:plan", "cluster/dask_backend.py:project"}
 """Functions outside kernels that may have more parameters; the list only gets shorter."""
 SHARED_CONSTANTS = {
-    *("BLOCK", "CHUNKS", "COLUMNS", "DIRECTIONS", "FORMER", "LARGE", "MARGIN", "MOST", "STORED", "TILE", "TOGETHER"),
+    *("BLOCK", "CHUNKS", "DIRECTIONS", "FORMER", "LARGE", "MARGIN", "MOST", "STORED", "TILE", "TOGETHER"),
 }
 """Names of constants that mean different things in different modules; the list only gets shorter."""
 

@@ -7,7 +7,7 @@ import pytest
 
 from grainmotion.errors import InputError
 from grainmotion.io.motions_csv import read_motions, write_motions
-from grainmotion.model.motions import COLUMNS, Motions
+from grainmotion.model.motions import MOTION_COLUMNS, Motions
 
 
 @pytest.fixture(name="motions")
@@ -49,7 +49,7 @@ def test_is_in_mm_and_degrees(tmp_path, motions):
     ],
 )
 def test_refused(tmp_path, motions, change, fact):
-    assert len(COLUMNS) == 19
+    assert len(MOTION_COLUMNS) == 19
     change(motions.to_table()).to_csv(tmp_path / "m.csv", index=False)
     with pytest.raises(InputError, match=r"m\.csv.*" + fact):
         read_motions(tmp_path / "m.csv")

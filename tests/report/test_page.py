@@ -12,7 +12,7 @@ import numpy as np
 import plotly.graph_objects
 import pytest
 
-from grainmotion.model.motions import COLUMNS, Motions, Status
+from grainmotion.model.motions import MOTION_COLUMNS, Motions, Status
 from grainmotion.report import ReportData, StateReport, write_report
 
 
@@ -80,7 +80,7 @@ class TestContent:
     def test_every_column_of_motions_csv_and_the_reasons(self, page):
         grains = [table for table in page.tables if "label" in table[min(1, len(table) - 1)]]
         assert len(grains) == 2
-        assert tuple(grains[0][1]) == (*COLUMNS, "reason")
+        assert tuple(grains[0][1]) == (*MOTION_COLUMNS, "reason")
         motions = example.motions()
         expected = motions.to_table()
         assert len(grains[0]) == 2 + len(expected)
@@ -88,7 +88,7 @@ class TestContent:
             values = dict(zip(grains[0][1], row))
             assert values["reason"] == reason
             assert values["status"] == grain["status"]
-            for name in set(COLUMNS) - {"status"}:
+            for name in set(MOTION_COLUMNS) - {"status"}:
                 if np.isnan(grain[name]):
                     assert values[name] == "–"
                 else:

@@ -8,7 +8,7 @@ import pytest
 import tifffile
 
 from grainmotion.errors import InputError
-from grainmotion.model.geometry import COLUMNS
+from grainmotion.model.geometry import VIEW_COLUMNS
 from grainmotion.model.motions import Motions
 from grainmotion.preprocessing.flat_field import line_integrals_from_counts
 from grainmotion.simulate import LATER_ANGLES_DEG, gaps, small
@@ -58,7 +58,7 @@ def test_dataset_is_an_experiment_with_true_motions(case, tmp_path):
     tables = tomllib.loads(path.read_text())
     assert [s["name"] for s in tables["states"]] == ["shift", "random"]
     assert tables["volume"]["shape"] == [96, 72, 72]
-    assert pd.read_csv(tmp_path / "shift.csv").columns.tolist() == list(COLUMNS)
+    assert pd.read_csv(tmp_path / "shift.csv").columns.tolist() == list(VIEW_COLUMNS)
     counts = np.stack([tifffile.imread(f) for f in sorted((tmp_path / "random").glob("*.tif"))])
     assert counts.dtype == np.uint16
     flats, darks = (

@@ -10,9 +10,9 @@ import pandas as pd
 from grainmotion._typing import Beam
 from grainmotion.errors import InputError
 from grainmotion.io.files import atomic_write, checked_file
-from grainmotion.model.geometry import COLUMNS, Geometry
+from grainmotion.model.geometry import VIEW_COLUMNS, Geometry
 
-CSV_HEADER = ",".join(COLUMNS)
+CSV_HEADER = ",".join(VIEW_COLUMNS)
 
 
 def read_geometry(path: str | Path, shape: tuple[int, int], beam: Beam = "cone") -> Geometry:
@@ -44,16 +44,16 @@ def read_geometry(path: str | Path, shape: tuple[int, int], beam: Beam = "cone")
         fact = f"not a table ({' '.join(str(error).split())})"
         raise InputError(str(path), fact, f"give a CSV with the header {CSV_HEADER}") from error
     table.columns = [str(c).strip() for c in table.columns]
-    missing = [c for c in COLUMNS if c not in table.columns]
+    missing = [c for c in VIEW_COLUMNS if c not in table.columns]
     if missing:
         raise InputError(str(path), f"no column {', '.join(missing)}", f"begin it with the header {CSV_HEADER}")
     if table.empty:
         raise InputError(str(path), "it holds no view", "give one row a radiograph")
-    numbers = table[list(COLUMNS)].apply(pd.to_numeric, errors="coerce").to_numpy(float)
+    numbers = table[list(VIEW_COLUMNS)].apply(pd.to_numeric, errors="coerce").to_numpy(float)
     bad = ~np.isfinite(numbers)
     if bad.any():
         row, column = np.argwhere(bad)[0]
-        fact = f"{COLUMNS[column]} is '{table[COLUMNS[column]].iloc[row]}' in row {row + 1} (view {row})"
+        fact = f"{VIEW_COLUMNS[column]} is '{table[VIEW_COLUMNS[column]].iloc[row]}' in row {row + 1} (view {row})"
         raise InputError(str(path), fact, "give 12 finite numbers a row")
     try:
         return Geometry(numbers, shape, beam)
@@ -71,6 +71,6 @@ def write_geometry(path: str | Path, geometry: Geometry) -> None:
     geometry : Geometry
         The views; the panel's shape and the kind of beam are not in the file.
     """
-    table = pd.DataFrame(geometry.vectors, columns=list(COLUMNS))
+    table = pd.DataFrame(geometry.vectors, columns=list(VIEW_COLUMNS))
     with atomic_write(path) as temporary:
         table.to_csv(temporary, index=False)

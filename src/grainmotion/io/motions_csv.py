@@ -1,4 +1,4 @@
-"""Motions as CSV: one row a grain, the columns of `grainmotion.model.motions.COLUMNS`.
+"""Motions as CSV: one row a grain, the columns of `grainmotion.model.motions.MOTION_COLUMNS`.
 
 Lengths (x, u and their standard deviations) are in mm, rotation vectors w and their standard deviations in
 **degrees**; `grainmotion.io.results` writes the same motions to ``motions.h5`` in radians, as `Motions` holds them.
@@ -13,7 +13,7 @@ import pandas as pd
 
 from grainmotion.errors import InputError
 from grainmotion.io.files import atomic_write, checked_file
-from grainmotion.model.motions import COLUMNS, Motions
+from grainmotion.model.motions import MOTION_COLUMNS, Motions
 
 
 def read_motions(path: str | Path) -> Motions:
@@ -40,8 +40,8 @@ def read_motions(path: str | Path) -> Motions:
         table = pd.read_csv(path, comment="#", skipinitialspace=True)
     except (ValueError, UnicodeDecodeError) as error:
         fact = f"not a table ({' '.join(str(error).split())})"
-        raise InputError(str(path), fact, f"give a CSV with the header {','.join(COLUMNS)}") from error
-    for column in (c for c in COLUMNS if c in table.columns and c != "status"):
+        raise InputError(str(path), fact, f"give a CSV with the header {','.join(MOTION_COLUMNS)}") from error
+    for column in (c for c in MOTION_COLUMNS if c in table.columns and c != "status"):
         numbers = pd.to_numeric(table[column], errors="coerce")
         wrong = numbers.isna() & table[column].notna()
         if column in ("label", "iterations"):

@@ -31,7 +31,7 @@ from grainmotion._typing import Beam, Float
 from grainmotion.errors import InputError
 from grainmotion.rotations import rotation_matrix
 
-COLUMNS = ("sx", "sy", "sz", "dx", "dy", "dz", "ux", "uy", "uz", "vx", "vy", "vz")
+VIEW_COLUMNS = ("sx", "sy", "sz", "dx", "dy", "dz", "ux", "uy", "uz", "vx", "vy", "vz")
 _ASTRA = {"cone": "cone_vec", "parallel": "parallel3d_vec"}
 
 
@@ -71,7 +71,7 @@ class Geometry:
     def __post_init__(self) -> None:
         vectors = np.array(self.vectors, dtype=float, ndmin=2)
         if vectors.ndim != 2 or vectors.shape[1] != 12 or len(vectors) == 0:
-            raise InputError("geometry", f"shape {vectors.shape} is not (views, 12)", f"give {','.join(COLUMNS)}")
+            raise InputError("geometry", f"shape {vectors.shape} is not (views, 12)", f"give {','.join(VIEW_COLUMNS)}")
         if self.beam not in _ASTRA:
             raise InputError("beam", f"'{self.beam}' is unknown", 'use "cone" or "parallel"')
         rows, columns = (int(n) for n in self.shape)

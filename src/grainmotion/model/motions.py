@@ -30,7 +30,7 @@ class Status(StrEnum):
     NOT_FITTED = "not-fitted"
 
 
-COLUMNS = (
+MOTION_COLUMNS = (
     "label", "status", "x", "y", "z", "ux", "uy", "uz", "wx", "wy", "wz",
     "sd_ux", "sd_uy", "sd_uz", "sd_wx", "sd_wy", "sd_wz", "residual", "iterations",
 )  # fmt: skip
@@ -206,7 +206,7 @@ class Motions:
         sd = np.sqrt(np.diagonal(self.covariances, axis1=1, axis2=2)).copy()
         sd[:, 3:] = np.rad2deg(sd[:, 3:])
         numbers = np.concatenate([self.centers, self.translations, np.rad2deg(self.rotations), sd], axis=1)
-        table = pd.DataFrame(numbers, columns=list(COLUMNS[2:17]))
+        table = pd.DataFrame(numbers, columns=list(MOTION_COLUMNS[2:17]))
         table.insert(0, "label", self.labels)
         table.insert(1, "status", self.statuses)
         table["residual"] = self.residuals
@@ -234,10 +234,10 @@ class Motions:
         InputError
             If a column is missing, naming ``where``.
         """
-        missing = [c for c in COLUMNS if c not in table.columns]
+        missing = [c for c in MOTION_COLUMNS if c not in table.columns]
         if missing:
-            raise InputError(where, f"columns {missing} are missing", f"give {','.join(COLUMNS)}")
-        sd = table[list(COLUMNS[11:17])].to_numpy(float, copy=True)
+            raise InputError(where, f"columns {missing} are missing", f"give {','.join(MOTION_COLUMNS)}")
+        sd = table[list(MOTION_COLUMNS[11:17])].to_numpy(float, copy=True)
         sd[:, 3:] = np.deg2rad(sd[:, 3:])
         return cls(
             labels=table["label"].to_numpy(np.int64),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from grainmotion.model.motions import COLUMNS, Motions, StateFit, Status
+from grainmotion.model.motions import MOTION_COLUMNS, Motions, StateFit, Status
 from grainmotion.report.data import Rows, StateReport
 
 STATUS_COLOURS = {
@@ -160,8 +160,8 @@ def grain_table(state: StateReport, max_rows: int) -> GrainTable:
     if len(table) > max_rows:
         order = np.argsort(motions.ok, kind="stable")[:max_rows]
     decimals = length_decimals(state.voxel_size)
-    values = [_column(table[name].to_numpy()[order], name, decimals) for name in COLUMNS[2:]]
-    labels, statuses = (table[name].to_numpy()[order] for name in COLUMNS[:2])
+    values = [_column(table[name].to_numpy()[order], name, decimals) for name in MOTION_COLUMNS[2:]]
+    labels, statuses = (table[name].to_numpy()[order] for name in MOTION_COLUMNS[:2])
     reasons = [motions.reasons[i] for i in order]
     return GrainTable(
         COLUMN_GROUPS, tuple(zip(map(str, labels), map(str, statuses), zip(*values), reasons)), len(table)
