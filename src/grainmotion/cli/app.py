@@ -1,33 +1,24 @@
-"""Command line: parse, call, print.
-
-What the user gave wrong ends in one line on standard error and exit code 2; Ctrl-C in exit code 130.
-"""
+"""Command line: parse, call, print."""
 
 from __future__ import annotations
 
 import dataclasses
-import functools
-import sys
 import warnings
-from collections.abc import Callable
 from enum import StrEnum
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from grainmotion.cli import console
-from grainmotion.cli.demo import run_demo, write_case
-from grainmotion.cluster.connection import LOCAL, ComputeConfig
-from grainmotion.errors import GrainmotionError, InputError
-from grainmotion.experiment.config import Experiment, read_experiment
-from grainmotion.experiment.inputs import find_inputs
-from grainmotion.experiment.inspection import inspect_inputs
-from grainmotion.planning.plan import PlanSettings
-from grainmotion.workflow.planning_run import plan_case, plan_experiment
-from grainmotion.workflow.run import RunResult, Until
-from grainmotion.workflow.run import run as run_pipeline
+from grainmotion.cli.options import Execution, File, OnDevice, Out, Paths, PlanOptions, Quiet, Seed, command
+from grainmotion.errors import InputError
+
+if TYPE_CHECKING:
+    from grainmotion.experiment.config import Experiment
+    from grainmotion.workflow.run import RunResult, Until
 
 app = typer.Typer(
     name="grainmotion",
@@ -36,26 +27,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     add_completion=False,
 )
-
-
-class DeviceName(StrEnum):
-    """Where rays are walked."""
-
-    AUTO = "auto"
-    CPU = "cpu"
-    CUDA = "cuda"
-
-
-File = Annotated[Path, typer.Argument(metavar="FILE", help="experiment file (TOML)")]
-Out = Annotated[Path | None, typer.Option("--out", help="folder for results, instead of the file's [output]")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="show no progress")]
-
-Scheduler = Annotated[
-    str | None, typer.Option("--scheduler", help="address of a Dask scheduler whose workers do the work")
-]
-Workers = Annotated[int | None, typer.Option("--workers", help="processes of this machine that do the work")]
-Where = Annotated[DeviceName | None, typer.Option("--device", help="where rays are walked, instead of the file's own")]
-Seed = Annotated[int, typer.Option("--seed", min=0, help="of packing, motions and noise")]
+add_command = partial(command, app)
 
 
 class Format(StrEnum):
@@ -91,173 +63,125 @@ class DatasetName(StrEnum):
     SHEAR_BAND = "shear-band"
 
 
-def _reported(command: Callable[..., None]) -> Callable[..., None]:
-    """End in one line instead of a traceback where the user, not the program, is at fault."""
-
-    @functools.wraps(command)
-    def guarded(*args: Any, **kwargs: Any) -> None:
-        try:
-            command(*args, **kwargs)
-        except GrainmotionError as error:
-            print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
-            raise typer.Exit(2) from None
-        except KeyboardInterrupt:
-            print("interrupted: finished stages are kept; the same command continues", file=sys.stderr)
-            raise typer.Exit(130) from None
-        except MemoryError as error:
-            fact = str(error) or "not enough of it"
-            print(f"error: memory: {fact}; give larger voxels or fewer of them", file=sys.stderr)
-            raise typer.Exit(1) from None
-
-    return guarded
-
-
 # ---------------------------------------------------------------------- the main job and its stages
-@app.command()
-@_reported
-def run(
-    file: File,
-    out: Out = None,
-    device: Where = None,
-    quiet: Quiet = False,
-    scheduler: Scheduler = None,
-    workers: Workers = None,
-) -> None:
+@add_command
+def run(paths: Paths, *, device: OnDevice = None, execution: Execution) -> None:
     """Do the whole job; what is done already and unchanged is not done again."""
-    result = _run(_read(file, device), "report", out, quiet, ComputeConfig(scheduler, workers))
+    result = _run(_read(paths.file, device), paths.out, execution, "report")
     console.print_states(result.motions)
     print(f"report: {result.report}")
 
 
-@app.command()
-@_reported
-def reconstruct(
-    file: File,
-    out: Out = None,
-    device: Where = None,
-    quiet: Quiet = False,
-    scheduler: Scheduler = None,
-    workers: Workers = None,
-) -> None:
+@add_command
+def reconstruct(paths: Paths, *, device: OnDevice = None, execution: Execution) -> None:
     """Reconstruct the reference volume and stop."""
-    result = _run(_read(file, device), "reconstruct", out, quiet, ComputeConfig(scheduler, workers))
+    result = _run(_read(paths.file, device), paths.out, execution, "reconstruct")
     print(f"volume: in {result.folder}")
 
 
-@app.command()
-@_reported
-def segment(
-    file: File, out: Out = None, quiet: Quiet = False, scheduler: Scheduler = None, workers: Workers = None
-) -> None:
+@add_command
+def segment(paths: Paths, execution: Execution) -> None:
     """Find the grains of the reference volume and stop."""
-    result = _run(read_experiment(file), "segment", out, quiet, ComputeConfig(scheduler, workers))
+    result = _run(_read(paths.file), paths.out, execution, "segment")
     print(f"grains: {result.folder / 'reference.h5'}")
 
 
-@app.command()
-@_reported
-def track(
-    file: File,
-    out: Out = None,
-    device: Where = None,
-    quiet: Quiet = False,
-    scheduler: Scheduler = None,
-    workers: Workers = None,
-) -> None:
+@add_command
+def track(paths: Paths, *, device: OnDevice = None, execution: Execution) -> None:
     """Track the grains through all states and stop before residuals, exports and report."""
-    result = _run(_read(file, device), "track", out, quiet, ComputeConfig(scheduler, workers))
+    result = _run(_read(paths.file, device), paths.out, execution, "track")
     console.print_states(result.motions)
 
 
-@app.command()
-@_reported
-def report(
-    file: File, out: Out = None, quiet: Quiet = False, scheduler: Scheduler = None, workers: Workers = None
-) -> None:
+@add_command
+def report(paths: Paths, execution: Execution) -> None:
     """Write the report, after whatever it needs that is not done yet."""
-    result = _run(read_experiment(file), "report", out, quiet, ComputeConfig(scheduler, workers))
+    result = _run(_read(paths.file), paths.out, execution, "report")
     print(f"report: {result.report}")
 
 
-@app.command()
-@_reported
+@add_command
 def export(
     file: File,
+    *,
     format: Annotated[list[Format], typer.Option("--format", help="vtk for ParaView, spam for spam")],
     out: Out = None,
     quiet: Quiet = False,
 ) -> None:
     """Write the motions for other software, after whatever it needs that is not done yet."""
-    experiment = read_experiment(file)
+    experiment = _read(file)
     wanted = sorted({*experiment.tables.output.exports, *(f.value for f in format)})
     output = experiment.tables.output.model_copy(update={"exports": wanted})
     tables = experiment.tables.model_copy(update={"output": output})
-    result = _run(dataclasses.replace(experiment, tables=tables), "report", out, quiet)
+    result = _run(dataclasses.replace(experiment, tables=tables), out, Execution(quiet), "report")
     for name in result.motions:
         print(f"exported: {result.folder / name}")
 
 
-@app.command()
-@_reported
+@add_command
 def inspect(file: File) -> None:
     """Describe the data and what they need, without doing any work."""
-    console.print_inspection(inspect_inputs(find_inputs(read_experiment(file))))
+    from grainmotion.experiment.inputs import find_inputs
+    from grainmotion.experiment.inspection import inspect_inputs
+
+    console.print_inspection(inspect_inputs(find_inputs(_read(file))))
 
 
-def _read(file: Path, device: DeviceName | None) -> Experiment:
+def _read(file: Path, device: OnDevice = None) -> Experiment:
     """The experiment file, with the device that the command names."""
+    from grainmotion.experiment.config import read_experiment
+
     experiment = read_experiment(file)
     return experiment if device is None else experiment.on(device.value)
 
 
-def _run(
-    experiment: Experiment, until: Until, out: Path | None, quiet: bool, workplace: ComputeConfig = LOCAL
-) -> RunResult:
-    with console.progress(quiet) as listener:
-        result = run_pipeline(experiment, out=out, until=until, progress=listener, workplace=workplace)
-    if not quiet:
-        print(
-            f"done: {', '.join(result.done) or 'nothing'}; kept: {', '.join(result.reused) or 'nothing'}",
-        )
+def _run(experiment: Experiment, out: Path | None, execution: Execution, until: Until) -> RunResult:
+    from grainmotion.cluster.connection import ComputeConfig
+    from grainmotion.workflow.run import run as run_stages
+
+    workplace = ComputeConfig(execution.scheduler, execution.workers)
+    with console.progress(execution.quiet) as progress:
+        result = run_stages(experiment, out=out, until=until, progress=progress, workplace=workplace)
+    if not execution.quiet:
+        print(f"done: {', '.join(result.done) or 'nothing'}; kept: {', '.join(result.reused) or 'nothing'}")
     return result
 
 
 # ---------------------------------------------------------------------- before beam time
-@app.command()
-@_reported
+@add_command
 def plan(
     file: Annotated[
         Path | None, typer.Argument(metavar="[FILE]", help="experiment file (TOML) with the reference")
     ] = None,
+    *,
     case: Annotated[CaseName | None, typer.Option("--case", help="a simulated packing instead of a file")] = None,
-    photons: Annotated[
-        float | None, typer.Option("--photons", help="a pixel of open beam; else the file's or case's own")
-    ] = None,
-    views: Annotated[str | None, typer.Option("--views", help="numbers of views, as 2,3,4,6")] = None,
-    step_deg: Annotated[float | None, typer.Option("--step-deg", help="between candidate angles, degrees")] = None,
+    options: PlanOptions,
     out: Annotated[Path | None, typer.Option("--out", help="folder in which plan/ is made")] = None,
     seed: Seed = 0,
     quiet: Quiet = False,
 ) -> None:
     """Predict precision and capture for 2, 3, 4, 6 views of a sample, and find the best angles."""
+    from grainmotion.planning.settings import PlanSettings
+    from grainmotion.workflow.planning_run import plan_case, plan_experiment
+
     if (file is None) == (case is None):
         fact = "neither an experiment file nor --case is given" if case is None else "a file and --case are both given"
         raise InputError("plan", fact, "give one of them")
-    given: dict[str, Any] = {"photons": photons, "views": _counts(views), "step_deg": step_deg}
+    given = {**dataclasses.asdict(options), "views": _counts(options.views)}
     given = {key: value for key, value in given.items() if value is not None}
-    experiment = read_experiment(file) if file is not None else None
+    experiment = None if file is None else _read(file)
     try:
         settings = dataclasses.replace(experiment.tables.plan if experiment else PlanSettings(), **given)
     except InputError as error:
         option = f"--{error.where.rpartition('.')[2].replace('_', '-')}"
         raise InputError(option, error.fact, error.remedy) from error
-    with console.progress(quiet) as listener:
+    with console.progress(quiet) as progress:
         if experiment is not None:
-            found, folder = plan_experiment(experiment, settings, out=out, progress=listener)
+            found, folder = plan_experiment(experiment, settings, out=out, progress=progress)
         else:
             assert case is not None
             found, folder = plan_case(
-                case.value, settings, out=out or Path(), photons=photons, seed=seed, progress=listener
+                case.value, settings, out=out or Path(), photons=options.photons, seed=seed, progress=progress
             )
     console.print_plan(found)
     print(f"plan: {folder}")
@@ -274,8 +198,7 @@ def _counts(text: str | None) -> tuple[int, ...] | None:
 
 
 # ---------------------------------------------------------------------- simulated experiments
-@app.command()
-@_reported
+@add_command
 def simulate(
     folder: Annotated[Path, typer.Argument(metavar="OUTDIR", help="folder for the experiment")],
     case: Annotated[
@@ -285,22 +208,25 @@ def simulate(
     quiet: Quiet = False,
 ) -> None:
     """Simulate an experiment with its truth: radiographs, flats, darks, geometry and experiment.toml."""
-    with console.progress(quiet) as listener:
-        path = write_case(folder, case.value, seed, progress=listener)
+    from grainmotion.cli.demo import write_case
+
+    with console.progress(quiet) as progress:
+        path = write_case(folder, case.value, seed, progress=progress)
     print(f"experiment: {path}")
 
 
-@app.command()
-@_reported
+@add_command
 def demo(
     folder: Annotated[Path, typer.Argument(metavar="[OUTDIR]", help="folder for it all")] = Path("grainmotion-demo"),
     seed: Seed = 0,
-    device: Where = None,
+    device: OnDevice = None,
     quiet: Quiet = False,
 ) -> None:
     """Simulate a small packing, do the whole job, and compare it with the truth."""
-    with console.progress(quiet) as listener:
-        found = run_demo(folder, seed, listener, device.value if device else "auto")
+    from grainmotion.cli.demo import run_demo
+
+    with console.progress(quiet) as progress:
+        found = run_demo(folder, seed, device=device.value if device else "auto", progress=progress)
     console.print_comparisons(found.comparisons)
     print(f"report: {found.result.report}")
 

@@ -10,26 +10,25 @@ import re
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
-import numpy as np
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from grainmotion.analysis.validation import Comparison
-from grainmotion.experiment.inspection import Inspection
-from grainmotion.model.motions import Motions
-from grainmotion.planning.capture_range import CAPTURE_SOURCE
-from grainmotion.planning.plan import Plan
+if TYPE_CHECKING:
+    from grainmotion._typing import Progress
+    from grainmotion.analysis.validation import Comparison
+    from grainmotion.experiment.inspection import Inspection
+    from grainmotion.model.motions import Motions
+    from grainmotion.planning.plan import Plan
 
-MOST_LINES = 20
-Listener = Callable[[str, int, int], None]
+MAX_REASONS = 20  # grains whose reason is printed; the report has all
 
 
 @contextmanager
-def progress(quiet: bool) -> Iterator[Listener]:
+def progress(quiet: bool) -> Iterator[Progress]:
     """A listener for ``progress``: a bar on a terminal, one line a step in a log, nothing if quiet.
 
     It also sees to it that Ctrl-C, or a polite kill, ends the work: an exception that is raised inside
@@ -57,13 +56,16 @@ def progress(quiet: bool) -> Iterator[Listener]:
             signal.signal(number, handler)
 
 
-def _silence() -> Iterator[Listener]:
+def _silence() -> Iterator[Progress]:
     yield lambda _message, _done, _total: None
 
 
-def _bar() -> Iterator[Listener]:
+def _bar() -> Iterator[Progress]:
+    from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import Progress as Bar
+
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=None)
 
         def listen(message: str, done: int, total: int) -> None:
@@ -72,7 +74,7 @@ def _bar() -> Iterator[Listener]:
         yield listen
 
 
-def _log() -> Iterator[Listener]:
+def _log() -> Iterator[Progress]:
     """The last message of each step: the one that carries its outcome."""
     last = [""]
 
@@ -91,12 +93,12 @@ def _log() -> Iterator[Listener]:
             print(last[0], flush=True)
 
 
-def print_inspection(found: Inspection) -> None:
-    """Print what `inspect_inputs` found."""
+def print_inspection(inspection: Inspection) -> None:
+    """Print the result of `inspect_inputs`."""
     console = Console(width=None if sys.stdout.isatty() else 160)
     table = Table("scan", "radiographs", "type", "kind", "beam", "pixel at sample", "magnification", "air", "highest")
     table.add_column("masked pixels")
-    for s in found.scans:
+    for s in inspection.scans:
         table.add_row(
             s.key,
             f"{s.views} x {s.rows} x {s.columns}",
@@ -110,15 +112,17 @@ def print_inspection(found: Inspection) -> None:
             f"{s.pixels.bad} ({s.pixels.dead} dead, {s.pixels.dark} dark, {s.pixels.saturated} saturated)",
         )
     console.print(table)
-    shape = " x ".join(str(n) for n in found.volume_shape)
-    console.print(f"volume: {shape} voxels (z, y, x) of {found.voxel_size:.4g} mm")
-    console.print(f"memory: about {found.memory / 1e9:.2f} GB at the peak")
-    for warning in found.warnings:
+    shape = " x ".join(str(n) for n in inspection.volume_shape)
+    console.print(f"volume: {shape} voxels (z, y, x) of {inspection.voxel_size:.4g} mm")
+    console.print(f"memory: about {inspection.memory / 1e9:.2f} GB at the peak")
+    for warning in inspection.warnings:
         console.print(f"warning: {warning}", markup=False)
 
 
 def print_states(motions: dict[str, Motions]) -> None:
     """Print how the tracking of each state went, and why grains did not converge."""
+    import numpy as np
+
     if not motions:
         return
     table = Table("state", "grains", "converged", "others", "median |u| (mm)", "median |w| (deg)")
@@ -136,10 +140,10 @@ def print_states(motions: dict[str, Motions]) -> None:
         for label, status, reason, ok in zip(m.labels, m.statuses, m.reasons, m.ok)
         if not ok
     ]
-    for line in lines[:MOST_LINES]:
+    for line in lines[:MAX_REASONS]:
         print(line)
-    if len(lines) > MOST_LINES:
-        print(f"... and {len(lines) - MOST_LINES} more, in the report")
+    if len(lines) > MAX_REASONS:
+        print(f"... and {len(lines) - MAX_REASONS} more, in the report")
 
 
 def print_comparisons(comparisons: dict[str, Comparison]) -> None:
@@ -153,6 +157,10 @@ def print_comparisons(comparisons: dict[str, Comparison]) -> None:
 
 def print_plan(plan: Plan) -> None:
     """Print each set of views: angles, predicted precision, and the motions to expect of tracking."""
+    import numpy as np
+
+    from grainmotion.planning.capture_range import CAPTURE_SOURCE
+
     console = Console(width=None if sys.stdout.isatty() else 180)
     table = Table("views", "set", "angles (deg)", "sd of u (voxel)", "(mm)", "sd of w (deg)")
     for name in ("worst (voxel, deg)", "found again (diameters, deg)", "room across, along (mm)"):

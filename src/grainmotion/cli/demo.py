@@ -48,6 +48,7 @@ def write_case(
     case: str = "small",
     seed: int = 0,
     states: Sequence[tuple[str, int]] = ALL_STATES,
+    *,
     progress: Progress | None = None,
 ) -> Path:
     """Simulate an experiment and write it, with the truth of each state beside it.
@@ -107,7 +108,7 @@ def _write_hard_case(folder: Path, hard: simulate.HardCase, progress: Progress |
     return path
 
 
-def run_demo(folder: str | Path, seed: int = 0, progress: Progress | None = None, device: Choice = "auto") -> Demo:
+def run_demo(folder: str | Path, seed: int = 0, *, device: Choice = "auto", progress: Progress | None = None) -> Demo:
     """Simulate the small case, do its whole job, and compare every state with the truth.
 
     A demo that is there already, whole or in part, is gone on with.
@@ -116,7 +117,7 @@ def run_demo(folder: str | Path, seed: int = 0, progress: Progress | None = None
     names = [f"{name}-{views}" for name, views in DEMO_STATES]
     files = ["experiment.toml", *(f"{name}-truth.csv" for name in names)]
     if not all((folder / name).is_file() for name in files):
-        write_case(folder, "small", seed, DEMO_STATES, progress)
+        write_case(folder, "small", seed, DEMO_STATES, progress=progress)
     experiment = read_experiment(folder / "experiment.toml").on(device)
     result = run(experiment, progress=progress)
     reference = read_reference(result.folder / REFERENCE)

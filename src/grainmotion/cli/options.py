@@ -1,0 +1,111 @@
+"""Options that commands share, and how a command is made of them.
+
+What the commands do is imported inside them, so that ``--help`` loads nothing but this package.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import sys
+from collections.abc import Callable
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, get_type_hints
+
+import typer
+
+from grainmotion.errors import GrainmotionError
+
+
+class DeviceName(StrEnum):
+    """Where rays are walked."""
+
+    AUTO = "auto"
+    CPU = "cpu"
+    CUDA = "cuda"
+
+
+File = Annotated[Path, typer.Argument(metavar="FILE", help="experiment file (TOML)")]
+Out = Annotated[Path | None, typer.Option("--out", help="folder for results, instead of the file's [output]")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="show no progress")]
+Scheduler = Annotated[
+    str | None, typer.Option("--scheduler", help="address of a Dask scheduler whose workers do the work")
+]
+Workers = Annotated[int | None, typer.Option("--workers", help="processes of this machine that do the work")]
+OnDevice = Annotated[
+    DeviceName | None, typer.Option("--device", help="where rays are walked, instead of the file's own")
+]
+Seed = Annotated[int, typer.Option("--seed", min=0, help="of packing, motions and noise")]
+Photons = Annotated[float | None, typer.Option("--photons", help="a pixel of open beam; else the file's or case's own")]
+Views = Annotated[str | None, typer.Option("--views", help="numbers of views, as 2,3,4,6")]
+StepDeg = Annotated[float | None, typer.Option("--step-deg", help="between candidate angles, degrees")]
+
+
+@dataclasses.dataclass(frozen=True)
+class Paths:
+    """The experiment, and where its results go."""
+
+    file: File
+    out: Out = None
+
+
+@dataclasses.dataclass(frozen=True)
+class Execution:
+    """How a run is shown, and who does its work."""
+
+    quiet: Quiet = False
+    scheduler: Scheduler = None
+    workers: Workers = None
+
+
+@dataclasses.dataclass(frozen=True)
+class PlanOptions:
+    """What of ``[plan]`` is given on the command line instead."""
+
+    photons: Photons = None
+    views: Views = None
+    step_deg: StepDeg = None
+
+
+RECORDS: tuple[type, ...] = (Paths, Execution, PlanOptions)
+
+
+def command(app: typer.Typer, function: Callable[..., None]) -> Callable[..., None]:
+    """Add a command to an application, under the name of its function.
+
+    The fields of `RECORDS` among its parameters are arguments and options of their own.  What the user gave wrong ends
+    in one line on standard error and exit code 2, Ctrl-C in exit code 130.
+    """
+    hints = get_type_hints(function, include_extras=True)
+    records = {name: hint for name, hint in hints.items() if hint in RECORDS}
+    parameters = []
+    for parameter in inspect.signature(function).parameters.values():
+        own = [parameter]
+        if parameter.name in records:
+            own = list(inspect.signature(records[parameter.name]).parameters.values())
+        for part in own:
+            annotation = get_type_hints(records.get(parameter.name, function), include_extras=True)[part.name]
+            parameters.append(part.replace(annotation=annotation, kind=inspect.Parameter.KEYWORD_ONLY))
+
+    def invoke(**values: object) -> None:
+        for name, record in records.items():
+            values[name] = record(**{field.name: values.pop(field.name) for field in dataclasses.fields(record)})
+        try:
+            function(**values)
+        except GrainmotionError as error:
+            print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
+            raise typer.Exit(2) from None
+        except KeyboardInterrupt:
+            print("interrupted: finished stages are kept; the same command continues", file=sys.stderr)
+            raise typer.Exit(130) from None
+        except MemoryError as error:
+            fact = str(error) or "not enough of it"
+            print(f"error: memory: {fact}; give larger voxels or fewer of them", file=sys.stderr)
+            raise typer.Exit(1) from None
+
+    invoke.__name__, invoke.__doc__ = function.__name__, function.__doc__
+    invoke.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    invoke.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    app.command()(invoke)
+    return function
