@@ -7,19 +7,18 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-import pandas as pd
 
 import grainmotion as gm
 from grainmotion.io.results import read_reference
 
-GREY = "0.35"
+TITLE_GREY = "0.35"
 
 
 def main(experiment: Path, state: str) -> None:
     """Five panels: labelled slice; measured, simulated and residual radiograph; displacements."""
     results = experiment.parent / "results"
     reference = read_reference(results / "reference.h5")
-    motions = gm.Motions.from_table(_table(results / state / "motions.csv"))
+    motions = gm.read_motions(results / state / "motions.csv")
     grains = gm.grains_from_labels(reference.volume, reference.labels)
     folder = experiment.parent
     scan = gm.read_scan(
@@ -37,16 +36,16 @@ def main(experiment: Path, state: str) -> None:
     axes[0].imshow(reference.volume.array[:, z], cmap="gray", origin="lower", vmin=0)
     shown = np.ma.masked_equal(reference.labels[:, z], 0)
     axes[0].imshow(shown % 10, cmap="tab10", origin="lower", alpha=0.55, interpolation="nearest", vmin=0, vmax=9)
-    titles = ["reference scan, 352 views:\ngrains found", "later state: one of 4\nradiographs"]
-    titles += ["simulated from the\nmeasured motions", "what is left (±5 %):\nphoton noise"]
+    titles = ["reference scan, 352 views:\nsegmented grains", "later state: one of 4\nradiographs"]
+    titles += ["simulated from the\nmeasured motions", "residual (±5 %):\nphoton noise"]
     top = float(measured.max())
     axes[1].imshow(measured[0], cmap="gray", origin="lower", vmin=0, vmax=top)
     axes[2].imshow(simulated[0], cmap="gray", origin="lower", vmin=0, vmax=top)
-    rest = measured[0] - simulated[0]
-    axes[3].imshow(rest, cmap="RdBu_r", origin="lower", vmin=-0.05 * top, vmax=0.05 * top)
+    residual = measured[0] - simulated[0]
+    axes[3].imshow(residual, cmap="RdBu_r", origin="lower", vmin=-0.05 * top, vmax=0.05 * top)
     titles += ["motion of every grain\n(×8, colour: rotation)"]
     for axis, title in zip(axes, titles, strict=True):
-        axis.set_title(title, fontsize=10, color=GREY)
+        axis.set_title(title, fontsize=10, color=TITLE_GREY)
         axis.axis("off")
     _arrows(axes[4], motions)
     figure.savefig(Path(__file__).with_name("overview.png"), dpi=110)
@@ -54,16 +53,12 @@ def main(experiment: Path, state: str) -> None:
 
 def _arrows(axis: plt.Axes, motions: gm.Motions) -> None:
     c, u = motions.centers, motions.translations - motions.translations.mean(axis=0)
-    turn = np.rad2deg(np.linalg.norm(motions.rotations, axis=1))
-    axis.scatter(c[:, 0], c[:, 2], s=900, c=turn, cmap="viridis", alpha=0.35, linewidths=0)
+    rotation_deg = np.rad2deg(np.linalg.norm(motions.rotations, axis=1))
+    axis.scatter(c[:, 0], c[:, 2], s=900, c=rotation_deg, cmap="viridis", alpha=0.35, linewidths=0)
     arrows = (c[:, 0], c[:, 2], 8 * u[:, 0], 8 * u[:, 2])
-    axis.quiver(*arrows, turn, cmap="viridis", angles="xy", scale_units="xy", scale=1)
+    axis.quiver(*arrows, rotation_deg, cmap="viridis", angles="xy", scale_units="xy", scale=1)
     axis.set_aspect("equal")
     axis.margins(0.25)
-
-
-def _table(path: Path) -> pd.DataFrame:
-    return pd.read_csv(path)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
 """A run on a PBS cluster:  python on_pbs.py experiment.toml
 
-Run it on a node that may stay busy for as long as the run takes (a login node, or a small job of its own).  It asks
-the queue for workers, hands them the work as they come, and lets them go at the end.
+Run it on a node that is available for as long as the run takes (a login node, or a small job of its own).  It submits
+jobs to the queue, each of which starts a worker, sends tasks to the workers that have started, and stops them at the
+end.
 """
 
 import sys
@@ -13,11 +14,11 @@ from grainmotion.cluster.connection import ComputeConfig
 from grainmotion.experiment.config import read_experiment
 from grainmotion.workflow.run import run
 
-JOBS = 4
+NUMBER_OF_JOBS = 4
 
 
 def workers() -> PBSCluster:
-    """What each job is; change it to what your cluster offers."""
+    """Resources of each job; adapt them to your cluster."""
     return PBSCluster(
         queue="normal",
         account="project",
@@ -27,16 +28,16 @@ def workers() -> PBSCluster:
         memory="64GB",
         walltime="04:00:00",
         job_script_prologue=["module load python", "source $HOME/grainmotion/bin/activate"],
-        worker_extra_args=["--lifetime", "235m"],  # leave in order before the queue kills
-        local_directory="$TMPDIR",  # where a worker spills what memory does not hold
+        worker_extra_args=["--lifetime", "235m"],  # stop cleanly before the queue kills the job
+        local_directory="$TMPDIR",  # where a worker writes data that exceed its memory
         interface=None,  # "ib0" for InfiniBand
     )
 
 
 if __name__ == "__main__":
     with workers() as cluster:
-        cluster.scale(jobs=JOBS)
-        cluster.wait_for_workers(1)  # others join when the queue lets them
+        cluster.scale(jobs=NUMBER_OF_JOBS)
+        cluster.wait_for_workers(1)  # others join when the queue starts their jobs
         result = run(
             read_experiment(Path(sys.argv[1])), workplace=ComputeConfig(cluster.scheduler_address), progress=print
         )

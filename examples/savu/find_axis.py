@@ -1,11 +1,11 @@
-"""Where the rotation axis is, to a few hundredths of a pixel, from the radiographs alone.
+"""Find the rotation axis to a few hundredths of a pixel, from the radiographs alone.
 
     python examples/savu/find_axis.py
 
-Two ways that share nothing but the images.  (1) The first and the last radiograph are 180° apart: one is
-the other mirrored about the axis, so the axis is where the mirrored difference is least; a tilt of the
-axis in the image is fitted along with it.  (2) A wrong axis leaves an inconsistent scan: the axis is
-where the residual ε of the reconstruction is least (the vertex of a parabola through five trials).
+Two independent methods.  (1) The first and the last radiograph are 180° apart: one is the mirror image of the
+other about the axis, so the axis minimises the difference; its tilt in the image is fitted as well.  (2) A wrong
+axis makes the scan inconsistent: the axis minimises the residual ε of the reconstruction (the vertex of a parabola
+through five trials).
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def mirrored_pair(first: NDArray[np.float32], last: NDArray[np.float32]) -> tupl
 
 
 def least_residual(images: NDArray[np.float32], angles_deg: NDArray[np.float64], rows: slice) -> float:
-    """Column of the axis at which some rows reconstruct best; rows are independent in a parallel beam."""
+    """Column of the axis that minimises the residual of given rows; rows are independent in a parallel beam."""
     part = np.ascontiguousarray(images[:, rows])
     shape = part.shape[1:]
     middle = (shape[1] - 1) / 2
@@ -60,7 +60,7 @@ def least_residual(images: NDArray[np.float32], angles_deg: NDArray[np.float64],
 
 
 def main() -> None:
-    """Print what each way finds."""
+    """Print the axis by each method."""
     reference = find_inputs(read_experiment(HERE / "experiment.toml")).reference
     assert reference is not None
     images = reference.read()[0].line_integrals

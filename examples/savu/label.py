@@ -2,9 +2,9 @@
 
     python examples/savu/label.py
 
-One body inside another is no case for a watershed, so the labels are given.  The chip is the largest
-body above the middle of its attenuation and the cylinder's; the rest is what remains after a light blur,
-with its bubbles filled.
+A watershed cannot separate a body inside another, so the labels are made by thresholds.  The chip is the largest
+connected body above the mean of its attenuation and the cylinder's.  The other body is the largest one in the
+smoothed volume, its bubbles filled, without the chip.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from grainmotion.experiment.inputs import find_inputs
 from grainmotion.reconstruction.reconstruct import reconstruct
 
 HERE = Path(__file__).parent
-CHIP = 0.031  # the chip has 0.050 a pixel, the cylinder 0.012
-DOME = 0.0008  # the dome has 0.0017
+CHIP_THRESHOLD = 0.031  # attenuation of the chip is 0.050 a pixel, of the cylinder 0.012
+DOME_THRESHOLD = 0.0008  # attenuation of the dome is 0.0017 a pixel
 
 
 def largest(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -38,8 +38,8 @@ def main() -> None:
     inputs = find_inputs(experiment)
     assert inputs.reference is not None
     volume = reconstruct(inputs.reference.read()[0], inputs.grid, experiment.tables.reconstruct).volume.array
-    chip = largest(volume > CHIP)
-    body = largest(ndimage.gaussian_filter(volume, 1.5) > DOME)
+    chip = largest(volume > CHIP_THRESHOLD)
+    body = largest(ndimage.gaussian_filter(volume, 1.5) > DOME_THRESHOLD)
     labels = np.where(chip, 1, np.where(body, 2, 0)).astype(np.uint8)
     tifffile.imwrite(HERE / "labels.tif", labels, compression="zlib")
     print(f"chip {int((labels == 1).sum())} voxels, cylinder and dome {int((labels == 2).sum())} voxels")
