@@ -14,6 +14,7 @@ from PIL import Image
 
 from grainmotion._typing import Image as Array
 from grainmotion.model.volume import Volume
+from grainmotion.preprocessing.binning import binned_images
 from grainmotion.report.data import StateReport
 
 SLICE_PIXELS = 160_000  # of one slice of the volume
@@ -82,12 +83,11 @@ def diverging_scale(images: Array) -> GreyScale:
 def shrink(image: Array, pixels: int) -> tuple[Array, int]:
     """The image averaged over k × k blocks, k the least that leaves at most ``pixels``; and k."""
     rows, columns = image.shape
-    k = max(1, int(np.ceil(np.sqrt(rows * columns / pixels))))
+    k = max(1, math.ceil(math.sqrt(rows * columns / pixels)))
     if k == 1:
         return image, 1
     padded = np.pad(image.astype(float), ((0, -rows % k), (0, -columns % k)), mode="edge")
-    blocks = padded.reshape(padded.shape[0] // k, k, padded.shape[1] // k, k)
-    return blocks.mean(axis=(1, 3)), k
+    return binned_images(padded[None], k)[0], k
 
 
 def png(image: Array, scale: GreyScale) -> str:
