@@ -70,7 +70,10 @@ def track_states(context):
     """The motions of all states, after the stages of the reference, which are done."""
     reference = segment_stage(context, reconstruct_stage(context))
     context.reused.clear()
-    return {name: state.motions for name, state in tracking_stage.track_states(context, reference).items()}
+    tracked = tracking_stage.track_side_by_side(context, reference)
+    for name in [table.name for table in context.tables.states if table.name not in tracked]:
+        tracked[name] = context.complete(tracking_stage.track_stage(context, reference, name, tracked))()
+    return {table.name: tracked[table.name].motions for table in context.tables.states}
 
 
 def by_one(experiment):

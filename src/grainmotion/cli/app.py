@@ -12,11 +12,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+import grainmotion as gm
 from grainmotion.cli import console
 from grainmotion.cli.options import Execution, File, OnDevice, Out, Paths, PlanOptions, Quiet, Seed, command
 from grainmotion.errors import InputError
 
 if TYPE_CHECKING:
+    from grainmotion.cluster.connection import ComputeConfig
     from grainmotion.experiment.config import Experiment
     from grainmotion.workflow.run import RunResult, Until
 
@@ -67,7 +69,9 @@ class DatasetName(StrEnum):
 @add_command
 def run(paths: Paths, *, device: OnDevice = None, execution: Execution) -> None:
     """Do the whole job; what is done already and unchanged is not done again."""
-    result = _run(_read(paths.file, device), paths.out, execution, "report")
+    with console.progress(execution.quiet) as progress:
+        result = gm.run(_read(paths.file, device), out=paths.out, progress=progress, workplace=_workplace(execution))
+    console.print_stages(result, execution.quiet)
     console.print_states(result.motions)
     print(f"report: {result.report}")
 
@@ -75,28 +79,28 @@ def run(paths: Paths, *, device: OnDevice = None, execution: Execution) -> None:
 @add_command
 def reconstruct(paths: Paths, *, device: OnDevice = None, execution: Execution) -> None:
     """Reconstruct the reference volume and stop."""
-    result = _run(_read(paths.file, device), paths.out, execution, "reconstruct")
+    result = _run_until("reconstruct", _read(paths.file, device), paths.out, execution)
     print(f"volume: in {result.folder}")
 
 
 @add_command
 def segment(paths: Paths, execution: Execution) -> None:
     """Find the grains of the reference volume and stop."""
-    result = _run(_read(paths.file), paths.out, execution, "segment")
+    result = _run_until("segment", _read(paths.file), paths.out, execution)
     print(f"grains: {result.folder / 'reference.h5'}")
 
 
 @add_command
 def track(paths: Paths, *, device: OnDevice = None, execution: Execution) -> None:
     """Track the grains through all states and stop before residuals, exports and report."""
-    result = _run(_read(paths.file, device), paths.out, execution, "track")
+    result = _run_until("track", _read(paths.file, device), paths.out, execution)
     console.print_states(result.motions)
 
 
 @add_command
 def report(paths: Paths, execution: Execution) -> None:
     """Write the report, after whatever it needs that is not done yet."""
-    result = _run(_read(paths.file), paths.out, execution, "report")
+    result = _run_until("report", _read(paths.file), paths.out, execution)
     print(f"report: {result.report}")
 
 
@@ -113,7 +117,7 @@ def export(
     wanted = sorted({*experiment.tables.output.exports, *(f.value for f in format)})
     output = experiment.tables.output.model_copy(update={"exports": wanted})
     tables = experiment.tables.model_copy(update={"output": output})
-    result = _run(dataclasses.replace(experiment, tables=tables), out, Execution(quiet), "report")
+    result = _run_until("report", dataclasses.replace(experiment, tables=tables), out, Execution(quiet))
     for name in result.motions:
         print(f"exported: {result.folder / name}")
 
@@ -129,21 +133,20 @@ def inspect(file: File) -> None:
 
 def _read(file: Path, device: OnDevice = None) -> Experiment:
     """The experiment file, with the device that the command names."""
-    from grainmotion.experiment.config import read_experiment
-
-    experiment = read_experiment(file)
+    experiment = gm.read_experiment(file)
     return experiment if device is None else experiment.on(device.value)
 
 
-def _run(experiment: Experiment, out: Path | None, execution: Execution, until: Until) -> RunResult:
+def _workplace(execution: Execution) -> ComputeConfig:
     from grainmotion.cluster.connection import ComputeConfig
-    from grainmotion.workflow.run import run as run_stages
 
-    workplace = ComputeConfig(execution.scheduler, execution.workers)
+    return ComputeConfig(execution.scheduler, execution.workers)
+
+
+def _run_until(until: Until, experiment: Experiment, out: Path | None, execution: Execution) -> RunResult:
     with console.progress(execution.quiet) as progress:
-        result = run_stages(experiment, out=out, until=until, progress=progress, workplace=workplace)
-    if not execution.quiet:
-        print(f"done: {', '.join(result.done) or 'nothing'}; kept: {', '.join(result.reused) or 'nothing'}")
+        result = gm.run(experiment, out=out, until=until, progress=progress, workplace=_workplace(execution))
+    console.print_stages(result, execution.quiet)
     return result
 
 
@@ -161,7 +164,6 @@ def plan(
     quiet: Quiet = False,
 ) -> None:
     """Predict precision and capture for 2, 3, 4, 6 views of a sample, and find the best angles."""
-    from grainmotion.planning.settings import PlanSettings
     from grainmotion.workflow.planning_run import plan_case, plan_experiment
 
     if (file is None) == (case is None):
@@ -171,7 +173,7 @@ def plan(
     given = {key: value for key, value in given.items() if value is not None}
     experiment = None if file is None else _read(file)
     try:
-        settings = dataclasses.replace(experiment.tables.plan if experiment else PlanSettings(), **given)
+        settings = dataclasses.replace(experiment.tables.plan if experiment else gm.PlanSettings(), **given)
     except InputError as error:
         option = f"--{error.where.rpartition('.')[2].replace('_', '-')}"
         raise InputError(option, error.fact, error.remedy) from error

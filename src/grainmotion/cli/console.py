@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from grainmotion.experiment.inspection import Inspection
     from grainmotion.model.motions import Motions
     from grainmotion.planning.plan import Plan
+    from grainmotion.workflow.run import RunResult
 
 MAX_REASONS = 20  # grains whose reason is printed; the report has all
 
@@ -91,6 +92,12 @@ def _log() -> Iterator[Progress]:
     finally:
         if last[0]:
             print(last[0], flush=True)
+
+
+def print_stages(result: RunResult, quiet: bool) -> None:
+    """Print which stages a run did, and which it kept."""
+    if not quiet:
+        print(f"done: {', '.join(result.done) or 'nothing'}; kept: {', '.join(result.reused) or 'nothing'}")
 
 
 def print_inspection(inspection: Inspection) -> None:

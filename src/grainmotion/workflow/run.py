@@ -27,7 +27,7 @@ from grainmotion.workflow.context import RunContext, check_inputs
 from grainmotion.workflow.outputs import DEFORMED, REFERENCE_EXPORTS, RESIDUALS, report_stage, write_outputs
 from grainmotion.workflow.provenance import StageCache
 from grainmotion.workflow.reference_stages import CHECKPOINT, REFERENCE, reconstruct_stage, segment_stage
-from grainmotion.workflow.tracking_stage import track_states
+from grainmotion.workflow.tracking_stage import track_side_by_side, track_stage
 
 Until = Literal["reconstruct", "segment", "track", "report"]
 
@@ -108,8 +108,11 @@ def run(
         if until != "reconstruct":
             reference = segment_stage(context, reconstruction)
             if until != "segment":
-                tracked = track_states(context, reference)
-                motions = {name: state.motions for name, state in tracked.items()}
+                tracked = track_side_by_side(context, reference)
+                for table in experiment.tables.states:
+                    if table.name not in tracked:
+                        tracked[table.name] = context.complete(track_stage(context, reference, table.name, tracked))()
+                motions = {table.name: tracked[table.name].motions for table in experiment.tables.states}
                 if until == "report":
                     write_outputs(context, reference, tracked)
                     report = report_stage(context, reference, motions)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from grainmotion._typing import Image, prefixed
@@ -28,17 +28,17 @@ class TrackedState:
     residual: Image | None = None
 
 
-def track_states(context: RunContext, reference: Callable[[], SegmentedReference]) -> dict[str, TrackedState]:
-    """Track all states in their order; what is done already is read."""
-    tracked = _side_by_side(context, reference)
-    previous = None
-    for table, source in context.states:
-        if table.name not in tracked:
-            start = previous if table.initial == "previous" else _named_start(context, table)
-            run = functools.partial(_track, context, reference, table, source, start)
-            tracked[table.name] = context.complete(_stage(context, table, run))()
-        previous = tracked[table.name].motions
-    return {table.name: tracked[table.name] for table, _ in context.states}
+def track_stage(
+    context: RunContext, reference: Callable[[], SegmentedReference], name: str, tracked: Mapping[str, TrackedState]
+) -> Stage[TrackedState]:
+    """One state, after those before it were ``tracked``."""
+    names = [table.name for table in context.tables.states]
+    index = names.index(name)
+    table, source = context.states[index]
+    start = context.inputs.starts[index]
+    if table.initial == "previous" and index:
+        start = tracked[names[index - 1]].motions
+    return _stage(context, table, functools.partial(_track, context, reference, table, source, start))
 
 
 def _track(
@@ -55,7 +55,7 @@ def _track(
         return TrackedState(track(grains, scan, start, settings, progress=progress, device=device))
 
 
-def _side_by_side(context: RunContext, reference: Callable[[], SegmentedReference]) -> dict[str, TrackedState]:
+def track_side_by_side(context: RunContext, reference: Callable[[], SegmentedReference]) -> dict[str, TrackedState]:
     """Track states of a small sample at the same time, each by one worker, if several need not wait for another."""
     cluster, states = context.cluster, list[State]()
     missing = {
@@ -66,11 +66,11 @@ def _side_by_side(context: RunContext, reference: Callable[[], SegmentedReferenc
     if cluster is None or len(missing) < 2 or not cluster.walks_states(reference().grains):
         return {}
     previous: Motions | str | None = None
-    for table, source in context.states:
+    for (table, source), named_start in zip(context.states, context.inputs.starts, strict=True):
         if table.name not in missing:
             previous = _load(context, table).motions
             continue
-        start = previous if table.initial == "previous" else _named_start(context, table)
+        start = previous if table.initial == "previous" else named_start
         states.append(State(table.name, context.radiographs(source), table.initial, start))
         previous = table.name
     if sum(not isinstance(state.start, str) for state in states) < 2:
@@ -97,8 +97,3 @@ def _stage(context: RunContext, table: StateTable, run: Callable[[], TrackedStat
 
 def _load(context: RunContext, table: StateTable) -> TrackedState:
     return TrackedState(load_result(read_motions_h5, context.folder / table.name / "motions.h5"))
-
-
-def _named_start(context: RunContext, table: StateTable) -> Motions | None:
-    """The motions of the file that a state starts from, or no motion."""
-    return context.inputs.starts[context.tables.states.index(table)]
