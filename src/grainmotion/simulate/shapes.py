@@ -73,7 +73,7 @@ class Mesh:
         Parameters
         ----------
         matrix, shift : (3, 3) and (3,) array_like
-            Any linear map that keeps the orientation, such as a scale, and a translation, mm.
+            A linear map that keeps the orientation, such as a scale, and a translation, mm.
 
         Returns
         -------
