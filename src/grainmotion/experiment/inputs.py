@@ -55,16 +55,6 @@ class Inputs:
 def find_inputs(experiment: Experiment) -> Inputs:
     """Find all files of an experiment and check headers, shapes and geometry; pixels are not read.
 
-    Parameters
-    ----------
-    experiment : Experiment
-        The experiment file.
-
-    Returns
-    -------
-    Inputs
-        The files and geometry of all scans.
-
     Raises
     ------
     InputError

@@ -95,21 +95,6 @@ def read_nxtomo(path: str | Path) -> NXtomo:
     The first group with ``instrument/detector`` that holds ``data`` and ``image_key`` is taken, as in
     ``entry/instrument/detector`` or ``entry1/tomo_entry/instrument/detector``.  Frames that
     ``image_key_control`` marks as alignment frames (−1) are not used.
-
-    Parameters
-    ----------
-    path : path
-        The file.
-
-    Returns
-    -------
-    NXtomo
-        Where its frames are; pixels are not read.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or its frames, keys and angles do not belong together.
     """
     with opened(path) as file:
         entry = _entry(file)

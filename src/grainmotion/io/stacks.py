@@ -112,19 +112,7 @@ class Stack:
 
 
 def find_stack(spec: str | Path | Sequence[str | Path], folder: str | Path = ".") -> Stack:
-    """Find the files of an image stack.
-
-    Parameters
-    ----------
-    spec : path, glob, ``"file.h5::/path"``, or a list of those
-        TIFF, .npy, HDF5 or one NXtomo file.
-    folder : path
-        Where relative paths start.
-
-    Returns
-    -------
-    Stack
-        The files in order; pixels are not read.
+    """Find the files of a specification, whose relative paths start at ``folder``; pixels are not read.
 
     Raises
     ------

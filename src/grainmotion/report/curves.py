@@ -14,11 +14,13 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullFormatter
 
-TEXT_COLOUR = "#010203"  # replaced by the page's text colour
-LINE_COLOURS = ("#2f7ed8", "#d9722e", "#2a9d68", "#b8478f", "#8a6d1f", "#5b6ee1", "#c0392b", "#16909b")
+from grainmotion._typing import Float
+
 if TYPE_CHECKING:
     from matplotlib.typing import RcKeyType  # of matplotlib 3.10 and later
 
+TEXT_COLOUR = "#010203"  # replaced by the page's text colour
+LINE_COLOURS = ("#2f7ed8", "#d9722e", "#2a9d68", "#b8478f", "#8a6d1f", "#5b6ee1", "#c0392b", "#16909b")
 SVG_STYLE: dict[RcKeyType, object] = {
     "svg.fonttype": "none",
     "svg.hashsalt": "grainmotion",
@@ -38,47 +40,37 @@ SVG_STYLE: dict[RcKeyType, object] = {
 
 
 def convergence_svg(costs: Sequence[tuple[str, float]]) -> str:
-    """Relative residual by iteration, a colour a stage, logarithmic."""
-    with matplotlib.rc_context(SVG_STYLE):
-        figure, axes = _axes()
-        values = np.array([cost for _, cost in costs], dtype=float)
-        iterations = np.arange(1, len(values) + 1)
-        for colour, (stage, first, last) in enumerate(_stages(costs)):
-            part = slice(first, last)
-            axes.plot(
-                iterations[part],
-                _drawable(values)[part],
-                color=LINE_COLOURS[colour % len(LINE_COLOURS)],
-                marker="o",
-                ms=3.5,
-                lw=1.8,
-                label=stage,
-            )
-        axes.set_xlabel("iteration")
-        axes.set_ylabel("relative residual ‖b − aP − b₀‖/‖b‖")
-        _finish(axes, values)
-        legend = axes.legend(frameon=False, fontsize=9, loc="upper left", bbox_to_anchor=(1.01, 1.0))
-        for text in legend.get_texts():
-            text.set_parse_math(False)
-        return _svg(figure, "Convergence of the fit: relative residual by iteration")
+    """Relative residual of the fit by iteration, a colour a stage, logarithmic."""
+    title = "Convergence of the fit: relative residual by iteration"
+    values = np.array([cost for _, cost in costs], dtype=float)
+    return _svg(values, _stages(costs), "relative residual ‖b − aP − b₀‖/‖b‖", title)
 
 
 def reconstruction_svg(errors: Sequence[float]) -> str:
     """Relative residual ε of the reconstruction by iteration, logarithmic."""
+    title = "Convergence of the reconstruction: relative residual by iteration"
+    values = np.asarray(errors, dtype=float)
+    return _svg(values, [("", 0, len(values))], "relative residual ε = ‖b − Ax‖/‖b‖", title)
+
+
+def _svg(values: Float, parts: Sequence[tuple[str, int, int]], y_label: str, title: str) -> str:
+    """A curve in parts, each with its name, first and one-past-last iteration, as an ``<svg>`` element."""
     with matplotlib.rc_context(SVG_STYLE):
-        figure, axes = _axes()
-        values = np.asarray(errors, dtype=float)
-        axes.plot(np.arange(1, len(values) + 1), _drawable(values), color=LINE_COLOURS[0], marker="o", ms=3.5, lw=1.8)
+        figure = Figure(figsize=(6.4, 3.0), layout="constrained")
+        FigureCanvasSVG(figure)
+        axes = figure.add_subplot()
+        iterations = np.arange(1, len(values) + 1)
+        for k, (name, first, last) in enumerate(parts):
+            colour, part = LINE_COLOURS[k % len(LINE_COLOURS)], slice(first, last)
+            axes.plot(iterations[part], _drawable(values)[part], color=colour, marker="o", ms=3.5, lw=1.8, label=name)
         axes.set_xlabel("iteration")
-        axes.set_ylabel("relative residual ε = ‖b − Ax‖/‖b‖")
-        _finish(axes, values)
-        return _svg(figure, "Convergence of the reconstruction: relative residual by iteration")
-
-
-def _axes() -> tuple[Figure, Axes]:
-    figure = Figure(figsize=(6.4, 3.0), layout="constrained")
-    FigureCanvasSVG(figure)
-    return figure, figure.add_subplot()
+        axes.set_ylabel(y_label)
+        _set_scales(axes, values)
+        if any(name for name, _, _ in parts):
+            legend = axes.legend(frameon=False, fontsize=9, loc="upper left", bbox_to_anchor=(1.01, 1.0))
+            for text in legend.get_texts():
+                text.set_parse_math(False)
+        return _element(figure, title)
 
 
 def _stages(costs: Sequence[tuple[str, float]]) -> list[tuple[str, int, int]]:
@@ -88,12 +80,12 @@ def _stages(costs: Sequence[tuple[str, float]]) -> list[tuple[str, int, int]]:
     return [(costs[a][0], a, b) for a, b in zip(starts, ends)]
 
 
-def _drawable(values: np.ndarray) -> np.ndarray:
+def _drawable(values: Float) -> Float:
     """The values, NaN where a logarithmic axis cannot show them."""
     return np.where(np.isfinite(values) & (values > 0), values, np.nan)
 
 
-def _finish(axes: Axes, values: np.ndarray) -> None:
+def _set_scales(axes: Axes, values: Float) -> None:
     shown = _drawable(values)
     shown = shown[np.isfinite(shown)]
     if shown.size:
@@ -109,7 +101,7 @@ def _finish(axes: Axes, values: np.ndarray) -> None:
     axes.set_xlim(0.5, max(1, len(values)) + 0.5)
 
 
-def _svg(figure: Figure, title: str) -> str:
+def _element(figure: Figure, title: str) -> str:
     """The figure as an ``<svg>`` element that scales with the page."""
     stream = io.StringIO()
     figure.savefig(stream, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
