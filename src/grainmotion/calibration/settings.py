@@ -33,12 +33,34 @@ class ScannerSettings:
     ] = 0
 
     def calibrates(self, views: int) -> bool:
-        """Whether a scan of so many views is calibrated at all."""
+        """Whether a scan is calibrated at all.
+
+        Parameters
+        ----------
+        views : int
+            Number of its radiographs.
+
+        Returns
+        -------
+        bool
+            False under "auto" if half of the views could not be checked against the other half.
+        """
         enough = self.geometry != "auto" or views >= MIN_VIEWS_UNASKED
         return bool((self.geometry and enough) or self.hardening)
 
     def calibrates_geometry(self, views: int) -> bool:
-        """Whether a scan that is calibrated is asked about its geometry, not about its beam alone."""
+        """Whether a scan that is calibrated is asked about its geometry, not about its beam alone.
+
+        Parameters
+        ----------
+        views : int
+            Number of its radiographs.
+
+        Returns
+        -------
+        bool
+            False under "auto" if they are too few for any correction.
+        """
         return bool(self.geometry) and (self.geometry != "auto" or views >= FEWEST_VIEWS)
 
 
@@ -46,6 +68,6 @@ class ScannerSettings:
 class ReferenceSettings:
     """How the reference state is made from its full scan: the tables of the experiment file of the same names."""
 
-    calibrate: ScannerSettings = ScannerSettings()
-    reconstruct: ReconstructSettings = ReconstructSettings()
-    segment: SegmentSettings = SegmentSettings()
+    calibrate: Annotated[ScannerSettings, Field(description="what to ask about the scanner")] = ScannerSettings()
+    reconstruct: Annotated[ReconstructSettings, Field(description="how to reconstruct")] = ReconstructSettings()
+    segment: Annotated[SegmentSettings, Field(description="how to segment and extract grains")] = SegmentSettings()

@@ -49,6 +49,7 @@ def extract_grains(
     Returns
     -------
     GrainSet
+        What `track` takes.
 
     Raises
     ------
@@ -101,6 +102,11 @@ def grains_from_labels(
         `partition`); 1 is none.  A slice one voxel thick is not.
     cut : callable, optional
         Who does that: as `label_refinement.fine_grains`.
+
+    Returns
+    -------
+    GrainSet
+        The grains, and the background if it is kept.
 
     Raises
     ------

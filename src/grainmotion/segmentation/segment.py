@@ -75,7 +75,18 @@ class Segmentation:
 
     @classmethod
     def of(cls, labels: Ints) -> Segmentation:
-        """The segmentation behind labels that were given: no threshold is known."""
+        """The segmentation behind labels that were given.
+
+        Parameters
+        ----------
+        labels : (nz, ny, nx) int32 array
+            0 for no grain.
+
+        Returns
+        -------
+        Segmentation
+            Without a threshold (NaN), and with the labels that touch the border.
+        """
         return cls(labels, float("nan"), border_labels(labels))
 
 
