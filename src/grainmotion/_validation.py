@@ -8,6 +8,7 @@ from typing import TypeVar, dataclass_transform
 
 from pydantic import ValidationError
 from pydantic.dataclasses import dataclass
+from pydantic_core import ErrorDetails
 
 from grainmotion.errors import InputError
 
@@ -43,7 +44,11 @@ def _first_error(record: type, error: ValidationError) -> InputError:
     names = [field.name for field in fields(record)]
     place = [names[p] if isinstance(p, int) else p for p in first["loc"][:1]]
     where = ".".join([record.__name__, *place])
-    fact = first["msg"][0].lower() + first["msg"][1:]
-    value = first["input"]
+    return InputError(where, refusal(first), "correct the value")
+
+
+def refusal(error: ErrorDetails) -> str:
+    """What pydantic refuses, with the value."""
+    value = error["input"]
     given = f", got {value!r}" if isinstance(value, str | int | float | bool | list | tuple) else ""
-    return InputError(where, fact + given, "correct the value")
+    return error["msg"][0].lower() + error["msg"][1:] + given

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
+from grainmotion._validation import refusal
 from grainmotion.errors import InputError
 
 UNKNOWN_KEY = ("extra_forbidden", "unexpected_keyword_argument")  # of a table; of the settings of a stage
@@ -29,9 +30,7 @@ def input_error(error: ValidationError, schema: type[BaseModel], data: Mapping[s
         return InputError(where, "unknown key", remedy)
     if first["type"] == "missing":
         return InputError(where, "it is missing", "add this key")
-    value = first["input"]
-    given = f", got {value!r}" if isinstance(value, str | int | float | bool | list) else ""
-    return InputError(where, first["msg"][0].lower() + first["msg"][1:] + given, "correct the value")
+    return InputError(where, refusal(first), "correct the value")
 
 
 def _place(
