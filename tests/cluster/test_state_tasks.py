@@ -15,7 +15,7 @@ from grainmotion.experiment.inputs import find_inputs
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions
 from grainmotion.model.volume import Volume
-from grainmotion.segmentation.extraction import lay_together
+from grainmotion.segmentation.extraction import store_contiguously
 from grainmotion.segmentation.label_refinement import fine_grains
 from grainmotion.tracking.track import TrackSettings
 from grainmotion.workflow import tracking_stage
@@ -146,7 +146,7 @@ def test_the_sample_arrives_whole(tmp_path, monkeypatch):
 
     monkeypatch.setattr("grainmotion.cluster.state_tasks.track", told)
     laid = [replace(grain, fine=None) for grain in grain_set().grains]
-    lay_together(laid)
+    store_contiguously(laid)
     whole = GrainSet(tuple(laid), background=Volume(np.ones((40, 40, 40)), 0.1), background_moves=True)
     scan, _ = find_inputs(tiny(tmp_path, a="reference")).states[0].read()
     shelf = SharedStore(tmp_path / "shelf")

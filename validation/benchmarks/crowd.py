@@ -24,7 +24,7 @@ from grainmotion.model.motions import Motions
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.rotations import rotation_matrix, rotation_vector
-from grainmotion.segmentation.extraction import grains_from_labels, lay_together
+from grainmotion.segmentation.extraction import grains_from_labels, store_contiguously
 from grainmotion.simulate import Particle, Sample, motion_fields, stone
 from grainmotion.simulate.detector import Physics, record_line_integrals
 from grainmotion.simulate.packing import PackingSettings, pack
@@ -147,7 +147,7 @@ def crowd(n: int, seed: int = 0) -> Crowd:
     moved = _motions(whole, seed)
     scan = record_line_integrals(whole.moved(moved), views, Physics(photons=PHOTONS), seed + 1000)
     grains = [c.grain(label, attenuation) for label, c in enumerate(chosen, start=1)]
-    lay_together(grains)
+    store_contiguously(grains)
     return Crowd(GrainSet(tuple(grains)), scan, moved, width)
 
 

@@ -1,1 +1,1 @@
-"""What self-calibration is made of: the corrections, and a binned scan on which they are tried."""
+"""Self-calibration of the scanner on its reference scan: geometry of panel and axis, and beam hardening."""

@@ -17,7 +17,7 @@ from grainmotion.rotations import rotation_matrix
 Parameter = Literal["shift_u", "shift_v", "turn", "pitch", "yaw", "axis_offset", "axis_tilt"]
 
 PARAMETERS: tuple[Parameter, ...] = get_args(Parameter)
-DEFAULT: tuple[Parameter, ...] = ("shift_u", "turn", "axis_tilt")
+DEFAULT_PARAMETERS: tuple[Parameter, ...] = ("shift_u", "turn", "axis_tilt")
 LENGTHS = ("shift_u", "shift_v", "axis_offset")
 SIGNIFICANT_SD = 3.0
 """Standard deviations from which a correction is beyond doubt."""
@@ -100,7 +100,22 @@ class Calibration:
 
     @classmethod
     def of(cls, nominal: Geometry, corrections: tuple[Correction, ...], residuals: tuple[float, float]) -> Calibration:
-        """The nominal geometry of a scan with its corrections."""
+        """The nominal geometry of a scan with its corrections.
+
+        Parameters
+        ----------
+        nominal : Geometry
+            As given for the scan.
+        corrections : tuple of Correction
+            What to correct.
+        residuals : (float, float)
+            Before and after, see `Calibration`.
+
+        Returns
+        -------
+        Calibration
+            With the corrected geometry.
+        """
         return cls(corrected(nominal, {c.name: c.amount for c in corrections}), corrections, residuals)
 
     @property
@@ -115,17 +130,26 @@ class Calibration:
         return {c.name: c.in_unit[0] for c in self.corrections}
 
     def significant(self, nominal: Geometry) -> Calibration:
-        """Only those corrections of the nominal geometry that are beyond doubt, the others zero."""
+        """Only those corrections that are beyond doubt, the others zero.
+
+        Parameters
+        ----------
+        nominal : Geometry
+            As given for the scan.
+
+        Returns
+        -------
+        Calibration
+            With every correction of less than three standard deviations at zero, and all of them where the residual
+            hardly falls.
+        """
         before, after = self.residuals
         better = after < SIGNIFICANT_RESIDUAL * before
         kept = [better and abs(c.amount) > SIGNIFICANT_SD * c.amount_sd for c in self.corrections]
         rows = tuple(c if k else replace(c, amount=0.0) for c, k in zip(self.corrections, kept, strict=True))
         return Calibration.of(nominal, rows, (before, after if any(kept) else before))
 
-    @deprecated("Calibration.clear is now Calibration.significant")
-    def clear(self, nominal: Geometry) -> Calibration:
-        """See `significant`."""
-        return self.significant(nominal)
+    clear = deprecated("Calibration.clear is now Calibration.significant")(significant)
 
     def apply(self, geometry: Geometry) -> Geometry:
         """Correct the geometry of another scan of the same scanner.

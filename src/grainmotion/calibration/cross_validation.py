@@ -1,4 +1,4 @@
-"""A binned scan on which corrections are tried: what half of its views says against the other half."""
+"""Cross-validation of corrections: the residual of half of the views in a reconstruction of the other half."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from grainmotion.preprocessing.binning import binned_grid, binned_scan
 from grainmotion.projection.volumes import project
 from grainmotion.reconstruction.reconstruct import ReconstructSettings, reconstruct
 
-STEP = 0.5  # of a parameter's unit: half the span of a central difference
+DIFFERENCE_STEP = 0.5
+"""Half the span of a central difference, in the unit of a correction."""
 
 
 @dataclass(frozen=True, config={"arbitrary_types_allowed": True})
@@ -48,8 +49,8 @@ class Trial:
         out = np.zeros(images.shape)
         for half in (0, 1):
             inside, outside = slice(half, None, 2), slice(1 - half, None, 2)
-            told = Scan(images[inside], geometry[inside], None if valid is None else valid[inside])
-            volume = reconstruct(told, self.grid, settings).volume
+            scan = Scan(images[inside], geometry[inside], None if valid is None else valid[inside])
+            volume = reconstruct(scan, self.grid, settings).volume
             out[outside] = images[outside] - project(volume, geometry[outside])
         return (out if valid is None else np.where(valid, out, 0)).ravel()
 
@@ -59,5 +60,6 @@ class Trial:
 
     def derivatives(self, values: Float) -> Float:
         """∂r by each correction in its unit, ``(pixels, parameters)``."""
-        steps = STEP * np.diag(self.units)
-        return np.stack([(self.residual(values + s) - self.residual(values - s)) / (2 * STEP) for s in steps], axis=1)
+        steps = DIFFERENCE_STEP * np.diag(self.units)
+        differences = [self.residual(values + s) - self.residual(values - s) for s in steps]
+        return np.stack(differences, axis=1) / (2 * DIFFERENCE_STEP)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from grainmotion._typing import Progress, prefixed
 from grainmotion.calibration.calibrate import CalibrateSettings, calibrate
-from grainmotion.calibration.corrections import DEFAULT, Calibration
+from grainmotion.calibration.corrections import DEFAULT_PARAMETERS, Calibration
 from grainmotion.calibration.settings import ReferenceSettings
 from grainmotion.errors import InputError
 from grainmotion.model.scan import Scan
@@ -23,7 +23,7 @@ HARDENING_ROUNDS = ("hardening", "hardening, once more")  # the first template i
 
 @dataclass(frozen=True, eq=False)
 class ScannerCalibration:
-    """What the reference scan says of the scanner.
+    """Corrections of a scanner, estimated from its reference scan.
 
     Attributes
     ----------
@@ -62,13 +62,13 @@ def calibrate_scanner(
     labels: NDArray[np.int32] | None = None,
     progress: Progress | None = None,
 ) -> ScannerCalibration:
-    """Determine what ``settings.calibrate`` asks for; ``labels`` are the grains if they were given."""
+    """Estimate what ``settings.calibrate`` asks for; ``labels`` are the grains if they were given."""
     wanted = settings.calibrate
     if not wanted.calibrates(len(scan)):
         return ScannerCalibration()
     calibration = hardening = None
     if wanted.calibrates_geometry(len(scan)):
-        names = tuple(wanted.geometry) if isinstance(wanted.geometry, list) else DEFAULT
+        names = tuple(wanted.geometry) if isinstance(wanted.geometry, list) else DEFAULT_PARAMETERS
         how = CalibrateSettings(parameters=names)
         calibration = calibrate(scan, grid, how, progress=prefixed(progress, "calibrate"))
         calibration = calibration.significant(scan.geometry) if wanted.geometry == "auto" else calibration
@@ -85,7 +85,7 @@ def _hardening(
     labels: NDArray[np.int32] | None,
     progress: Progress | None,
 ) -> Hardening:
-    """The curve, from a reconstruction of what was measured, then of what the first curve made of it."""
+    """The curve, from a reconstruction of the scan, then from one of the scan that the first curve linearised."""
     how = HardeningSettings(
         degree=settings.calibrate.hardening,
         threshold=settings.segment.threshold,

@@ -1,4 +1,4 @@
-"""What is made of a reference scan, and how: calibration of the scanner, reconstruction, segmentation."""
+"""Settings of all that is derived from a reference scan: calibration, reconstruction, segmentation."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from grainmotion._validation import validated
-from grainmotion.calibration.calibrate import FEWEST_VIEWS
+from grainmotion.calibration.calibrate import MIN_CALIBRATION_VIEWS
 from grainmotion.calibration.corrections import Parameter
 from grainmotion.reconstruction.settings import ReconstructSettings
 from grainmotion.segmentation.settings import SegmentSettings
@@ -18,14 +18,14 @@ MIN_VIEWS_UNASKED = 60
 
 @validated
 class ScannerSettings:
-    """What the reference scan is asked about the scanner, for the reference and all states."""
+    """Corrections to estimate from the reference scan; they apply to the reference and to all states."""
 
     geometry: Annotated[
         bool | Literal["auto"] | list[Parameter],
         Field(
-            description='"auto": find "shift_u", "turn" and "axis_tilt" and correct what is clearly off (a full scan '
-            "of few views is left alone); true: correct them whatever they are; a list: find these, out of those and "
-            '"axis_offset", "yaw", "pitch", "shift_v"; false: take the geometry as told'
+            description='"auto": estimate "shift_u", "turn" and "axis_tilt" and correct what is significant (a full '
+            "scan of few views is left alone); true: correct all three; a list: estimate these, out of those and "
+            '"axis_offset", "yaw", "pitch", "shift_v"; false: use the geometry as given'
         ),
     ] = "auto"
     hardening: Annotated[
@@ -49,7 +49,7 @@ class ScannerSettings:
         return bool((self.geometry and enough) or self.hardening)
 
     def calibrates_geometry(self, views: int) -> bool:
-        """Whether a scan that is calibrated is asked about its geometry, not about its beam alone.
+        """Whether the geometry of a scan is calibrated.
 
         Parameters
         ----------
@@ -61,13 +61,13 @@ class ScannerSettings:
         bool
             False under "auto" if they are too few for any correction.
         """
-        return bool(self.geometry) and (self.geometry != "auto" or views >= FEWEST_VIEWS)
+        return bool(self.geometry) and (self.geometry != "auto" or views >= MIN_CALIBRATION_VIEWS)
 
 
 @validated
 class ReferenceSettings:
     """How the reference state is made from its full scan: the tables of the experiment file of the same names."""
 
-    calibrate: Annotated[ScannerSettings, Field(description="what to ask about the scanner")] = ScannerSettings()
+    calibrate: Annotated[ScannerSettings, Field(description="which corrections to estimate")] = ScannerSettings()
     reconstruct: Annotated[ReconstructSettings, Field(description="how to reconstruct")] = ReconstructSettings()
     segment: Annotated[SegmentSettings, Field(description="how to segment and extract grains")] = SegmentSettings()

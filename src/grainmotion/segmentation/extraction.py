@@ -21,13 +21,19 @@ from grainmotion.segmentation.settings import Background, SegmentSettings
 
 
 def packed_body(background: Volume) -> GrainArrays:
-    """A background as one body: turned about its centre of mass, without the empty voxels around it."""
+    """A background as one body, which rotates about its centre of mass, cropped to its voxels."""
     return GrainArrays.of(grains_from_labels(background, np.ones(background.shape, np.int8), reach=0))
 
 
 Cut = Callable[[Volume, NDArray[np.integer], list[Boxed], int, float], Iterable[Volume | None]]
-MUCH, BESIDE = 0.02, 1.5  # share of all attenuation; voxels
-SMOOTHED, FAINT = 2.0, 0.02  # voxels; share of the grains' attenuation that tells a wall from noise
+MIN_BACKGROUND_SHARE = 0.02
+"""Share of all attenuation from which the background is kept."""
+MAX_REACH_WITH_BACKGROUND = 1.5
+"""Largest ``reach`` where there is a background, voxels."""
+BACKGROUND_SIGMA = 2.0
+"""Width of the Gaussian filter under which a background is distinguished from noise, voxels."""
+BACKGROUND_LEVEL = 0.02
+"""Level from which filtered attenuation is background, over the mean of the grains."""
 
 
 def extract_grains(
@@ -40,16 +46,16 @@ def extract_grains(
     volume : Volume
         Attenuation, 1/mm.
     segmentation : Segmentation
-        Its labels, and those that the border of the field of view cuts.
+        Labels of the grains, and of those at the border of the field of view.
     settings : SegmentSettings, optional
         ``reach``, ``background`` and ``finer`` decide what becomes of voxels without a label.
     cut : callable, optional
-        Resamples grains on finer voxels, as `label_refinement.fine_grains`.
+        Upsamples the grains, as `label_refinement.fine_grains`.
 
     Returns
     -------
     GrainSet
-        What `track` takes.
+        One grain a label that holds attenuation.
 
     Raises
     ------
@@ -78,10 +84,10 @@ def grains_from_labels(
     finer: int = 2,
     cut: Cut = fine_grains,
 ) -> GrainSet:
-    """Cut a labelled volume into grains.
+    """Extract the grains of a labelled volume.
 
-    Everything that attenuates must be somewhere (Σ μ⁽ⁱ⁾ = μ): voxels without a label, such as
-    partial-volume surfaces, go to the nearest grain up to ``reach`` voxels away.
+    All attenuation must belong to some body (Σ μ⁽ⁱ⁾ = μ): voxels without a label, such as partial-volume
+    surfaces, belong to the nearest grain up to ``reach`` voxels away.
 
     Parameters
     ----------
@@ -90,23 +96,23 @@ def grains_from_labels(
     labels : (nz, ny, nx) int array
         0 is no grain; every other value is one grain.
     reach : float
-        How far attenuation without a label is handed to the nearest grain, in voxels.
+        Distance up to which attenuation without a label belongs to the nearest grain, voxels.
     border : collection of int
         Labels of grains that touch the border of the field of view.
     background : {"auto", "ignore", "fixed", "moving"}
-        What becomes of attenuation further away (container, pistons, fines): dropped, kept where it is in all
-        states, or moved as one body; "auto" moves it if it holds more than `MUCH` of all attenuation, and drops it
-        if not.  What is kept takes all from `BESIDE` voxels on, so that no grain carries a piece of wall.
+        Attenuation further away (container, pistons, fines): ignored, fixed in all states, or moving as one body;
+        "auto" is moving if it holds more than `MIN_BACKGROUND_SHARE` of all attenuation, else ignored.  A background
+        begins `MAX_REACH_WITH_BACKGROUND` voxels from the labels, so that no grain carries a piece of wall.
     finer : int
-        Each grain is resampled, too, on voxels this many times finer, and parted from its neighbours there (see
-        `partition`); 1 is none.  A slice one voxel thick is not.
+        Factor by which each grain is upsampled as well, with refined boundaries (see `label_refinement`); 1 is none.
+        A slice one voxel thick is not upsampled.
     cut : callable, optional
-        Who does that: as `label_refinement.fine_grains`.
+        Upsamples the grains, as `label_refinement.fine_grains`.
 
     Returns
     -------
     GrainSet
-        The grains, and the background if it is kept.
+        The grains, one for each label that holds attenuation, and the background if it is kept.
 
     Raises
     ------
@@ -121,36 +127,37 @@ def grains_from_labels(
         raise InputError("labels", f"they run from {labels.min()} to {labels.max()}", "number the grains from 1 on")
     grown = expand_labels(labels, distance=reach) if reach > 0 else labels
     if background == "auto":
-        background = "moving" if min(volume.shape) > 1 and _rest(volume, labels, grown) > MUCH else "ignore"
-    if background != "ignore" and reach > BESIDE:
-        reach = BESIDE
+        kept = min(volume.shape) > 1 and _background_share(volume, labels, grown) > MIN_BACKGROUND_SHARE
+        background = "moving" if kept else "ignore"
+    if background != "ignore" and reach > MAX_REACH_WITH_BACKGROUND:
+        reach = MAX_REACH_WITH_BACKGROUND
         grown = expand_labels(labels, distance=reach)
-    grains, wanted = [], []
-    for index, box in enumerate(ndimage.find_objects(grown), start=1):
+    grains, boxes = [], []
+    for label, box in enumerate(ndimage.find_objects(grown), start=1):
         if box is None:
             continue
-        grain = _cut(volume, grown, index, box, index in border)
+        grain = _extracted(volume, grown, label, box, label in border)
         if grain is not None:
             grains.append(grain)
-            wanted.append((index, box))
+            boxes.append((label, box))
     if finer > 1 and min(volume.shape) > 1:
-        for k, fine in enumerate(cut(volume, labels, wanted, finer, reach)):
+        for k, fine in enumerate(cut(volume, labels, boxes, finer, reach)):
             grains[k] = grains[k] if fine is None else replace(grains[k], fine=padded(fine))
     if not grains:
         raise InputError("labels", "no grains found", "check the threshold, or the labels given")
-    lay_together(grains)
-    rest = None
+    store_contiguously(grains)
+    body = None
     if background != "ignore":
-        rest = Volume(np.where(grown > 0, 0, volume.array), volume.voxel_size, volume.center)
-    return GrainSet(tuple(grains), rest, background == "moving")
+        body = Volume(np.where(grown > 0, 0, volume.array), volume.voxel_size, volume.center)
+    return GrainSet(tuple(grains), body, background == "moving")
 
 
-def _rest(volume: Volume, labels: NDArray[np.integer], grown: NDArray[np.integer]) -> float:
-    """Share of all attenuation that is no grain's, and no noise: it stands out of what is smoothed."""
+def _background_share(volume: Volume, labels: NDArray[np.integer], grown: NDArray[np.integer]) -> float:
+    """Share of all attenuation that belongs to no grain and is no noise."""
     whole = float(volume.array.sum(dtype=float))
     grain = float(volume.array[labels > 0].mean()) if labels.any() else 0.0
-    rest = ndimage.gaussian_filter(np.where(grown == 0, volume.array, 0), SMOOTHED)
-    return float(rest[rest > FAINT * grain].sum(dtype=float)) / whole if whole > 0 else 0.0
+    rest = ndimage.gaussian_filter(np.where(grown == 0, volume.array, 0), BACKGROUND_SIGMA)
+    return float(rest[rest > BACKGROUND_LEVEL * grain].sum(dtype=float)) / whole if whole > 0 else 0.0
 
 
 def padded(volume: Volume) -> Volume:
@@ -158,41 +165,41 @@ def padded(volume: Volume) -> Volume:
     return Volume(np.pad(volume.array, PADDING), volume.voxel_size, volume.center)
 
 
-def lay_together(grains: list[Grain]) -> None:
-    """Move all voxels, in place, to one array (two, with finer ones), which tracking then uses as it is."""
-    whole = [np.empty(sum(v.array.size for v in volumes), volumes[0].array.dtype) for volumes in _sets(grains)]
+def store_contiguously(grains: list[Grain]) -> None:
+    """Move the voxels of all grains, in place, to one array (and upsampled ones to another), as kernels need them."""
+    arrays = [np.empty(sum(v.array.size for v in volumes), volumes[0].array.dtype) for volumes in _levels(grains)]
     ends = [0, 0]
-    for k, grain in enumerate(grains):  # one after the other, so that what is copied is let go
+    for k, grain in enumerate(grains):  # one by one, so that the memory of each is freed once it is copied
         moved = []
-        for which, volume in enumerate(v[0] for v in _sets([grain])):
-            array, start = whole[which], ends[which]
-            ends[which] += volume.array.size
-            place = array[start : ends[which]].reshape(volume.shape)
+        for level, volume in enumerate(volumes[0] for volumes in _levels([grain])):
+            start = ends[level]
+            ends[level] += volume.array.size
+            place = arrays[level][start : ends[level]].reshape(volume.shape)
             place[:] = volume.array
             moved.append(replace(volume, array=place))
         grains[k] = replace(grain, volume=moved[0], fine=moved[1] if len(moved) > 1 else grain.fine)
 
 
-def _sets(grains: list[Grain]) -> list[list[Volume]]:
-    """The grains' voxels, and their finer ones if all have some."""
+def _levels(grains: list[Grain]) -> list[list[Volume]]:
+    """The volumes of all grains, and the upsampled ones if all grains have them."""
     fine = [g.fine for g in grains if g.fine is not None]
     return [[g.volume for g in grains], *([fine] if len(fine) == len(grains) else [])]
 
 
-def _cut(
-    volume: Volume, labels: NDArray[np.integer], label: int, box: tuple[slice, ...], touches: bool
+def _extracted(
+    volume: Volume, labels: NDArray[np.integer], label: int, box: tuple[slice, ...], touches_border: bool
 ) -> Grain | None:
-    mine = np.where(labels[box] == label, volume.array[box], 0)
-    mass = float(mine.sum(dtype=float))
+    """The grain of a label in its bounding box; None if it holds no attenuation."""
+    own = np.where(labels[box] == label, volume.array[box], 0)
+    mass = float(own.sum(dtype=float))
     if mass <= 0:
         return None
-    array = np.pad(mine, PADDING)
-    h = volume.voxel_size
-    start = volume.origin + h * (np.array([s.start for s in box[::-1]]) - PADDING)
-    middle = start + h * (np.array(array.shape[::-1]) - 1) / 2
-    crop = Volume(array, h, (middle[0], middle[1], middle[2]))
-    mean = [
+    array, voxel_size = np.pad(own, PADDING), volume.voxel_size
+    start = volume.origin + voxel_size * (np.array([s.start for s in box[::-1]]) - PADDING)
+    middle = start + voxel_size * (np.array(array.shape[::-1]) - 1) / 2
+    crop = Volume(array, voxel_size, (middle[0], middle[1], middle[2]))
+    moments = [
         float((array.sum(axis=tuple({0, 1, 2} - {k}), dtype=float) * np.arange(array.shape[k])).sum())
         for k in (2, 1, 0)
     ]
-    return Grain(label, crop, start + h * np.array(mean) / mass, touches)
+    return Grain(label, crop, start + voxel_size * np.array(moments) / mass, touches_border)

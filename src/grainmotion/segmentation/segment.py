@@ -75,7 +75,7 @@ class Segmentation:
 
     @classmethod
     def of(cls, labels: Ints) -> Segmentation:
-        """The segmentation behind labels that were given.
+        """A segmentation from given labels, without a threshold.
 
         Parameters
         ----------
@@ -85,7 +85,7 @@ class Segmentation:
         Returns
         -------
         Segmentation
-            Without a threshold (NaN), and with the labels that touch the border.
+            With the labels that touch the border of the array.
         """
         return cls(labels, float("nan"), border_labels(labels))
 
