@@ -17,17 +17,16 @@ from __future__ import annotations
 
 import warnings
 from importlib.metadata import version
-from typing import Any
 
 import lazy_loader
 
 __version__ = version("grainmotion")
 _load, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
-_FORMER = {"Panel": "DetectorAlignment"}
+_FORMER_NAMES = {"Panel": "DetectorAlignment"}
 
 
-def __getattr__(name: str) -> Any:
-    if name in _FORMER:
-        warnings.warn(f"grainmotion.{name} is now grainmotion.{_FORMER[name]}", DeprecationWarning, stacklevel=2)
-        name = _FORMER[name]
+def __getattr__(name: str) -> object:
+    if name in _FORMER_NAMES:
+        warnings.warn(f"grainmotion.{name} is now grainmotion.{_FORMER_NAMES[name]}", DeprecationWarning, stacklevel=2)
+        name = _FORMER_NAMES[name]
     return _load(name)

@@ -179,13 +179,13 @@ def plan(
         raise InputError(option, error.fact, error.remedy) from error
     with console.progress(quiet) as progress:
         if experiment is not None:
-            found, folder = plan_experiment(experiment, settings, out=out, progress=progress)
+            result, folder = plan_experiment(experiment, settings, out=out, progress=progress)
         else:
             assert case is not None
-            found, folder = plan_case(
+            result, folder = plan_case(
                 case.value, settings, out=out or Path(), photons=options.photons, seed=seed, progress=progress
             )
-    console.print_plan(found)
+    console.print_plan(result)
     print(f"plan: {folder}")
 
 
@@ -228,9 +228,9 @@ def demo(
     from grainmotion.cli.demo import run_demo
 
     with console.progress(quiet) as progress:
-        found = run_demo(folder, seed, device=device.value if device else "auto", progress=progress)
-    console.print_comparisons(found.comparisons)
-    print(f"report: {found.result.report}")
+        outcome = run_demo(folder, seed, device=device.value if device else "auto", progress=progress)
+    console.print_comparisons(outcome.comparisons)
+    print(f"report: {outcome.result.report}")
 
 
 @app.command("version")
@@ -241,5 +241,5 @@ def show_version() -> None:
 
 def main() -> None:
     """Entry point of the command ``grainmotion``."""
-    warnings.simplefilter("ignore", FutureWarning)  # what a library will change is not the user's matter
+    warnings.simplefilter("ignore", FutureWarning)  # of libraries: users can do nothing about them
     app()

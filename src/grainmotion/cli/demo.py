@@ -63,7 +63,7 @@ def write_case(
     states : sequence of (str, int)
         Name of a motion of the case and number of views (2 or 4); the state is called ``NAME-VIEWS``.  A hard
         case has one motion, and the states ``CASE-4`` and ``CASE-2``; where its true views are not those that
-        the experiment file is told, they lie in ``STATE-true-views.csv``.
+        the experiment file names, they lie in ``STATE-true-views.csv``.
     progress : callable, optional
 
     Returns
@@ -102,8 +102,8 @@ def _write_hard_case(folder: Path, hard: simulate.HardCase, progress: Progress |
         progress("simulating radiographs", 2, 3)
     grid = hard.case.scanner.grid
     path = write_dataset(folder, hard.reference_counts(), recordings, grid, initial="reference")
-    for name, (told, true) in views.items():
-        if not np.allclose(told.vectors, true.vectors, rtol=0, atol=1e-9):
+    for name, (nominal, true) in views.items():
+        if not np.allclose(nominal.vectors, true.vectors, rtol=0, atol=1e-9):
             write_geometry(folder / f"{name}-true-views.csv", true)
     return path
 
@@ -111,7 +111,7 @@ def _write_hard_case(folder: Path, hard: simulate.HardCase, progress: Progress |
 def run_demo(folder: str | Path, seed: int = 0, *, device: Choice = "auto", progress: Progress | None = None) -> Demo:
     """Simulate the small case, do its whole job, and compare every state with the truth.
 
-    A demo that is there already, whole or in part, is gone on with.
+    A demo that is there already, whole or in part, is continued.
     """
     folder = Path(folder)
     names = [f"{name}-{views}" for name, views in DEMO_STATES]

@@ -31,7 +31,7 @@ from grainmotion.workflow.context import load_result
 from grainmotion.workflow.reference_stages import REFERENCE
 from grainmotion.workflow.run import run
 
-FOLDER = "plan"
+PLAN_FOLDER = "plan"
 
 
 def plan_experiment(
@@ -55,7 +55,7 @@ def plan_experiment(
     Returns
     -------
     Plan, Path
-        What was found, and the folder that it was written to.
+        The plan, and the folder that it was written to.
     """
     settings = settings or experiment.tables.plan
     views = _candidates(experiment, settings)
@@ -91,23 +91,23 @@ def plan_case(
     return _planned(grains, made.scanner.geometry(angles), settings, folder, progress)
 
 
-def write_plan(folder: str | Path, found: Plan) -> None:
+def write_plan(folder: str | Path, result: Plan) -> None:
     """Write ``plan.csv``, ``angles.csv`` and ``plan.png`` to a folder."""
     folder = Path(folder)
     with atomic_write(folder / "plan.csv") as path:
-        found.to_table().to_csv(path, index=False, float_format="%.8g")
+        result.to_table().to_csv(path, index=False, float_format="%.8g")
     with atomic_write(folder / "angles.csv") as path:
-        found.angles_table().to_csv(path, index=False, float_format="%.6g")
+        result.angles_table().to_csv(path, index=False, float_format="%.6g")
     with atomic_write(folder / "plan.png") as path:
-        plan_figure(found).savefig(path, dpi=130)
+        plan_figure(result).savefig(path, dpi=130)
 
 
 def _planned(
     grains: GrainSet, views: Geometry, settings: PlanSettings, out: Path, progress: Progress | None
 ) -> tuple[Plan, Path]:
-    found = plan(grains, views, settings, progress=progress)
-    write_plan(out / FOLDER, found)
-    return found, out / FOLDER
+    result = plan(grains, views, settings, progress=progress)
+    write_plan(out / PLAN_FOLDER, result)
+    return result, out / PLAN_FOLDER
 
 
 def _candidates(experiment: Experiment, settings: PlanSettings) -> Geometry:

@@ -18,8 +18,8 @@ from typing import Generic, TypeVar
 
 from grainmotion.io.files import atomic_write
 
-FILE_NAME = "stages.json"
-_BLOCK = 1 << 22  # bytes of a file hashed at a time
+STAGES_FILE = "stages.json"
+_HASH_BLOCK = 1 << 22  # bytes of a file hashed at a time
 T = TypeVar("T")
 
 
@@ -59,7 +59,7 @@ class StageCache:
         self._stages: dict[str, tuple[str, list[str]]] = {}
         self._hashes: dict[str, tuple[int, int, str]] = {}
         try:
-            kept = json.loads((self.folder / FILE_NAME).read_text())
+            kept = json.loads((self.folder / STAGES_FILE).read_text())
             self._stages = {n: (str(s["fingerprint"]), list(s["files"])) for n, s in kept["stages"].items()}
             self._hashes = {name: (int(s), int(t), str(h)) for name, (s, t, h) in kept["inputs"].items()}
         except (OSError, ValueError, KeyError, TypeError, AttributeError):
@@ -94,7 +94,7 @@ class StageCache:
     def _save(self) -> None:
         stages = {name: {"fingerprint": made, "files": files} for name, (made, files) in self._stages.items()}
         kept = {"stages": stages, "inputs": self._hashes}
-        with atomic_write(self.folder / FILE_NAME) as temporary:
+        with atomic_write(self.folder / STAGES_FILE) as temporary:
             temporary.write_text(json.dumps(kept, indent=1))
 
     def _content(self, path: Path) -> str:
@@ -106,7 +106,7 @@ class StageCache:
             return known[2]
         digest = hashlib.blake2b(digest_size=16)
         with path.open("rb") as file:
-            while block := file.read(_BLOCK):
+            while block := file.read(_HASH_BLOCK):
                 digest.update(block)
         self._hashes[name] = (status.st_size, status.st_mtime_ns, digest.hexdigest())
         return digest.hexdigest()

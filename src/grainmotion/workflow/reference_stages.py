@@ -64,10 +64,11 @@ def segment_stage(context: RunContext, reference: Callable[[], StoredReference])
     def run() -> SegmentedReference:
         stored = reference()
         if context.given_labels is not None:
-            found = Segmentation.of(context.given_labels)
+            segmentation = Segmentation.of(context.given_labels)
         else:
-            found = segment(stored.volume, settings, progress=prefixed(context.progress, "segment"))
-        whole = StoredReference(stored.volume, stored.residuals, found.labels, found.threshold, found.border)
+            segmentation = segment(stored.volume, settings, progress=prefixed(context.progress, "segment"))
+        labels, threshold, border = segmentation.labels, segmentation.threshold, segmentation.border
+        whole = StoredReference(stored.volume, stored.residuals, labels, threshold, border)
         segmented = SegmentedReference(whole, settings, cut)
         len(segmented.grains)  # extracted before the old result is struck out
         return segmented

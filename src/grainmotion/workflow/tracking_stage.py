@@ -22,7 +22,7 @@ from grainmotion.workflow.reference_stages import SegmentedReference
 
 @dataclass(frozen=True, eq=False)
 class TrackedState:
-    """The motions of a state, and what tracking left of its radiographs if this run tracked it in this process."""
+    """The motions of a state, and its residual radiographs if this process tracked it in this run."""
 
     motions: Motions
     residual: Image | None = None
