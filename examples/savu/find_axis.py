@@ -19,7 +19,8 @@ from scipy.optimize import minimize
 
 from grainmotion.experiment.config import read_experiment
 from grainmotion.experiment.inputs import find_inputs
-from grainmotion.model.geometry import DetectorAlignment, Geometry
+from grainmotion.model.detector_alignment import DetectorAlignment
+from grainmotion.model.geometry import Geometry
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.reconstruction.reconstruct import ReconstructSettings, reconstruct

@@ -17,7 +17,7 @@ from .experiment.config import read_experiment as read_experiment
 from .experiment.scan_inputs import read_scan as read_scan
 from .io.motions_csv import read_motions as read_motions
 from .io.motions_csv import write_motions as write_motions
-from .model.geometry import DetectorAlignment as DetectorAlignment
+from .model.detector_alignment import DetectorAlignment as DetectorAlignment
 from .model.geometry import Geometry as Geometry
 from .model.grains import Grain as Grain
 from .model.grains import GrainSet as GrainSet

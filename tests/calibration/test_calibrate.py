@@ -6,7 +6,8 @@ import pytest
 from grainmotion.calibration.calibrate import CalibrateSettings, calibrate
 from grainmotion.calibration.corrections import Correction, corrected, from_table_unit, in_table_unit
 from grainmotion.errors import InputError
-from grainmotion.model.geometry import DetectorAlignment, Geometry
+from grainmotion.model.detector_alignment import DetectorAlignment
+from grainmotion.model.geometry import Geometry
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.simulate import scenarios

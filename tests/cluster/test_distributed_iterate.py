@@ -14,7 +14,8 @@ from grainmotion.experiment.inputs import find_inputs
 from grainmotion.experiment.scan_inputs import ScanInput
 from grainmotion.io.stacks import find_stack
 from grainmotion.io.tiff import read_tiff, write_tiff
-from grainmotion.model.geometry import DetectorAlignment, Geometry
+from grainmotion.model.detector_alignment import DetectorAlignment
+from grainmotion.model.geometry import Geometry
 from grainmotion.model.volume import Volume
 from grainmotion.projection.volumes import project
 from grainmotion.reconstruction import slabs

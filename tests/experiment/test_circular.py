@@ -5,7 +5,8 @@ import pytest
 from experiment_inputs import inputs_of
 
 from grainmotion.errors import InputError
-from grainmotion.model.geometry import DetectorAlignment, Geometry
+from grainmotion.model.detector_alignment import DetectorAlignment
+from grainmotion.model.geometry import Geometry
 from tiny_experiment import PANEL, geometry
 
 CIRCULAR = """

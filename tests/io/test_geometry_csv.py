@@ -6,7 +6,8 @@ import pytest
 
 from grainmotion.errors import InputError
 from grainmotion.io.geometry_csv import read_geometry, write_geometry
-from grainmotion.model.geometry import DetectorAlignment, Geometry
+from grainmotion.model.detector_alignment import DetectorAlignment
+from grainmotion.model.geometry import Geometry
 
 
 @pytest.fixture

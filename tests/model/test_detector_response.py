@@ -32,14 +32,14 @@ class TestApply:
     def test_identity(self):
         p = paths(np.float32)
         np.testing.assert_array_equal(Response.identity(3).apply(p), p)
-        np.testing.assert_array_equal(Response.identity(3).slope(p), np.ones_like(p))
+        np.testing.assert_array_equal(Response.identity(3).derivative(p), np.ones_like(p))
         assert (Response.identity(3).gain, Response.identity(3).offset) == (1.0, 0.0)
 
     @pytest.mark.parametrize("dtype", [np.float32, np.float64])
     def test_precision_is_that_of_the_radiographs_and_these_stay(self, dtype):
         p = paths(dtype)
         before = p.copy()
-        assert response().apply(p).dtype == response().slope(p).dtype == dtype
+        assert response().apply(p).dtype == response().derivative(p).dtype == dtype
         np.testing.assert_array_equal(p, before)
 
     def test_gain_and_offset_are_means_over_views(self):
@@ -52,7 +52,7 @@ class TestSlope:
     @pytest.mark.parametrize("degree", [1, 2, 3, 4])
     def test_finite_differences(self, degree):
         p, m, step = paths(), response(degree), 1e-5
-        np.testing.assert_allclose(m.slope(p), (m.apply(p + step) - m.apply(p - step)) / (2 * step), atol=1e-7)
+        np.testing.assert_allclose(m.derivative(p), (m.apply(p + step) - m.apply(p - step)) / (2 * step), atol=1e-7)
 
 
 class TestMonotone:

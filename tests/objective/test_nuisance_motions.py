@@ -198,7 +198,7 @@ class TestSteps:
 
 
 class TestGradient:
-    """Derivatives of the cost by the surroundings, with gain and offset eliminated, a filter and a mask."""
+    """Derivatives of the cost by the nuisance unknowns, with gain and offset eliminated, a filter and a mask."""
 
     def problem(self, nuisance):
         rng = np.random.default_rng(0)
@@ -225,7 +225,7 @@ class TestGradient:
         rng = np.random.default_rng(1)
         size = nuisance.deviations(VIEWS)
         still = NuisanceMotion.still(VIEWS)
-        start = replace(POSE, surroundings=retract(nuisance, still, 0.1 * size * rng.normal(size=len(size))))
+        start = replace(POSE, nuisance=retract(nuisance, still, 0.1 * size * rng.normal(size=len(size))))
         at = problem.linearize(start)
         assert len(at.border_gradient) == len(size)
         found = []

@@ -6,7 +6,8 @@ from scipy import ndimage
 
 from grainmotion.kernels import grain_projection as kernel
 from grainmotion.kernels import volume_projection
-from grainmotion.model.geometry import DetectorAlignment, Geometry
+from grainmotion.model.detector_alignment import DetectorAlignment
+from grainmotion.model.geometry import Geometry
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions
 from grainmotion.model.pose import Pose

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from grainmotion.kernels import volume_projection, volume_projection_vertical
-from grainmotion.model.geometry import DetectorAlignment, Geometry
+from grainmotion.model.detector_alignment import DetectorAlignment
+from grainmotion.model.geometry import Geometry
 from grainmotion.model.volume import Volume
 from grainmotion.projection.volume_operator import MANY, VolumeOperator, pad, padded_origin
 

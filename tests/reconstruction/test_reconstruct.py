@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from grainmotion.errors import InputError
-from grainmotion.model.geometry import DetectorAlignment, Geometry
+from grainmotion.model.detector_alignment import DetectorAlignment
+from grainmotion.model.geometry import Geometry
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.projection.volumes import project

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from grainmotion.errors import InputError
-from grainmotion.model.geometry import DetectorAlignment, Geometry
+from grainmotion.model.detector_alignment import DetectorAlignment
+from grainmotion.model.geometry import Geometry
 from grainmotion.rotations import rotation_matrix
 from grainmotion.simulate import (
     Ellipsoid,

@@ -11,7 +11,8 @@ from grainmotion.errors import InputError
 from grainmotion.experiment.config import AngleRange, Circular
 from grainmotion.io.files import checked_file
 from grainmotion.io.hdf5 import NXtomo
-from grainmotion.model.geometry import DetectorAlignment, Geometry
+from grainmotion.model.detector_alignment import DetectorAlignment
+from grainmotion.model.geometry import Geometry
 
 
 def scan_angles_deg(table: Circular, folder: Path, nxtomo: NXtomo | None) -> Float:

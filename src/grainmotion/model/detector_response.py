@@ -1,7 +1,7 @@
-"""Response: from the line integrals of the model to those that a detector shows, view by view.
+"""Response of the detector: measured line integrals as a function of the modelled ones, view by view.
 
-The paper's gain a and offset b (Eq. 22 of Khalili et al. 2017), with what a real machine adds: a low-order
-background in each view, and beam hardening as a polynomial of the line integral.
+The paper's gain a and offset b (Eq. 22 of Khalili et al. 2017), with a low-order background in each view and beam
+hardening as a polynomial of the line integral.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class Response:
             out += coefficients.astype(path.dtype)[:, None, None] * term.astype(path.dtype)
         return out
 
-    def slope(self, path: Image) -> Image:
+    def derivative(self, path: Image) -> Image:
         """∂m/∂p ``(views, rows, columns)``."""
         out = np.zeros_like(path)
         degree = self.polynomial.shape[1]

@@ -39,7 +39,7 @@ class Grain:
 
 @dataclass(frozen=True, eq=False)
 class GrainSet:
-    """The grains of a sample, and what attenuates beside them.
+    """The grains of a sample, and the attenuation that belongs to none of them.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Motions: what was measured, grain by grain."""
+"""Motions: the result of tracking one state, grain by grain."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ from grainmotion._typing import Float
 
 @dataclass(frozen=True, eq=False)
 class ViewCorrections:
-    """How each view departs from its geometry, or the standard deviations of that.
+    """Departure of each view from its geometry, or its standard deviations.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class ViewCorrections:
 
 @dataclass(frozen=True, eq=False)
 class NuisanceMotion:
-    """What moved beside the grains: views, and the background about its centre of mass.
+    """Motions beside those of the grains: of views, and of the background about its centre of mass.
 
     ``translation (3,)`` (mm) and ``matrix (3, 3)`` are the background's.
     """
@@ -54,15 +54,15 @@ class NuisanceMotion:
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """Where every grain is: ``translations (n, 3)`` in mm and ``matrices (n, 3, 3)`` about their centres.
+    """Motions of all grains: ``translations (n, 3)`` in mm and ``matrices (n, 3, 3)`` about their centres.
 
-    ``surroundings`` says what else moved; None is nothing.
+    ``nuisance`` are motions beside those of the grains; None for none.
     """
 
     translations: Float
     matrices: Float
-    surroundings: NuisanceMotion | None = None
+    nuisance: NuisanceMotion | None = None
 
     def moved(self, translations: Float, matrices: Float) -> Pose:
-        """The grains elsewhere, in the same surroundings."""
-        return Pose(translations, matrices, self.surroundings)
+        """Another pose of the grains, with the same nuisance motions."""
+        return Pose(translations, matrices, self.nuisance)

@@ -90,7 +90,7 @@ class LinearizedEvaluation(Evaluation):
 
 def evaluate(grains: GrainArrays, target: Target, pose: Pose) -> Evaluation:
     """Simulate and compare at a pose."""
-    geometry = nuisance_motions.corrected_geometry(target.scan.geometry, pose.surroundings)
+    geometry = nuisance_motions.corrected_geometry(target.scan.geometry, pose.nuisance)
     patches = shadows(grains, pose, geometry)
     values = project_in_place(grains, pose, geometry, patches, target.projector)
     return _compare(target, pose, geometry, patches, values)[0]
@@ -100,14 +100,14 @@ def evaluate_with_derivatives(grains: GrainArrays, target: Target, pose: Pose) -
     """Simulate, compare and differentiate at a pose."""
     evaluation = evaluate_unfiltered(grains, target, pose, margin=len(target.kernel) - 1)
     patches = evaluation.patches
-    factor = target.root_weights * evaluation.response.slope(evaluation.line_integrals)
+    factor = target.root_weights * evaluation.response.derivative(evaluation.line_integrals)
     filter_patches(evaluation.derivatives, patches.boxes, patches.offsets, factor, target.kernel)
     return evaluation
 
 
 def evaluate_unfiltered(grains: GrainArrays, target: Target, pose: Pose, margin: int = 0) -> LinearizedEvaluation:
     """The same with derivatives of P in the grains' patches, which ``margin`` pixels surround."""
-    geometry = nuisance_motions.corrected_geometry(target.scan.geometry, pose.surroundings)
+    geometry = nuisance_motions.corrected_geometry(target.scan.geometry, pose.nuisance)
     patches = shadows(grains, pose, geometry, margin)
     differentiate = differentiate_in_place if target.derivatives == "analytic" else difference_patches
     values, derivatives = differentiate(grains, pose, geometry, patches, target.projector)
@@ -122,9 +122,9 @@ def _compare(
     """The evaluation, and the derivatives of P by the background's motion if that is unknown."""
     nuisance = target.nuisance
     background, by_background = target.fixed_background, list[Image]()
-    if target.background is not None and (nuisance.background or nuisance.views or pose.surroundings is not None):
+    if target.background is not None and (nuisance.background or nuisance.views or pose.nuisance is not None):
         background, by_background = nuisance_motions.background_images(
-            target.background, pose.surroundings, geometry, target.projector, nuisance.background or nuisance.views
+            target.background, pose.nuisance, geometry, target.projector, nuisance.background or nuisance.views
         )
     path = assemble(values, patches, geometry) + background
     response, simulated, columns = _best_response(target, path)
@@ -143,7 +143,7 @@ def _nuisance_columns(
 ) -> Columns:
     """Derivatives by the nuisance motions, from those of P by the grains' motions and by the background's."""
     nuisance = target.nuisance
-    slope = evaluation.response.slope(evaluation.line_integrals)
+    slope = evaluation.response.derivative(evaluation.line_integrals)
     columns = Columns()
     if nuisance.views:
         images = nuisance_motions.view_derivatives(
@@ -151,7 +151,7 @@ def _nuisance_columns(
         )
         if target.background is not None:
             images[2] = images[2] + nuisance_motions.background_by_view_angle(
-                target.background, pose.surroundings, by_background
+                target.background, pose.nuisance, by_background
             )
         for image in images:
             columns.add(target.filtered(slope * image), shared=False)

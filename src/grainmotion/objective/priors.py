@@ -47,5 +47,5 @@ class MotionPrior:
 def nuisance_prior(target: Target, pose: Pose) -> tuple[Float, Float]:
     """Precisions ``(k, k)`` of the prior on the nuisance unknowns, and their values ``(k,)`` at a pose."""
     nuisance, views = target.nuisance, len(target.scan)
-    motion = pose.surroundings or NuisanceMotion.still(views)
+    motion = pose.nuisance or NuisanceMotion.still(views)
     return target.expected_variance * nuisance.precisions(views), nuisance_values(nuisance, motion)

@@ -78,7 +78,7 @@ class StateProblem:
         """
         target, n, m = self.target, len(self.grains), basis.shape[1]
         evaluation = evaluate_unfiltered(self.grains, target, state)
-        slope = evaluation.response.slope(evaluation.line_integrals)
+        slope = evaluation.response.derivative(evaluation.line_integrals)
         columns = Columns()
         increments = basis.T.reshape(m, n, 6)
         panels = evaluation.line_integrals.shape
@@ -116,7 +116,7 @@ class StateProblem:
     def retract(self, state: Pose, step: Float) -> Pose:
         """Add translations; rotate on the group, Ω ← exp[δ]ₓ Ω; move the background and the views."""
         increments, nuisance_step = self._increments(state, step)
-        motion = state.surroundings
+        motion = state.nuisance
         if len(nuisance_step):
             start = motion or NuisanceMotion.still(len(self.target.scan))
             motion = nuisance_motions.retract(self.target.nuisance, start, nuisance_step)

@@ -91,7 +91,7 @@ def state_fit(
     polished: RefinedFit, response: Response, costs: tuple[tuple[str, float], ...], found: tuple[str, ...]
 ) -> StateFit:
     """What was found of the state as a whole."""
-    nuisance, around = polished.problem.target.nuisance, polished.solution.state.surroundings
+    nuisance, around = polished.problem.target.nuisance, polished.solution.state.nuisance
     corrections = background = None
     if around is not None and nuisance.views:
         corrections = around.views

@@ -183,7 +183,7 @@ def _annealed(
         np.where(rows[:, None, None], base.matrices, best.pose.matrices),
     )
     target = replace(fit.target, scan=scan)
-    if target.background is not None and start.surroundings is not None:  # where the background moved to
-        images, _ = background_images(target.background, start.surroundings, scan.geometry, target.projector, False)
+    if target.background is not None and start.nuisance is not None:  # where the background moved to
+        images, _ = background_images(target.background, start.nuisance, scan.geometry, target.projector, False)
         target = replace(target, fixed_background=images)
     return anneal(fit.grains, target, start, np.nonzero(rows)[0], ranges, seed)

@@ -98,7 +98,7 @@ def refine(fit: MultistageFit, base: Pose, problem: StateProblem, solution: Solu
 def _covariances(
     problem: StateProblem, coarse: GrainArrays, pose: Pose
 ) -> tuple[Float, Float, sparse.bsr_array | PatchNormalMatrix]:
-    """What the radiographs tell of the grains ``(n, 6, 6)`` and of the surroundings ``(k, k)``; JᵀJ."""
+    """What the radiographs tell of the grains ``(n, 6, 6)`` and of the nuisance unknowns ``(k, k)``; JᵀJ."""
     evaluation = problem.evaluate_with_derivatives(pose)
     formal = normal_of(evaluation.derivatives, evaluation.patches, len(problem.grains), evaluation.residual.shape)
     grains, few = covariances(problem, pose, evaluation, formal)

@@ -181,7 +181,7 @@ def mean_square(problem: StateProblem, evaluation: Evaluation) -> float:
 
 
 def _explained(trial: StateProblem, pose: Pose, at: Linearization) -> tuple[float, Float]:
-    """Twice what the surroundings' unknowns lower the cost by, all motions being free, and their step."""
+    """Twice what the nuisance unknowns lower the cost by, all motions being free, and their step."""
     free = len(at.border_gradient)
     few = len(at.corner) - free
     without = replace(at, border=at.border[:, :few], corner=at.corner[:few, :few], border_gradient=np.zeros(0))
@@ -193,7 +193,7 @@ def _explained(trial: StateProblem, pose: Pose, at: Linearization) -> tuple[floa
 
 
 def _information(trial: StateProblem, pose: Pose, at: Linearization) -> Float:
-    """Information on the surroundings' unknowns with all motions free, prior apart."""
+    """Information on the nuisance unknowns with all motions free, prior apart."""
     prior, _ = nuisance_prior(trial.target, pose)
     left = at.corner - at.border.T @ inverse(at.hessian, 0.0)(at.border)
     few = len(left) - len(prior)

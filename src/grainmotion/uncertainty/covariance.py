@@ -47,7 +47,7 @@ MIN_REPORTED_EIGENVALUE = 1e-6
 def covariances(
     problem: StateProblem, pose: Pose, evaluation: LinearizedEvaluation, hessian: Hessian
 ) -> tuple[Float, Float]:
-    """Covariances ``(n, 6, 6)`` of (u, δ), mm and radians, and ``(k, k)`` of the surroundings' unknowns."""
+    """Covariances ``(n, 6, 6)`` of (u, δ), mm and radians, and ``(k, k)`` of the nuisance unknowns."""
     n, columns = len(problem.grains), evaluation.response_columns + evaluation.nuisance_columns
     border, corner = columns.border(evaluation.derivatives, evaluation.patches, n), columns.gram()
     free = len(evaluation.nuisance_columns.owners)

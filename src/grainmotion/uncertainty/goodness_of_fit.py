@@ -129,5 +129,5 @@ def response_corrected_scan(problem: StateProblem, pose: Pose) -> Scan:
     return replace(
         scan,
         line_integrals=evaluation.line_integrals
-        + evaluation.raw_residual / np.maximum(evaluation.response.slope(evaluation.line_integrals), 0.1),
+        + evaluation.raw_residual / np.maximum(evaluation.response.derivative(evaluation.line_integrals), 0.1),
     )

@@ -46,8 +46,8 @@ UNIFORM_ANGLE_VARIANCE = np.pi**2 / 3  # variance of an angle of which nothing i
 def unconfirmed_rotations(problem: StateProblem, pose: Pose, evaluation: Evaluation) -> Float:
     """Covariance ``(n, 3, 3)``, rad², of the turns that the radiographs do not confirm; zero where they do."""
     target, grains = problem.target, problem.grains
-    factor = target.root_weights * evaluation.response.slope(evaluation.line_integrals)
-    views = corrected_geometry(target.scan.geometry, pose.surroundings)
+    factor = target.root_weights * evaluation.response.derivative(evaluation.line_integrals)
+    views = corrected_geometry(target.scan.geometry, pose.nuisance)
     setup = _ProjectionSetup(views, target.projector, target.kernel, grains.centers.mean(axis=0))
     images = factor, evaluation.residual
     found: Float = place(grains.walked).for_grains(_unconfirmed_in_batches, grains, pose, images, setup)
