@@ -59,6 +59,6 @@ def test_figure_4(seeds, fewest):
     trials = [figure4.trial(seed, np.array([-90.0, -60.0, 45.0, 80.0]), np.array([0.0, 135.0])) for seed in seeds]
     distinct = [t for t in trials if not t.symmetric]
     assert len(distinct) >= fewest
-    assert all(t.turned["with search"].all() for t in distinct)
+    assert all(t.rotated["with search"].all() for t in distinct)
     assert all(t.shifted["with search"].all() for t in trials)
-    assert not all(t.turned["plain"].all() for t in trials)
+    assert not all(t.rotated["plain"].all() for t in trials)

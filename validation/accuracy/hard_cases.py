@@ -121,7 +121,7 @@ def section(results: Results) -> page.Section:
     where = ", ".join(f"{n} in {' / '.join(map(str, key))}" for key, n in wrong.items() if n)
     cases = "\n".join(f"- *{name}*: {HARD_CASES[name].summary}" for name in results)
     text = f"""Each case of `simulate.HARD_CASES` at its small scale (stones about 20 voxels across, random motions of
-up to 5 voxels and 10° unless the case has its own; SNR 50 unless it says so), {len(SEEDS)} packing each, reconstructed,
+up to 5 voxels and 10° unless the case has its own; SNR 50 unless stated), {len(SEEDS)} packing each, reconstructed,
 segmented and tracked from a zero start by default settings; and, where the case calls for it, with the setting that a
 user would choose.  *calibrated* is `calibrate` or `calibrate_hardening` on the reference scan.
 
@@ -156,9 +156,9 @@ def together(results: Results, name: str, tracked: str, views: int) -> Pool:
 
 def cells(some: Pool) -> list[str]:
     """Errors and statuses of some grains, for a table."""
-    (voxels, degrees), (over, over_turn) = some.rms, some.over_sd
+    (voxels, degrees), (over, over_rotation) = some.rms, some.over_sd
     errors = [page.number(voxels, 4), page.number(degrees, 3)]
-    own = f"{page.number(over, 2)}, {page.number(over_turn, 2)}"
+    own = f"{page.number(over, 2)}, {page.number(over_rotation, 2)}"
     failures = f"{some.failures}/{len(some.statuses)}"
     return [*errors, own, some.counts(), failures, str(some.wrong), f"{some.cpu:.1f}"]
 
@@ -180,9 +180,9 @@ def _marked(results: Results) -> str:
                 sentences[name, f"{status}: {_plain(reason)}" if reason else status] += 1
             for f in found:
                 sentences.update((name, f"note: {_plain(note)}") for note in f.outcome.notes)
-    said = "\n".join(f"- *{name}*, {n} times: {sentence}" for (name, sentence), n in sorted(sentences.items()))
+    sentence_list = "\n".join(f"- *{name}*, {n} times: {sentence}" for (name, sentence), n in sorted(sentences.items()))
     head = ["case", "tracked", "views", "status of the grain", "named"]
-    return f"{page.table(head, rows)}\nTheir sentences and notes, numbers left out:\n\n{said}"
+    return f"{page.table(head, rows)}\nTheir sentences and notes, numbers left out:\n\n{sentence_list}"
 
 
 def one_grain(found: Found) -> tuple[str, str]:

@@ -73,29 +73,30 @@ def section(
     """The table, and its averages."""
     head = ["case", "SNR", "state", "views", "rms u, voxel", "bound", "ratio"]
     head += ["rms ω, °", "bound", "ratio", "errors / predicted sd: u, ω", "failures", "wrong", "CPU s"]
-    said = []
+    sentences = []
     for scale in dict.fromkeys(key[0] for key in ratios):
         for snr in dict.fromkeys(key[1] for key in ratios if key[0] == scale):
             some = np.array([r for key, r in ratios.items() if key[:2] == (scale, snr)])
-            u, turn = np.exp(np.log(some).mean(axis=0))
-            said.append(f"{u:.1f} and {turn:.1f} times ({NAMES[scale]}, SNR {snr:g})")
+            u, rotation = np.exp(np.log(some).mean(axis=0))
+            sentences.append(f"{u:.1f} and {rotation:.1f} times ({NAMES[scale]}, SNR {snr:g})")
     text = f"""The Cramér–Rao bound (`simulate.motion_bounds`) is the least standard deviation that any unbiased method
-can have, given the true shapes, the photons of the radiographs, and gain and offset unknown.  It knows the stones
-without voxels and without the noise of the reference, so that no real method reaches it.  The reference scan has the
-same SNR as the states: 352 views at the larger scale, 90 at the smaller.  Default settings, zero start; root mean
-square over the grains that converged and over components, of errors and bounds alike; the smaller scale over
-{len(SEEDS["small"])} packings.
+can have, given the true shapes, the photons of the radiographs, and gain and offset unknown.  It assumes
+the stones known without voxels and without the noise of the reference, so that no real method reaches it.  The
+reference scan has the same SNR as the states: 352 views at the larger scale, 90 at the smaller.  Default settings, zero
+start; root mean square over the grains that converged and over components, of errors and bounds alike; the smaller
+scale over {len(SEEDS["small"])} packings.
 
 {page.table(head, rows)}
-On geometric average over the states, errors of translation and rotation are {"; ".join(said)} the bound."""
-    return page.Section("Errors against the bound that noise sets", text, f"u and ω are {'; '.join(said)} the bound")
+On geometric average over the states, errors of translation and rotation are {"; ".join(sentences)} the bound."""
+    headline = f"u and ω are {'; '.join(sentences)} the bound"
+    return page.Section("Errors against the bound that noise sets", text, headline)
 
 
 def over_bounds(some: list[Limited]) -> tuple[float, float]:
     """Errors over bounds, translations and rotations."""
     together, least = _pools(some)
-    (u, turn), (least_u, least_turn) = together.rms, by_kind(least[together.ok])
-    return u / least_u, turn / least_turn
+    (u, rotation), (least_u, least_rotation) = together.rms, by_kind(least[together.ok])
+    return u / least_u, rotation / least_rotation
 
 
 def cells(some: list[Limited]) -> list[str]:

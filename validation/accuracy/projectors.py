@@ -132,7 +132,7 @@ attenuation* is the true sample averaged over each voxel, without reconstruction
 size of the grains.
 
 {chr(10).join(parts)}"""
-    return page.Section("What the model of the grains buys", text, "; ".join(_headline(found)))
+    return page.Section("Effect of the model of the grains", text, "; ".join(_headline(found)))
 
 
 def cells(name: str, trials: list[dict[tuple[str, int], Limited]]) -> list[str]:
@@ -141,8 +141,8 @@ def cells(name: str, trials: list[dict[tuple[str, int], Limited]]) -> list[str]:
     for views in VIEWS:
         some = [t[name, views] for t in trials]
         together = pool([x.outcome for x in some])
-        u, turn = over_bounds(some)
-        row += [f"{u:.2f}", f"{turn:.2f}", f"{together.failures}/{len(together.ok)}", f"{together.cpu:.1f}"]
+        u, rotation = over_bounds(some)
+        row += [f"{u:.2f}", f"{rotation:.2f}", f"{together.failures}/{len(together.ok)}", f"{together.cpu:.1f}"]
     return row
 
 

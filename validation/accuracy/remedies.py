@@ -1,4 +1,4 @@
-"""Remedies: the settings that a user would choose for each hard case, beside the default."""
+"""Remedies: the settings that a user would choose for each hard case, compared with the default."""
 
 from __future__ import annotations
 

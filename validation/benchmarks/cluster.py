@@ -7,9 +7,9 @@
 A lattice of stones, projected by the package's own operator (what is measured here is speed), is written as an
 experiment: a full scan, labels, some later states of 4 views, each started from the reference.  One process, one
 worker of one thread and two workers of one thread each do it; the clock counts, the least of the repetitions is taken,
-and the answers must agree to 1e-6 voxel.  On a machine that others use the clock says little, so what the processes'
-CPU times would allow on an idle one is told beside it.  Bytes between workers are Dask's own counters, beside the
-model of ``docs/cluster.md``.
+and the answers must agree to 1e-6 voxel.  On a machine that others use the clock says little, so the speed-up
+that the CPU times would allow on an idle one is given as well.  Bytes between workers are Dask's own counters, compared
+with the model of ``docs/cluster.md``.
 Writes ``validation/benchmarks/results/cluster.md``, or a page of its own for another scale; ends with code 1 if the
 answers differ or two workers are not 1.7 times one.
 """

@@ -2,11 +2,11 @@
 
     python -m validation.benchmarks.cluster_tracking [--grains 200] [--repeat 2]
 
-The sample is that of `crowd`, stones 14 voxels across, all of it walked by the workers whatever its size.  The answers
-must be the same bits.  On a machine that others use the clock says little, so CPU seconds along the critical path
-(client and scheduler, then the busier worker) stand beside it.  Bytes are Dask's own counters: what one worker sends
-goes to the client, what two send beyond that to each other; they must agree with `models.cluster` within 20 %.  Writes
-``validation/benchmarks/results/cluster_tracking.md``; ends with code 1 if bits differ, bytes are off or two workers
+The sample is that of `crowd`, stones 14 voxels across, all of it projected by the workers whatever its size.  The
+answers must be the same bits.  On a machine that others use the clock says little, so CPU seconds along the critical
+path (client and scheduler, then the busier worker) are given as well.  Bytes are Dask's own counters: what one worker
+sends goes to the client, what two send beyond that to each other; they must agree with `models.cluster` within 20 %.
+Writes ``validation/benchmarks/results/cluster_tracking.md``; ends with code 1 if bits differ, bytes are off or two workers
 are not 1.7 times one.
 """
 
@@ -79,7 +79,7 @@ def modelled(workers: int) -> Iterator[dict[str, float]]:
     out = {"between": 0.0, "home": 0.0, "rounds": 0}
 
     def sample(boxes: Any, views: int, columns: int) -> Sample:
-        """What the model knows: mean patch and shaded rows."""
+        """Parameters of the model: mean patch and shaded rows."""
         height = float((boxes[:, 3] - boxes[:, 2]).mean())
         shaded = int(boxes[:, 3].max() - boxes[:, 2].min())
         grains = len(np.unique(boxes[:, 0]))

@@ -45,8 +45,8 @@ def sample() -> Sample:
     h = SCANNER.voxel_size
     spots = [(x, y, z) for z in (-108, -54, 0, 54, 108) for x, y in ((-32, -26), (34, -20), (0, 38))]
     particles = [ellipsoid_particle(rng, 45 * h, 0.1, inclusion_attenuation=0.2) for _ in spots]
-    turns = rotation_matrix(rng.normal(size=(len(spots), 3)))
-    return Sample(tuple(p.moved(r, h * np.array(s, float)) for p, r, s in zip(particles, turns, spots)))
+    rotations = rotation_matrix(rng.normal(size=(len(spots), 3)))
+    return Sample(tuple(p.moved(r, h * np.array(s, float)) for p, r, s in zip(particles, rotations, spots)))
 
 
 def ours(volume: Volume, geometry: Geometry, projector: Projector) -> tuple[float, NDArray[np.float32]]:

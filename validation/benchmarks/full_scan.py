@@ -88,11 +88,11 @@ NOTES = (
     "is grainmotion's default reconstruction; FDK is RTK's, with a Hann window, and its CPU time is of the filter "
     "alone.  The reference is reconstructed by the same method as the state that spam compares it with.",
     "spam runs one process.  `spam-reg` registers the sample as one body; if it converges, `spam-pixelSearch` goes 7 "
-    "voxels around that, else it is told how far the stones go; then comes `spam-ddic`, by default and by "
+    "voxels around that, else it gets the range of the motions; then comes `spam-ddic`, by default and by "
     "`{chosen}`, the best of the options that were tried on *random* of `stones`.  The time of all three counts, "
     "without start-up and imports.  spam writes each label's centre of mass as its position, but the displacement "
     "beside it is that of the middle of the label's bounding box; it is read so here.  "
-    "grainmotion starts from zero and is told nothing.",
+    "grainmotion starts from zero without prior knowledge.",
     "The stones are of one material each, so that correlation has their edges only; inner texture would help spam, "
     "which is made for it.  A full scan also shows what changed in shape or broke, which 4 radiographs do not.",
     "Bars, for `stones`: grainmotion without failures, within {voxels:g} voxel and {degrees:g}°, and in at most "
@@ -256,10 +256,10 @@ def by_spam(study: Study, state: str, reconstruction: str) -> list[Row]:
     """spam on two reconstructions, by its default options and by the chosen ones.
 
     spam 0.9.1 writes each label's centre of mass as its position, but the displacement beside it is that of
-    the middle of the label's bounding box, and is read so here; what it is as written is told as well.
+    the middle of the label's bounding box, and is read so here; the error of the file as written is given as well.
     """
     h, grid = study.case.scanner.voxel_size, study.case.scanner.grid
-    # How far a grain goes along z, y and x: a user has to say it, and is told.
+    # Range of the motions along z, y and x, which a user of spam has to give; here it is taken from the truth.
     reach = np.ceil(np.abs(study.motions[state].translations).max(axis=0)[::-1] / h).astype(int) + 2
     volume = {"SART": study.sart, "FDK": study.fdk}[reconstruction]
     rows = []
@@ -271,11 +271,11 @@ def by_spam(study: Study, state: str, reconstruction: str) -> list[Row]:
         write_tiff(pair.labels, study.labels.astype(np.uint32))
         write_tiff(pair.state, after.array)
         start, approach = pair.approach(reach.tolist())
-        for options, told in DDIC_OPTIONS.items():
+        for options, description in DDIC_OPTIONS.items():
             tsv, cpu = pair.correlate(start, options)
             written = read_ddic_tsv(tsv, grid)
             motions = replace(written, centers=study.middles[written.labels - 1])
-            what = study, state, f"{reconstruction}, spam-ddic {told}", study.views
+            what = study, state, f"{reconstruction}, spam-ddic {description}", study.views
             as_written = judged(*what, written, (rebuild, approach + cpu)).voxels
             rows.append(replace(judged(*what, motions, (rebuild, approach + cpu)), as_written=as_written))
             print(rows[-1], flush=True)

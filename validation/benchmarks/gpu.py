@@ -31,7 +31,7 @@ import numpy as np
 
 from grainmotion.backends.device import Device, chosen
 from grainmotion.backends.patchwork import filter_images, filter_patches, gradients
-from grainmotion.errors import InputError
+from grainmotion.errors import BackendError
 from grainmotion.kernels.layout import PADDING
 from grainmotion.kernels.ray_tracing import enter, pixel_ray
 from grainmotion.model.geometry import Geometry
@@ -94,8 +94,8 @@ def lattice(n: int, across: int, seed: int = 0) -> Case:
     views = Geometry.cone(ANGLES_DEG, (size + 8, width), 4 * h, source_to_axis=12 * size * h,
                           source_to_detector=48 * size * h)  # fmt: skip
     truth = Motions.identity(grains.labels, grains.centers)
-    turns = np.deg2rad(4) * rng.uniform(-1, 1, (n, 3))
-    truth = Motions(**{**truth.__dict__, "translations": h * rng.uniform(-2, 2, (n, 3)), "rotations": turns})
+    rotations = np.deg2rad(4) * rng.uniform(-1, 1, (n, 3))
+    truth = Motions(**{**truth.__dict__, "translations": h * rng.uniform(-2, 2, (n, 3)), "rotations": rotations})
     images = simulate_radiographs(grains, truth, views)
     images += 0.002 * float(images.max()) * rng.standard_normal(images.shape, dtype=np.float32)
     return Case(grains, Scan(images, views), truth)
@@ -175,12 +175,12 @@ def volume_rows(options: argparse.Namespace, copy: float) -> tuple[list[str], bo
     once = least(sweep, options.repeats)
     forward = least(lambda: equations.operator.forward(image), options.repeats)
     fast = {name: ReconstructSettings(method="accelerated", device=name) for name in ("cpu", "cuda")}
-    told, cpu_all, wall_all = (
+    on_host, cpu_all, wall_all = (
         costs(lambda: reconstruct(scan, grid, fast["cpu"])) if not options.toy else (host, 0.0, 0.0)
     )
     quick = reconstruct(scan, grid, fast["cuda"]) if not options.toy else found
     whole_all = least(lambda: reconstruct(scan, grid, fast["cuda"]), options.repeats) if not options.toy else 0.0
-    apart_all = np.abs(quick.volume.array - told.volume.array).max() / told.volume.array.max()
+    apart_all = np.abs(quick.volume.array - on_host.volume.array).max() / on_host.volume.array.max()
     nz, ny, nx = (n + 2 * PADDING for n in grid.shape)
     count = samples(padded_origin(grid), grid.voxel_size, scan.geometry.vectors, True, *scan.geometry.shape, nx, ny, nz)
     asked = {"forward": 16 * count, "sweep": 16 * count + 32 * count + 8 * nx * ny * nz * len(scan)}
@@ -203,13 +203,13 @@ def patch_rows(case: Case | Crowd, options: argparse.Namespace, copy: float) -> 
     patches = shadows(packed, pose, views, margin=len(kernel) - 1)
     images, valid = case.scan.line_integrals.astype(np.float32), np.ones(case.scan.line_integrals.shape, np.float32)
     values, derivatives = differentiate_in_place(packed, pose, views, patches, "trilinear")
-    pixels, walked = derivatives.shape[1], int((patches.jobs[:, 3] - patches.jobs[:, 2]).sum())
-    crossed = float(np.median(packed.shapes[:, 0] - 2 * PADDING)) * walked  # about the planes of a grain a ray
+    pixels, traced = derivatives.shape[1], int((patches.jobs[:, 3] - patches.jobs[:, 2]).sum())
+    crossed = float(np.median(packed.shapes[:, 0] - 2 * PADDING)) * traced  # about the planes of a grain a ray
     taps = 2 * len(kernel) - 1
     found = {
         "values and derivatives": (
             lambda: differentiate_in_place(packed, pose, views, patches, "trilinear"),
-            16 * crossed + 28 * walked + 28 * pixels,
+            16 * crossed + 28 * traced + 28 * pixels,
         ),
         "radiographs": (lambda: assemble(values, patches, views), 4 * pixels + 8 * images.size),
         "filter of radiographs": (lambda: filter_images(images.copy(), kernel, device), (8 * taps + 8) * images.size),
@@ -238,8 +238,8 @@ def patch_rows(case: Case | Crowd, options: argparse.Namespace, copy: float) -> 
 def apart(one: Motions, other: Motions, grains: GrainSet) -> float:
     """How far centres and surfaces of grains lie apart at most, voxels, whatever became of them."""
     reach = GrainArrays.of(grains).radii
-    turns = np.linalg.norm(rotation_vector(one.matrices @ np.swapaxes(other.matrices, 1, 2)), axis=1)
-    distances = np.linalg.norm(one.translations - other.translations, axis=1) + reach * turns
+    rotations = np.linalg.norm(rotation_vector(one.matrices @ np.swapaxes(other.matrices, 1, 2)), axis=1)
+    distances = np.linalg.norm(one.translations - other.translations, axis=1) + reach * rotations
     return float(np.nanmax(distances)) / grains.voxel_size
 
 
@@ -254,15 +254,15 @@ def state_row(case: Case | Crowd, options: argparse.Namespace) -> tuple[str, boo
     found = track(case.grains, case.scan, settings=settings)
     seconds = time.perf_counter() - start
     error = apart(found, case.truth, case.grains)
-    told, passed = "| | | ", True
+    cells, passed = "| | | ", True
     if n <= options.compare:
         on_host = TrackSettings(**{**settings.__dict__, "device": "cpu"})
         host, cpu, wall = costs(lambda: track(case.grains, case.scan, settings=on_host))
         distance = apart(found, host, case.grains)
-        told = f"| {cpu:.1f} | {wall:.1f} | {distance:.1e} "
+        cells = f"| {cpu:.1f} | {wall:.1f} | {distance:.1e} "
         passed = distance <= MAX_MOTION_DIFFERENCE and list(found.statuses) == list(host.statuses)
     passed = passed and (n != 1000 or seconds <= STATE_GOAL)
-    return f"| {n} | {seconds:.2f} {told}| {int(found.ok.sum())} | {error:.3f} |", passed
+    return f"| {n} | {seconds:.2f} {cells}| {int(found.ok.sum())} | {error:.3f} |", passed
 
 
 def the_card() -> str:
@@ -286,7 +286,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     try:
         chosen("cuda")
-    except InputError as error:
+    except BackendError as error:
         print(f"no benchmark of the card, and no table: {error}", file=sys.stderr)
         return 2
     copy = copied(options.repeats, 2**10 if options.toy else 2**28)

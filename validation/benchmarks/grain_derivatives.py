@@ -2,10 +2,10 @@
 
     python -m validation.benchmarks.grain_derivatives [--repeats 5]
 
-A 64³ crop seen by 128 × 128 pixels of half a voxel, turned and in a cone beam: once a stone, whose shadow leaves
+A 64³ crop seen by 128 × 128 pixels of half a voxel, rotated, in a cone beam: once a stone, whose footprint leaves
 pixels free, once a brick that fills the crop.  grainmotion gives the line integral and six derivatives of every
 pixel, exact path and trilinear; DiffDRR the line integrals (exact path) and the gradient of one scalar loss.  The cost
-is CPU time (user + system, all threads) after compilation, the least of several calls, the programs in turn; with
+is CPU time (user + system, all threads) after compilation, the least of several calls, the programs in rotation; with
 derivatives it includes finding the pixels that the grain shades.  Line integrals and the loss's gradient are compared
 in double precision.  DiffDRR lives in ``.venv-diffdrr``, made on the first run.  Writes
 ``validation/benchmarks/results/grain_derivatives.md``; ends with code 1 if an answer is wrong or grainmotion is less
@@ -40,7 +40,7 @@ from validation.common.measures import relative_difference
 
 CROP_VOXELS, CROP_PANEL = 64, (128, 128)
 VOXEL = 0.1  # mm
-SPEED_BAR = 40.0  # times DiffDRR's forward + backward, for either walk
+SPEED_BAR = 40.0  # times DiffDRR's forward + backward, for either projector
 MAX_DIFFERENCE = 1e-6  # of line integrals and gradient in double precision, relative; DiffDRR shifts rays by 1e-8
 MAX_SINGLE_DIFFERENCE = 1e-5  # line integrals in single precision against double, relative
 HAND_VECTORISED = (5.0, 15.0)  # million rays a second on two cores: what a hand-vectorised kernel is said to reach
@@ -61,7 +61,7 @@ class Scene:
 
     @property
     def rays(self) -> int:
-        """Pixels that are walked."""
+        """Pixels that are traced."""
         return int((self.patches.jobs[:, 3] - self.patches.jobs[:, 2]).sum())
 
 
@@ -86,18 +86,18 @@ def brick() -> NDArray[np.float64]:
 
 
 def scene(array: NDArray[np.float64], precision: type) -> Scene:
-    """A grain moved and turned in a cone beam; the loss compares it with where it was before."""
+    """A grain shifted and rotated in a cone beam; the loss compares it with where it was before."""
     grains = GrainSet((Grain(1, Volume(array.astype(precision), VOXEL), np.zeros(3)),))
     packed = GrainArrays.of(grains)
     geometry = Geometry.cone([20.0], CROP_PANEL, 2 * VOXEL, source_to_axis=60.0, source_to_detector=240.0)
-    turn = rotation_matrix(np.array([[0.2, 0.5, -0.3]]))
-    before = Pose(np.zeros((1, 3)), turn)
+    rotation = rotation_matrix(np.array([[0.2, 0.5, -0.3]]))
+    before = Pose(np.zeros((1, 3)), rotation)
     measured = assemble(
         project_patches(packed, before, geometry, shadows(packed, before, geometry), "exact"),
         shadows(packed, before, geometry),
         geometry,
     )
-    pose = Pose(np.array([[0.07, -0.04, 0.11]]), rotation_matrix(np.array([[0.02, -0.03, 0.04]])) @ turn)
+    pose = Pose(np.array([[0.07, -0.04, 0.11]]), rotation_matrix(np.array([[0.02, -0.03, 0.04]])) @ rotation)
     return Scene(packed, pose, geometry, shadows(packed, pose, geometry), measured.astype(float))
 
 
@@ -128,7 +128,7 @@ def with_derivatives(case: Scene, projector: Projector) -> Callable[[], Any]:
 
 
 def diffdrr(case: Scene, precision: str, folder: Path, repeats: int) -> tuple[dict[str, Any], NDArray[np.float64]]:
-    """What DiffDRR says of a scene: cost and gradient, and its line integrals."""
+    """Result of DiffDRR for a scene: cost and gradient, and its line integrals."""
     arrays = {
         "volume": case.packed.images.reshape(case.packed.shapes[0]),
         "source": case.geometry.source[0],
@@ -145,23 +145,23 @@ def diffdrr(case: Scene, precision: str, folder: Path, repeats: int) -> tuple[di
         "precision": precision,
         "repeats": repeats,
     }
-    told = run_peer("diffdrr_siddon.py", job, folder, DIFFDRR)
-    return told, np.load(folder / "out.npy").reshape(CROP_PANEL).astype(float)
+    reply = run_peer("diffdrr_siddon.py", job, folder, DIFFDRR)
+    return reply, np.load(folder / "out.npy").reshape(CROP_PANEL).astype(float)
 
 
 def ours(case: Scene, projector: Projector) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Line integrals of the whole panel and the gradient of ½ Σ (I − b)²."""
-    values, slopes = differentiate_patches(case.packed, case.pose, case.geometry, case.patches, projector)
+    values, gradients = differentiate_patches(case.packed, case.pose, case.geometry, case.patches, projector)
     image = assemble(values, case.patches, case.geometry)[0].astype(float)
     misfit = image - case.measured[0]
-    slope_images = [assemble(s, case.patches, case.geometry)[0].astype(float) for s in slopes]
+    slope_images = [assemble(s, case.patches, case.geometry)[0].astype(float) for s in gradients]
     return image, np.array([np.vdot(s, misfit) for s in slope_images])
 
 
 def main() -> int:
     """Run, write the table, and say whether the bar is met."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--repeats", type=int, default=5, help="turns of each program, the fastest call counts")
+    parser.add_argument("--repeats", type=int, default=5, help="rounds of each program, the fastest call counts")
     options = parser.parse_args()
 
     speed_rows, answer_rows, ratios, faults = [], [], [], []
@@ -173,13 +173,13 @@ def main() -> int:
             image, gradient = ours(double, "exact")
             coarse = [ours(single, p)[0] for p in PROJECTORS]
             fine = [ours(double, p)[0] for p in PROJECTORS]
-            apart, slopes = (
+            apart, gradients = (
                 relative_difference(image, peer_image),
                 relative_difference(gradient, np.array(peer["gradient"])),
             )
             rounded = max(relative_difference(c, f) for c, f in zip(coarse, fine))
-            faults += [apart > MAX_DIFFERENCE, slopes > MAX_DIFFERENCE, rounded > MAX_SINGLE_DIFFERENCE]
-            answer_rows.append(f"| {grain} | {apart:.1e} | {slopes:.1e} | {rounded:.1e} |")
+            faults += [apart > MAX_DIFFERENCE, gradients > MAX_DIFFERENCE, rounded > MAX_SINGLE_DIFFERENCE]
+            answer_rows.append(f"| {grain} | {apart:.1e} | {gradients:.1e} | {rounded:.1e} |")
 
             jobs = {(p, f): f(single, p) for p in PROJECTORS for f in (value_only, with_derivatives)}
             times: dict[Any, list[float]] = {key: [] for key in (PEER, *jobs)}
@@ -203,26 +203,26 @@ def main() -> int:
         [
             "# One grain: line integrals and six derivatives",
             "",
-            f"A {CROP_VOXELS}³ crop on {CROP_PANEL[0]} × {CROP_PANEL[1]} pixels of half a voxel, float32.  CPU time",
-            f"of all threads, the least of {options.repeats} turns of several calls each; rays are the pixels that are",
-            "walked, a second of one core's time.  grainmotion's derivatives are those of every pixel; DiffDRR's are",
-            "the gradient of one loss.",
+            f"A {CROP_VOXELS}³ crop on {CROP_PANEL[0]} × {CROP_PANEL[1]} pixels of half a voxel, float32.  CPU",
+            f"time of all threads, the least of {options.repeats} rounds of several calls each; rays are the pixels",
+            "that are traced, a second of one core's time.  grainmotion's derivatives are those of every pixel;",
+            "DiffDRR's are the gradient of one loss.",
             "",
             "| grain | program | CPU ms | M rays a core-second | times DiffDRR's speed |",
             "|---|---|---|---|---|",
             *speed_rows,
             "",
-            "The exact path in double precision against DiffDRR's, and single against double precision (both walks),",
-            "relative, ‖a − b‖/‖b‖:",
+            "The exact path in double precision against DiffDRR's, and single against double precision (both",
+            "projectors), relative, ‖a − b‖/‖b‖:",
             "",
             "| grain | line integrals | gradient of ½ Σ (I − b)² by the six motions | single precision |",
             "|---|---|---|---|",
             *answer_rows,
             "",
-            f"A hand-vectorised kernel is said to walk {HAND_VECTORISED[0]:g} to {HAND_VECTORISED[1]:g} million",
+            f"A hand-vectorised kernel is said to trace {HAND_VECTORISED[0]:g} to {HAND_VECTORISED[1]:g} million",
             f"rays a second of two cores, {HAND_VECTORISED[0] / 2:g} to {HAND_VECTORISED[1] / 2:g} of one.",
             "",
-            f"The bar, both walks at least {SPEED_BAR:g} times DiffDRR: {'met' if passed else 'NOT met'}.",
+            f"The bar, both projectors at least {SPEED_BAR:g} times DiffDRR: {'met' if passed else 'NOT met'}.",
             "",
             f"{machine()}, diffdrr {peer['diffdrr']}, torch {peer['torch']}.  Made by "
             "`python -m validation.benchmarks.grain_derivatives`.",

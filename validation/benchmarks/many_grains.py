@@ -99,7 +99,7 @@ def work(folder: Path, n: int, views: int) -> dict[str, Any]:
     grains, scan = load(folder, n)
     scan = scan.select(CHOSEN_VIEWS[views])
     held = sum(g.volume.array.nbytes + (g.fine.array.nbytes if g.fine is not None else 0) for g in grains.grains)
-    found, told = min(
+    found, costs = min(
         (measured(grains, scan) for _ in range(REPEATS if n <= MAX_REPEATED_GRAINS else 1)), key=lambda m: m[1]["cpu"]
     )
     with open(folder / f"truth-{n}.pkl", "rb") as file:
@@ -115,7 +115,7 @@ def work(folder: Path, n: int, views: int) -> dict[str, Any]:
         "n": n,
         "views": views,
         "panel": scan.geometry.shape[0],
-        **told,
+        **costs,
         "memory": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
         "held": held + scan.line_integrals.nbytes,
         "voxels": rms(u[good]),
@@ -202,9 +202,9 @@ def run(n: int, folder: Path, views: int) -> dict[str, Any]:
         print(f"{n} stones: making them ...", flush=True)
         apart("--make")
     print(f"{n} stones: tracking ...", flush=True)
-    told = json.loads(apart("--work").strip().splitlines()[-1])
-    print(json.dumps(told), flush=True)
-    return told
+    outcome = json.loads(apart("--work").strip().splitlines()[-1])
+    print(json.dumps(outcome), flush=True)
+    return outcome
 
 
 # ---------------------------------------------------------------------- on paper
@@ -289,12 +289,12 @@ def page(found: list[dict[str, Any]], missed: list[str]) -> str:
         "voxel with noise, labels are true.",
         "",
         "| grains | panel | CPU ms a grain | " + " | ".join(GROUPS) + " | peak, GB | voxels and radiographs, GB "
-        "| u, voxel | ω, ° | median sd told | converged | lost |",
+        "| u, voxel | ω, ° | median stated sd | converged | misplaced |",
         "|" + "---|" * (11 + len(GROUPS) - 1),
         *rows,
         "",
-        "Errors are root mean square a component of the stones that are not lost (beyond 1 voxel or 10°).  They grow",
-        "with the number of stones on a ray, because the detector's noise stays while each stone's share of the line",
+        "Errors are root mean square a component of the stones that are not misplaced (beyond 1 voxel or 10°).",
+        "They grow with the number of stones on a ray, because the detector's noise stays while each stone's share of the line",
         "integral falls; so do the standard deviations.",
         "",
         "| grains | steps, all stages | rays a grain with derivatives | without | products with JᵀJ |",
@@ -334,7 +334,7 @@ def page(found: list[dict[str, Any]], missed: list[str]) -> str:
 def misses(found: list[dict[str, Any]]) -> list[str]:
     """Sentences on the bars that are missed."""
     by = {f["n"]: f for f in found}
-    out = [f"{f['lost']} of {n} stones lost" for n, f in by.items() if f["lost"] > 0.01 * n]
+    out = [f"{f['lost']} of {n} stones misplaced" for n, f in by.items() if f["lost"] > 0.01 * n]
     if {15, 1000} <= by.keys():
         ratio = by[1000]["cpu"] / 1000 / (by[15]["cpu"] / 15)
         out += [f"a grain at 1,000 costs {ratio:.2f} times one at 15"] * (ratio > RATIO_BAR)

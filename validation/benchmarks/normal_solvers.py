@@ -3,8 +3,8 @@
     python -m validation.benchmarks.normal_solvers [--sizes 15 60 100 200 400 1000]
 
 Dense Cholesky, sparse Cholesky (SuperLU in symmetric mode, ordered by minimum degree: its fill is what any ordering
-of such a matrix has; CHOLMOD's beside it if `cvxopt` is there), conjugate gradients on assembled blocks, and the same
-on patches, no block ever made.  Samples are those of `crowd`; CPU time holds the assembly.  Writes
+of such a matrix has; CHOLMOD's as well if `cvxopt` is there), conjugate gradients on assembled blocks, and the same
+on patches, no block ever sample.  Samples are those of `crowd`; CPU time holds the assembly.  Writes
 ``validation/benchmarks/results/normal_solvers.md``; ends with code 1 if steps differ.
 """
 
@@ -65,12 +65,12 @@ def by_cholmod(matrix: sparse.csc_array, b: Float) -> Float | None:
 
 def measure(n: int, sigma: float) -> list[str]:
     """A row of the table, and whether all steps agree (in its last cell)."""
-    made = crowd(n)
+    sample = crowd(n)
     rng = np.random.default_rng(0)
-    shifts = made.truth.translations + 0.3 * VOXEL * rng.standard_normal((n, 3))
-    target = Target(made.scan, np.zeros_like(made.scan.line_integrals), "trilinear", sigma)
-    seen = StateProblem(GrainArrays.of(made.grains), target).evaluate_with_derivatives(
-        Pose(shifts, made.truth.matrices)
+    shifts = sample.truth.translations + 0.3 * VOXEL * rng.standard_normal((n, 3))
+    target = Target(sample.scan, np.zeros_like(sample.scan.line_integrals), "trilinear", sigma)
+    seen = StateProblem(GrainArrays.of(sample.grains), target).evaluate_with_derivatives(
+        Pose(shifts, sample.truth.matrices)
     )
     derivatives, patches, panels = seen.derivatives, seen.patches, seen.residual.shape
     b = gathered(derivatives, patches, n, seen.residual).ravel()

@@ -3,8 +3,8 @@
     python -m validation.benchmarks.reconstruction [--seed 0]
 
 Both get the same scan of 15 gravel stones (voxel-free simulator, SNR 50), stop as they do by default, and are
-judged by what is left of the radiographs, ε = ‖b − A x‖/‖b‖ of the final volume, by CPU time (user + system,
-all threads), and by how well grains cut from either volume are tracked.  Writes
+compared by the residual of the radiographs, ε = ‖b − A x‖/‖b‖ of the final volume, by CPU time (user + system,
+all threads), and by how well grains extracted from either volume are tracked.  Writes
 ``validation/benchmarks/results/reconstruction.md``; ends with code 1 if the accelerated method takes more than a
 third of the time, leaves more than 1.01 times ε, or tracks worse by more than a tenth.
 """

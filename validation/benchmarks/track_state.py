@@ -72,11 +72,11 @@ def work(folder: Path, states: list[str], views: list[int], voxel_size: float) -
     scan = load(folder / "reference.npz")
     rows, columns = scan.geometry.shape
     found = reconstruct(scan, Volume.zeros((rows, columns, columns), voxel_size))
-    told: dict[str, Any] = {"reconstruct": time.process_time() - start, "residuals": found.residuals}
+    results: dict[str, Any] = {"reconstruct": time.process_time() - start, "residuals": found.residuals}
     start = time.process_time()
     grains = grains_from_labels(found.volume, segment(found.volume).labels)
-    told["segment"], told["grains"] = time.process_time() - start, len(grains)
-    told["states"] = []
+    results["segment"], results["grains"] = time.process_time() - start, len(grains)
+    results["states"] = []
     for name in states:
         truth = Motions.from_table(pd.read_csv(folder / f"{name}.csv"))
         for count in views:
@@ -92,9 +92,9 @@ def work(folder: Path, states: list[str], views: list[int], voxel_size: float) -
                 "degrees": errors.rotation_rms_deg,
                 "failures": errors.failures + len(errors.spurious),
             }
-            told["states"].append(row)
-    told["memory"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9
-    return told
+            results["states"].append(row)
+    results["memory"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9
+    return results
 
 
 def run_seed(seed: int, options: argparse.Namespace) -> dict[str, Any]:
@@ -109,9 +109,9 @@ def run_seed(seed: int, options: argparse.Namespace) -> dict[str, Any]:
         print(f"seed {seed}: reconstructing and tracking ...", flush=True)
         command = [sys.executable, "-m", "validation.benchmarks.track_state", "--work", str(folder)]
         done = subprocess.run(command, check=True, capture_output=True, text=True, cwd=Path(__file__).parents[2])
-    told = json.loads(done.stdout.strip().splitlines()[-1])
-    print(json.dumps(told), flush=True)
-    return told
+    results = json.loads(done.stdout.strip().splitlines()[-1])
+    print(json.dumps(results), flush=True)
+    return results
 
 
 def meets_bars(row: dict[str, Any]) -> bool:
@@ -136,17 +136,17 @@ def main() -> int:
         return 0
 
     compile_kernels()
-    told = {seed: run_seed(seed, options) for seed in options.seeds}
-    passed = all(t["memory"] < MEMORY_BAR and all(map(meets_bars, t["states"])) for t in told.values())
+    results = {seed: run_seed(seed, options) for seed in options.seeds}
+    passed = all(t["memory"] < MEMORY_BAR and all(map(meets_bars, t["states"])) for t in results.values())
     runs = [
         f"| {seed} | {t['grains']} | {len(t['residuals'])}, {t['residuals'][-1]:.4f} | {t['reconstruct']:.0f} "
         f"| {t['segment']:.1f} | {t['memory']:.2f} |"
-        for seed, t in told.items()
+        for seed, t in results.items()
     ]
     states = [
         f"| {seed} | {s['state']} | {s['views']} | {s['voxels']:.4f} | {s['degrees']:.3f} | {s['failures']} "
         f"| {s['cpu']:.1f} | {'yes' if meets_bars(s) else 'NO'} |"
-        for seed, t in told.items()
+        for seed, t in results.items()
         for s in t["states"]
     ]
     text = "\n".join(
@@ -170,7 +170,8 @@ def main() -> int:
             + "; ".join(f"{v} views {u:g} voxel, {w:g}°" for v, (u, w) in ACCURACY_BARS.items())
             + f"; no failures; {CPU_BAR:g} CPU s a state of 4 views; {MEMORY_BAR:g} GB.",
             "",
-            f"{machine()}.  Made by `python -m validation.benchmarks.track_state --seeds {' '.join(map(str, told))}`.",
+            f"{machine()}.  Made by `python -m validation.benchmarks.track_state "
+            f"--seeds {' '.join(map(str, results))}`.",
             "",
         ]
     )

@@ -1,4 +1,4 @@
-"""The paper's own solver beside ours: Levenberg–Marquardt with forward differences, planar and on the gravel."""
+"""The paper's own solver compared with ours: Levenberg–Marquardt with forward differences, planar and on the gravel."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ def study(samples: int = SAMPLES) -> Section:
         "The baseline is the paper's method, written anew: the residual is measured − simulated at every pixel of "
         "every view, with no filter and no gain; the unknowns are u and the rotation vector ω of every grain at once; "
         f"the Jacobian is by forward differences (steps that move a grain's surface by {DEFAULT_STEP:g} voxel, unless "
-        "said otherwise, in double precision), a projection of every grain for the value and one more for each of its "
-        "unknowns.  It is solved by `scipy.optimize.least_squares`: *dense* is MINPACK's Levenberg–Marquardt "
+        "stated otherwise, in double precision), a projection of every grain for the value and one more for each "
+        "of its unknowns.  It is solved by `scipy.optimize.least_squares`: *dense* is MINPACK's Levenberg–Marquardt "
         "(`lm`), *sparse* keeps the Jacobian sparse and takes SciPy's trust region without bounds (`trf` with LSMR).  "
         "It borrows this package's compiled projectors and projects a grain to its own patch of pixels alone, so that "
         "what is compared is the method, not the language.\n\n"
@@ -96,7 +96,7 @@ def _both(case: str | int, grains: GrainSet, truth: Motions, scan: Scan, setting
     for solver, end in (("baseline", theirs), ("ours", ours(grains, scan, settings))):
         pixels, radians = images.errors(end.motions, truth).max(axis=0)
         ended = end.settled if isinstance(end, Fit) else True
-        projections = end.count.walks / patches
+        projections = end.count.projections / patches
         out.append(Trial(case, solver, float(pixels), float(radians), end.iterations, projections, end.cpu, ended))
     return out
 

@@ -1,4 +1,4 @@
-"""The baseline on the gravel beside ours: CPU time to the same answer, and where it goes."""
+"""The baseline on the gravel compared with ours: CPU time to the same motions, and how it is spent."""
 
 from __future__ import annotations
 
@@ -64,12 +64,13 @@ class Row:
         errors, end = self.errors, self.end
         within = "–" if self.arrival is None else f"{self.arrival:.1f}"
         translation, rotation = f"{errors.translation_rms_voxels:.4f}", f"{errors.rotation_rms_deg:.3f}"
-        work = [str(end.iterations), f"{end.count.walks / patches:.0f}", self.seconds, f"{end.count.cpu:.1f}", within]
+        per_patch = f"{end.count.projections / patches:.0f}"
+        work = [str(end.iterations), per_patch, self.seconds, f"{end.count.cpu:.1f}", within]
         return [self.name, self.operator, self.start, *work, translation, rotation, str(errors.failures)]
 
     @property
     def seconds(self) -> str:
-        """CPU seconds; a bound if it was cut off."""
+        """CPU seconds; a lower bound if it was cut off."""
         return f"{'' if self.ended else '> '}{self.end.cpu:.1f}"
 
 
@@ -80,7 +81,7 @@ WIDE_STEP = 0.5  # voxel: differences over which Siddon's path looks smooth
 
 
 def text() -> str:
-    """All runs on the gravel, their ratios, and where the time goes."""
+    """All runs on the gravel, their ratios, and how the time is spent."""
     rows = [
         *(_theirs(method, operator, True) for operator in OPERATORS for method in ("dense", "sparse")),
         _theirs("sparse", "Siddon", True, WIDE_STEP),
@@ -93,12 +94,12 @@ def text() -> str:
     head += ["translation, voxel", "rotation, °", "failures"]
     found = {(row.name, row.operator, row.start): row for row in rows}
     return (
-        f"The gravel twin in the state *{STATE}* from {VIEWS} views; *near* starts are up to {NEAR_START[0]:g} voxel "
-        f"and {NEAR_START[1]:g}° from the truth, each grain its own way.  The reference is reconstructed by the "
+        f"The simulated gravel in the state *{STATE}* from {VIEWS} views; *near* starts are up to {NEAR_START[0]:g} "
+        f"voxel and {NEAR_START[1]:g}° from the truth, each grain its own way.  The reference is reconstructed by the "
         "operator that tracks, *Siddon* (the paper's exact path) or *smooth* (ours).  The baseline's tolerances are "
         f"SciPy's, 1e-8, and it is cut off after {MAX_SPATIAL_EVALUATIONS} evaluations.  *Ours* are the defaults: one "
-        "body, smooth field, three filters, gain, check for lost grains; *free stage alone* leaves out all but the "
-        "last filter, as a near start allows.  *Till near* is when the baseline's motions have come within "
+        "body, smooth field, three filters, gain, check for misregistered grains; *free stage alone* leaves out all "
+        "but the last filter, as a near start allows.  *Till near* is when the baseline's motions have come within "
         f"{_limits()} of its own end, root mean square, to stay.\n\n"
         + table(head, [row.cells(patches) for row in rows])
         + "\n"
@@ -172,14 +173,14 @@ def _ratios(found: dict[tuple[str, str, str], Row]) -> str:
 
 
 def _where(found: dict[tuple[str, str, str], Row]) -> str:
-    """Where the time goes."""
+    """How the time is spent."""
     dense, lean = (found[name, "smooth", "near"] for name in (DENSE, SPARSE))
     mine, alone = (found[name, "smooth", "near"] for name in (OURS, OURS_ALONE))
     fine, zero = found[SPARSE, "Siddon", "near"], found[OURS, "smooth", "zero"]
     farther = fine.errors.translation_rms_voxels / mine.errors.translation_rms_voxels
-    their, our = (1e3 * row.end.count.cpu / row.end.count.walks for row in (lean, alone))
+    their, our = (1e3 * row.end.count.cpu / row.end.count.projections for row in (lean, alone))
     patches = len(gravel.grains()) * VIEWS
-    per = [row.end.count.walks / patches for row in (lean, mine, alone)]
+    per = [row.end.count.projections / patches for row in (lean, mine, alone)]
     return (
         f"Where the time goes: the dense baseline spends {_share(dense)} of its time outside the projectors, in "
         f"filling and factorising a Jacobian of {gravel.state(STATE, VIEWS).line_integrals.size} × "

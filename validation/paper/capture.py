@@ -44,18 +44,18 @@ DIRECTION = np.array([0.6, -0.5, 0.62]) / np.linalg.norm([0.6, -0.5, 0.62])
 
 @dataclass(frozen=True)
 class Move:
-    """A motion: all by ``rigid`` voxels; or each grain by up to ``shift`` diameters and ``turn_deg``."""
+    """A motion: all by ``rigid`` voxels; or each grain by up to ``shift`` diameters and ``rotation_deg``."""
 
     rigid: float = 0.0
     shift: float = 0.0
-    turn_deg: float = 0.0
+    rotation_deg: float = 0.0
 
 
 RIGID = [Move(rigid=r) for r in (0.0, 30.0, 60.0)]
-SHIFTED = [Move(shift=s, turn_deg=30.0) for s in (0.25, 0.5, 0.75, 1.0)]
-TURNED = [Move(shift=0.5, turn_deg=w) for w in (0.0, 15.0, 30.0, 60.0)]
-MOVES = {15: dict.fromkeys(RIGID + SHIFTED + TURNED), 200: dict.fromkeys([RIGID[1], SHIFTED[0]])}
-GOAL_MOVE = Move(shift=0.5, turn_deg=30.0)
+SHIFTED = [Move(shift=s, rotation_deg=30.0) for s in (0.25, 0.5, 0.75, 1.0)]
+ROTATED = [Move(shift=0.5, rotation_deg=w) for w in (0.0, 15.0, 30.0, 60.0)]
+MOVES = {15: dict.fromkeys(RIGID + SHIFTED + ROTATED), 200: dict.fromkeys([RIGID[1], SHIFTED[0]])}
+GOAL_MOVE = Move(shift=0.5, rotation_deg=30.0)
 
 
 @dataclass(frozen=True)
@@ -145,15 +145,15 @@ def _run(job: tuple[int, Move, int]) -> Outcome:
 
 
 def _motions(packing: Sample, move: Move, diameter: float) -> Motions:
-    if move.rigid or not (move.shift or move.turn_deg):
+    if move.rigid or not (move.shift or move.rotation_deg):
         return motion_fields.rigid(packing, move.rigid * DIRECTION)
-    return motion_fields.random(packing, move.shift * diameter, move.turn_deg, 5)
+    return motion_fields.random(packing, move.shift * diameter, move.rotation_deg, 5)
 
 
 def _words(move: Move) -> str:
-    if move.rigid or not (move.shift or move.turn_deg):
+    if move.rigid or not (move.shift or move.rotation_deg):
         return f"all by {move.rigid:.0f} voxels"
-    return f"each up to {move.shift:g} diameter, {move.turn_deg:.0f}°"
+    return f"each up to {move.shift:g} diameter, {move.rotation_deg:.0f}°"
 
 
 def _cell(outcome: Outcome, n: int) -> str:
@@ -165,7 +165,7 @@ def _draw(outcomes: dict[tuple[Move, int], Outcome], n: int) -> Figure:
     sweeps = [
         (RIGID, "rigid", "shift of the whole sample, voxels"),
         (SHIFTED, "shift", "largest shift of each grain, diameters (with 30°)"),
-        (TURNED, "turn_deg", "largest turn of each grain, ° (with half a diameter)"),
+        (ROTATED, "rotation_deg", "largest rotation of each grain, ° (with half a diameter)"),
     ]
     for axes, (moves, name, label) in zip(image.subplots(1, 3, sharey=True), sweeps, strict=True):
         for views in VIEWS:

@@ -42,12 +42,12 @@ def study() -> page.Section:
     case = gravel.case()
     h = case.scanner.voxel_size
     parts = [
-        f"The gravel twin again, {VIEWS} views, in two states: *random*, every grain moved by up to 5 voxels and 10° "
-        "its own way, and *unmoved*.  Zero start and the package's defaults unless said otherwise.  Errors are root "
-        "mean square a component over the grains that did not fail; a grain fails if it is missing, not converged, or "
-        f"off by more than 1 voxel ({h:g} mm) or 5°.  CPU s is that of tracking alone.  All references are cut into "
-        "grains by one and the same segmentation, the default one of the smooth SART volume, so that nothing but the "
-        "choice differs.",
+        f"The simulated gravel again, {VIEWS} views, in two states: *random*, every grain moved by up to 5 voxels and "
+        "10° its own way, and *unmoved*.  Zero start and the package's defaults unless stated otherwise.  Errors are "
+        "root mean square a component over the grains that did not fail; a grain fails if it is missing, not "
+        f"converged, or off by more than 1 voxel ({h:g} mm) or 5°.  CPU s is that of tracking alone.  All references "
+        "share one segmentation for the extraction of grains, the default one of the smooth SART volume, so that "
+        "nothing but the choice differs.",
         "### Reference: SART or filtered back-projection",
         references(),
         "### Lagrangian or Eulerian",
@@ -66,7 +66,7 @@ def references() -> str:
     scan = gravel.full_scan().select(CHECKED_VIEWS)
     found = gravel.reference()
     volumes = {f"SART, {len(found.residuals)} sweeps": (found.volume, found.cpu)}
-    volumes |= {name: fdk(cut) for name, cut in FDK.items()}
+    volumes |= {name: fdk(cut_off) for name, cut_off in FDK.items()}
     rows, runs = [], {}
     for name, (volume, cpu) in volumes.items():
         images = project(volume, scan.geometry)
@@ -91,14 +91,14 @@ def _by_height(runs: dict[tuple[str, str], gravel.Run]) -> str:
     """Rotation errors of the grains near and far from the source's plane, where a cone beam is exact for FDK."""
     heights = np.abs(gravel.case().sample.centers[:, 2])
     far = heights > np.median(heights)
-    said = []
+    sentences = []
     for name in dict.fromkeys(name for name, _ in runs):
         errors = [_rms(runs[name, "random"].errors.rotation_errors_deg[half]) for half in (~far, far)]
-        said.append(f"{errors[0]:.3f}° and {errors[1]:.3f}° with {name}")
+        sentences.append(f"{errors[0]:.3f}° and {errors[1]:.3f}° with {name}")
     return (
-        "A full circle of a cone beam tells all only in the source's plane, and FDK's formula is exact nowhere else.  "
-        f"Rotations of the random state, for the half of the grains nearest to that plane and for the others: "
-        f"{'; '.join(said)}."
+        "The data of a circular cone-beam scan are complete only in the source's plane, and FDK's formula is exact "
+        f"nowhere else.  Rotations of the random state, for the half of the grains nearest to that plane and for the "
+        f"others: {'; '.join(sentences)}."
     )
 
 
@@ -142,18 +142,18 @@ def points_of_view() -> str:
 
 
 def _eulerian_over_lagrangian(runs: dict[tuple[str, str], gravel.Run], ours: str, other: str) -> str:
-    said = []
+    sentences = []
     for state in STATES:
         a, b = runs[state, ours], runs[state, other]
-        said.append(
+        sentences.append(
             f"in the {state} state {b.errors.translation_rms / a.errors.translation_rms:.2f} times in translation, "
             f"{b.errors.rotation_rms_deg / a.errors.rotation_rms_deg:.2f} times in rotation, for {b.cpu / a.cpu:.0f} "
             "times the CPU time"
         )
     return (
-        f"Eulerian errors over Lagrangian ones with analytic derivatives: {'; '.join(said)}.  Resampling blurs a grain "
-        "that lies off the grid and leaves one that lies on it as it is.  The unmoved state lies on the grid and so "
-        "favours the Eulerian projector; no real motion does."
+        f"Eulerian errors over Lagrangian ones with analytic derivatives: {'; '.join(sentences)}.  Resampling blurs "
+        "a grain that lies off the grid and leaves one that lies on it as it is.  The unmoved state lies on the "
+        "grid and so favours the Eulerian projector; no real motion does."
     )
 
 
@@ -221,10 +221,10 @@ def gains() -> str:
         ways = {"a, b free": (scan, True), "a = 1, b = 0": (scan, False)}
         if drift.startswith("beam"):
             ways["a = 1, b = 0, air set to zero first"] = (normalize_air(scan, margin=8), False)
-        for way, (seen, free) in ways.items():
-            # Where a drift is ignored, every grain looks lost, and a search for all of them is long and in vain.
+        for way, (drifted, free) in ways.items():
+            # Where a drift is ignored, every grain fits badly, and a search for all of them is long and in vain.
             settings = TrackSettings(gain=free, search=False)
-            run = gravel.track_state(sample, "random", settings=settings, scan=seen)
+            run = gravel.track_state(sample, "random", settings=settings, scan=drifted)
             fit, e = run.motions.fit, run.errors
             refused = int((~run.motions.ok).sum())
             errors = [f"{_rms(e.translation_errors) / h:.4f}", f"{_rms(e.rotation_errors_deg):.3f}"]

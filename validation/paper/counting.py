@@ -19,7 +19,7 @@ from grainmotion.tracking.track import TrackSettings, track
 class Count:
     """Projections of a grain to a view, and the CPU seconds that they took."""
 
-    walks: int = 0
+    projections: int = 0
     cpu: float = 0.0
 
 
@@ -29,13 +29,13 @@ def counted() -> Iterator[Count]:
     count = Count()
 
     def counting(inner: Callable[..., None]) -> Callable[..., None]:
-        def walk(*arguments: object) -> None:
+        def counted_projection(*arguments: object) -> None:
             begin = time.process_time()
             inner(*arguments)
             count.cpu += time.process_time() - begin
-            count.walks += len(arguments[11])  # ``boxes``, one a grain and view
+            count.projections += len(arguments[11])  # ``boxes``, one a grain and view
 
-        return walk
+        return counted_projection
 
     kernels = {name: counting(getattr(kernel, name)) for name in ("project", "project_with_derivatives")}
     with mock.patch.multiple(kernel, **kernels):

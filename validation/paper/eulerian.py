@@ -41,8 +41,8 @@ class EulerianProblem(StateProblem):
         values = self._project(pose, patches)
         derivatives = np.empty((6, len(values)), values.dtype)
         shift = STEP_VOXELS * self.grains.voxel_size
-        turn = shift / float(self.grains.radii.max())
-        for k, step in enumerate([shift] * 3 + [turn] * 3):
+        rotation = shift / float(self.grains.radii.max())
+        for k, step in enumerate([shift] * 3 + [rotation] * 3):
             moved = self.retract(pose, np.tile(step * np.eye(6)[k], len(self.grains)))
             derivatives[k] = (self._project(moved, patches) - values) / step
         return patches, values, derivatives
@@ -55,7 +55,7 @@ class EulerianProblem(StateProblem):
 
 
 def resampled(grains: GrainArrays, pose: Pose) -> GrainArrays:
-    """The grains' images in the sample's grid at a pose; their corners are seen from the moved centres."""
+    """The grains' images in the sample's grid at a pose; their corners are relative to the moved centres."""
     h = grains.voxel_size
     images, corners = [], np.empty_like(grains.corners)
     for k, (shape, corner) in enumerate(zip(grains.shapes, grains.corners, strict=True)):
@@ -90,7 +90,7 @@ def track_by_filters(
 ) -> Motions:
     """All grains free from a start, filter by filter and nothing else, by the problem given.
 
-    Every grain is said to have converged: it is for the comparison with the truth to fail it.
+    Every grain gets the status *converged*; only the comparison with the truth can fail it.
     """
     packed = GrainArrays.of(grains)
     fixed = np.zeros(scan.line_integrals.shape, packed.images.dtype)
@@ -112,6 +112,6 @@ def track_by_filters(
 
 
 def _widened(grains: GrainArrays) -> GrainArrays:
-    """The same with hulls that hold what resampling smears, so that shadows hold it too."""
+    """The same with hulls widened by the resampling, so that footprints contain all of it."""
     lengths = np.linalg.norm(grains.hulls, axis=2, keepdims=True)
     return replace(grains, hulls=grains.hulls * (1 + RESAMPLING_MARGIN * grains.voxel_size / np.maximum(lengths, 1e-9)))

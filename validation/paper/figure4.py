@@ -24,7 +24,7 @@ from validation.paper.table1 import EXACT, PLAIN
 
 Float = NDArray[np.float64]
 SAMPLES = 20
-TURNS_DEG = np.arange(-90.0, 91.0, 5.0)
+ROTATIONS_DEG = np.arange(-90.0, 91.0, 5.0)
 SHIFTS = np.array([0.25, 0.5, 0.75, 1.0])  # diameters
 DIRECTIONS_DEG = np.arange(0.0, 360.0, 45.0)
 WITH_SEARCH = TrackSettings(gain=False, trend="none", tolerance=1e-10)
@@ -34,12 +34,12 @@ NEAR_SYMMETRY = 0.1  # of the highest cost: a second valley this deep makes a gr
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """One grain: cost at `FINE_DEG`; by solver, ω (degrees) reached from `TURNS_DEG`, and whether exactly;
+    """One grain: cost at `FINE_DEG`; by solver, ω (degrees) reached from `ROTATIONS_DEG`, and whether exactly;
     whether the true place was reached from each shift and direction ``(shifts, directions)``."""
 
     cost: Float
     reached_deg: dict[str, Float]
-    turned: dict[str, NDArray[np.bool_]]
+    rotated: dict[str, NDArray[np.bool_]]
     shifted: dict[str, NDArray[np.bool_]]
 
     @property
@@ -52,11 +52,14 @@ class Trial:
 FINE_DEG = np.arange(-90.0, 90.5, 0.5)
 
 
-def trial(seed: int, turns_deg: Float = TURNS_DEG, directions_deg: Float = DIRECTIONS_DEG) -> Trial:
+def trial(seed: int, rotations_deg: Float = ROTATIONS_DEG, directions_deg: Float = DIRECTIONS_DEG) -> Trial:
     """The innermost grain of a sample, at rest, from starts that are wrong."""
     grains = images.draw(seed).grains("one")
     scan = images.observe(grains, Motions.identity(grains.labels, grains.centers), 2)
-    turns = {name: [_end(grains, scan, settings, turn=t) for t in turns_deg] for name, settings in SOLVERS.items()}
+    rotated_ends = {
+        name: [_end(grains, scan, settings, rotation_deg=r) for r in rotations_deg]
+        for name, settings in SOLVERS.items()
+    }
     shifts = {
         name: np.array(
             [
@@ -68,8 +71,8 @@ def trial(seed: int, turns_deg: Float = TURNS_DEG, directions_deg: Float = DIREC
     }
     return Trial(
         _costs(grains, scan),
-        {name: np.array([np.rad2deg(m.rotations[0, 2]) for m in ends]) for name, ends in turns.items()},
-        {name: np.array([_exact(m) for m in ends]) for name, ends in turns.items()},
+        {name: np.array([np.rad2deg(m.rotations[0, 2]) for m in ends]) for name, ends in rotated_ends.items()},
+        {name: np.array([_exact(m) for m in ends]) for name, ends in rotated_ends.items()},
         shifts,
     )
 
@@ -77,25 +80,25 @@ def trial(seed: int, turns_deg: Float = TURNS_DEG, directions_deg: Float = DIREC
 def study() -> Section:
     """Curves of the first grain, and counts over all."""
     trials = run_trials(trial, range(SAMPLES))
-    plain_range = [_range(t.turned["plain"]) for t in trials]
+    plain_range = [_range(t.rotated["plain"]) for t in trials]
     distinct = [t for t in trials if not t.symmetric]
     rows = []
     for name in SOLVERS:
-        turned = np.array([t.turned[name] for t in trials])
+        rotated = np.array([t.rotated[name] for t in trials])
         shifted = np.array([t.shifted[name] for t in trials])
-        row = [name, f"{turned.sum()} of {turned.size}"]
-        row.append(f"{sum(t.turned[name].sum() for t in distinct)} of {len(distinct) * len(TURNS_DEG)}")
+        row = [name, f"{rotated.sum()} of {rotated.size}"]
+        row.append(f"{sum(t.rotated[name].sum() for t in distinct)} of {len(distinct) * len(ROTATIONS_DEG)}")
         rows.append(row + [f"{s.sum()} of {s.size}" for s in shifted.transpose(1, 0, 2)])
-    head = ["solver", "turned starts, all grains", f"the {len(distinct)} without near-symmetry"]
+    head = ["solver", "rotated starts, all grains", f"the {len(distinct)} without near-symmetry"]
     head += [f"shifted by {s:g} diameter" for s in SHIFTS]
     caption = (
         "Left: the cost of one grain against its rotation. Middle: the rotation reached against the initial guess. "
         "Right: share of the grains recovered against the initial guess."
     )
     near = len(trials) - len(distinct)
-    text = f"""One grain alone, 2 views, true motion none, {SAMPLES} grains from as many samples.  Starts are turned by
-up to ±90° every 5° ({len(TURNS_DEG)} a grain), or shifted in {len(DIRECTIONS_DEG)} directions.  A start succeeds if the
-end is exact to {EXACT:g} of a pixel and of a radian.  A grain is nearly symmetric if the cost falls below
+    text = f"""One grain alone, 2 views, true motion none, {SAMPLES} grains from as many samples.  Starts are rotated by
+up to ±90° every 5° ({len(ROTATIONS_DEG)} a grain), or shifted in {len(DIRECTIONS_DEG)} directions.  A start succeeds if
+the end is exact to {EXACT:g} of a pixel and of a radian.  A grain is nearly symmetric if the cost falls below
 {NEAR_SYMMETRY:.0%} of its highest value more than 20° away from the truth; {near} of {len(trials)} are.
 
 {figure("figure4", _draw(trials[0], trials), caption)}
@@ -106,10 +109,10 @@ The plain solver succeeds from starts within {np.median(plain_range):.0f}° (med
 
 
 def _end(
-    grains: GrainSet, scan: Scan, settings: TrackSettings, turn: float = 0.0, shift: Float | None = None
+    grains: GrainSet, scan: Scan, settings: TrackSettings, rotation_deg: float = 0.0, shift: Float | None = None
 ) -> Motions:
     start = Motions.identity(grains.labels, grains.centers)
-    start.rotations[:, 2] = np.deg2rad(turn)
+    start.rotations[:, 2] = np.deg2rad(rotation_deg)
     if shift is not None:
         start.translations[:, :2] = shift
     return track(grains, scan, start, settings)
@@ -134,7 +137,7 @@ def _unit(direction_deg: float) -> Float:
 
 def _range(succeeded: NDArray[np.bool_]) -> float:
     """Degrees on both sides of the truth from which every start succeeds."""
-    failed = np.abs(TURNS_DEG[~succeeded])
+    failed = np.abs(ROTATIONS_DEG[~succeeded])
     return float(failed.min() - 5.0) if len(failed) else 90.0
 
 
@@ -144,8 +147,8 @@ def _draw(first: Trial, trials: list[Trial]) -> Figure:
     left.plot(FINE_DEG, first.cost / first.cost.max())
     left.set(xlabel="ω, °", ylabel="F(0, 0, ω) / largest")
     for name, marker in zip(SOLVERS, ("o", "x"), strict=True):
-        middle.plot(TURNS_DEG, first.reached_deg[name], marker, label=name)
-        right.plot(TURNS_DEG, np.mean([t.turned[name] for t in trials], axis=0), marker + "-", label=name)
+        middle.plot(ROTATIONS_DEG, first.reached_deg[name], marker, label=name)
+        right.plot(ROTATIONS_DEG, np.mean([t.rotated[name] for t in trials], axis=0), marker + "-", label=name)
     middle.set(xlabel="initial ω, °", ylabel="ω reached, °")
     right.set(xlabel="initial ω, °", ylabel="share of grains recovered", ylim=(-0.05, 1.05))
     middle.legend()

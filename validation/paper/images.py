@@ -55,7 +55,7 @@ class Image:
         return grains_from_labels(volume, labels[None], reach=0)
 
     def members(self, which: str) -> list[int]:
-        """Labels of the innermost grain; of six about two diameters apart; of six neighbours; or of all."""
+        """Labels of the innermost grain; of six about two diameters distances; of six neighbours; or of all."""
         numbers = np.arange(1, self.labels.max() + 1)
         if which == "all":
             return numbers.tolist()
@@ -63,10 +63,10 @@ class Image:
         order = np.argsort(np.hypot(*(places - (IMAGE_SIZE - 1) / 2).T))
         if which == "one":
             return [int(numbers[order[0]])]
-        apart = np.hypot(*(places[:, None] - places).transpose(2, 0, 1))
+        distances = np.hypot(*(places[:, None] - places).transpose(2, 0, 1))
         if which == "dense":
-            return sorted(numbers[np.argsort(apart[order[0]])[:6]].tolist())
-        return sorted(numbers[_spread(apart, order, 6, 2 * DIAMETER)].tolist())
+            return sorted(numbers[np.argsort(distances[order[0]])[:6]].tolist())
+        return sorted(numbers[_spread(distances, order, 6, 2 * DIAMETER)].tolist())
 
 
 def draw(seed: int) -> Image:
@@ -102,15 +102,15 @@ def large_motions(grains: GrainSet, seed: int) -> Motions:
 
 def observe(grains: GrainSet, truth: Motions, views: int, projector: Projector = "trilinear") -> Scan:
     """Radiographs of moved grains without noise, made as the paper does by the tracker's own projector."""
-    seen = geometry(views)
-    return Scan(simulate_radiographs(grains, truth, seen, projector=projector), seen)
+    view_geometry = geometry(views)
+    return Scan(simulate_radiographs(grains, truth, view_geometry, projector=projector), view_geometry)
 
 
 def errors(measured: Motions, truth: Motions) -> Float:
     """Largest error of each grain, ``(n, 2)``: of (u_x, u_y) in pixels, of ω in radians."""
     shift = np.abs(measured.translations - truth.translations)[:, :2].max(axis=1)
-    turn = measured.rotations[:, 2] - truth.rotations[:, 2]
-    return np.stack([shift, np.abs(np.arctan2(np.sin(turn), np.cos(turn)))], axis=1)
+    rotation = measured.rotations[:, 2] - truth.rotations[:, 2]
+    return np.stack([shift, np.abs(np.arctan2(np.sin(rotation), np.cos(rotation)))], axis=1)
 
 
 def study() -> Section:
@@ -159,8 +159,8 @@ def _section(rng: np.random.Generator, index: int) -> Float:
     half = int(np.ceil(radii.max())) + 1
     fine = (np.arange((2 * half + 1) * 5) + 0.5) / 5 - (2 * half + 1) / 2
     y, x = np.meshgrid(fine, fine, indexing="ij")
-    held = np.hypot(x, y) <= np.interp(np.arctan2(y, x), angles, radii)
-    return held.reshape(2 * half + 1, 5, 2 * half + 1, 5).mean(axis=(1, 3))
+    inside = np.hypot(x, y) <= np.interp(np.arctan2(y, x), angles, radii)
+    return inside.reshape(2 * half + 1, 5, 2 * half + 1, 5).mean(axis=(1, 3))
 
 
 def _resting_place(rng: np.random.Generator, taken: NDArray[np.bool_], shape: NDArray[np.bool_]) -> tuple[int, int]:
@@ -182,18 +182,18 @@ def _resting_place(rng: np.random.Generator, taken: NDArray[np.bool_], shape: ND
     return int(best[1]), int(best[2])
 
 
-def _spread(apart: Float, order: NDArray[np.int64], count: int, distance: float) -> NDArray[np.int64]:
+def _spread(distances: Float, order: NDArray[np.int64], count: int, distance: float) -> NDArray[np.int64]:
     """``count`` grains about ``distance`` from the nearest other one of them, the first the innermost."""
     chosen = [int(order[0])]
     while len(chosen) < count:
-        nearest = apart[chosen].min(axis=0)
+        nearest = distances[chosen].min(axis=0)
         nearest[chosen] = np.inf
         chosen.append(int(np.argmin(np.abs(nearest - distance))))
     return np.array(chosen)
 
 
-def _motions(grains: GrainSet, shifts: Float, turns_deg: Float) -> Motions:
+def _motions(grains: GrainSet, shifts: Float, rotations_deg: Float) -> Motions:
     truth = Motions.identity(grains.labels, grains.centers)
     truth.translations[:, :2] = shifts
-    truth.rotations[:, 2] = np.deg2rad(turns_deg)
+    truth.rotations[:, 2] = np.deg2rad(rotations_deg)
     return truth

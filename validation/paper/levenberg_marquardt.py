@@ -41,7 +41,7 @@ class Fit:
     Attributes
     ----------
     motions : Motions
-        All of status *converged*, so that errors alone judge them.
+        All of status *converged*, so that only their errors count.
     settled : bool
         Whether a tolerance was met; False when the evaluations ran out.
     iterations : int
@@ -79,7 +79,7 @@ def fit(
     """
     problem = _Problem(grains, scan, projector, start or Motions.identity(grains.labels, grains.centers), method, step)
     problem.residual(problem.first)  # compiles what is timed below
-    problem.seen = None
+    problem.last = None
     solver = {"method": "lm"} if method == "dense" else {"method": "trf", "tr_solver": "lsmr"}
     with threadpool_limits(limits=1, user_api="blas"), counted() as count:
         begin = time.process_time()
@@ -94,8 +94,8 @@ def fit(
 
 # ---------------------------------------------------------------------- the problem
 @dataclass(eq=False)
-class _Seen:
-    """What is known at one place."""
+class _Evaluation:
+    """Residual and Jacobian at one value of the unknowns."""
 
     x: Float
     patches: Patches
@@ -108,7 +108,7 @@ class _Seen:
 class _Problem:
     """Residual and Jacobian by the unknowns ``(n, 6)``, or ``(n, 3)`` in a plane, flat.
 
-    What SciPy asks for twice at one place is not computed twice.
+    Values that SciPy requests twice are computed once.
     """
 
     grains: GrainSet
@@ -118,7 +118,7 @@ class _Problem:
     method: Method
     step: float
     path: list[tuple[float, Float]] = field(default_factory=list)
-    seen: _Seen | None = None
+    last: _Evaluation | None = None
 
     def __post_init__(self) -> None:
         packed = GrainArrays.of(self.grains)
@@ -137,40 +137,40 @@ class _Problem:
 
     def residual(self, x: Float) -> Float:
         """Measured − simulated."""
-        return self._look(x).residual
+        return self._evaluate(x).residual
 
     def jacobian(self, x: Float) -> Matrix:
         """Forward differences, of the rotation vector itself."""
-        seen = self._look(x)
-        if seen.jacobian is None:
+        last = self._evaluate(x)
+        if last.jacobian is None:
             self.path.append((time.process_time(), x.copy()))
-            seen.jacobian = self._differences(seen)
-        return seen.jacobian
+            last.jacobian = self._differences(last)
+        return last.jacobian
 
-    def _look(self, x: Float) -> _Seen:
-        if self.seen is None or not np.array_equal(self.seen.x, x):
+    def _evaluate(self, x: Float) -> _Evaluation:
+        if self.last is None or not np.array_equal(self.last.x, x):
             geometry, every = self.scan.geometry, self._every(x)
             patches = shadows(self.packed, _pose(every), geometry)
             values = self._project(every, patches)
             residual = self.scan.line_integrals - assemble(values, patches, geometry)
-            self.seen = _Seen(x.copy(), patches, values, residual.ravel())
-        return self.seen
+            self.last = _Evaluation(x.copy(), patches, values, residual.ravel())
+        return self.last
 
-    def _differences(self, seen: _Seen) -> Matrix:
-        every = self._every(seen.x)
-        slopes = np.empty((len(self.free), len(seen.values)))
-        for row, k in zip(slopes, self.free, strict=True):
+    def _differences(self, last: _Evaluation) -> Matrix:
+        every = self._every(last.x)
+        derivatives = np.empty((len(self.free), len(last.values)))
+        for row, k in zip(derivatives, self.free, strict=True):
             moved = every.copy()
             moved[:, k] += self.steps[k]
-            row[:] = (seen.values - self._project(moved, seen.patches)) / self.steps[k]
-        pixels, owners = _places(seen.patches, self.scan.line_integrals.shape)
+            row[:] = (last.values - self._project(moved, last.patches)) / self.steps[k]
+        pixels, owners = _places(last.patches, self.scan.line_integrals.shape)
         columns = owners * len(self.free) + np.arange(len(self.free))[:, None]
-        shape = len(seen.residual), seen.x.size
+        shape = len(last.residual), last.x.size
         if self.method == "sparse":
-            rows = np.broadcast_to(pixels, slopes.shape)
-            return sparse.csr_array((slopes.ravel(), (rows.ravel(), columns.ravel())), shape)
+            rows = np.broadcast_to(pixels, derivatives.shape)
+            return sparse.csr_array((derivatives.ravel(), (rows.ravel(), columns.ravel())), shape)
         out = np.zeros(shape)
-        out[pixels, columns] = slopes
+        out[pixels, columns] = derivatives
         return out
 
     def _project(self, every: Float, patches: Patches) -> Float:

@@ -60,7 +60,7 @@ def _intro(noise: float) -> str:
         "There are three ways to take ε.  *Before*: each view just before its own update, gathered over the sweep "
         "while the volume changes; it is what `Reconstruction.residuals` holds and what the stopping rule reads, as "
         "it costs nothing.  *Own*: the volume after the sweep, projected and compared with the scan that made it.  "
-        "*Other*: the same volume compared with the other scan, whose noise it has never seen."
+        "*Other*: the same volume compared with the other scan, which has other noise."
     )
 
 

@@ -1,4 +1,4 @@
-"""Table 2: all 30 grains carried by a stretch of 15 % and 10 % and turned by up to 30°, from 2, 4 and 6 views."""
+"""Table 2: all 30 grains carried by a stretch of 15 % and 10 % and rotated by up to 30°, from 2, 4 and 6 views."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Tables 3 and 4: the motions of the gravel's grains from 4 and from 2 radiographs, unmoved and shifted.
 
-The paper says how far its measured motions spread over the grains.  The twin's truth is known, so that
+The paper says how far its measured motions spread over the grains.  The truth of the simulated sample is known, so that
 mean and standard deviation here are those of the errors, in the paper's axes and layout.
 """
 
@@ -101,11 +101,11 @@ def _goals(runs: dict[tuple[str, Setup, str], gravel.Run], h: float) -> str:
         goal = f"{voxels:g} voxel, {degrees:g}°"
         rows.append([name, setup, tracker, f"{worst[0]:.4f}", f"{worst[1]:.3f}", run.failures, goal, _yes(reached)])
     each = len(rows) // len(TRACKERS)
-    said = ", ".join(f"the {tracker} tracker meets {count} of {each}" for tracker, count in met.items())
+    sentences = ", ".join(f"the {tracker} tracker meets {count} of {each}" for tracker, count in met.items())
     head = ["state", "start", "tracker", "worst sd, voxel", "worst sd, °", "failures", "goal", "met"]
     return (
         "The goal is a standard deviation of every component no larger than the one named, and no grain that "
-        f"failed; the paper, on real radiographs, has 0.2–0.4 voxel and 0.7–1.9°.  Of these goals {said}.\n\n"
+        f"failed; the paper, on real radiographs, has 0.2–0.4 voxel and 0.7–1.9°.  Of these goals {sentences}.\n\n"
         + page.table(head, rows)
         + "\n"
         + _starts(runs, h)
@@ -114,13 +114,13 @@ def _goals(runs: dict[tuple[str, Setup, str], gravel.Run], h: float) -> str:
 
 def _starts(runs: dict[tuple[str, Setup, str], gravel.Run], h: float) -> str:
     """How far apart the motions from 2 views are that the two starts lead to."""
-    said = []
+    sentences = []
     for tracker in TRACKERS:
         pairs = [[runs[name, setup, tracker].motions for setup in SETUPS if setup.views == 2] for name in STATES]
         apart = max(np.abs(a.translations - b.translations).max() for a, b in pairs) / h
-        turned = max(np.abs(a.rotations - b.rotations).max() for a, b in pairs)
-        said.append(f"within {apart:.4f} voxel and {np.rad2deg(turned):.3f}° with the {tracker} tracker")
-    return f"With 2 views, the near and the zero start end at the same motions {', '.join(said)}."
+        rotated = max(np.abs(a.rotations - b.rotations).max() for a, b in pairs)
+        sentences.append(f"within {apart:.4f} voxel and {np.rad2deg(rotated):.3f}° with the {tracker} tracker")
+    return f"With 2 views, the near and the zero start end at the same motions {', '.join(sentences)}."
 
 
 def _yes(reached: bool) -> str:
@@ -133,14 +133,14 @@ def _intro(h: float) -> str:
     angles = {n: ", ".join(f"{a:g}" for a in LATER_ANGLES_DEG[n]) for n in (4, 2)}
     sweeps = ", ".join(f"{len(gravel.reference(s).residuals)} sweeps with {t}" for t, s in TRACKERS.items())
     return (
-        f"The twin: {len(case.sample)} touching gravel grains without voxels, {case.scanner.reference_views} views of "
-        f"{case.scanner.panel[0]} × {case.scanner.panel[1]} pixels at SNR 50, voxels of {h:g} mm; SART ({sweeps}), "
+        f"The sample: {len(case.sample)} touching gravel grains without voxels, {case.scanner.reference_views} views "
+        f"of {case.scanner.panel[0]} × {case.scanner.panel[1]} pixels at SNR 50, voxels of {h:g} mm; SART ({sweeps}), "
         "default segmentation.  *Smooth* is the package's default, trilinear sampling in SART and in tracking; "
         "*Siddon* is the paper's exact path through boxes in both, with analytic derivatives and the same stages.  "
         f"The shift is ({shift[0]:g}, {shift[1]:g}, {shift[2]:g}) mm = {np.linalg.norm(shift) / h:.0f} voxels in the "
-        f"paper's axes.  4 views are at {angles[4]}°, 2 views at {angles[2]}°.  A *zero start* knows nothing; a *near "
-        f"start* is up to {NEAR_START[0]:g} voxel and {NEAR_START[1]:g}° from the truth, each grain its own way, as 2 "
-        "views need in the paper.\n\n"
+        f"paper's axes.  4 views are at {angles[4]}°, 2 views at {angles[2]}°.  A *zero start* uses no prior "
+        f"knowledge; a *near start* is up to {NEAR_START[0]:g} voxel and {NEAR_START[1]:g}° from the truth, each grain "
+        "its own way, as 2 views need in the paper.\n\n"
         "Each cell is mean ± standard deviation over the grains of the measured motion minus the true one, u, v, w and "
         "rotations along the paper's x, y (the rotation axis) and z (the beam).  Grains that failed (missing, not "
         "converged, or off by more than 1 voxel or 5°) are counted, and left out of mean and deviation."

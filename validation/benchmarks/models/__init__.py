@@ -1,1 +1,1 @@
-"""Models of cost, beside what is measured."""
+"""Models of cost, to compare with measurements."""

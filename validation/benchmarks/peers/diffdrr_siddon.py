@@ -37,7 +37,7 @@ target = tensor(np.load(job["pixels"])).reshape(1, -1, 3)
 measured = tensor(np.load(job["measured"])).reshape(1, 1, -1)
 corner, position, matrix = tensor(job["corner"]), tensor(job["position"]), tensor(job["matrix"])
 threads = torch.get_num_threads()
-# A nearest voxel has no slope: without these gradients, which are zero, DiffDRR is faster.
+# A nearest voxel has no derivative: without these gradients, which are zero, DiffDRR is faster.
 renderer = Siddon(stop_gradients_through_grid_sample=True)
 
 
@@ -46,10 +46,10 @@ def render(u, delta):
     x, y, z = delta.unbind()
     zero = torch.zeros_like(x)
     cross = torch.stack([zero, -z, y, z, zero, -x, -y, x, zero]).reshape(3, 3)
-    turn = torch.linalg.matrix_exp(cross) @ matrix
+    rotation = torch.linalg.matrix_exp(cross) @ matrix
 
     def to_voxels(points):
-        return ((points - position - u) @ turn - corner) / job["voxel_size"]
+        return ((points - position - u) @ rotation - corner) / job["voxel_size"]
 
     lengths = (target - source).norm(dim=-1).unsqueeze(1)
     return renderer(density, to_voxels(source), to_voxels(target), lengths)
@@ -66,10 +66,10 @@ for k in range(2 * job["repeats"] + 1):
     times.append(time.process_time() - start)
 
 np.save(job["out"], values.detach().numpy().ravel())
-told = {
+reply = {
     "cpu": min(times[1:]),
     "gradient": [*u.grad.tolist(), *delta.grad.tolist()],
     "diffdrr": version("diffdrr"),
     "torch": version("torch"),
 }
-print(json.dumps(told))
+print(json.dumps(reply))

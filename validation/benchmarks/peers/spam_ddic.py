@@ -50,7 +50,7 @@ class Pair:
         """Where each grain is, in whole voxels: the TSV for `correlate`, and CPU seconds.
 
         The search is ``SEARCH_RANGE`` the motion of the sample as one body if `spam-reg` converges to one, else it
-        starts from zero and goes as far as ``reach`` says along z, y and x.
+        starts from zero and extends to ``reach`` along z, y and x.
         """
         out = ("-od", self.folder, "-pre")
         cpu = timed("spam-reg", "-rig", "-bb", REG_BINNING, *out, "body", self.reference, self.state)

@@ -1,4 +1,4 @@
-"""What the kept history says of the machine: enough to compare by, nothing that names it."""
+"""Description of the machine in the kept history: enough to compare times, nothing that identifies it."""
 
 from importlib.metadata import version
 
