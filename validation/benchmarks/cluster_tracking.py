@@ -6,8 +6,8 @@ The sample is that of `crowd`, stones 14 voxels across, all of it projected by t
 answers must be the same bits.  On a machine that others use the clock says little, so CPU seconds along the critical
 path (client and scheduler, then the busier worker) are given as well.  Bytes are Dask's own counters: what one worker
 sends goes to the client, what two send beyond that to each other; they must agree with `models.cluster` within 20 %.
-Writes ``validation/benchmarks/results/cluster_tracking.md``; ends with code 1 if bits differ, bytes are off or two workers
-are not 1.7 times one.
+Writes ``validation/benchmarks/results/cluster_tracking.md``; ends with code 1 if bits differ, bytes are off or two
+workers are not 1.7 times one.
 """
 
 from __future__ import annotations
