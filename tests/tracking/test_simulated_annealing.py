@@ -1,4 +1,4 @@
-"""Annealing: scores against brute force, and grains that are found from far away."""
+"""Annealing: misregistered grains are found from far away."""
 
 from dataclasses import replace
 
@@ -6,7 +6,6 @@ import numpy as np
 from validation.paper import images
 
 from few_grains import VOXEL, errors, grain_set, motions, radiographs
-from grainmotion.kernels import gibbs_sampling as kernel
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.pose import Pose
 from grainmotion.model.scan import Scan
@@ -40,53 +39,6 @@ def start():
 def target(truth):
     scan = radiographs(GRAINS, truth)
     return Target(scan, np.zeros(scan.line_integrals.shape, np.float32), "trilinear", sigma=0.0)
-
-
-class TestKernel:
-    def problem(self):
-        """One grain of 4 turns, 2 views; the truth is turn 2 moved by (1, −2) pixels in both views."""
-        rng = np.random.default_rng(3)
-        tables = rng.integers(0, 4096, (4, 2 * 5 * 6)).astype(np.float32)
-        anchors = np.array([[6, 7], [8, 6]])
-        images = np.zeros((2, 20, 22))
-        for v, (r, c) in enumerate(anchors):
-            images[v, r + 1 : r + 6, c - 2 : c + 4] = tables[2, 30 * v : 30 * v + 30].reshape(5, 6)
-        energies = (tables.astype(float) ** 2).reshape(4, 2, 30).sum(axis=2)
-        return images, tables, energies, anchors
-
-    def run(self, heats, images, turn=0, move=12):
-        images = images.copy()
-        _, tables, energies, anchors = self.problem()
-        steps = np.arange(-2.0, 3.0)
-        shifts = np.stack([a.ravel() for a in np.meshgrid(steps, steps, [0.0], indexing="ij")], axis=1)
-        slopes = np.zeros((1, 2, 2, 3))
-        slopes[:, :, 0, 0] = slopes[:, :, 1, 1] = 1
-        turns, moves = np.array([turn]), np.array([move])
-        kernel._add_grain(
-            images, tables, np.array([[0, 1]]), anchors, np.full((2, 2), (5, 6)), np.array([0, 30, 60]), slopes, 0,
-            turn, shifts[move], -1.0,
-        )  # fmt: skip
-        cost = kernel.anneal(
-            np.random.default_rng(0), np.asarray(heats, float), (256, 512), images, tables, energies,
-            np.array([[0, 1]]), anchors, np.full((2, 2), (5, 6)), np.array([0, 30, 60]), slopes, shifts,
-            np.array([2, 2]), turns, moves,
-        )  # fmt: skip
-        return cost, turns[0], shifts[moves[0]]
-
-    def test_without_heat_the_best_candidate_wins(self):
-        cost, turn, shift = self.run([0.0], self.problem()[0])
-        assert turn == 2
-        np.testing.assert_array_equal(shift, [1, -2, 0])
-        assert cost == 0
-
-    def test_the_cost_is_that_of_the_candidates_left_behind(self):
-        """At great heat candidates are drawn at random; what is handed back is the best seen and its cost."""
-        images, tables, _, anchors = self.problem()
-        cost, turn, shift = self.run([1e12] * 5, images)
-        left = images.astype(float).copy()
-        for v, (r, c) in enumerate(anchors + shift[:2].astype(int)):
-            left[v, r : r + 5, c : c + 6] -= tables[turn, 30 * v : 30 * v + 30].reshape(5, 6)
-        assert cost == (left**2).sum()
 
 
 class TestAnneal:
