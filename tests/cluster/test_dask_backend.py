@@ -15,7 +15,8 @@ from grainmotion.objective.normal_matrix import PatchNormalMatrix, gathered, nor
 from grainmotion.objective.residual import StateProblem
 from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.projection.grains import assemble, differentiate_in_place, project_in_place, shadows
-from grainmotion.tracking.track import TrackSettings, _multistage_fit, track
+from grainmotion.tracking.multistage import MultistageFit
+from grainmotion.tracking.track import TrackSettings, track
 from grainmotion.uncertainty.rotation_identifiability import unconfirmed_rotations
 from inline_work import InlineExecutor
 
@@ -114,7 +115,7 @@ def test_some_grains_in_another_order(crew):
 
 def test_same_look(crew):
     """A whole evaluation, filtered, with its gradient; files of what nobody refers to are gone."""
-    fit = _multistage_fit(GRAINS, SCAN, TrackSettings(), None)
+    fit = MultistageFit.of(GRAINS, SCAN, TrackSettings())
     problem = StateProblem(fit.grains, replace(fit.target, sigma=2.0))
     far = replace(problem, grains=problem.grains.on(crew))
     here, there = problem.linearize(STILL), far.linearize(STILL)
@@ -126,7 +127,7 @@ def test_same_look(crew):
 def test_same_turns_left_open(crew):
     """Also of a ball, whose turns nothing confirms: its patches must be the same whoever lies in its piece."""
     grains = GrainSet(tuple(replace(g, volume=single(g.volume), fine=None) for g in grain_set(sphere=2).grains))
-    fit = _multistage_fit(grains, radiographs(grains, small_motions(grains)), TrackSettings(), None)
+    fit = MultistageFit.of(grains, radiographs(grains, small_motions(grains)), TrackSettings())
     problem = StateProblem(fit.grains, replace(fit.target, sigma=0.7))
     seen = problem.evaluate_with_derivatives(STILL)
     far = replace(problem, grains=problem.grains.on(crew))

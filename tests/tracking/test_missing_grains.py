@@ -21,7 +21,7 @@ TRUTH = small_motions(GRAINS)
 def supports_of(scan, truth=TRUTH):
     target = Target(scan, np.zeros(scan.line_integrals.shape, np.float32), "trilinear", 2.0, GAIN_AND_OFFSET)
     held = grain_supports(StateProblem(GrainArrays.of(GRAINS), target), Pose(truth.translations, truth.matrices))
-    return np.array([shadow.support for shadow in held])
+    return np.array([shadow.share for shadow in held])
 
 
 class TestSupport:

@@ -12,7 +12,8 @@ from grainmotion.objective.data_term import Target
 from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.projection.grains import assemble, project_patches, shadows
 from grainmotion.tracking.multiresolution import FREE_GRAIN_PIXELS, coarsened, coarsening
-from grainmotion.tracking.track import TrackSettings, _multistage_fit
+from grainmotion.tracking.multistage import MultistageFit
+from grainmotion.tracking.track import TrackSettings
 
 GRAINS = few_grains.grain_set()
 PACKED = GrainArrays.of(GRAINS)
@@ -75,7 +76,7 @@ class TestRadiographs:
 class TestStages:
     def test_wide_filters_see_fewer_rays(self):
         """Grains 14 voxels across: a field on pixels twice as large, each alone on those of the panel."""
-        fit = _multistage_fit(GRAINS, Scan(images(PACKED, VIEWS), VIEWS), TrackSettings(), None)
+        fit = MultistageFit.of(GRAINS, Scan(images(PACKED, VIEWS), VIEWS), TrackSettings())
         _, field = fit.level(12.0, least=6.0)
         _, alone = fit.level(6.0)
         assert field.scan.geometry.shape == tuple(-(-k // 2) for k in VIEWS.shape)
@@ -83,7 +84,7 @@ class TestStages:
         assert 2 * float(np.median(PACKED.radii)) / few_grains.VOXEL < 2 * FREE_GRAIN_PIXELS
 
     def test_levels_are_made_once(self):
-        fit = _multistage_fit(GRAINS, Scan(images(PACKED, VIEWS), VIEWS), TrackSettings(), None)
+        fit = MultistageFit.of(GRAINS, Scan(images(PACKED, VIEWS), VIEWS), TrackSettings())
         one, other = fit.level(12.0, least=6.0), fit.level(13.0, least=6.0)
         assert one[0] is other[0]
         assert one[1].scan is other[1].scan

@@ -19,7 +19,9 @@ from grainmotion.tracking.simulated_annealing import SearchRanges, anneal
 
 GRAINS = grain_set()
 PACKED = GrainArrays.of(GRAINS)
-FAR = SearchRanges(angle=np.deg2rad(60), reach=0.5, across=10.0, step=1.0, turn_step=1.2, sweeps=15)
+FAR = SearchRanges(
+    max_rotation=np.deg2rad(60), max_shift=0.5, grain_pixels=10.0, shift_step=1.0, rotation_step=1.2, sweeps=15
+)
 
 
 def moved(rows, shift, turn_deg, seed=0):
@@ -70,7 +72,7 @@ class TestAnneal:
         monkeypatch.setattr(module, "MAX_TABLE_NUMBERS", room[0].values.size // 4)
         anneal(PACKED, target(truth), start(), np.arange(5), FAR, seed=0)
         assert room[1].values.size <= module.MAX_TABLE_NUMBERS + room[0].values.shape[1]
-        assert any(np.allclose(turn, np.eye(3)) for turn in room[1].turns)
+        assert any(np.allclose(turn, np.eye(3)) for turn in room[1].rotations)
 
     def test_a_seed_says_it_all(self):
         truth = moved(np.array([2]), 0.5, 40.0)
@@ -109,9 +111,11 @@ class TestAnneal:
         scan = Scan(simulate_radiographs(grains, images.large_motions(grains, 3), views), views)
         seen = Target(scan, np.zeros(scan.line_integrals.shape), "trilinear", sigma=0.0)
         still = Pose(np.zeros((6, 3)), np.tile(np.eye(3), (6, 1, 1)))
-        slopes, rng, ends = module._slopes, np.random.default_rng(0), []
+        slopes, rng, ends = module._pixel_derivatives, np.random.default_rng(0), []
         for size in (0.0, 1e-14, 1e-14):
-            monkeypatch.setattr(module, "_slopes", lambda *a, s=size: slopes(*a) + s * rng.normal(size=(6, 2, 2, 3)))
+            monkeypatch.setattr(
+                module, "_pixel_derivatives", lambda *a, s=size: slopes(*a) + s * rng.normal(size=(6, 2, 2, 3))
+            )
             ends.append(anneal(GrainArrays.of(grains), seen, still, np.arange(6), PLANAR_ATTEMPTS[0], seed=1))
         for end in ends[1:]:
             np.testing.assert_array_equal(end.translations, ends[0].translations)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,8 @@ from grainmotion.rotations import rotation_matrix
 
 if TYPE_CHECKING:
     import pandas as pd
+
+Value = TypeVar("Value", bound=np.generic)
 
 
 class Status(StrEnum):
@@ -178,25 +180,37 @@ class Motions:
         """Grains that converged, ``(n,)``."""
         return self.statuses == Status.CONVERGED.value
 
-    def first(self, count: int, note: str) -> Motions:
-        """The first grains alone, with another note on the state.
+    def for_grains(self, labels: NDArray[np.int64], centers: NDArray[np.float64]) -> Motions:
+        """The motions of other grains, matched by label.
 
         Parameters
         ----------
-        count : int
-            How many grains to keep.
-        note : str
-            Added to ``fit.notes``.
+        labels : (m,) int array
+            Labels in the reference volume.
+        centers : (m, 3) array
+            Centres of mass of grains that have no row here, mm, x y z; those of others are ignored.
 
         Returns
         -------
         Motions
-            Of ``count`` grains.
+            The row of each label where there is one, else no motion, not fitted.
         """
+        row_of = {int(label): row for row, label in enumerate(self.labels)}
+        known = np.array([int(label) in row_of for label in labels], dtype=bool)
+        rows = np.array([row_of[int(label)] for label in labels[known]], dtype=np.int64)
+        other = Motions.identity(labels, centers)
+
+        def merged(own: NDArray[Value], new: NDArray[Value]) -> NDArray[Value]:
+            new = new.copy()
+            new[known] = own[rows]
+            return new
+
         return Motions(
-            self.labels[:count], self.centers[:count], self.translations[:count], self.rotations[:count],
-            self.covariances[:count], self.statuses[:count], self.residuals[:count], self.iterations[:count],
-            self.reasons[:count], replace(self.fit, notes=(*self.fit.notes, note)),
+            other.labels, merged(self.centers, other.centers), merged(self.translations, other.translations),
+            merged(self.rotations, other.rotations), merged(self.covariances, other.covariances),
+            merged(self.statuses, other.statuses), merged(self.residuals, other.residuals),
+            merged(self.iterations, other.iterations),
+            tuple(self.reasons[row_of[int(label)]] if int(label) in row_of else "" for label in labels), self.fit,
         )  # fmt: skip
 
     def to_table(self) -> pd.DataFrame:

@@ -1,9 +1,9 @@
-"""Whether the background moved: it is held where it was unless the radiographs contradict that.
+"""Whether the background moved: it is fixed where it was in the reference unless the radiographs contradict that.
 
 A background of noise and streaks has many minima.  Free to move, it goes into one of them, and the grains move with
-it by a fraction of their standard deviations; which minimum, the last digits of the arithmetic decide.  So once all
-grains are near, the same problem is solved with the background held, and the rise of the cost is compared with what
-noise alone gives to six unknowns.
+it by a fraction of their standard deviations; which minimum that is depends on the last digits of the arithmetic.  So
+once all grains are near, the same problem is solved with a fixed background, and the rise of the cost is compared
+with the one that noise alone gives to six unknowns.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ MOVED_BACKGROUND_CHI2 = 2.5
 dense tube that moved by 0.06 voxel, and as the square of the motion."""
 BACKGROUND_UNKNOWNS = 6
 FIXED_BACKGROUND_SD = 1e-6
-"""Of the prior's standard deviations: those that hold it."""
+"""Of the prior's standard deviations: those that fix the background."""
 FIXED_BACKGROUND_NOTE = (
     "the background was held where it was in the reference: the radiographs do not say that it moved"
 )
@@ -31,23 +31,23 @@ FIXED_BACKGROUND_NOTE = (
 def fixed_unless_moved(
     fit: MultistageFit, problem: StateProblem, solution: Solution[Pose]
 ) -> tuple[StateProblem, Solution[Pose], bool]:
-    """The problem and its solution, with the background held if nothing says that it moved, and whether it is."""
-    nuisance, pose = fit.target.nuisance, solution.state
+    """The problem and its solution, with a fixed background unless it moved, and whether it is fixed."""
+    target, nuisance, pose = fit.target, fit.target.nuisance, solution.state
     if not nuisance.background:
         return problem, solution, False
-    firm = replace(
+    fixed = replace(
         nuisance,
         background_shift_sd=FIXED_BACKGROUND_SD * nuisance.background_shift_sd,
         background_rotation_sd=FIXED_BACKGROUND_SD * nuisance.background_rotation_sd,
     )
-    target = fit.target
-    fit.target = replace(target, nuisance=firm)
-    held, end = fit.solve_free(Pose(pose.translations, pose.matrices), "background held", fit.settings.filters[-1:])
+    fit.target = replace(target, nuisance=fixed)
+    start = Pose(pose.translations, pose.matrices)
+    fixed_problem, end = fit.solve_free(start, "background held", fit.settings.filters[-1:])
     rise = end.costs[-1] - solution.costs[-1]
     pixels = int(shaded_pixels(problem.target, problem.evaluate(pose)).sum())
     variance = 2 * solution.costs[-1] / max(pixels, 1)
     if 2 * rise <= MOVED_BACKGROUND_CHI2 * BACKGROUND_UNKNOWNS * variance * correlated_pixels(problem.target):
-        return held, end, True
+        return fixed_problem, end, True
     fit.target = target
     return problem, solution, False
 

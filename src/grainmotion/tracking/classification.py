@@ -1,4 +1,4 @@
-"""What became of each grain: covariance, residual, status and its sentence."""
+"""The status of each grain, and the sentence that says why and what to do."""
 
 from __future__ import annotations
 
@@ -25,118 +25,120 @@ from grainmotion.uncertainty.weak_directions import poorly_determined
 AMBIGUOUS_REASON = (
     "another search put it elsewhere, and neither fit is perfect; take more views, or give a nearer start"
 )
-MAX_DISTURBED_MISFIT = (
-    0.05  # residual beyond the noise over line integrals, above which a lost neighbour may have shifted a grain
-)
+MAX_DISTURBED_MISFIT = 0.05
+"""Residual beyond the noise over line integrals, above which a misregistered neighbour may have shifted a grain."""
 MIN_PIXELS_PER_UNKNOWN = 13.0
 """Pixels an unknown below which neighbours may make up for a grain in a wrong place (decision 0015)."""
-MIN_COVERAGE = 0.6  # share of a grain's shadows on the panel below which it has left the field
+MIN_COVERAGE = 0.6
+"""Share of a grain's projections on the detector below which it has left the field."""
+MAX_LAST_STEP_VOXELS = 0.1
+"""Displacement by the last step from which a grain still moves, if the solver did not settle."""
 
 
 def classify(
     grains: GrainSet,
-    polished: RefinedFit,
-    doubtful: NDArray[np.bool_],
+    refined: RefinedFit,
+    ambiguous: NDArray[np.bool_],
     limits: tuple[float, float],
     costs: tuple[tuple[str, float], ...],
 ) -> Motions:
-    """Turn what was found into a table; ``limits`` are the largest sd of u (mm) and of ω (rad) to accept."""
-    problem, solution, n = polished.problem, polished.solution, len(grains)
+    """The motions of a refined fit; ``limits`` are the largest sd of u (mm) and of ω (rad) to accept."""
+    problem, solution, n = refined.problem, refined.solution, len(grains)
     evaluation = problem.evaluate(solution.state)
     fits = misfits(problem, evaluation)
-    covariances, known = polished.posterior.copy(), polished.covariances.copy()
-    lost = fits.misregistered
-    shaken = lost.any() & ~lost & (fits.shares > MAX_DISTURBED_MISFIT)
+    misregistered = fits.misregistered
+    disturbed = misregistered.any() & ~misregistered & (fits.shares > MAX_DISTURBED_MISFIT)
     coverage, moving = evaluation.patches.seen.mean(axis=1), _still_moving(problem, solution)
-    held = grain_supports(problem, solution.state) if lost.any() else [GrainSupport()] * n
+    supports = grain_supports(problem, solution.state) if misregistered.any() else [GrainSupport()] * n
     statuses, reasons = np.full(n, Status.CONVERGED.value, dtype="<U20"), [""] * n
     for k in range(n):
-        fit = _Fit(
-            fits.rms_residuals[k],
-            fits.rms_line_integrals[k],
-            coverage[k],
-            bool(lost[k]),
-            bool(shaken[k]),
-            bool(moving[k]),
-            held[k],
-        )
-        verdict = _verdict(fit, known[k], limits)
-        if verdict is None and doubtful[k]:
+        fit = _GrainFit(
+            fits.rms_residuals[k], fits.rms_line_integrals[k], coverage[k], bool(misregistered[k]),
+            bool(disturbed[k]), bool(moving[k]), supports[k],
+        )  # fmt: skip
+        verdict = _verdict(fit, refined.covariances[k], limits)
+        if verdict is None and ambiguous[k]:
             verdict = Status.NOT_CONVERGED, AMBIGUOUS_REASON
         if verdict is not None:
             statuses[k], reasons[k] = verdict[0].value, verdict[1]
-    notes = (*sparse(problem), *unexplained_notes(problem, solution.state, evaluation))
+    notes = (*_sparse_note(problem), *unexplained_notes(problem, solution.state, evaluation))
     unknown = np.isin(statuses, [Status.LEFT_FIELD.value, Status.NOT_FITTED.value])
     translations, rotations = solution.state.translations.copy(), rotation_vector(solution.state.matrices)
+    covariances = refined.posterior.copy()
     translations[unknown] = rotations[unknown] = np.nan
     covariances[unknown] = np.nan
     return Motions(
         grains.labels, grains.centers, translations, rotations, covariances, statuses, fits.rms_residuals,
-        np.full(n, len(costs), dtype=np.int64), tuple(reasons), state_fit(polished, evaluation.response, costs, notes),
+        np.full(n, len(costs), dtype=np.int64), tuple(reasons), _state_fit(refined, evaluation.response, costs, notes),
     )  # fmt: skip
 
 
-def sparse(problem: StateProblem) -> tuple[str, ...]:
+def _sparse_note(problem: StateProblem) -> tuple[str, ...]:
     """A sentence if the radiographs hold so little that a good fit of a crowd is no proof of each grain's place."""
-    each = pixels_per_unknown(problem.grains, problem.target)
-    if each >= MIN_PIXELS_PER_UNKNOWN or not each:
+    pixels = pixels_per_unknown(problem.grains, problem.target)
+    if pixels >= MIN_PIXELS_PER_UNKNOWN or not pixels:
         return ()
     return (
-        f"{each:.0f} pixels for each unknown are few: neighbours can make up for a grain in a wrong place, and its fit "
-        "then looks good (5 of 10,000 grains in a trial with 4 views, 7 of 1,000 with 2); take more views to be sure",
+        f"{pixels:.0f} pixels for each unknown are few: neighbours can make up for a grain in a wrong place, and its "
+        "fit then looks good (5 of 10,000 grains in a trial with 4 views, 7 of 1,000 with 2); take more views to be "
+        "sure",
     )
 
 
-def state_fit(
-    polished: RefinedFit, response: Response, costs: tuple[tuple[str, float], ...], found: tuple[str, ...]
+def _state_fit(
+    refined: RefinedFit, response: Response, costs: tuple[tuple[str, float], ...], notes: tuple[str, ...]
 ) -> StateFit:
-    """What was found of the state as a whole."""
-    nuisance, around = polished.problem.target.nuisance, polished.solution.state.nuisance
+    """The fit of the state as a whole."""
+    nuisance, motion = refined.problem.target.nuisance, refined.solution.state.nuisance
     corrections = background = None
-    if around is not None and nuisance.views:
-        corrections = around.views
-    if around is not None and nuisance.background:
-        background = np.concatenate([around.translation, rotation_vector(around.matrix)])
+    if motion is not None and nuisance.views:
+        corrections = motion.views
+    if motion is not None and nuisance.background:
+        background = np.concatenate([motion.translation, rotation_vector(motion.matrix)])
     return StateFit(
-        response.gain, response.offset, costs, response, corrections, polished.corrections_sd, background,
-        polished.downweighted, (*polished.notes, *found),
+        response.gain, response.offset, costs, response, corrections, refined.corrections_sd, background,
+        refined.downweighted, (*refined.notes, *notes),
     )  # fmt: skip
 
 
 @dataclass(frozen=True)
-class _Fit:
-    """How well one grain fits: its residual and line integrals (rms), the share of it on the panel, and doubts."""
+class _GrainFit:
+    """How well one grain fits.
+
+    ``residual`` and ``path`` are rms of its residual and line integrals, ``coverage`` is the share of its projections
+    on the detector.
+    """
 
     residual: float
     path: float
     coverage: float
-    lost: bool
-    shaken: bool
+    misregistered: bool
+    disturbed: bool
     moving: bool
-    shadow: GrainSupport
+    support: GrainSupport
 
 
-def _verdict(fit: _Fit, covariance: Float, limits: tuple[float, float]) -> tuple[Status, str] | None:
+def _verdict(fit: _GrainFit, covariance: Float, limits: tuple[float, float]) -> tuple[Status, str] | None:
     """Status and sentence of a grain that did not simply converge."""
     if fit.coverage == 0 or not np.isfinite(fit.path):
         return Status.NOT_FITTED, "no view sees it; check its place, or give views or a start that see it"
     if fit.coverage < MIN_COVERAGE:
         share = f"only {fit.coverage:.0%} of its shadows fall on the panel"
         return Status.LEFT_FIELD, f"{share}; take views that hold it, or leave it out"
-    if fit.lost:
+    if fit.misregistered:
         return Status.NOT_CONVERGED, (
             f"its residual {fit.residual:.3g} is too large for its line integrals of {fit.path:.3g}: "
-            f"{fit.shadow.sentence}; give a nearer start, more views, or check its label"
+            f"{fit.support.sentence}; give a nearer start, more views, or check its label"
         )
-    if fit.shaken:
+    if fit.disturbed:
         return Status.NOT_CONVERGED, (
             f"a neighbour fits badly, and its own residual {fit.residual:.3g} is large enough for that to have shifted "
             "it; mend the neighbour first: its label, a nearer start, more views"
         )
     names = poorly_determined(covariance, limits)
     if names:
-        turns = any(name.startswith("rotation") for name in names)
-        cause = "the views, or a shape as round as this, do not tell" if turns else "the views do not tell"
+        rotations = any(name.startswith("rotation") for name in names)
+        cause = "the views, or a shape as round as this, do not tell" if rotations else "the views do not tell"
         return Status.POORLY_DETERMINED, (
             f"poorly determined: {', '.join(names)}; {cause}, take more views or other angles, or use the rest alone"
         )
@@ -146,9 +148,9 @@ def _verdict(fit: _Fit, covariance: Float, limits: tuple[float, float]) -> tuple
 
 
 def _still_moving(problem: StateProblem, solution: Solution[Pose]) -> NDArray[np.bool_]:
-    """Grains that the last step still moved by more than a tenth of a voxel, if the solver did not settle."""
+    """Grains that the last step still moved, if the solver did not settle."""
     each = solution.last_step[: 6 * len(problem.grains)].reshape(-1, 6)
     if solution.settled:
         return np.zeros(len(each), dtype=bool)
     moved = np.linalg.norm(each[:, :3], axis=1) + np.linalg.norm(each[:, 3:], axis=1) * problem.grains.radii
-    return moved > 0.1 * problem.grains.unit
+    return moved > MAX_LAST_STEP_VOXELS * problem.grains.unit

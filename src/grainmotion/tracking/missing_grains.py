@@ -1,12 +1,12 @@
-"""Grains whose shadow is not on the radiographs: fallen out, carried off the panel, or broken.
+"""Missing grains: those whose projection is not on the radiographs (fallen out, carried off the detector, or broken).
 
-Such a grain drags the others along: they move, and gain and offset bend, to make up for the shadow that
-it casts in the simulation alone.  With P its line integrals and r the residual at unit gain,
+Such a grain misleads the others: they move, and gain and offset bend, to make up for what it attenuates in the
+simulation alone.  With P its line integrals and r the residual at unit gain,
 
     support = 1 + r·P / ‖P‖²
 
-is the share of its shadow that the radiographs hold: near 1 for a grain that is there, near 0 for one that
-is not (0.05 to 0.45 against 0.8 to 1 in trials, five grains, one of them taken away).
+is the share of P that the radiographs support: near 1 for a grain that is there, near 0 for one that is not (0.05 to
+0.45 against 0.8 to 1 in trials, five grains, one of them taken away).
 """
 
 from __future__ import annotations
@@ -24,12 +24,15 @@ from grainmotion.objective.residual import StateProblem
 from grainmotion.objective.response_parameters import ResponseModel
 
 MIN_SUPPORT = 0.6
+"""Support below which a grain that did not converge is suspected of being missing."""
 MAX_SINGLE_SUSPECTS = 4
+"""Suspects up to which each is left out alone."""
 MAX_GRAINS_ALL_TRIED = 16
 """Grains up to which each is left out in turn when most are in doubt; beyond, one cannot carry all others away, and
 trials without it begin where the others are."""
 MIN_PLAUSIBLE_GAIN, LACKING_GRAIN_SHARE = 0.4, 0.3
-"""The fitted gain then lacks the share of one grain (a third of it at least, by what the others cover of it)."""
+"""Between this gain and 1 less so much of a grain's share of all attenuation, the fitted gain lacks one grain (a third
+of it at least, by what the others cover of it)."""
 MISSING_MASS, BROKEN_SUPPORT, INTACT_MASS = 0.4, 0.4, (0.7, 1.3)
 """Mass below which a grain is missing; support and mass of one whose matter is there in another shape."""
 MISSING_REASON = (
@@ -39,18 +42,18 @@ MISSING_REASON = (
 
 @dataclass(frozen=True)
 class GrainSupport:
-    """What the radiographs hold of one grain's shadow.
+    """How far the radiographs support one grain's simulated projections.
 
     Attributes
     ----------
-    support : float
-        Share of it in the least squares sense; NaN where no view sees it.
+    share : float
+        Share of its line integrals in the least squares sense; NaN where no view sees it.
     mass : float
-        Attenuation that the others leave over where it is, over the grain's own; near 1 if all of it is there,
+        Attenuation that the others leave over in its footprint, over the grain's own; near 1 if all of it is there,
         whatever its shape.
     """
 
-    support: float = np.nan
+    share: float = np.nan
     mass: float = np.nan
 
     @property
@@ -58,36 +61,36 @@ class GrainSupport:
         """What is likely to have become of a grain that fits badly."""
         if self.mass < MISSING_MASS:
             return "little of its shadow is there, it is missing or far away"
-        if INTACT_MASS[0] < self.mass < INTACT_MASS[1] and self.support > BROKEN_SUPPORT:
+        if INTACT_MASS[0] < self.mass < INTACT_MASS[1] and self.share > BROKEN_SUPPORT:
             return "its mass is there but not its shape, it is broken, deformed or badly segmented"
         return "wrong minimum, broken or badly segmented grain"
 
 
 def grain_supports(problem: StateProblem, pose: Pose) -> list[GrainSupport]:
-    """What the radiographs hold of each grain's shadow."""
+    """How far the radiographs support each grain's projections."""
     plain = replace(problem.target, sigma=0.0, response_model=ResponseModel(), weights=None)
     evaluation = StateProblem(problem.grains, plain).evaluate(pose)
     sums = np.zeros((len(problem.grains), 4))
     for p, (grain, view, r0, r1, c0, c1) in enumerate(evaluation.patches.boxes):
         own = evaluation.values[evaluation.patches.offsets[p] : evaluation.patches.offsets[p + 1]].astype(float)
         own *= problem.target.valid[view, r0:r1, c0:c1].ravel()
-        left = evaluation.raw_residual[view, r0:r1, c0:c1].ravel()
-        sums[grain] += own @ left, own @ own, left.sum(), own.sum()
+        residual = evaluation.raw_residual[view, r0:r1, c0:c1].ravel()
+        sums[grain] += own @ residual, own @ own, residual.sum(), own.sum()
     with np.errstate(divide="ignore", invalid="ignore"):
         shares = 1 + sums[:, ::2] / sums[:, 1::2]
-    return [GrainSupport(float(support), float(mass)) for support, mass in shares]
+    return [GrainSupport(float(share), float(mass)) for share, mass in shares]
 
 
 def suspects(measured: Motions, supports: Float) -> list[NDArray[np.int64]]:
     """Sets of rows to leave out in turn: grains that did not converge and have too little support.
 
-    A few are left out one at a time, because one absent grain can shake its neighbours; many are left out
-    at once.  If most of a sample is in doubt, one absent grain may have shaken all: in a small one each is tried;
-    in a large one, or if no attenuation is lacking, none, because then it is the radiographs that are wrong.
+    A few are left out one at a time, because one missing grain can disturb its neighbours; many are left out at once.
+    If most of a sample is in doubt, one missing grain may have disturbed all: in a small sample each is tried; in a
+    large one, or if no attenuation is lacking, none, because then the radiographs themselves are wrong.
     """
-    doubtful = np.nonzero((measured.statuses == Status.NOT_CONVERGED.value) & (supports < MIN_SUPPORT))[0]
-    doubtful = doubtful[np.argsort(supports[doubtful])]
     unsettled = measured.statuses == Status.NOT_CONVERGED.value
+    doubtful = np.nonzero(unsettled & (supports < MIN_SUPPORT))[0]
+    doubtful = doubtful[np.argsort(supports[doubtful])]
     if unsettled.mean() > 0.5:
         small = 1 < len(measured) <= MAX_GRAINS_ALL_TRIED
         lacking = MIN_PLAUSIBLE_GAIN < measured.fit.gain < 1 - LACKING_GRAIN_SHARE / len(measured)
@@ -98,26 +101,21 @@ def suspects(measured: Motions, supports: Float) -> list[NDArray[np.int64]]:
 
 
 def merit(measured: Motions) -> tuple[int, float]:
-    """What makes one set of grains better than another: how many converge, then how little residual is left."""
-    left = measured.fit.costs[-1][1] if measured.fit.costs else np.inf
-    return int(measured.ok.sum()), -left
+    """Sorts sets of grains, the best last: by how many converge, then by how little residual is left."""
+    residual = measured.fit.costs[-1][1] if measured.fit.costs else np.inf
+    return int(measured.ok.sum()), -residual
 
 
 def improves(measured: Motions, before: Motions) -> bool:
     """Whether more grains converge, or as many with a residual that is clearly smaller."""
-    (more, left), (fewer, had) = merit(measured), merit(before)
-    return more > fewer or (more == fewer and left > 0.8 * had)
+    (converged, residual), (converged_before, residual_before) = merit(measured), merit(before)
+    return converged > converged_before or (converged == converged_before and residual > 0.8 * residual_before)
 
 
 def complete(measured: Motions, grains: GrainSet) -> Motions:
-    """Motions of all the grains from those of some; the others are not fitted."""
-    order = {int(label): row for row, label in enumerate(grains.labels)}
-    rows = np.array([order[int(label)] for label in measured.labels])
-    whole = Motions.identity(grains.labels, grains.centers)
-    reasons = [MISSING_REASON] * len(grains)
-    whole.translations[:] = whole.rotations[:] = np.nan
-    for name in ("translations", "rotations", "covariances", "statuses", "residuals", "iterations"):
-        getattr(whole, name)[rows] = getattr(measured, name)
-    for row, reason in zip(rows, measured.reasons, strict=True):
-        reasons[row] = reason
-    return replace(whole, statuses=whole.statuses, reasons=tuple(reasons), fit=measured.fit)
+    """Motions of all the grains from those of some; the others are reported as missing."""
+    motions = measured.for_grains(grains.labels, grains.centers)
+    missing = ~np.isin(grains.labels, measured.labels)
+    motions.translations[missing] = motions.rotations[missing] = np.nan
+    reasons = (MISSING_REASON if m else reason for m, reason in zip(missing, motions.reasons, strict=True))
+    return replace(motions, reasons=tuple(reasons))

@@ -1,4 +1,4 @@
-"""Course: one state under way, from the widest filter to the narrowest."""
+"""The multi-stage driver of one state: free motions of all grains, from the widest filter to the narrowest."""
 
 from __future__ import annotations
 
@@ -7,36 +7,57 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from grainmotion._typing import Progress
+from grainmotion.backends.device import Device, chosen
+from grainmotion.model.grains import GrainSet
 from grainmotion.model.pose import Pose
+from grainmotion.model.scan import Scan
 from grainmotion.objective.data_term import Target
 from grainmotion.objective.global_parameters import dot
+from grainmotion.objective.nuisance_motions import NuisanceModel
 from grainmotion.objective.residual import StateProblem
 from grainmotion.objective.response_parameters import ResponseModel
 from grainmotion.projection.grain_arrays import GrainArrays, planar
+from grainmotion.projection.volumes import project
+from grainmotion.segmentation.extraction import packed_body
 from grainmotion.solvers.gauss_newton import Solution, Stopping, gauss_newton
 from grainmotion.tracking.multiresolution import FREE_GRAIN_PIXELS, coarsened, coarsening
 from grainmotion.tracking.settings import TrackSettings
 
-FILTER_GRAIN_PIXELS = 45.0  # pixels across the grains on which the default filter widths were measured
-INITIAL_STOPPING = Stopping(iterations=20, step=0.1, decrease=0.05)  # for the stages that only bring all grains near
-COARSE_STOPPING = Stopping(
-    iterations=8, step=0.02, decrease=0.1, straggler_distance=1.0, forcing=0.1
-)  # where a narrower filter follows
-LIT_SHARE = 0.05  # of the largest line integral: where something is seen
-DECREASE_PER_UNKNOWN = (
-    3e-3  # of the last stage: a decrease by so many times its share of the cost of each unknown is worth a step
-)
-STRAGGLER_VOXELS = 0.1  # voxels: while any grain moves further, no decrease is too small
-MAX_STRAGGLER_SHARE = 1e-3  # share of the grains that are not waited for: they are told to be still moving
-DEFAULT_TOLERANCE = 2e-3  # tolerance, voxels, to which that number belongs
+FILTER_GRAIN_PIXELS = 45.0
+"""Pixels across the grains on which the default filter widths were measured."""
+INITIAL_STOPPING = Stopping(iterations=20, step=0.1, decrease=0.05)
+"""For the stages that only bring all grains near."""
+COARSE_STOPPING = Stopping(iterations=8, step=0.02, decrease=0.1, straggler_distance=1.0, forcing=0.1)
+"""For stages that a narrower filter follows."""
+LIT_SHARE = 0.05
+"""Share of the largest line integral from which a pixel shows something."""
+DECREASE_PER_UNKNOWN, DEFAULT_TOLERANCE = 3e-3, 2e-3
+"""A decrease ends the last stage below so many times each unknown's share of the cost, at a tolerance of so many
+voxels; it goes with the tolerance squared."""
+STRAGGLER_VOXELS, MAX_STRAGGLER_SHARE = 0.1, 1e-3
+"""No decrease ends the last stage while more than this share of the grains moves further than these voxels; those
+that still do are reported as moving."""
+BACKGROUND_SHIFT_SD, BACKGROUND_ROTATION_SD = 20.0, 0.1
+"""Voxels, radians: standard deviations of the prior on a moving background."""
 
 
 @dataclass
 class MultistageFit:
-    """One state under way: what is fitted, the costs so far, and whom to tell.
+    """The fit of one state under way.
 
-    ``fine_grains`` are the same grains as ``grains`` on finer voxels, for the last stages; ``levels`` are coarser ones
-    and their radiographs, by how much coarser.
+    Attributes
+    ----------
+    settings : TrackSettings
+    grains, fine_grains : GrainArrays
+        The same grains on the reference's voxels, and on finer ones for the last stages.
+    target : Target
+        The radiographs, not yet filtered.
+    progress : callable, optional
+    costs : list of (str, float)
+        Stage and relative residual after each accepted step.
+    stages_done : int
+    levels : dict
+        Coarser grains and radiographs, by how much coarser.
     """
 
     settings: TrackSettings
@@ -48,9 +69,37 @@ class MultistageFit:
     stages_done: int = 0
     levels: dict[int, tuple[GrainArrays, Target]] = field(default_factory=dict)
 
+    @classmethod
+    def of(
+        cls,
+        grains: GrainSet,
+        scan: Scan,
+        settings: TrackSettings,
+        progress: Progress | None = None,
+        device: Device | None = None,
+    ) -> MultistageFit:
+        """Prepare the grains and the radiographs of a state for the kernels."""
+        device, smooth = device or chosen(settings.device), settings.projector == "trilinear"
+        coarse, fine = (GrainArrays.of(grains, fine=f and smooth).on(device) for f in (False, True))
+        background, body, nuisance = np.zeros(scan.line_integrals.shape, grains.precision), None, NuisanceModel()
+        if grains.background is not None:
+            background = project(grains.background, scan.geometry, projector=settings.projector)
+            body = packed_body(grains.background).on(device)
+            shift_sd = BACKGROUND_SHIFT_SD * grains.voxel_size
+            nuisance = NuisanceModel(
+                background=grains.background_moves,
+                background_shift_sd=shift_sd,
+                background_rotation_sd=BACKGROUND_ROTATION_SD,
+            )
+        target = Target(
+            scan, background, settings.projector, 0.0, derivatives=settings.derivatives, background=body,
+            nuisance=nuisance, device=device,
+        )  # fmt: skip
+        return cls(settings, coarse, fine, target, progress)
+
     @property
     def expected_stages(self) -> int:
-        """Stages to expect, a search's repetition not counted."""
+        """Stages to expect, repetitions by the search not counted."""
         return len(self.settings.filters) + (3 if self.settings.fields else 0)
 
     @property
@@ -61,9 +110,9 @@ class MultistageFit:
         return float(np.clip(pixels / FILTER_GRAIN_PIXELS, 0.3, 4.0))
 
     def filtered_target(self, width: float, response_model: ResponseModel | None = None) -> Target:
-        """The radiographs under a filter of ``width``, scaled to the grains but for widths below 1 pixel.
+        """The radiographs under a filter of ``width`` pixels, scaled to the grains but for widths below 1.
 
-        ``response_model`` is what of the response is unknown; by default what is so while grains are far.
+        ``response_model`` says what of the response is unknown; by default what is while grains are far.
         """
         sigma = max(width * self.filter_scale, 0.7) if width >= 1 else width
         return replace(
@@ -73,7 +122,7 @@ class MultistageFit:
     def level(
         self, width: float, response_model: ResponseModel | None = None, least: float = FREE_GRAIN_PIXELS
     ) -> tuple[GrainArrays, Target]:
-        """Grains and radiographs as coarse as a stage under a filter may see them, with that filter."""
+        """Grains and filtered radiographs, as coarse as the filter allows with grains ``least`` pixels across."""
         target = self.filtered_target(width, response_model)
         factor = coarsening(self.grains, target, target.sigma, least)
         if factor not in self.levels:
@@ -85,12 +134,12 @@ class MultistageFit:
         return grains, replace(coarse, sigma=target.sigma / factor, response_model=target.response_model)
 
     def report(self, message: str, done: int) -> None:
-        """Report progress, if anybody listens."""
+        """Report progress."""
         if self.progress is not None:
             self.progress(message, min(done, self.expected_stages), self.expected_stages)
 
     def solve(self, problem: StateProblem, pose: Pose, stopping: Stopping, name: str) -> Solution[Pose]:
-        """Solve a problem, keeping and telling the costs."""
+        """Solve a problem as a stage of a name, which goes with its costs."""
         norm = dot(problem.target.measured, problem.target.measured) or 1.0
 
         def observe(cost: float) -> None:
@@ -105,56 +154,43 @@ class MultistageFit:
     def coarse_stopping(self, tolerance: float | None = None) -> Stopping:
         """When a stage ends that a narrower filter follows."""
         tolerance = self.settings.tolerance if tolerance is None else tolerance
-        return replace(
-            COARSE_STOPPING,
-            iterations=min(COARSE_STOPPING.iterations, self.settings.iterations),
-            step=max(tolerance, COARSE_STOPPING.step),
-        )
+        iterations = min(COARSE_STOPPING.iterations, self.settings.iterations)
+        return replace(COARSE_STOPPING, iterations=iterations, step=max(tolerance, COARSE_STOPPING.step))
 
     def fine_stopping(self, tolerance: float | None = None) -> Stopping:
-        """When a last stage ends: no grain moves further than the tolerance, or all of them but little of their sd.
+        """When a last stage ends: no grain moves further than the tolerance, or all by little of their sd.
 
-        ½‖r‖² over the pixels is what one unknown lowers it by if it moves by its standard deviation.
+        ½‖r‖² over the number of pixels is the decrease by one unknown that moves by its standard deviation.
         """
         tolerance = self.settings.tolerance if tolerance is None else tolerance
         share = min(6 * len(self.grains) / max(lit_pixels(self.target), 1), 1.0)
-        worth = DECREASE_PER_UNKNOWN * share * (tolerance / DEFAULT_TOLERANCE) ** 2
-        return Stopping(self.settings.iterations, tolerance, worth, STRAGGLER_VOXELS, MAX_STRAGGLER_SHARE)
+        decrease = DECREASE_PER_UNKNOWN * share * (tolerance / DEFAULT_TOLERANCE) ** 2
+        return Stopping(self.settings.iterations, tolerance, decrease, STRAGGLER_VOXELS, MAX_STRAGGLER_SHARE)
 
     def solve_free(
         self, pose: Pose, name: str, filters: tuple[float, ...] | None = None, tolerance: float | None = None
     ) -> tuple[StateProblem, Solution[Pose]]:
         """All grains free, filter by filter; gain and offset join once the filter is narrow.
 
-        ``filters`` and the ``tolerance`` (voxels) at which the last one ends are the settings' unless given.
+        ``filters`` and the ``tolerance`` (voxels) at which the last one ends are the settings' by default.
         """
-        settings = self.settings
+        settings, model = self.settings, self.settings.response_model
         filters = settings.filters if filters is None else filters
-        for k, width in enumerate(filters):
-            last = k == len(filters) - 1
-            response_model = settings.response_model
-            if not last:
-                response_model = (
-                    response_model.while_far if width == settings.filters[0] else response_model.without_hardening
-                )
-            seen = (
-                (self.fine_grains, self.filtered_target(width, response_model))
-                if last
-                else self.level(width, response_model)
-            )
-            problem = StateProblem(*seen)
-            stopping = self.fine_stopping(tolerance) if last else self.coarse_stopping(tolerance)
-            solution = self.solve(problem, pose, stopping, f"{name}, filter {width:g}")
-            pose = solution.state
-        return problem, solution
+        for width in filters[:-1]:
+            stage_model = model.while_far if width == settings.filters[0] else model.without_hardening
+            problem = StateProblem(*self.level(width, stage_model))
+            pose = self.solve(problem, pose, self.coarse_stopping(tolerance), f"{name}, filter {width:g}").state
+        width = filters[-1]
+        problem = StateProblem(self.fine_grains, self.filtered_target(width, model))
+        return problem, self.solve(problem, pose, self.fine_stopping(tolerance), f"{name}, filter {width:g}")
 
 
 def lit_pixels(target: Target) -> int:
-    """Good pixels on which something is seen."""
+    """Good pixels that show something."""
     images = np.abs(target.scan.line_integrals)
     return int(((images > LIT_SHARE * images.max(initial=0.0)) & (target.valid > 0)).sum())
 
 
 def pixels_per_unknown(grains: GrainArrays, target: Target) -> float:
-    """Good pixels on which something is seen, over the number of unknowns."""
+    """Good pixels that show something, over the number of unknowns."""
     return lit_pixels(target) / ((3 if planar(grains, target.scan.geometry) else 6) * len(grains))

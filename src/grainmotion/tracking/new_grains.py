@@ -1,16 +1,16 @@
 """New grains: attenuation in a state that no grain of the reference explains.
 
-All views must hold something unexplained at the projections of one place, so the least of them over the views
-bounds what may stand there: a visual hull of the residuals.
+All views must leave something unexplained at the projections of one place, so the least of them over the views bounds
+what may be there: a visual hull of the residuals.  `unexplained_notes` names such places to the user.
 
-Attenuation that no grain explains pulls all grains towards it.  A ball of the usual size and attenuation, put
-where the radiographs hold most of it and free to move, takes it up; the ball's own motion is not reported.
+Unexplained attenuation also draws all grains towards it.  Where a grain too many seems to be on the radiographs, a
+ball of the usual size and attenuation is put at the place with most of it and fitted like a grain, so that the others
+are not disturbed; the ball's own motion is not reported.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from scipy import ndimage
@@ -27,14 +27,17 @@ from grainmotion.tracking.initial_guess import smooth_fields
 from grainmotion.tracking.multistage import MultistageFit
 from grainmotion.uncertainty.goodness_of_fit import misfits
 
-RESIDUAL_FILTER_RADII, PLACE_STEP_RADII = 0.5, 0.5
-"""Of a grain's radius: the filter under which residuals are looked at, and the places tried."""
+RESIDUAL_FILTER_RADII, PLACE_STEP_RADII, PLACE_MARGIN_RADII = 0.5, 0.5, 1.5
+"""In grain radii: the width of the filter on residuals, the distance between the places that are tried, and how far
+they reach beyond the box of the grains' centres."""
 UNEXPLAINED_SHARE = 0.3
-"""Of a grain's line integrals: what counts."""
-PLACE_MARGIN_RADII = 1.5
-"""Grain radii outside the grains' own box up to which places are tried."""
+"""Of a grain's line integrals: the unexplained ones that are reported."""
 MAX_NEW_GRAINS = 5
-"""Strangers named."""
+"""Places reported."""
+SURPLUS_GAIN_SHARE = 0.3
+"""Of one grain's share of all attenuation: the fitted gain exceeds 1 by as much where a grain has appeared."""
+MIN_DOUBTFUL_SHARE = 0.3
+"""Share of grains that must be in doubt before a new grain is supposed."""
 
 
 def unexplained_notes(problem: StateProblem, pose: Pose, evaluation: Evaluation) -> tuple[str, ...]:
@@ -56,48 +59,42 @@ def unexplained_places(
     usual = float(np.nanmedian(paths)) if np.isfinite(paths).any() else 0.0
     if usual <= 0 or len(problem.target.scan) < 2:
         return []
-    places = _places(grains.centers + pose.translations, radius)
-    sigma = RESIDUAL_FILTER_RADII * radius / geometry.pixel_at((grains.centers + pose.translations).mean(axis=0))
+    centers = grains.centers + pose.translations
+    grid = _grid_around(centers, radius)
+    sigma = RESIDUAL_FILTER_RADII * radius / geometry.pixel_at(centers.mean(axis=0))
     smooth = np.stack([ndimage.gaussian_filter(image.astype(float), sigma) for image in evaluation.raw_residual])
-    least = np.full(len(places), np.inf)
-    for image, spots in zip(smooth, geometry.project_points(places), strict=True):
-        least = np.minimum(least, ndimage.map_coordinates(image, np.nan_to_num(spots, nan=-1e9).T, order=1, cval=0.0))
-    found: list[tuple[float, float, float, float]] = []
-    while len(found) < MAX_NEW_GRAINS and least.size and least.max() > UNEXPLAINED_SHARE * usual:
+    least = np.full(len(grid), np.inf)
+    for image, pixels in zip(smooth, geometry.project_points(grid), strict=True):
+        values = ndimage.map_coordinates(image, np.nan_to_num(pixels, nan=-1e9).T, order=1, cval=0.0)
+        least = np.minimum(least, values)
+    places: list[tuple[float, float, float, float]] = []
+    while len(places) < MAX_NEW_GRAINS and least.size and least.max() > UNEXPLAINED_SHARE * usual:
         best = int(np.argmax(least))
-        x, y, z = (float(v) for v in places[best])
-        found.append((x, y, z, float(least[best] / usual)))
-        least[np.linalg.norm(places - places[best], axis=1) < 3 * radius] = -np.inf
-    return found
+        x, y, z = (float(v) for v in grid[best])
+        places.append((x, y, z, float(least[best] / usual)))
+        least[np.linalg.norm(grid - grid[best], axis=1) < 3 * radius] = -np.inf
+    return places
 
 
-def _places(centers: Float, radius: float) -> Float:
-    """A grid of places in and around the grains ``(k, 3)``, mm, x y z."""
-    low, high = centers.min(axis=0) - PLACE_MARGIN_RADII * radius, centers.max(axis=0) + PLACE_MARGIN_RADII * radius
-    axes = [
-        np.arange(a, b + PLACE_STEP_RADII * radius, PLACE_STEP_RADII * radius) for a, b in zip(low, high, strict=True)
-    ]
+def _grid_around(centers: Float, radius: float) -> Float:
+    """A grid of points in and around the grains ``(k, 3)``, mm, x y z."""
+    margin, step = PLACE_MARGIN_RADII * radius, PLACE_STEP_RADII * radius
+    low, high = centers.min(axis=0) - margin, centers.max(axis=0) + margin
+    axes = [np.arange(a, b + step, step) for a, b in zip(low, high, strict=True)]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-
-
-SURPLUS_GAIN_SHARE = 0.3
-"""Of one grain's share of all attenuation: by as much the fitted gain exceeds 1 where one has appeared."""
-MIN_DOUBTFUL_SHARE = 0.3
-"""Share of grains that must be in doubt before another one is supposed."""
 
 
 def may_have_appeared(measured: Motions) -> bool:
     """Whether a fit looks as if a grain too many were on the radiographs."""
-    return bool(
-        (~measured.ok).mean() > MIN_DOUBTFUL_SHARE and measured.fit.gain > 1 + SURPLUS_GAIN_SHARE / len(measured)
-    )
+    surplus = measured.fit.gain > 1 + SURPLUS_GAIN_SHARE / len(measured)
+    return bool((~measured.ok).mean() > MIN_DOUBTFUL_SHARE and surplus)
 
 
 def place_of_new_grain(fit: MultistageFit, start: Pose) -> Float | None:
-    """Where most attenuation is unexplained once a smooth field has carried the grains, mm, x y z."""
-    base = smooth_fields(fit, start)[-1]
+    """Where most attenuation is unexplained once a smooth field has carried the grains, mm, x y z; None if nowhere."""
+    pose = smooth_fields(fit, start)[-1]
     problem = StateProblem(fit.grains, fit.filtered_target(fit.settings.filters[0]))
-    places = unexplained_places(problem, base, problem.evaluate(base))
+    places = unexplained_places(problem, pose, problem.evaluate(pose))
     return np.array(places[0][:3]) if places else None
 
 
@@ -116,21 +113,18 @@ def with_stand_in(grains: GrainSet, place: Float) -> GrainSet:
     return replace(grains, grains=(*grains.grains, ball))
 
 
+def _ball(
+    place: Float, radius: float, attenuation: float, voxel_size: float, precision: np.dtype[np.floating]
+) -> Volume:
+    half = int(np.ceil(radius / voxel_size)) + PADDING + 1
+    z, y, x = np.mgrid[-half : half + 1, -half : half + 1, -half : half + 1]
+    array = attenuation * np.clip(radius / voxel_size - np.sqrt(x**2 + y**2 + z**2) + 0.5, 0, 1)
+    return Volume(array.astype(precision), voxel_size, (float(place[0]), float(place[1]), float(place[2])))
+
+
 def start_with_stand_in(start: Motions | None, grains: GrainSet) -> Motions | None:
     """The start of the sample with a stand-in, which moves from where it was put."""
-    if start is None:
-        return None
-    ball = Motions.identity(grains.labels[-1:], grains.centers[-1:])
-    names = ("labels", "centers", "translations", "rotations", "covariances", "statuses", "residuals", "iterations")
-    rows: dict[str, Any] = {name: np.concatenate([getattr(start, name), getattr(ball, name)]) for name in names}
-    return replace(start, **rows, reasons=(*start.reasons, ""))
-
-
-def _ball(place: Float, radius: float, attenuation: float, h: float, precision: np.dtype[np.floating]) -> Volume:
-    reach = int(np.ceil(radius / h)) + PADDING + 1
-    z, y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1, -reach : reach + 1]
-    array = attenuation * np.clip(radius / h - np.sqrt(x**2 + y**2 + z**2) + 0.5, 0, 1)
-    return Volume(array.astype(precision), h, (float(place[0]), float(place[1]), float(place[2])))
+    return None if start is None else start.for_grains(grains.labels, grains.centers)
 
 
 def without_last(measured: Motions) -> Motions:
@@ -140,4 +134,5 @@ def without_last(measured: Motions) -> Motions:
         f"a grain has appeared near x = {x:.3g}, y = {y:.3g}, z = {z:.3g}: a ball stands in for it so that it does "
         "not shake the others; check the reference for it"
     )
-    return measured.first(len(measured) - 1, note)
+    others = measured.for_grains(measured.labels[:-1], measured.centers[:-1])
+    return replace(others, fit=replace(others.fit, notes=(*others.fit.notes, note)))

@@ -1,7 +1,7 @@
-"""Polish: the last solutions of a state, once every grain is near its place.
+"""The last solutions of a state, once every grain is near its place.
 
-Views get poses of their own if they can be told from the sample's motion; pixels get weights, iterated until
-they are consistent with the residuals; grains that the views hardly see are held by a prior.
+The views are aligned if their poses can be identified beside the sample's motion; pixels get weights, iterated until
+they are consistent with the residuals; directions in which the views hardly determine a grain are fixed by a prior.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from grainmotion.uncertainty.rotation_identifiability import unconfirmed_rotatio
 from grainmotion.uncertainty.weak_directions import weak_directions
 
 MAX_PRIOR_COST_RATIO = 1.02
-"""Times the cost, up to which holding weak directions may leave a fit worse."""
+"""Times the cost, up to which the prior on weak directions may leave a fit worse."""
 REWEIGHTING_ROUNDS = 3
 """Solutions with new weights; the likelihood of some 20 counts a pixel or fewer would want more."""
 
@@ -40,9 +40,19 @@ REWEIGHTING_ROUNDS = 3
 class RefinedFit:
     """The last problem and its solution, with their uncertainty.
 
-    ``covariances (n, 6, 6)`` of (u, δ) are what the radiographs tell, ``posterior`` the same with the prior that
-    held weak directions; ``corrections_sd`` go with poses of views; ``downweighted`` is the share of
-    pixels that a robust loss counted less.
+    Attributes
+    ----------
+    problem : StateProblem
+    solution : Solution
+    covariances : (n, 6, 6) array
+        Of (u, δ), mm and radians, from the radiographs alone.
+    posterior : (n, 6, 6) array
+        The same with the prior on weak directions.
+    corrections_sd : ViewCorrections, optional
+        Standard deviations of the views' poses.
+    downweighted : float
+        Share of pixels that a robust loss counted less.
+    notes : tuple of str
     """
 
     problem: StateProblem
@@ -54,58 +64,76 @@ class RefinedFit:
     notes: tuple[str, ...] = ()
 
 
-def refine(fit: MultistageFit, base: Pose, problem: StateProblem, solution: Solution[Pose]) -> RefinedFit:
-    """Refine a solution in which all grains are near; ``base`` is where the smooth field put them."""
-    settings, notes, share = fit.settings, list[str](), 0.0
-    stopping = fit.fine_stopping()
-    misalignment = ViewMisalignment()
-    if settings.view_corrections != "never" and not planar(problem.grains, problem.target.scan.geometry):
-        misalignment = view_misalignment(problem, solution.state)
-        if settings.view_corrections == "always" or misalignment.clearly:
-            refusal = alignment_refusal(problem, solution.state)
-            notes += [misalignment.note] * misalignment.clearly + [refusal] * bool(refusal)
-            if not refusal:
-                problem = with_view_poses(problem, solution.state)
-                solution = fit.solve(problem, solution.state, stopping, "poses of views")
-    if settings.weights != "uniform" or settings.loss != "squares":
-        plain = problem.target
-        for k in range(REWEIGHTING_ROUNDS):
-            # the working response of a likelihood replaces the radiographs, so residuals are taken from these
-            evaluation = replace(problem, target=replace(plain, weights=problem.target.weights)).evaluate(
-                solution.state
-            )
-            target, share = reweighted(plain, evaluation, settings.weights, settings.loss)
-            problem = replace(problem, target=target)
-            solution = fit.solve(problem, solution.state, stopping, f"weights {k + 1}")
-        if settings.loss == "poisson":  # the working response is no radiograph: what follows compares with these
-            problem = replace(problem, target=replace(plain, weights=problem.target.weights, sigma=0.0))
-    known, few, formal = _covariances(problem, fit.grains, solution.state)
+def refine(fit: MultistageFit, field_pose: Pose, problem: StateProblem, solution: Solution[Pose]) -> RefinedFit:
+    """Refine a solution in which all grains are near; ``field_pose`` is where the smooth field put them."""
+    problem, solution, misalignment, notes = _align_views(fit, problem, solution)
+    problem, solution, downweighted = _reweight(fit, problem, solution)
+    grain_covariances, nuisance_covariance, hessian = _covariances(problem, fit.grains, solution.state)
     if misalignment.clearly:
-        known += common_motion(problem, solution.state, misalignment)
-    weak, posterior = weak_directions(known, problem.grains), known
+        grain_covariances += common_motion(problem, solution.state, misalignment)
+    weak, posterior = weak_directions(grain_covariances, problem.grains), grain_covariances
     if weak.flags.any():
-        held = replace(problem, prior=weak.prior(formal, base))
-        end = fit.solve(held, solution.state, stopping, "weak directions held")
+        with_prior = replace(problem, prior=weak.prior(hessian, field_pose))
+        end = fit.solve(with_prior, solution.state, fit.fine_stopping(), "weak directions held")
+        # if the prior raises the cost by more, the radiographs determine more than the covariances show
         if problem.cost(end.state) < MAX_PRIOR_COST_RATIO * problem.cost(solution.state):
-            solution, posterior = end, weak.posterior()  # else the radiographs know better than they let on
+            solution, posterior = end, weak.posterior()
     corrections_sd = None
     if problem.target.nuisance.views:
         views = len(problem.target.scan)
-        corrections_sd = ViewCorrections.of(np.sqrt(np.diagonal(few))[: 3 * views].reshape(3, views).T)
-    return RefinedFit(problem, solution, known, posterior, corrections_sd, share, tuple(notes))
+        sd = np.sqrt(np.diagonal(nuisance_covariance))[: 3 * views]
+        corrections_sd = ViewCorrections.of(sd.reshape(3, views).T)
+    return RefinedFit(problem, solution, grain_covariances, posterior, corrections_sd, downweighted, tuple(notes))
+
+
+def _align_views(
+    fit: MultistageFit, problem: StateProblem, solution: Solution[Pose]
+) -> tuple[StateProblem, Solution[Pose], ViewMisalignment, list[str]]:
+    """Solve for the views' poses too if the settings say so, or if the views contradict each other."""
+    corrections = fit.settings.view_corrections
+    if corrections == "never" or planar(problem.grains, problem.target.scan.geometry):
+        return problem, solution, ViewMisalignment(), []
+    misalignment = view_misalignment(problem, solution.state)
+    if corrections != "always" and not misalignment.clearly:
+        return problem, solution, misalignment, []
+    refusal = alignment_refusal(problem, solution.state)
+    notes = [misalignment.note] * misalignment.clearly + [refusal] * bool(refusal)
+    if not refusal:
+        problem = with_view_poses(problem, solution.state)
+        solution = fit.solve(problem, solution.state, fit.fine_stopping(), "poses of views")
+    return problem, solution, misalignment, notes
+
+
+def _reweight(
+    fit: MultistageFit, problem: StateProblem, solution: Solution[Pose]
+) -> tuple[StateProblem, Solution[Pose], float]:
+    """Solve with the weights of the settings, and the share of pixels that a robust loss counts less."""
+    settings, plain, downweighted = fit.settings, problem.target, 0.0
+    if settings.weights == "uniform" and settings.loss == "squares":
+        return problem, solution, downweighted
+    for k in range(REWEIGHTING_ROUNDS):
+        # The working response of a likelihood replaces the radiographs, but residuals are taken from these.
+        with_radiographs = replace(problem, target=replace(plain, weights=problem.target.weights))
+        evaluation = with_radiographs.evaluate(solution.state)
+        target, downweighted = reweighted(plain, evaluation, settings.weights, settings.loss)
+        problem = replace(problem, target=target)
+        solution = fit.solve(problem, solution.state, fit.fine_stopping(), f"weights {k + 1}")
+    if settings.loss == "poisson":  # the radiographs again, with which all that follows compares
+        problem = replace(problem, target=replace(plain, weights=problem.target.weights, sigma=0.0))
+    return problem, solution, downweighted
 
 
 def _covariances(
     problem: StateProblem, coarse: GrainArrays, pose: Pose
 ) -> tuple[Float, Float, sparse.bsr_array | PatchNormalMatrix]:
-    """What the radiographs tell of the grains ``(n, 6, 6)`` and of the nuisance unknowns ``(k, k)``; JᵀJ."""
+    """Covariances of the grains ``(n, 6, 6)`` and of the nuisance unknowns ``(k, k)``, and JᵀJ."""
     evaluation = problem.evaluate_with_derivatives(pose)
-    formal = normal_of(evaluation.derivatives, evaluation.patches, len(problem.grains), evaluation.residual.shape)
-    grains, few = covariances(problem, pose, evaluation, formal)
-    # a turn that either set of voxels leaves unconfirmed is: finer ones follow their own pattern more closely
-    grains[:, 3:, 3:] += unconfirmed_rotations(problem, pose, evaluation)
+    hessian = normal_of(evaluation.derivatives, evaluation.patches, len(problem.grains), evaluation.residual.shape)
+    own, nuisance = covariances(problem, pose, evaluation, hessian)
+    # Rotations that either set of voxels leaves unconfirmed are: finer voxels follow their own pattern more closely.
+    own[:, 3:, 3:] += unconfirmed_rotations(problem, pose, evaluation)
     if coarse.voxel_size > problem.grains.voxel_size:
-        grains[:, 3:, 3:] += unconfirmed_rotations(replace(problem, grains=coarse), pose, evaluation)
+        own[:, 3:, 3:] += unconfirmed_rotations(replace(problem, grains=coarse), pose, evaluation)
     if planar(problem.grains, problem.target.scan.geometry):
-        grains[:, OUT_OF_PLANE, :] = grains[:, :, OUT_OF_PLANE] = 0
-    return grains, few, formal
+        own[:, OUT_OF_PLANE, :] = own[:, :, OUT_OF_PLANE] = 0
+    return own, nuisance, hessian

@@ -1,29 +1,24 @@
 """D-DPC: the motion of every grain from a few radiographs (Khalili et al. 2017), in stages.
 
-From the given start: (1) all grains as one body, from the start and from the shift that the
-radiographs' centroids tell; (2) a smooth displacement field; (3) all grains free, under Gaussian
-filters of falling width; (4) grains that still fit badly are searched for by annealing, then all are
-free again; (5) the last solutions: poses of views, weights, covariances; (6) grains whose shadow is not
-there are left out, and a ball stands in for one that appeared.
+From the given start: (1) all grains as one body, from the start itself and from the shift between the centroids of
+measured and simulated radiographs; (2) a smooth displacement field; (3) all grains free, under Gaussian filters of
+falling width; (4) annealing of the grains that still fit badly, then all grains free again; (5) the refinement: view
+alignment, weights, covariances; (6) trials without grains that seem to be missing, and with a ball in place of a
+grain that seems to be new.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from grainmotion._typing import Float, Progress
-from grainmotion.backends.device import Device, chosen
+from grainmotion.backends.device import Device
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions
 from grainmotion.model.scan import Scan
-from grainmotion.objective.data_term import Target
-from grainmotion.objective.nuisance_motions import NuisanceModel
-from grainmotion.projection.grain_arrays import GrainArrays
-from grainmotion.projection.volumes import project
-from grainmotion.segmentation.extraction import packed_body
 from grainmotion.tracking.background_motion import FIXED_BACKGROUND_NOTE, fixed_unless_moved
 from grainmotion.tracking.classification import classify
 from grainmotion.tracking.global_search import SearchResult, search
@@ -51,10 +46,6 @@ from grainmotion.tracking.settings import PAPER, TrackSettings
 __all__ = ["PAPER", "TrackSettings", "track"]
 
 
-BACKGROUND_SHIFT_SD, BACKGROUND_ROTATION_SD = 20.0, 0.1
-"""Voxels, radians: standard deviations of the prior on a moving background."""
-
-
 def track(
     grains: GrainSet,
     scan: Scan,
@@ -66,12 +57,15 @@ def track(
 ) -> Motions:
     """Measure the rigid motion of every grain from the reference state to the state of ``scan``.
 
+    The method is D-DPC (Khalili et al., Experimental Mechanics 57(6), 2017), with a smooth projector, exact
+    derivatives and stages; see `grainmotion.PAPER` for the variant of the paper.
+
     Parameters
     ----------
     grains : GrainSet
         The grains of the reference state.
     scan : Scan
-        A few radiographs of the later state, as line integrals.
+        A few radiographs of the later state ``(views, rows, columns)``, as line integrals.
     start : Motions, optional
         Motions to start from, as of the state before; none is no motion.  Grains in it without a
         finite motion start as the others moved on average.
@@ -80,138 +74,122 @@ def track(
     progress : callable, optional
         Called as ``progress(message, done, total)``.
     device : Device, optional
-        Where rays are walked, instead of ``settings.device``: the workers of a cluster.
+        Where the kernels run, instead of ``settings.device``: the workers of a cluster.
 
     Returns
     -------
     Motions
-        One row a grain; what became of it is in ``statuses`` and ``reasons``, never an exception.
+        One row a grain.  A grain without a reliable motion is no exception: ``statuses`` and ``reasons`` say what
+        became of each.
+
+    Raises
+    ------
+    InputError
+        If ``start`` has no row for a grain.
     """
-    settings = settings or TrackSettings()
+    job = _Job(grains, scan, start, settings or TrackSettings(), progress, device)
     with threadpool_limits(limits=1, user_api="blas"):  # its matrices are small, and kernels use all cores
-        return _track(grains, scan, start, settings, progress, device)
+        return _track(job)
 
 
-def _unsolved(grains: GrainSet, error: np.linalg.LinAlgError) -> Motions:
-    """No motion of any grain, and why: equations that a library refuses end one attempt, not the run."""
-    reason = f"the equations of this state could not be solved ({error}); please report it, with these radiographs"
-    nothing = np.full((len(grains), 3), np.nan)
-    still = Motions.identity(grains.labels, grains.centers)
-    return replace(still, translations=nothing, rotations=nothing.copy(), reasons=(reason,) * len(grains))
+@dataclass(frozen=True, eq=False)
+class _Job:
+    """What one attempt tracks, from where and how."""
+
+    grains: GrainSet
+    scan: Scan
+    start: Motions | None
+    settings: TrackSettings
+    progress: Progress | None
+    device: Device | None
+
+    def fit(self) -> MultistageFit:
+        """A fit that is about to start."""
+        return MultistageFit.of(self.grains, self.scan, self.settings, self.progress, self.device)
+
+    def adjusted(self, grains: GrainSet, *, start: Motions | None, settings: TrackSettings | None = None) -> _Job:
+        """The same state with other grains."""
+        return replace(self, grains=grains, start=start, settings=settings or self.settings)
 
 
-def _track(
-    grains: GrainSet,
-    scan: Scan,
-    start: Motions | None,
-    settings: TrackSettings,
-    progress: Progress | None,
-    device: Device | None,
-) -> Motions:
-    """All grains; then without those that seem not to be there, if the others fit better so."""
-    whole, supports = _all_together(grains, scan, start, settings, progress, device)
-    best, present = whole, grains
-    while settings.search and (absent := suspects(best, supports)):
-        trials = [present.without(rows) for rows in absent]
-        begin, how = start, settings
+@dataclass(frozen=True, eq=False)
+class _Attempt:
+    """Motions, and how much of each grain's footprint the radiographs support, ``(n,)``."""
+
+    motions: Motions
+    supports: Float
+
+
+def _track(job: _Job) -> Motions:
+    """All grains; then without those that seem to be missing, and with one that seems to be new, if more fit so."""
+    settings = job.settings
+    first = best = _attempt(job)
+    present = job.grains
+    while settings.search and (missing := suspects(best.motions, best.supports)):
+        start, trial_settings = job.start, settings
         if len(present) > MAX_GRAINS_ALL_TRIED:  # the rest of a large sample is near its place
-            begin, how = best, replace(settings, fields=False, filters=settings.filters[1:] or settings.filters)
-        elif len(trials) > MAX_SINGLE_SUSPECTS:  # the right one needs no search
-            how = replace(settings, search=False)
-        ends = [_all_together(t, scan, begin, how, progress, device) for t in trials]
-        k = max(range(len(ends)), key=lambda k: merit(ends[k][0]))
-        if not improves(ends[k][0], best):
+            start = best.motions
+            trial_settings = replace(settings, fields=False, filters=settings.filters[1:] or settings.filters)
+        elif len(missing) > MAX_SINGLE_SUSPECTS:  # the right trial needs no search
+            trial_settings = replace(settings, search=False)
+        trials = [job.adjusted(present.without(rows), start=start, settings=trial_settings) for rows in missing]
+        attempts = [_attempt(trial) for trial in trials]
+        k = max(range(len(attempts)), key=lambda k: merit(attempts[k].motions))
+        if not improves(attempts[k].motions, best.motions):
             break
-        present, (best, supports) = trials[k], ends[k]
-    found = complete(best, grains) if best.ok.sum() > whole.ok.sum() else whole
-    if settings.search and may_have_appeared(found):
-        more = _with_another(grains, scan, start, settings, progress, device)
-        found = more if more is not None and more.ok.sum() > found.ok.sum() else found
-    return found
+        present, best = trials[k].grains, attempts[k]
+    motions = complete(best.motions, job.grains) if best.motions.ok.sum() > first.motions.ok.sum() else first.motions
+    if settings.search and may_have_appeared(motions):
+        with_new = _with_new_grain(job)
+        motions = with_new if with_new is not None and with_new.ok.sum() > motions.ok.sum() else motions
+    return motions
 
 
-def _with_another(
-    grains: GrainSet,
-    scan: Scan,
-    start: Motions | None,
-    settings: TrackSettings,
-    progress: Progress | None,
-    device: Device | None,
-) -> Motions | None:
-    """The grains beside one that stands in for another that appeared; None if there is no place for one."""
+def _with_new_grain(job: _Job) -> Motions | None:
+    """The motions beside a ball that stands in for a new grain; None if there is no place for one."""
     try:
-        place = place_of_new_grain(
-            _multistage_fit(grains, scan, settings, progress, device), starting_pose(grains, start)
-        )
+        place = place_of_new_grain(job.fit(), starting_pose(job.grains, job.start))
     except np.linalg.LinAlgError:
         place = None
     if place is None:
         return None
-    whole = with_stand_in(grains, place)
-    quick = replace(settings, search=False)
-    return without_last(_all_together(whole, scan, start_with_stand_in(start, whole), quick, progress, device)[0])
+    grains = with_stand_in(job.grains, place)
+    start = start_with_stand_in(job.start, grains)
+    attempt = _attempt(job.adjusted(grains, start=start, settings=replace(job.settings, search=False)))
+    return without_last(attempt.motions)
 
 
-def _all_together(
-    grains: GrainSet,
-    scan: Scan,
-    start: Motions | None,
-    settings: TrackSettings,
-    progress: Progress | None,
-    device: Device | None,
-) -> tuple[Motions, Float]:
-    """All stages for some grains, and how much of each grain's shadow the radiographs hold."""
+def _attempt(job: _Job) -> _Attempt:
+    """All stages for the grains of a job."""
     try:
-        fit = _multistage_fit(grains, scan, settings, progress, device)
-        base, pose = initialise(fit, starting_pose(grains, start))
-        done = 1 if settings.fields and len(settings.filters) > 1 else 0  # the approach ends with the first filter
-        problem, solution = fit.solve_free(pose, "free", settings.filters[done:])
-        found = SearchResult(problem, solution, np.zeros(len(grains), dtype=bool))
-        if settings.search:
-            found = search(fit, base, problem, solution)
-        problem, solution, held_back = fixed_unless_moved(fit, found.problem, found.solution)
-        fit.report("judging the grains", fit.expected_stages)
-        polished = refine(fit, base, problem, solution)
-        limits = (settings.max_sd_voxel * grains.voxel_size, float(np.deg2rad(settings.max_sd_deg)))
-        motions = classify(grains, polished, found.doubtful, limits, tuple(fit.costs))
-        if held_back:
-            motions = replace(
-                motions,
-                fit=replace(motions.fit, background=np.zeros(6), notes=(*motions.fit.notes, FIXED_BACKGROUND_NOTE)),
-            )
-        held = grain_supports(polished.problem, polished.solution.state)
-        return motions, np.array([shadow.support for shadow in held])
-    except np.linalg.LinAlgError as error:
-        return _unsolved(grains, error), np.ones(len(grains))
+        return _all_stages(job)
+    except np.linalg.LinAlgError as error:  # ends one attempt, not the run
+        return _Attempt(_unsolved(job.grains, error), np.ones(len(job.grains)))
 
 
-def _multistage_fit(
-    grains: GrainSet, scan: Scan, settings: TrackSettings, progress: Progress | None, device: Device | None = None
-) -> MultistageFit:
-    device, smooth = device or chosen(settings.device), settings.projector == "trilinear"
-    packed, fine = (GrainArrays.of(grains, fine=f and smooth).on(device) for f in (False, True))
-    return MultistageFit(settings, packed, fine, _target(grains, scan, settings, device), progress)
+def _all_stages(job: _Job) -> _Attempt:
+    grains, settings, fit = job.grains, job.settings, job.fit()
+    field_pose, pose = initialise(fit, starting_pose(grains, job.start))
+    done = 1 if settings.fields and len(settings.filters) > 1 else 0  # the initial guess ends with the first filter
+    problem, solution = fit.solve_free(pose, "free", settings.filters[done:])
+    result = SearchResult(problem, solution, np.zeros(len(grains), dtype=bool))
+    if settings.search:
+        result = search(fit, field_pose, problem, solution)
+    problem, solution, fixed = fixed_unless_moved(fit, result.problem, result.solution)
+    fit.report("classifying the grains", fit.expected_stages)
+    refined = refine(fit, field_pose, problem, solution)
+    limits = (settings.max_sd_voxel * grains.voxel_size, float(np.deg2rad(settings.max_sd_deg)))
+    motions = classify(grains, refined, result.ambiguous, limits, tuple(fit.costs))
+    if fixed:
+        notes = (*motions.fit.notes, FIXED_BACKGROUND_NOTE)
+        motions = replace(motions, fit=replace(motions.fit, background=np.zeros(6), notes=notes))
+    supports = grain_supports(refined.problem, refined.solution.state)
+    return _Attempt(motions, np.array([support.share for support in supports]))
 
 
-def _target(grains: GrainSet, scan: Scan, settings: TrackSettings, device: Device) -> Target:
-    """What is fitted, and the background that stays or moves."""
-    fixed, body, nuisance = np.zeros(scan.line_integrals.shape, grains.precision), None, NuisanceModel()
-    if grains.background is not None:
-        fixed = project(grains.background, scan.geometry, projector=settings.projector)
-        body = packed_body(grains.background).on(device)
-        h = grains.voxel_size
-        nuisance = NuisanceModel(
-            background=grains.background_moves,
-            background_shift_sd=BACKGROUND_SHIFT_SD * h,
-            background_rotation_sd=BACKGROUND_ROTATION_SD,
-        )
-    return Target(
-        scan,
-        fixed,
-        settings.projector,
-        0.0,
-        derivatives=settings.derivatives,
-        background=body,
-        nuisance=nuisance,
-        device=device,
-    )
+def _unsolved(grains: GrainSet, error: np.linalg.LinAlgError) -> Motions:
+    """No motion of any grain, and why."""
+    reason = f"the equations of this state could not be solved ({error}); please report it, with these radiographs"
+    nothing = np.full((len(grains), 3), np.nan)
+    still = Motions.identity(grains.labels, grains.centers)
+    return replace(still, translations=nothing, rotations=nothing.copy(), reasons=(reason,) * len(grains))
