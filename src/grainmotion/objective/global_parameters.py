@@ -1,4 +1,4 @@
-"""Columns: the few unknowns of a state as a whole, as images, and what is eliminated of them.
+"""Global parameters: the few unknowns of a state as a whole, as columns C of its Jacobian that are images.
 
 A stack of images ``(views, rows, columns)`` is one unknown if all views share it, and one a view if not.
 """
@@ -44,8 +44,9 @@ class Columns:
 
     def dot(self, image: Image) -> Float:
         """Cᵀ image, ``(m,)``."""
-        parts = [_view_dots(stack, image.astype(float, copy=False)) for stack in self.stacks]
-        return _folded(parts, self.shared)
+        dots = [_view_dots(stack, image.astype(float, copy=False)) for stack in self.stacks]
+        unknowns = [[d.sum()] if s else d for d, s in zip(dots, self.shared, strict=True)]
+        return np.concatenate(unknowns) if unknowns else np.zeros(0)
 
     def gram(self) -> Float:
         """CᵀC, ``(m, m)``."""
@@ -92,9 +93,5 @@ def dot(left: Image, right: Image) -> float:
 
 
 def _view_dots(left: Image, right: Image) -> Float:
+    """The same view by view, ``(views,)``."""
     return np.array([dot(a, b) for a, b in zip(left, right, strict=True)])
-
-
-def _folded(parts: list[Float], shared: list[bool]) -> Float:
-    folded = [[p.sum()] if s else p for p, s in zip(parts, shared, strict=True)]
-    return np.concatenate(folded) if folded else np.zeros(0)

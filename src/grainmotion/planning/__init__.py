@@ -1,1 +1,1 @@
-"""What `plan` is made of: candidate views, their information, the choice among them, the capture to expect."""
+"""Planning of an experiment: candidate views, their information, the choice among them, the capture range."""

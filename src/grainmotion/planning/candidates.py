@@ -1,4 +1,4 @@
-"""Candidate views: where they stand, which of a scan's own views to take, and even sets among them."""
+"""Candidate views: their angles, those nearest to them in a scan, and even sets among them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from grainmotion.planning.settings import PlanSettings
 def candidate_angles(beam: Beam, settings: PlanSettings) -> Float:
     """Angles to choose from, degrees: from 0 in steps of ``step_deg``, the end of the span left out.
 
-    Opposite views of a parallel beam are mirror images, so its span is 180° unless told otherwise.
+    Opposite views of a parallel beam are mirror images, so its span is 180° by default.
     """
     span = settings.span_deg or (180.0 if beam == "parallel" else 360.0)
     return np.arange(0, span * (1 - 1e-9), settings.step_deg)

@@ -1,4 +1,4 @@
-"""How far grains may move: what tracking was measured to capture, and what the panel holds.
+"""Capture range: the motions from which tracking was measured to recover, and the room on the detector.
 
 The ranges are those of `docs/paper.md`, "Capture in three dimensions: 15 grains": touching gravel, noise of 1 %
 of the largest line integral, views evenly over 180°, default settings, zero start.
@@ -19,7 +19,7 @@ CAPTURE_SOURCE = "docs/paper.md, Capture in three dimensions: 15 grains"
 
 @dataclass(frozen=True)
 class Capture:
-    """The largest random motions of which every grain was found again, from a zero start.
+    """The largest random motions that were measured correctly for every grain, from a zero start.
 
     Attributes
     ----------
@@ -28,7 +28,7 @@ class Capture:
     ranges : tuple of (float, float)
         Every grain its own way up to so many grain diameters, and so many degrees.
     together : float
-        The largest shift of the whole sample that was tried, and found again, in grain diameters.
+        The largest shift of the whole sample that was tried, and measured correctly, in grain diameters.
     """
 
     views: int
@@ -48,21 +48,20 @@ MEASURED_CAPTURES = (
 
 
 def expected_capture(views: int) -> Capture:
-    """What was measured with so many views, or with the next smaller number."""
+    """The capture range measured with so many views, or with the next smaller number."""
     return max((c for c in MEASURED_CAPTURES if c.views <= views), key=lambda c: c.views)
 
 
 def room(grains: GrainArrays, geometry: Geometry) -> NDArray[np.float64]:
-    """How far the sample may move across and along the axis before a shadow leaves the panel, ``(2,)``, mm.
+    """How far the sample may move across and along the axis before a projection leaves the detector, ``(2,)``, mm.
 
-    The smallest distance of any grain's shadow from the panel's left and right edges, and from its lower and
-    upper ones, over all views, carried back to the sample; 0 where a shadow is cut already, infinite along the
-    axis of a planar sample.
+    The smallest distance of any grain's footprint from the detector's left and right edges, and from its lower and
+    upper ones, over all views, scaled to the sample; 0 where a footprint is cut already, infinite along the axis of a
+    planar sample.
     """
     points = (grains.hulls + grains.centers[:, None]).reshape(-1, 3)
-    spots = geometry.project_points(points).reshape(-1, 2)
-    panel = np.array(geometry.shape)
-    free = np.minimum(spots + 0.5, panel - 0.5 - spots)
+    pixels = geometry.project_points(points).reshape(-1, 2)
+    free = np.minimum(pixels + 0.5, np.array(geometry.shape) - 0.5 - pixels)
     margins = np.nan_to_num(free, nan=0.0).min(axis=0)
     row, column = np.maximum(margins, 0) * geometry.pixel_at(grains.centers.mean(axis=0))
     return np.array([column, np.inf if planar(grains, geometry) else row])

@@ -1,4 +1,4 @@
-"""What a view tells of the grains: its Fisher information.
+"""Fisher information of a view on the motions of the grains.
 
 A pixel whose line integral is p, made of N e^−p photons, has the variance e^p/N.  That of the model, whose voxels
 blur every surface, is added to it: (κ μ h)² with h the voxel, μ the grains' mean attenuation and κ a number near 1,
@@ -9,8 +9,8 @@ in the reference state, and K = [p, 1] those by gain and offset, a view's inform
     ⎣ Kᵀ w J   Kᵀ w K ⎦
 
 and that of a set of views is the sum of theirs.  Its inverse bounds the covariance of every unbiased estimate
-(Cramér and Rao).  A prior, that each grain is known to its own diameter and to a quarter turn, keeps what no view
-tells finite.
+(Cramér and Rao).  A prior on each grain, of its own diameter and a quarter turn, keeps the variance of what no view
+determines finite.
 """
 
 from __future__ import annotations
@@ -33,9 +33,12 @@ from grainmotion.planning.settings import PlanSettings
 from grainmotion.projection.grain_arrays import OUT_OF_PLANE, GrainArrays, planar
 from grainmotion.projection.grains import assemble, differentiate_patches, shadows
 from grainmotion.projection.volumes import project
+from grainmotion.solvers.block_cg import diagonal_blocks
 
-MAX_EXACT_UNKNOWNS = 3000  # unknowns whose full matrix is inverted for one set
-COUPLED_NEIGHBOURS = 40  # grains whose coupling is kept around each, beyond that
+MAX_EXACT_UNKNOWNS = 3000
+"""Unknowns up to which the full matrix of a set of views is inverted."""
+COUPLED_NEIGHBOURS = 40
+"""Grains whose coupling is kept around each, beyond that."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,20 +54,10 @@ class ViewInformation:
         total = sparse.bsr_array(self.matrix + other.matrix)
         return ViewInformation(total, self.border + other.border, self.corner + other.corner)
 
-    @property
-    def blocks(self) -> Float:
-        """Each grain's own 6×6 block, ``(n, 6, 6)``."""
-        n = self.matrix.shape[0] // 6
-        out = np.zeros((n, 6, 6))
-        rows = np.repeat(np.arange(n), np.diff(self.matrix.indptr))
-        own = rows == self.matrix.indices
-        out[rows[own]] = self.matrix.data[own]
-        return out
-
     def dense(self, gain: bool) -> Float:
         """The whole matrix, ``(6n + 2, 6n + 2)`` with gain and offset, ``(6n, 6n)`` without."""
-        inner: Float = self.matrix.toarray()
-        return np.block([[inner, self.border], [self.border.T, self.corner]]) if gain else inner
+        motions: Float = self.matrix.toarray()
+        return np.block([[motions, self.border], [self.border.T, self.corner]]) if gain else motions
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,12 +71,12 @@ class Candidates:
 
     @classmethod
     def of(cls, grains: GrainSet, geometry: Geometry, settings: PlanSettings) -> Candidates:
-        """Pack the grains."""
+        """Candidates for grains in their reference state."""
         return cls(grains, GrainArrays.of(grains), geometry, settings)
 
     @property
     def pose(self) -> Pose:
-        """The reference state."""
+        """No motion."""
         n = len(self.grain_arrays)
         return Pose(np.zeros((n, 3)), np.tile(np.eye(3), (n, 1, 1)))
 
@@ -94,9 +87,10 @@ class Candidates:
 
     @property
     def prior(self) -> Float:
-        """Information ``(n, 6)`` that is there before any view: a diameter, a quarter turn."""
-        r = self.grain_arrays.radii[:, None]
-        return np.hstack([np.repeat(1 / (2 * r) ** 2, 3, axis=1), np.full((len(r), 3), 1 / (np.pi / 2) ** 2)])
+        """Information ``(n, 6)`` before any view: standard deviations of a diameter and a quarter turn."""
+        radii = self.grain_arrays.radii[:, None]
+        rotations = np.full((len(radii), 3), 1 / (np.pi / 2) ** 2)
+        return np.hstack([np.repeat(1 / (2 * radii) ** 2, 3, axis=1), rotations])
 
     @cached_property
     def attenuation(self) -> float:
@@ -105,7 +99,7 @@ class Candidates:
         return float(np.vdot(images, images) / images.sum(dtype=float))
 
     def information(self, view: int) -> ViewInformation:
-        """The information of one candidate; the derivatives of that view alone are held."""
+        """The information of one candidate; only that view's derivatives are in memory."""
         geometry, pose, n = self.geometry[view], self.pose, len(self.grain_arrays)
         patches = shadows(self.grain_arrays, pose, geometry)
         if not len(patches.boxes):
@@ -115,7 +109,7 @@ class Candidates:
         if self.grains.background is not None:
             image += project(self.grains.background, geometry)
         weights = self._weights(image)
-        # in double precision, so that sums over pixels leave the matrix positive
+        # In double precision, so that rounding in sums over pixels leaves the matrix positive definite.
         scaled = derivatives.astype(float)
         roots = np.sqrt(weights)[0]
         for box, start in zip(patches.boxes, patches.offsets, strict=False):
@@ -159,7 +153,7 @@ class Candidates:
         return self.clean(out)
 
     def clean(self, covariances: Float) -> Float:
-        """What a planar sample cannot do has no variance."""
+        """The same with no variance of what a planar sample cannot do."""
         if self.is_planar:
             covariances = covariances.copy()
             covariances[:, OUT_OF_PLANE, :] = covariances[:, :, OUT_OF_PLANE] = 0
@@ -189,14 +183,14 @@ def invert(information: Float, prior: Float) -> Float:
     scale = 1 / np.sqrt(diagonal)
     inverse = np.linalg.inv(matrix * scale[..., :, None] * scale[..., None, :])
     inverse *= scale[..., :, None] * scale[..., None, :]
-    inner = inverse[..., : 6 * n, : 6 * n].reshape(*inverse.shape[:-2], n, 6, n, 6)
-    return np.moveaxis(np.diagonal(inner, axis1=-4, axis2=-2), -1, -3)
+    motions = inverse[..., : 6 * n, : 6 * n].reshape(*inverse.shape[:-2], n, 6, n, 6)
+    return np.moveaxis(np.diagonal(motions, axis1=-4, axis2=-2), -1, -3)
 
 
 def _neighbourhoods(total: ViewInformation) -> list[NDArray[np.int64]]:
     """Each grain, first, with those whose coupling to it is strongest."""
     matrix, out = total.matrix, []
-    own = np.sqrt(np.einsum("nkk->n", total.blocks)) + 1e-300
+    own = np.sqrt(np.einsum("nkk->n", diagonal_blocks(total.matrix))) + 1e-300
     for i in range(len(own)):
         part = slice(matrix.indptr[i], matrix.indptr[i + 1])
         near = matrix.indices[part]

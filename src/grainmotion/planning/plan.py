@@ -34,7 +34,7 @@ PLAN_COLUMNS = (
 
 @dataclass(frozen=True, eq=False)
 class ViewSet:
-    """A set of views, and what is expected of it.
+    """A set of views, and the precision and capture range to expect from it.
 
     Attributes
     ----------
@@ -49,9 +49,9 @@ class ViewSet:
     surface_sd : (n,) array
         Predicted sd of each grain's surface, a component, mm.
     room : (2,) array
-        How far the sample may move across and along the axis before a shadow leaves the panel, mm.
+        How far the sample may move across and along the axis before a projection leaves the detector, mm.
     capture : Capture
-        What tracking was measured to find from as many views.
+        The capture range that was measured with as many views.
     """
 
     kind: str
@@ -72,7 +72,7 @@ class ViewSet:
 
     @property
     def criterion(self) -> float:
-        """Geometric mean of ``surface_sd``, mm: what the choice makes small."""
+        """Geometric mean of ``surface_sd``, mm: the criterion of the choice."""
         return float(np.exp(np.mean(np.log(self.surface_sd))))
 
     @property
@@ -88,7 +88,7 @@ class ViewSet:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What `plan` found.
+    """Result of `plan`.
 
     Attributes
     ----------
@@ -124,7 +124,25 @@ class Plan:
     settings: PlanSettings
 
     def get(self, views: int, kind: str = "best") -> ViewSet:
-        """The set of a number of views."""
+        """The set of a number of views.
+
+        Parameters
+        ----------
+        views : int
+            Number of views.
+        kind : {"best", "even"}
+            Which of the two sets of as many views.
+
+        Returns
+        -------
+        ViewSet
+            The set.
+
+        Raises
+        ------
+        InputError
+            If the plan has no such set.
+        """
         for s in self.sets:
             if len(s) == views and s.kind == kind:
                 return s
@@ -169,7 +187,10 @@ class Plan:
 def plan(
     grains: GrainSet, views: Geometry, settings: PlanSettings | None = None, *, progress: Progress | None = None
 ) -> Plan:
-    """Predict precision, choose angles, and say what can be captured.
+    """Predict the precision of each grain's motion, choose the angles of the views, and give the capture range.
+
+    The precision is the Cramér–Rao bound of photon noise and a model error, see `planning.fisher_information`; the
+    choice is by exchange, see `planning.view_selection`.
 
     Parameters
     ----------
@@ -177,11 +198,16 @@ def plan(
         The grains of the reference state.
     views : Geometry
         The candidate views, from which sets are chosen; for a circular scan those at
-        `plan_figure.candidates.candidate_angles`.
+        `planning.candidates.candidate_angles`.
     settings : PlanSettings, optional
         Exposure, numbers of views, model error.
     progress : callable, optional
         Called as ``progress(message, done, total)``.
+
+    Returns
+    -------
+    Plan
+        The sets of views with their predicted standard deviations.
 
     Raises
     ------

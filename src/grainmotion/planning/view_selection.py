@@ -4,8 +4,8 @@ Exchange starts twice, from the best set of one view less with the view that hel
 even sets, and the better end counts.
 
 The criterion is the geometric mean over the grains of the sd of their surface's displacement (see
-`Candidates.surface_sd`): a length that joins translation and rotation as the user feels them, and a mean that one
-round grain, whose rotation no set of views tells, cannot rule.
+`Candidates.surface_sd`): a length that joins translation and rotation, and a mean that a single round grain, whose
+rotation no set of views determines, cannot dominate.
 
 Two views along one line, from the same side or from opposite ones, do not enter one set: the second would lower the
 photon noise of the first, but repeat its model error, and the ranges of capture were measured with views apart.
@@ -21,18 +21,26 @@ import numpy as np
 from grainmotion._typing import Float, Progress
 from grainmotion.planning.candidates import angles_between, even_set
 from grainmotion.planning.fisher_information import Candidates, invert
+from grainmotion.solvers.block_cg import diagonal_blocks
 
-MAX_COUPLED_OPERATIONS = 1e11  # operations for all pairs, up to which the coupling between grains is kept in the choice
+MAX_COUPLED_OPERATIONS = 1e11
+"""Operations for all pairs of views, up to which the choice keeps the coupling between grains."""
 MAX_EXCHANGE_PASSES = 10
 
 
 @dataclass(frozen=True, eq=False)
 class ViewSelector:
-    """The candidates' information as it is added up again and again.
+    """The information of all candidates, summed over many sets of views.
 
-    ``stacks`` holds the full matrices ``(m, s, s)``; or, for many grains, their own blocks ``(m, n, 6, 6)``
-    with ``borders (m, n, 6, 2)`` and ``corners (m, 2, 2)``, neighbours held where they are.  ``between (m, m)``
-    are the angles between views as lines, degrees.
+    Attributes
+    ----------
+    candidates : Candidates
+    stacks : (m, s, s) or (m, n, 6, 6) array
+        Each candidate's full matrix; or, for many grains, their own blocks, neighbours being fixed.
+    borders, corners : (m, n, 6, 2) and (m, 2, 2) arrays
+        Of gain and offset.
+    between : (m, m) array
+        Angles between views as lines, degrees.
     """
 
     candidates: Candidates
@@ -43,17 +51,18 @@ class ViewSelector:
 
     @classmethod
     def of(cls, candidates: Candidates, progress: Progress | None = None) -> ViewSelector:
-        """Ask every candidate once."""
+        """Compute every candidate's information once."""
         m, n = len(candidates.geometry), len(candidates.grain_arrays)
         dense = m**2 / 2 * (6.0 * n) ** 3 <= MAX_COUPLED_OPERATIONS
         stacks, borders, corners = [], [], []
         for view in range(m):
             if progress is not None:
-                progress("what each view tells", view, m)
-            found = candidates.information(view)
-            stacks.append(found.dense(candidates.settings.gain) if dense else found.blocks)
-            borders.append(found.border.reshape(n, 6, 2))
-            corners.append(found.corner)
+                progress("information of each view", view, m)
+            information = candidates.information(view)
+            matrix = information.dense(candidates.settings.gain) if dense else diagonal_blocks(information.matrix)
+            stacks.append(matrix)
+            borders.append(information.border.reshape(n, 6, 2))
+            corners.append(information.corner)
         between = angles_between(candidates.geometry)
         return cls(candidates, np.array(stacks), np.array(borders), np.array(corners), between)
 
@@ -98,7 +107,7 @@ class ViewSelector:
         return int((between[np.triu_indices(len(views), 1)] < limit - 1e-6).sum())
 
     def rank(self, views: Sequence[int]) -> tuple[int, float]:
-        """What sorts sets, the best first: conflicts, then the criterion."""
+        """Sorts sets of views, the best first: conflicts, then the criterion."""
         return self.conflicts(views), self.cost(views)
 
     def best_pair(self, pairs: Float) -> tuple[int, int]:

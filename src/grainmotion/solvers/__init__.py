@@ -1,1 +1,1 @@
-"""Nonlinear least squares and linear systems; they know no X-rays."""
+"""Solvers of nonlinear least squares and linear systems; they know no X-rays."""

@@ -1,1 +1,1 @@
-"""What `track` is made of: the residual of a state, its stages and starts, lost grains, and the verdict."""
+"""Tracking of one state: initial guess, free stages, global search, refinement and classification."""

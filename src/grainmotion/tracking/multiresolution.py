@@ -1,7 +1,7 @@
-"""Coarse rays: radiographs of larger pixels, for stages whose filter leaves nothing finer.
+"""Radiographs of larger pixels and grains of larger voxels, for stages whose filter leaves nothing finer.
 
-Under a Gaussian filter of σ pixels rays σ apart tell as much as rays one apart, and cost a σ² of them; grains of
-voxels as large keep the walks as short.
+Under a Gaussian filter of σ pixels rays σ apart hold as much information as rays one apart, at 1/σ² of their cost;
+voxels as large shorten the path along each ray alike.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from grainmotion.preprocessing.binning import binned_images
 from grainmotion.projection.grain_arrays import GrainArrays, planar
 
 MIN_FILTER_PIXELS = 1.0
-"""Least width of a filter, coarse pixels."""
+"""Least width of a filter in coarse pixels."""
 FIELD_GRAIN_PIXELS, FREE_GRAIN_PIXELS = 6.0, 14.0
-"""Least size of a grain, coarse pixels, where all grains move as one field and where each moves alone."""
+"""Least size of a grain in coarse pixels, where all grains move with one field and where each is free."""
 
 
 def coarsening(grains: GrainArrays, target: Target, sigma: float, least: float) -> int:
-    """How much larger pixels and voxels may be under a filter of ``sigma`` pixels; 1 for slices and exact paths.
+    """How many times larger pixels and voxels may be under a filter of ``sigma`` pixels; 1 for slices and exact paths.
 
     Grains stay at least ``least`` coarse pixels across.
     """
@@ -36,9 +36,9 @@ def coarsening(grains: GrainArrays, target: Target, sigma: float, least: float) 
 
 
 def coarsened(target: Target, factor: int, margin: tuple[int, int] | NDArray[np.int64] = (0, 0)) -> Target:
-    """The radiographs on pixels ``factor`` times as large, with ``margin`` empty ones around the panel.
+    """The radiographs on pixels ``factor`` times as large, with ``margin`` empty ones around the detector.
 
-    Pixels count alike; ``sigma`` is in the new pixels, and covers what it did.
+    All pixels have one weight; ``sigma`` is the same width in the new pixels.
     """
     if factor == 1 and not np.any(margin):
         return target

@@ -1,4 +1,4 @@
-"""How to track."""
+"""Settings of `track`."""
 
 from __future__ import annotations
 
@@ -15,15 +15,16 @@ from grainmotion.objective.response_parameters import Gain, ResponseModel
 from grainmotion.uncertainty.noise_model import Loss, Weights
 
 
-def _named(gain: object) -> object:
-    """Yes and no, as the names of what they mean."""
+def _gain_name(gain: object) -> object:
+    """True and false by the names of what they mean."""
     return {True: "global", False: "none"}[gain] if isinstance(gain, bool) else gain
 
 
 Corrections = Literal["never", "auto", "always"]
 
 
-def _whether(corrections: object) -> object:
+def _corrections_name(corrections: object) -> object:
+    """True and false by the names of what they mean."""
     return {True: "always", False: "never"}[corrections] if isinstance(corrections, bool) else corrections
 
 
@@ -55,7 +56,7 @@ class TrackSettings:
     ] = True
     gain: Annotated[
         Gain,
-        BeforeValidator(_named),
+        BeforeValidator(_gain_name),
         Field(description="gain and offset (a, b of Eq. 22) to eliminate: none, one for all views, one a view"),
     ] = "global"
     trend: Annotated[
@@ -65,7 +66,7 @@ class TrackSettings:
         int, Field(ge=1, le=4, description="degree of a polynomial of the line integral fitted for beam hardening")
     ] = 1
     weights: Annotated[
-        Weights, Field(description="of pixels: all alike, or as photon noise and model error, estimated, tell")
+        Weights, Field(description="of pixels: all alike, or by the estimated photon noise and model error")
     ] = "uniform"
     loss: Annotated[
         Loss,
@@ -73,10 +74,10 @@ class TrackSettings:
     ] = "squares"
     view_corrections: Annotated[
         Corrections,
-        BeforeValidator(_whether),
+        BeforeValidator(_corrections_name),
         Field(
             description="estimate each view's own panel shift and stage angle: always, never, or once the views "
-            "contradict each other; refused with a sentence where the views cannot tell"
+            "contradict each other; refused with a sentence where the views cannot determine them"
         ),
     ] = "auto"
     iterations: Annotated[int, Field(ge=1, description="most iterations a stage")] = 30
@@ -91,12 +92,12 @@ class TrackSettings:
     ] = 5.0
 
     device: Annotated[
-        Choice, Field(description="where rays are walked: the processor, an NVIDIA card, or the card if there is one")
+        Choice, Field(description="where kernels run: the processor, an NVIDIA GPU, or the GPU if there is one")
     ] = "auto"
 
     @property
     def response_model(self) -> ResponseModel:
-        """What of the detector's response is unknown."""
+        """Which numbers of the detector's response are unknown."""
         return ResponseModel(self.gain, self.trend, self.hardening)
 
 

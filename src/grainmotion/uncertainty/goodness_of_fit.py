@@ -1,4 +1,4 @@
-"""How well each grain fits, and which do not."""
+"""Goodness of fit of each grain, and which grains are misregistered."""
 
 from __future__ import annotations
 
@@ -16,24 +16,25 @@ from grainmotion.projection.grains import assemble
 from grainmotion.uncertainty.noise_model import noise_level
 
 MIN_MISFIT, MAX_USUAL_MISFIT = 0.08, 0.05
-"""Shares of a grain's line integrals: the least misfit, and the most that the sample's usual one counts."""
+"""Shares of a grain's line integrals: the least misfit of a misregistered grain, and the largest misfit that counts as
+the sample's usual one."""
 MISFIT_OVER_USUAL = 2.5
-"""Times the usual misfit that a grain must leave to be lost."""
+"""Times the usual misfit from which a grain is misregistered."""
 NEIGHBOUR_MISFIT = 2.0
-"""Times the usual misfit's square that all others on a grain's rays may leave together."""
+"""Times the square of the usual misfit that all others on a grain's rays may leave together."""
 
 
 @dataclass(frozen=True, eq=False)
 class Misfits:
-    """What is left of the radiographs where the grains are, ``(n,)`` each, as root mean squares.
+    """Residuals of the radiographs in the grains' footprints, ``(n,)`` each, as root mean squares.
 
     Attributes
     ----------
-    residuals : array
-        b − m(P) over each grain's shadow; NaN where no view sees it.
-    paths : array
-        Its own line integrals there.
-    crowds : array
+    rms_residuals : array
+        b − m(P) over each grain's footprint; NaN where no view sees it.
+    rms_line_integrals : array
+        The grain's own line integrals there.
+    rms_crowd_integrals : array
         √ΣP² there, of all grains on a ray: their small misfits add up in squares.
     noise : float
         Of a pixel, see `noise_level`.
@@ -70,10 +71,10 @@ class Misfits:
 
     @property
     def misregistered_in_crowd(self) -> NDArray[np.bool_]:
-        """Lost ones that leave much beside all line integrals on their rays, too.
+        """Misregistered grains whose misfit is large beside all line integrals on their rays, too.
 
-        Early on no grain is in its place to a fraction of a voxel, and what all in a crowd leave would hide, or feign,
-        a lost one; this tells whether they are near.
+        Early on no grain is in its place to a fraction of a voxel, and the misfits of all in a crowd can hide a
+        misregistered one, or look like one; this criterion shows whether they are near.
         """
         in_crowd = self._in_crowd
         return self.misregistered & (~np.isfinite(in_crowd) | (in_crowd > MISFIT_OVER_USUAL * MAX_USUAL_MISFIT))
@@ -101,17 +102,17 @@ def misfits(problem: StateProblem, evaluation: Evaluation) -> Misfits:
     for p, (grain, view, r0, r1, c0, c1) in enumerate(evaluation.patches.boxes):
         start, end = evaluation.patches.offsets[p : p + 2]
         own = values[start:end].astype(float)
-        residual, all_there = (
+        residual, crowd = (
             images[view, r0:r1, c0:c1].ravel().astype(float) for images in (evaluation.raw_residual, squares)
         )
         weight = np.abs(own) * problem.target.valid[view, r0:r1, c0:c1].ravel()
-        sums[grain] += weight.sum(), weight @ residual**2, weight @ own**2, weight @ all_there
+        sums[grain] += weight.sum(), weight @ residual**2, weight @ own**2, weight @ crowd
     means = np.sqrt(sums[:, 1:] / np.maximum(sums[:, :1], 1e-30))
     means[sums[:, 0] <= 0] = np.nan
-    # a small gain would make any misfit small beside line integrals that nobody measured
+    # A small gain would make any misfit small beside line integrals that were never measured.
     means[:, 1:] *= float(np.clip(evaluation.response.gain, 0.0, 1.0))
-    rms_residuals, rms_line_integrals, rms_crowd_integrals = means.T
-    return Misfits(rms_residuals, rms_line_integrals, rms_crowd_integrals, noise_level(problem.target.scan))
+    residuals, line_integrals, crowds = means.T
+    return Misfits(residuals, line_integrals, crowds, noise_level(problem.target.scan))
 
 
 def misregistered_grains(problem: StateProblem, pose: Pose) -> NDArray[np.bool_]:
@@ -126,8 +127,6 @@ def response_corrected_scan(problem: StateProblem, pose: Pose) -> Scan:
     gains = evaluation.response.polynomial[:, 0]
     if not ((gains > 0.5) & (gains < 2)).all():  # no beam drifts so far: what was fitted is not a gain
         return scan
-    return replace(
-        scan,
-        line_integrals=evaluation.line_integrals
-        + evaluation.raw_residual / np.maximum(evaluation.response.derivative(evaluation.line_integrals), 0.1),
-    )
+    path = evaluation.line_integrals
+    slope = np.maximum(evaluation.response.derivative(path), 0.1)
+    return replace(scan, line_integrals=path + evaluation.raw_residual / slope)

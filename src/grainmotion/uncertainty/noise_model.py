@@ -1,9 +1,9 @@
-"""Weights of pixels, from photon statistics and from what the residuals show.
+"""Noise model: the variance of each pixel, from photon statistics and from the residuals, and weights from it.
 
 The variance of a pixel is modelled as  v = e^m/(N f) + d² + s² + g²|∇m|²,  with m its line integral, N the photons
 of the open beam and f its shape (the flat), d noise that does not depend on the beam, s an even model error and g
-one of edges, in pixels of displacement.  N and d come from differences of neighbouring pixels, s and g from what
-residuals hold beyond them.
+one of edges, in pixels of displacement.  N and d come from differences of neighbouring pixels, s and g from the
+residuals beyond them.
 """
 
 from __future__ import annotations
@@ -24,25 +24,25 @@ Weights = Literal["uniform", "photons"]
 Loss = Literal["squares", "huber", "poisson"]
 
 HUBER_SD = 3.0
-"""Standard deviations beyond which a residual counts linearly: rare ones of noise and voxels stay below."""
+"""Standard deviations beyond which a residual counts linearly; those of noise and voxels rarely exceed it."""
 NOISE_CLASSES, VARIANCE_REFITS = 8, 4
-"""Classes of pixels by their photon noise; fits of two variances to what is seen in these."""
+"""Classes of pixels by their photon noise; fits of the two variances to these."""
 MEDIAN_NORMAL_SQUARE = 0.4549
 """Median of the squares of numbers that are normal with variance 1."""
 SHADED_SHARE = 0.02
 """Share of the largest line integral from which a pixel is shaded."""
 MAX_LINE_INTEGRAL = 12.0
-"""Line integrals beyond which no photon arrives."""
+"""Line integrals are cut to this: beyond it hardly a photon arrives."""
 
 
 @dataclass(frozen=True)
 class NoiseModel:
-    """The variance of pixels; see the module's first lines.
+    """The variance of pixels, as at the top of this module.
 
     Attributes
     ----------
     photons : float
-        N, detected photons of the open beam a pixel; infinite where no noise is seen.
+        N, detected photons of the open beam a pixel; infinite where there is no noise.
     even, edge : float
         √(d² + s²) (line-integral units) and g (pixels).
     """
@@ -100,9 +100,7 @@ def noise_shares(raw: Image, unit: Float, good: NDArray[np.bool_]) -> tuple[floa
     roots = np.sqrt([mine.sum() for mine in classes])
     share = white = 0.0
     fitted = rows[:, 0]
-    for _ in range(
-        VARIANCE_REFITS
-    ):  # a variance is known to its share, by the fit's own: by chance a small class is still
+    for _ in range(VARIANCE_REFITS):  # the error of a variance goes with the fitted one: a small class may show none
         scale = roots / np.maximum(fitted, 1e-30)
         share, white = nnls(rows * scale[:, None], values * scale)[0]
         fitted = rows @ [share, white]
@@ -150,21 +148,21 @@ def reweighted(target: Target, evaluation: Evaluation, weights: Weights, loss: L
     """
     modelled, beam = evaluation.response.apply(evaluation.line_integrals), open_beam(target)
     if loss == "poisson":
-        # Scoring: the weighted gap to this response is the gradient of the likelihood of n = N f e^−b counts.
+        # Fisher scoring: the weighted gap to this response is the gradient of the likelihood of n = N f e^−b counts.
         gap = 1 - np.exp(np.clip(-evaluation.raw_residual, -MAX_LINE_INTEGRAL, MAX_LINE_INTEGRAL))
         scan = replace(target.scan, line_integrals=(modelled + gap).astype(target.precision))
         counts = 1 / NoiseModel(1.0, 0.0, 0.0).photon_variance(modelled, beam)
         return replace(target, scan=scan, sigma=0.0, weights=_unit_mean(counts, target)), 0.0
     noise = noise_model(target, evaluation, HUBER_SD if loss == "huber" else np.inf)
     variance = noise.variance(modelled, beam)
-    found = _unit_mean(1 / np.maximum(variance, 1e-12), target) if weights == "photons" else np.ones_like(variance)
+    weight = _unit_mean(1 / np.maximum(variance, 1e-12), target) if weights == "photons" else np.ones_like(variance)
     if loss == "squares":
-        return replace(target, weights=found), 0.0
+        return replace(target, weights=weight), 0.0
     size = np.abs(evaluation.raw_residual) / np.sqrt(np.maximum(variance, 1e-12))
     shaded = shaded_pixels(target, evaluation)
-    found = found * np.minimum(1.0, HUBER_SD / np.maximum(size, 1e-12))
+    weight = weight * np.minimum(1.0, HUBER_SD / np.maximum(size, 1e-12))
     share = float((size[shaded] > HUBER_SD).mean()) if shaded.any() else 0.0
-    return replace(target, weights=found), share
+    return replace(target, weights=weight), share
 
 
 def _unit_mean(weights: Float, target: Target) -> Float:

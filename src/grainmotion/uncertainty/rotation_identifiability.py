@@ -1,17 +1,17 @@
-"""Which turns of a grain the radiographs confirm.
+"""Identifiability of rotations: which rotations of a grain the radiographs confirm.
 
-A ball may turn as it likes, yet derivatives do not say so: its voxel image is never quite round, and the
-pattern of its voxels (partial volumes, noise of the reconstruction) turns with it in the simulation.  H
-then holds information about rotations that the radiographs do not hold, and its covariance is a fraction
-of a degree where anything goes.  So each grain is turned by ±θ, its rim by four voxels, about the principal
-axes of its own rotations in H.  With ΔP the simulated change, translations fitted out, and r the residual,
+A ball may rotate freely, yet derivatives do not show it: its voxel image is never quite round, and the pattern of its
+voxels (partial volumes, noise of the reconstruction) rotates with it in the simulation.  H then holds information
+about rotations that the radiographs do not hold, and its covariance is a fraction of a degree where nothing is known.
+So each grain is rotated by ±θ, its rim moving by four voxels, about the principal axes of its own rotations in H.
+With ΔP the simulated change after a least-squares fit of translations, and r the residual,
 
     D = ‖ΔP‖²,    confirmed = (‖r − ΔP‖² − ‖r‖²) / D = 1 − 2 r·ΔP / D,    coherent = D / (θ² H).
 
-``confirmed`` is the share of the change that the radiographs contradict, as they should: 1 for a shape that
-they hold too, 0 for a pattern that only the reference has.  ``coherent`` is 1 for a quadratic valley and
-falls to 0 for a pattern finer than the turn.  Gravel has 0.9 to 1.1 and 0.5 to 1, balls −0.2 to 0.5 and
-0.02 to 0.1 (45 and 20 voxels across, 4 views).
+``confirmed`` is the share of the change that the radiographs contradict, as they should: 1 for a shape that they hold
+too, 0 for a pattern that only the reference has.  ``coherent`` is 1 for a quadratic minimum and falls to 0 for a
+pattern finer than the rotation.  Gravel has 0.9 to 1.1 and 0.5 to 1, balls −0.2 to 0.5 and 0.02 to 0.1 (45 and 20
+voxels across, 4 views).
 """
 
 from __future__ import annotations
@@ -36,27 +36,32 @@ from grainmotion.projection.grains import Patches, differentiate_patches, projec
 from grainmotion.rotations import rotation_matrix
 from grainmotion.solvers.semidefinite import pseudo_inverse
 
-TRIAL_RIM_SHIFT = 4.0  # voxels that the rim of a grain is carried
-MAX_TRIAL_ROTATION = 0.5  # radians
-CONFIRMED_SHARE = 0.9  # confirmed share from which a turn is told
-GRAINS_PER_BATCH = 256  # grains treated together
-UNIFORM_ANGLE_VARIANCE = np.pi**2 / 3  # variance of an angle of which nothing is known
+TRIAL_RIM_SHIFT, MAX_TRIAL_ROTATION = 4.0, 0.5
+"""Voxels that a trial rotation moves the rim of a grain by; radians at most."""
+CONFIRMED_SHARE = 0.9
+"""Confirmed share from which a rotation is identifiable."""
+UNCONFIRMED_SHARE, INCOHERENT_SHARE = 0.5, 0.3
+"""Confirmed share below which it is not; between the two it is not if it is less coherent than this."""
+GRAINS_PER_BATCH = 256
+"""Grains treated together, so that memory does not grow with their number."""
+UNIFORM_ANGLE_VARIANCE = np.pi**2 / 3
+"""Variance of an angle of which nothing is known."""
 
 
 def unconfirmed_rotations(problem: StateProblem, pose: Pose, evaluation: Evaluation) -> Float:
-    """Covariance ``(n, 3, 3)``, rad², of the turns that the radiographs do not confirm; zero where they do."""
+    """Covariance ``(n, 3, 3)``, rad², of rotations that the radiographs do not confirm; zero where they do."""
     target, grains = problem.target, problem.grains
     factor = target.root_weights * evaluation.response.derivative(evaluation.line_integrals)
     views = corrected_geometry(target.scan.geometry, pose.nuisance)
     setup = _ProjectionSetup(views, target.projector, target.kernel, grains.centers.mean(axis=0))
     images = factor, evaluation.residual
-    found: Float = place(grains.walked).for_grains(_unconfirmed_in_batches, grains, pose, images, setup)
-    return found
+    unconfirmed: Float = place(grains.walked).for_grains(_unconfirmed_in_batches, grains, pose, images, setup)
+    return unconfirmed
 
 
 @dataclass(frozen=True, eq=False)
 class _ProjectionSetup:
-    """How grains are seen; ``middle (3,)`` is that of all of them, so that a patch is the same in any lot."""
+    """How grains are projected; ``middle (3,)`` is that of all grains, so that a patch is the same in any batch."""
 
     geometry: Geometry
     projector: Projector
@@ -67,40 +72,40 @@ class _ProjectionSetup:
 def _unconfirmed_in_batches(
     grains: GrainArrays, pose: Pose, factor: Image, residual: Image, setup: _ProjectionSetup
 ) -> Float:
-    """Of some grains, in lots, so that memory does not grow with their number."""
+    """The same of some grains, batch by batch."""
     n = len(grains)
-    lots = [np.arange(k, min(k + GRAINS_PER_BATCH, n)) for k in range(0, n, GRAINS_PER_BATCH)]
-    return np.concatenate([_unconfirmed(grains, pose, factor, residual, setup, rows) for rows in lots])
+    batches = [np.arange(k, min(k + GRAINS_PER_BATCH, n)) for k in range(0, n, GRAINS_PER_BATCH)]
+    return np.concatenate([_unconfirmed(grains, pose, factor, residual, setup, rows) for rows in batches])
 
 
 def _unconfirmed(
     grains: GrainArrays, pose: Pose, factor: Image, residual: Image, setup: _ProjectionSetup, rows: NDArray[np.int64]
 ) -> Float:
-    """Of some grains.  Most are told by turns to one side; both are tried where that leaves a doubt."""
-    sides = _TrialRotations.of(grains, pose, factor, setup, rows)
-    squares, dots = sides.changes_and_products(1, residual)
+    """The same of ``rows``.  Rotations to one side confirm most grains; both sides are tried for the others."""
+    trials = _TrialRotations.of(grains, pose, factor, setup, rows)
+    squares, dots = trials.changes_and_products(1, residual)
     with np.errstate(divide="ignore", invalid="ignore"):
         clear = (1 - 2 * dots / squares >= CONFIRMED_SHARE).all(axis=1)
     doubtful = np.nonzero(~clear)[0]
     out = np.zeros((len(rows), 3, 3))
     if not len(doubtful):
         return out
-    both = _TrialRotations.of(grains, pose, factor, setup, rows[doubtful]) if len(doubtful) < len(rows) else sides
+    both = _TrialRotations.of(grains, pose, factor, setup, rows[doubtful]) if len(doubtful) < len(rows) else trials
     others = both.changes_and_products(-1, residual)
     squares, dots = squares[doubtful] + others[0], dots[doubtful] + others[1]
     with np.errstate(divide="ignore", invalid="ignore"):
         confirmed = 1 - 2 * dots / squares
         coherent = squares / (2 * both.angles[:, None] ** 2 * both.information)
-    nuisance = (confirmed < 0.5) | ((confirmed < CONFIRMED_SHARE) & (coherent < 0.3))
-    out[doubtful] = UNIFORM_ANGLE_VARIANCE * np.einsum("nia,na,nja->nij", both.axes, nuisance.astype(float), both.axes)
+    free = (confirmed < UNCONFIRMED_SHARE) | ((confirmed < CONFIRMED_SHARE) & (coherent < INCOHERENT_SHARE))
+    out[doubtful] = UNIFORM_ANGLE_VARIANCE * np.einsum("nia,na,nja->nij", both.axes, free.astype(float), both.axes)
     return out
 
 
 @dataclass(frozen=True, eq=False)
 class _TrialRotations:
-    """Some grains that are to be turned by ``angles (n,)`` about their ``axes (n, 3, 3)`` (columns).
+    """Some grains that are to be rotated by ``angles (n,)`` about their ``axes (n, 3, 3)`` (columns).
 
-    ``slopes`` are their filtered derivatives in ``patches``, ``information (n, 3)`` is H about the axes.
+    ``derivatives`` are filtered, in ``patches``, ``information (n, 3)`` is H about the axes.
     """
 
     setup: _ProjectionSetup
@@ -110,7 +115,7 @@ class _TrialRotations:
     angles: Float
     patches: Patches
     values: Image
-    slopes: Image
+    derivatives: Image
     axes: Float
     information: Float
 
@@ -124,30 +129,30 @@ class _TrialRotations:
         patches = shadows(
             _with_rotated_hulls(grains, angles), here, setup.geometry, len(setup.kernel) - 1, setup.middle
         )
-        values, slopes = differentiate_patches(grains, here, setup.geometry, patches, setup.projector)
-        normal_equations.filter_patches(slopes, patches.boxes, patches.offsets, factor, setup.kernel)
-        information, axes = np.linalg.eigh(_rotations(_products(slopes, slopes, patches, len(rows))))
-        return cls(setup, factor, grains, here, angles, patches, values, slopes, axes, information)
+        values, derivatives = differentiate_patches(grains, here, setup.geometry, patches, setup.projector)
+        normal_equations.filter_patches(derivatives, patches.boxes, patches.offsets, factor, setup.kernel)
+        information, axes = np.linalg.eigh(_rotations(_products(derivatives, derivatives, patches, len(rows))))
+        return cls(setup, factor, grains, here, angles, patches, values, derivatives, axes, information)
 
     def changes_and_products(self, sign: int, residual: Image) -> tuple[Float, Float]:
-        """D and r·ΔP of turns about each axis to one side, ``(n, 3)`` each."""
+        """D and r·ΔP of rotations about each axis to one side, ``(n, 3)`` each."""
         setup, patches, n = self.setup, self.patches, len(self.grains)
-        changes = np.zeros_like(self.slopes)  # three of six, for the kernels' sake
+        changes = np.zeros_like(self.derivatives)  # three of six are used: kernels take six
         for axis in range(3):
-            turns = rotation_matrix(sign * self.angles[:, None] * self.axes[:, :, axis])
-            pose = self.pose.moved(self.pose.translations, turns @ self.pose.matrices)
+            rotations = rotation_matrix(sign * self.angles[:, None] * self.axes[:, :, axis])
+            pose = self.pose.moved(self.pose.translations, rotations @ self.pose.matrices)
             changes[axis] = project_patches(self.grains, pose, setup.geometry, patches, setup.projector) - self.values
         normal_equations.filter_patches(changes[:3], patches.boxes, patches.offsets, self.factor, setup.kernel)
-        _remove_translations(changes[:3], self.slopes, patches, n)
+        _remove_translations(changes[:3], self.derivatives, patches, n)
         squares = np.diagonal(_products(changes[:3], changes[:3], patches, n), axis1=1, axis2=2)
         return squares, gathered(changes, patches, n, residual)[:, :3]
 
 
 def _with_rotated_hulls(grains: GrainArrays, angles: Float) -> GrainArrays:
-    """The same grains with hulls that hold all their turned ones."""
-    reach = np.linalg.norm(grains.hulls, axis=2, keepdims=True)
-    out = angles[:, None, None] * reach.max(axis=1, keepdims=True)
-    return replace(grains, hulls=grains.hulls * (1 + out / np.maximum(reach, grains.unit)))
+    """The same grains with hulls that hold those of all trial rotations."""
+    radii = np.linalg.norm(grains.hulls, axis=2, keepdims=True)
+    margin = angles[:, None, None] * radii.max(axis=1, keepdims=True)
+    return replace(grains, hulls=grains.hulls * (1 + margin / np.maximum(radii, grains.unit)))
 
 
 def _pixels(patches: Patches, n: int) -> list[slice]:
@@ -158,19 +163,19 @@ def _pixels(patches: Patches, n: int) -> list[slice]:
 
 def _products(left: Image, right: Image, patches: Patches, n: int) -> Float:
     """Sums over each grain's own patches of left · rightᵀ, ``(n, k, m)``."""
-    return np.array([left[:, mine].astype(float) @ right[:, mine].T for mine in _pixels(patches, n)])
+    return np.array([left[:, own].astype(float) @ right[:, own].T for own in _pixels(patches, n)])
 
 
 def _rotations(matrices: Float) -> Float:
-    """What is left of each grain's 6×6 block for rotations once its translations are free, ``(n, 3, 3)``."""
+    """Schur complement ``(n, 3, 3)`` of each grain's 6×6 block on its rotations."""
     across = pseudo_inverse(matrices[:, :3, :3]) @ matrices[:, :3, 3:]
-    left = matrices[:, 3:, 3:] - matrices[:, 3:, :3] @ across
-    return (left + left.transpose(0, 2, 1)) / 2
+    complement = matrices[:, 3:, 3:] - matrices[:, 3:, :3] @ across
+    return (complement + complement.transpose(0, 2, 1)) / 2
 
 
-def _remove_translations(changes: Image, slopes: Image, patches: Patches, n: int) -> None:
-    """Take from the changes, in place, what translations of the grain would do."""
-    own = _products(slopes[:3], slopes[:3], patches, n)
-    shifts = pseudo_inverse(own) @ _products(slopes[:3], changes, patches, n)
-    for shift, mine in zip(shifts, _pixels(patches, n), strict=True):
-        changes[:, mine] -= shift.T.astype(slopes.dtype) @ slopes[:3, mine]
+def _remove_translations(changes: Image, derivatives: Image, patches: Patches, n: int) -> None:
+    """Take the best fit by translations of the grain from the changes, in place."""
+    products = _products(derivatives[:3], derivatives[:3], patches, n)
+    shifts = pseudo_inverse(products) @ _products(derivatives[:3], changes, patches, n)
+    for shift, own in zip(shifts, _pixels(patches, n), strict=True):
+        changes[:, own] -= shift.T.astype(derivatives.dtype) @ derivatives[:3, own]

@@ -1,4 +1,4 @@
-"""Directions in which a grain is hardly determined, and the prior that holds it there.
+"""Weak directions: those in which the views hardly determine a grain, and the prior that fixes it there.
 
 The prior is one more observation, that the grain moved as the smooth field (or the start) says, with a standard
 deviation of `PRIOR_SHIFT_DIAMETERS` diameters and `PRIOR_ROTATION` radians.  It acts in the weak directions alone, so
@@ -19,14 +19,12 @@ from grainmotion.objective.priors import MotionPrior
 from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.solvers.block_cg import NormalMatrix, diagonal_blocks
 
-PRIOR_SHIFT_DIAMETERS = 0.1
-"""Of a grain's diameter: standard deviation of the prior's translation."""
-PRIOR_ROTATION = 0.5
-"""Radians: of its rotation."""
+PRIOR_SHIFT_DIAMETERS, PRIOR_ROTATION = 0.1, 0.5
+"""Standard deviations of the prior: of translations, in grain diameters, and of rotations, radians."""
 WEAK_SD_SHARE = 0.5
 """A direction is weak where its standard deviation exceeds this share of the prior's."""
 MAX_SCALED_VARIANCE = 1e6
-"""Variance, in the prior's, that counts as no knowledge at all."""
+"""Variance, in units of the prior's, that counts as no information at all."""
 AXIS_COSINE = 0.98
 """Cosine from which a direction is called by the name of an axis."""
 
@@ -49,23 +47,25 @@ class WeakDirections:
         return self.variances > WEAK_SD_SHARE**2
 
     def prior(self, hessian: sparse.bsr_array | NormalMatrix, pose: Pose) -> MotionPrior:
-        """What holds the weak directions at ``pose``.
+        """The prior that fixes the weak directions at ``pose``.
 
-        The precision along a direction is the information that the solver sees there times the variance that the
-        data really leave, so that the two are mixed as their true variances demand.
+        Its precision along a direction is the information in ``hessian`` times the variance that the data really
+        leave, so that data and prior are weighted by their true variances.
         """
-        formal = np.einsum("nij,nik->njk", self._carried(), diagonal_blocks(hessian) @ self._carried())
+        directions = self._directions()
+        formal = np.einsum("nij,nik->njk", directions, diagonal_blocks(hessian) @ directions)
         strength = np.where(self.flags, np.diagonal(formal, axis1=1, axis2=2) * self.variances, 0.0)
         rows = self.vectors / self.scales[:, :, None]
         return MotionPrior(pose, np.einsum("nij,nj,nkj->nik", rows, strength, rows))
 
     def posterior(self) -> Float:
-        """Covariances ``(n, 6, 6)`` once the prior is counted in."""
+        """Covariances ``(n, 6, 6)`` with the prior."""
         variances = np.where(self.flags, self.variances / (1 + self.variances), self.variances)
-        carried = self._carried()
-        return np.einsum("nij,nj,nkj->nik", carried, variances, carried)
+        directions = self._directions()
+        return np.einsum("nij,nj,nkj->nik", directions, variances, directions)
 
-    def _carried(self) -> Float:
+    def _directions(self) -> Float:
+        """The principal directions in their columns, mm and radians."""
         return self.vectors * self.scales[:, :, None]
 
 
@@ -81,17 +81,17 @@ def weak_directions(covariances: Float, grains: GrainArrays) -> WeakDirections:
 def poorly_determined(covariance: Float, limits: tuple[float, float]) -> list[str]:
     """Names of a grain's directions whose standard deviation exceeds the limits (mm, radians)."""
     names = []
-    for part, limit, what in (
+    for part, limit, motion in (
         (slice(0, 3), limits[0], "translation along"),
         (slice(3, 6), limits[1], "rotation about"),
     ):
         values, vectors = np.linalg.eigh(covariance[part, part])
         bad = vectors[:, ~(values <= limit**2)].T
-        names += [f"{what} any axis"] if len(bad) == 3 else [f"{what} {_direction(v)}" for v in bad]
+        names += [f"{motion} any axis"] if len(bad) == 3 else [f"{motion} {_axis_name(v)}" for v in bad]
     return names
 
 
-def _direction(vector: Float) -> str:
+def _axis_name(vector: Float) -> str:
     k = int(np.argmax(np.abs(vector)))
     if abs(vector[k]) > AXIS_COSINE:
         return "xyz"[k]
