@@ -24,6 +24,7 @@ from grainmotion.reconstruction.reconstruct import ReconstructSettings, reconstr
 from grainmotion.rotations import rotation_matrix
 from grainmotion.segmentation.extraction import grains_from_labels
 from grainmotion.segmentation.segment import segment
+from grainmotion.solvers.block_cg import diagonal_blocks
 from grainmotion.tracking.track import TrackSettings, track
 
 STEP = 15.0
@@ -81,7 +82,7 @@ class TestInformation:
         both = (found.information(2) + found.information(9)).dense(gain=True)
         apart = found.information(2).dense(gain=True) + found.information(9).dense(gain=True)
         np.testing.assert_allclose(both, apart)
-        own = (found.information(2) + found.information(9)).blocks
+        own = diagonal_blocks((found.information(2) + found.information(9)).matrix)
         np.testing.assert_allclose(own[1], both[6:12, 6:12])
 
     def test_more_views_never_hurt(self):
@@ -113,7 +114,7 @@ class TestInformation:
     def test_neighbours_raise_sd(self):
         """A grain whose neighbours are known is found better than one among unknown ones."""
         found = candidates(gain=False)
-        own = (found.information(0) + found.information(6)).blocks
+        own = diagonal_blocks((found.information(0) + found.information(6)).matrix)
         alone = np.sqrt(np.einsum("nkk->nk", np.linalg.inv(own)))
         assert np.all(sd(found, (0, 6)) > alone * (1 - 1e-6))
 
