@@ -31,21 +31,21 @@ CLICKS = """
 window.addEventListener("load", () => setTimeout(() => {
   const table = document.querySelector(".grains"), heads = table.tHead.rows[1].cells;
   const read = (column) => Array.from(table.tBodies[0].rows, (row) => row.cells[column].textContent).join(";");
-  const told = { open: read(0) };
-  heads[8].click(); told.wx_up = read(8);
-  heads[8].click(); told.wx_down = read(8);
-  heads[1].click(); told.status = read(1);
-  heads[0].querySelector("button").click(); told.label = read(0);
-  told.sorted = heads[0].getAttribute("aria-sort");
+  const shown = { open: read(0) };
+  heads[8].click(); shown.wx_up = read(8);
+  heads[8].click(); shown.wx_down = read(8);
+  heads[1].click(); shown.status = read(1);
+  heads[0].querySelector("button").click(); shown.label = read(0);
+  shown.sorted = heads[0].getAttribute("aria-sort");
   document.querySelector(".trio").click();
-  told.zoomed = String(document.querySelectorAll("dialog[open] img").length);
+  shown.zoomed = String(document.querySelectorAll("dialog[open] img").length);
   document.getElementById("zoom").click();
-  told.closed = String(document.querySelectorAll("dialog[open]").length);
+  shown.closed = String(document.querySelectorAll("dialog[open]").length);
   const kind = document.getElementById("arrows-kind");
   kind.selectedIndex = 2; kind.dispatchEvent(new Event("change"));
-  told.canvas = String(document.querySelectorAll("#arrows-plot canvas").length);
-  told.note = document.getElementById("arrows-note").textContent;
-  for (const [key, value] of Object.entries(told)) document.body.setAttribute("data-" + key.replace("_", "-"), value);
+  shown.canvas = String(document.querySelectorAll("#arrows-plot canvas").length);
+  shown.note = document.getElementById("arrows-note").textContent;
+  for (const [key, value] of Object.entries(shown)) document.body.setAttribute("data-" + key.replace("_", "-"), value);
 }, 1500));
 </script>
 """
@@ -63,7 +63,7 @@ def browse(page: Path, profile: Path) -> tuple[str, list[str]]:
 
 @pytest.fixture(scope="module")
 def visit(tmp_path_factory) -> tuple[dict[str, str], list[str]]:
-    """What the clicks told, and the console."""
+    """What the page shows after each click, and the console."""
     folder = tmp_path_factory.mktemp("browser")
     write_report(folder / "report.html", example.data())
     text = (folder / "report.html").read_text(encoding="utf-8")
@@ -81,27 +81,27 @@ def numbers(text: str) -> list[float]:
 @pytest.mark.browser
 class TestInChromium:
     def test_no_error(self, visit):
-        told, console = visit
-        assert told, console
+        shown, console = visit
+        assert shown, console
         assert not [line for line in console if re.search("Uncaught|Error|Refused|violates|Failed", line)]
 
     def test_rows_open_by_label(self, visit):
         assert visit[0]["open"] == "1;11;21;31;41;51"
 
     def test_a_click_sorts_up_and_another_down(self, visit):
-        told = visit[0]
-        up, down = numbers(told["wx-up"]), numbers(told["wx-down"])
+        shown = visit[0]
+        up, down = numbers(shown["wx-up"]), numbers(shown["wx-down"])
         assert len(up) == len(down) == 5
         assert up == sorted(up)
         assert down == sorted(down, reverse=True)
-        assert told["wx-up"].endswith("–")
-        assert told["wx-down"].endswith("–")
+        assert shown["wx-up"].endswith("–")
+        assert shown["wx-down"].endswith("–")
 
     def test_words_and_labels_sort_too(self, visit):
-        told = visit[0]
-        assert told["status"].split(";") == sorted(told["status"].split(";"))
-        assert told["label"] == "1;11;21;31;41;51"
-        assert told["sorted"] == "ascending"
+        shown = visit[0]
+        assert shown["status"].split(";") == sorted(shown["status"].split(";"))
+        assert shown["label"] == "1;11;21;31;41;51"
+        assert shown["sorted"] == "ascending"
 
     def test_a_view_enlarges_and_closes(self, visit):
         assert visit[0]["zoomed"] == "3"
