@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,22 +28,31 @@ Views = NDArray[np.int64]
 NO_LIMIT = np.float32(np.finfo(np.float32).min)
 
 
+class PendingSum(Protocol):
+    """Two sums of squares that are still being computed; adding them to an array waits for them."""
+
+    def __radd__(self, other: Float, /) -> Float: ...
+
+
+SumOfSquares = Float | PendingSum
+
+
 class Iterate(Protocol):
-    """An image under way, wherever it is held."""
+    """A volume during its reconstruction, in this process, on a GPU or on workers."""
 
     ahead: int
-    """Updates to ask for before the squares of the first are looked at, so that whoever makes them never waits."""
+    """Updates to request before the sums of the first are needed, so that workers never wait."""
 
-    def update(self, views: Views, relaxation: float, momentum: float = 0.0) -> Any:
-        """Update it by some views, and constrain it: zero beyond its cylinder and not negative (see the settings).
+    def update(self, views: Views, relaxation: float, momentum: float = 0.0) -> SumOfSquares:
+        """Update the volume by some views, and constrain it: zero beyond its cylinder, not negative (see the settings).
 
-        With momentum it goes on from what is constrained, x, to x + momentum · (x − the x of the time before).
-        Returns Σ(b − A x)² and Σb² before the update, ``(2,)``; they may be known later only, but can be added up.
+        With momentum it continues from the constrained volume x at x + momentum · (x − the x of the previous update).
+        Returns Σ(b − A x)² and Σb² before the update, ``(2,)``.
         """
         ...
 
     def volume(self) -> Volume:
-        """It as it was last constrained, on its grid."""
+        """The volume as it was last constrained, on its grid."""
         ...
 
 

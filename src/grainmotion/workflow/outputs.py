@@ -158,7 +158,7 @@ def _state_report(results: Results, name: str, comparison: Rows) -> StateReport:
     measured = scan.line_integrals.copy()
     if scan.valid is not None:
         measured[~scan.valid] = np.nan
-    upright = float(scan.geometry.vectors[:, 11].mean()) >= 0
+    upright = float(scan.geometry.v[:, 2].mean()) >= 0
     return StateReport(
         name=name,
         measured=measured,
