@@ -1,4 +1,4 @@
-"""Cramér–Rao bounds: a ball in closed form, additivity, photons, coupling, and what cannot be told."""
+"""Cramér–Rao bounds: a ball in closed form, additivity, photons, coupling, undetermined components."""
 
 import dataclasses
 
@@ -64,21 +64,21 @@ class TestBall:
     geometry = Geometry.parallel([0.0, 70.0], (32, 36), 0.1)
     center = np.array([0.13, -0.07, 0.044])
 
-    def test_translations_have_the_bound_of_the_known_chord(self):
-        found = motion_bounds(alone(ball(self.center, 1.0, 0.3)), self.geometry, PHYSICS, gain=False)
+    def test_translations_have_the_bound_of_the_analytic_chord(self):
+        bounds = motion_bounds(alone(ball(self.center, 1.0, 0.3)), self.geometry, PHYSICS, gain=False)
         expected = np.linalg.inv(ball_information(self.geometry, self.center, 1.0, 0.3, PHYSICS.photons))
-        np.testing.assert_allclose(found[0, :3, :3], expected, atol=0.01 * expected.max())
+        np.testing.assert_allclose(bounds[0, :3, :3], expected, atol=0.01 * expected.max())
 
-    def test_rotations_cannot_be_told(self):
-        found = motion_bounds(alone(ball(self.center, 1.0)), self.geometry, PHYSICS)
-        assert np.isinf(variances(found)[0, 3:]).all()
-        assert np.isfinite(variances(found)[0, :3]).all()
-        assert np.isnan(found[0, 3, :3]).all()
+    def test_rotations_of_a_ball_are_undetermined(self):
+        bounds = motion_bounds(alone(ball(self.center, 1.0)), self.geometry, PHYSICS)
+        assert np.isinf(variances(bounds)[0, 3:]).all()
+        assert np.isfinite(variances(bounds)[0, :3]).all()
+        assert np.isnan(bounds[0, 3, :3]).all()
 
-    def test_one_parallel_view_does_not_tell_the_way_along_its_rays(self):
-        found = variances(motion_bounds(alone(ball(self.center, 1.0)), self.geometry[0], PHYSICS))[0]
-        assert np.isinf(found[1])
-        assert np.isfinite(found[[0, 2]]).all()
+    def test_one_parallel_view_does_not_determine_motion_along_its_rays(self):
+        bounds = variances(motion_bounds(alone(ball(self.center, 1.0)), self.geometry[0], PHYSICS))[0]
+        assert np.isinf(bounds[1])
+        assert np.isfinite(bounds[[0, 2]]).all()
 
 
 def test_information_adds_up_over_views():
@@ -97,7 +97,7 @@ def test_variance_falls_as_the_photons_grow(gain):
     np.testing.assert_allclose(once, 3 * thrice, rtol=1e-6, atol=1e-9 * np.abs(once).max())
 
 
-def test_bounds_are_symmetric_positive_and_settled():
+def test_bounds_are_symmetric_positive_and_converged_in_the_number_of_rays():
     sample = Sample((pebble(), pebble((0.5, 2.4, 0.3), 7)))
     coarse, fine = (motion_bounds(sample, CONE, PHYSICS, subsamples=n) for n in (6, 10))
     assert coarse.dtype == np.float64
@@ -107,32 +107,32 @@ def test_bounds_are_symmetric_positive_and_settled():
 
 
 class TestCoupling:
-    def test_grains_that_share_no_pixel_know_nothing_of_each_other(self):
+    def test_grains_without_a_common_pixel_are_uncoupled(self):
         first, second = pebble((0.0, 0.0, -2.5)), pebble((0.0, 0.0, 2.5), 7)
         together = motion_bounds(Sample((first, second)), CONE, PHYSICS, gain=False)
         for row, particle in enumerate((first, second)):
             own = motion_bounds(alone(particle), CONE, PHYSICS, gain=False)[0]
             np.testing.assert_allclose(together[row], own, rtol=1e-7, atol=1e-9 * np.abs(own).max())
 
-    def test_grains_behind_each_other_are_known_less_well(self):
+    def test_grains_behind_each_other_have_larger_variances(self):
         thin = 1e-3  # so that the one hardly takes photons from the other
         first, second = pebble((0.0, 0.0, 0.0), attenuation=thin), pebble((0.6, 2.4, 0.4), 7, thin)
         together = motion_bounds(Sample((first, second)), CONE[[0, 1]], PHYSICS, gain=False)
         own = motion_bounds(alone(first), CONE[[0, 1]], PHYSICS, gain=False)
         assert (variances(together)[0] > variances(own)[0]).all()
 
-    def test_an_unknown_gain_costs_something(self):
+    def test_an_unknown_gain_increases_variances(self):
         sample = Sample((pebble(), pebble((0.5, 2.4, 0.3), 7)))
         known, unknown = (variances(motion_bounds(sample, CONE, PHYSICS, gain=g, subsamples=2)) for g in (False, True))
         assert (unknown >= known * (1 - 1e-9)).all()
         assert unknown.sum() > known.sum()
 
-    def test_a_grain_off_the_panel_is_unknown_and_troubles_no_other(self):
+    def test_a_grain_off_the_panel_is_undetermined_and_does_not_affect_others(self):
         first, gone = pebble(), pebble((0.0, 0.0, 30.0), 7)
-        found = variances(motion_bounds(Sample((first, gone)), CONE, PHYSICS, subsamples=2))
+        bounds = variances(motion_bounds(Sample((first, gone)), CONE, PHYSICS, subsamples=2))
         own = variances(motion_bounds(alone(first), CONE, PHYSICS, subsamples=2))
-        assert np.isinf(found[1]).all()
-        np.testing.assert_allclose(found[0], own[0], rtol=1e-7)
+        assert np.isinf(bounds[1]).all()
+        np.testing.assert_allclose(bounds[0], own[0], rtol=1e-7)
 
 
 class TestPhysics:
@@ -152,6 +152,6 @@ class TestPhysics:
 
     def test_the_small_case_has_hundredths_of_a_voxel_and_of_a_degree(self):
         case = small()
-        found = variances(motion_bounds(case.sample, CONE, case.physics, subsamples=3))
-        assert 0.002 < np.sqrt(found[:, :3].mean()) / case.scanner.voxel_size < 0.004
-        assert 0.02 < np.rad2deg(np.sqrt(found[:, 3:].mean())) < 0.035
+        bounds = variances(motion_bounds(case.sample, CONE, case.physics, subsamples=3))
+        assert 0.002 < np.sqrt(bounds[:, :3].mean()) / case.scanner.voxel_size < 0.004
+        assert 0.02 < np.rad2deg(np.sqrt(bounds[:, 3:].mean())) < 0.035

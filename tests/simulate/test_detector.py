@@ -69,7 +69,7 @@ def test_drift_adds_a_constant_to_the_line_integrals():
     assert offset.std() < 1e-3
 
 
-def test_blur_softens_edges_and_keeps_the_light():
+def test_blur_smooths_edges_and_conserves_intensity():
     sharp, blurred = (
         np.exp(-record_line_integrals(SAMPLE, GEOMETRY, Physics(photons=1e10, blur=b), 0).line_integrals)
         for b in (0.0, 1.5)

@@ -1,4 +1,4 @@
-"""A particle broken by a plane: closed halves, nothing lost, the same shadow."""
+"""A particle broken by a plane: closed halves, conserved volume, the same radiograph."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ CONE = Geometry.cone([10.0, 100.0], (48, 48), 0.25, source_to_axis=60, source_to
 
 
 def is_closed(mesh):
-    """Every edge is walked once each way."""
+    """Every edge belongs to two faces, once in each direction."""
     edges = [tuple(e) for e in np.concatenate([mesh.faces[:, [i, (i + 1) % 3]] for i in range(3)]).tolist()]
     return len(set(edges)) == len(edges) and all((b, a) in set(edges) for a, b in edges)
 
@@ -50,14 +50,14 @@ class TestCut:
         assert ((first.vertices - mesh.star_point) @ normal).min() > -1e-12
         assert ((second.vertices - mesh.star_point) @ normal).max() < 1e-12
 
-    def test_halves_in_place_cast_the_whole_s_shadow(self, name, normal):
+    def test_halves_in_place_have_the_radiograph_of_the_whole(self, name, normal):
         mesh = MESHES[name]
         whole = transmission(Sample((Particle(mesh, 0.1),)), CONE)
         halves = transmission(Sample(tuple(Particle(half, 0.1) for half in cut(mesh, normal))), CONE)
         np.testing.assert_allclose(halves, whole, atol=1e-10)
 
 
-def test_a_half_holds_its_points_alone():
+def test_a_half_contains_only_points_on_its_side():
     first, _ = cut(MESHES["stone"], (0.3, -0.5, 1.0))
     points = np.random.default_rng(0).uniform(-1.5, 1.5, (2000, 3))
     expected = inside(MESHES["stone"], points) & (points @ (0.3, -0.5, 1.0) > 0)
@@ -75,7 +75,7 @@ def test_an_inclusion_stays_whole_in_its_half():
         broken(particle, (1.0, 0.0, 0.0))
 
 
-def test_what_cannot_be_cut_is_refused():
+def test_ellipsoids_and_zero_normals_are_refused():
     with pytest.raises(InputError, match="ellipsoid"):
         broken(Particle(Ellipsoid(np.zeros(3), np.ones(3), np.eye(3)), 0.1), (0, 0, 1))
     with pytest.raises(InputError, match="no direction"):

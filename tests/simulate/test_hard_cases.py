@@ -231,7 +231,7 @@ class TestSample:
             case.later.centers, case.case.sample.centers[rest] + case.motions.translations[rest], atol=1e-12
         )
 
-    def test_one_grain_broke_and_lost_nothing(self):
+    def test_one_grain_broke_and_mass_is_conserved(self):
         case = hard("broken")
         (label,) = case.broken
         first, second = case.later.particles[label - 1 : label + 1]

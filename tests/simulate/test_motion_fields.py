@@ -1,4 +1,4 @@
-"""Motions as truth: each kind does to points what its name says."""
+"""Prescribed motions: what each kind does to points."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ def sample():
     return Sample(tuple(Particle(Ellipsoid(p, np.ones(3), np.eye(3)), 0.1) for p in places))
 
 
-def test_truth_has_the_columns_of_a_measurement(sample):
+def test_true_motions_have_the_columns_of_a_measurement(sample):
     table = random(sample, 1.0, 10.0, seed=1).to_table()
     assert tuple(table.columns) == MOTION_COLUMNS
     assert (table["status"] == "converged").all()
@@ -53,7 +53,7 @@ def test_affine_rotates_grains_with_its_skew_part(sample):
     assert np.allclose(motions.translations, np.cross(spin, sample.centers) + sample.centers @ stretch)
 
 
-def test_shear_band_slides_two_blocks_and_turns_the_grains_between(sample):
+def test_shear_band_slides_two_blocks_and_rotates_the_grains_between(sample):
     motions = shear_band(sample, 2.0, 1.0, normal=(0, 0, 1), direction=(1, 0, 0))
     above = sample.centers[:, 2] > 2
     below = sample.centers[:, 2] < -2

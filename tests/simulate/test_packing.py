@@ -32,7 +32,7 @@ def test_no_point_is_in_two_grains(heap):
     assert held.max() == 1
 
 
-def test_gaps_see_an_overlap(heap):
+def test_an_overlap_is_a_negative_gap(heap):
     _, sample = heap
     pushed = sample.particles[0].moved(np.eye(3), 0.2 * (sample.centers[1] - sample.centers[0]))
     pushed = type(sample)((pushed, *sample.particles[1:]))

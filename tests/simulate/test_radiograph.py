@@ -1,4 +1,4 @@
-"""Line integrals without voxels: chords, mass, shadows, magnification."""
+"""Exact line integrals: chords, mass, footprints, magnification."""
 
 import numpy as np
 import pytest
@@ -79,7 +79,7 @@ def test_box_has_the_chord_of_three_slabs(geometry):
         assert np.allclose(p[view], 0.1 * chord, atol=1e-6)
 
 
-def test_axis_aligned_box_seen_edge_on_leaks_no_ray():
+def test_axis_aligned_box_edge_on_loses_no_ray():
     corners = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
     geometry = Geometry.parallel([0, 90], (41, 41), 0.1)  # samples fall exactly on edges and diagonals
     p = line_integrals(alone(polyhedron(corners)), geometry, subsamples=1)
@@ -104,7 +104,7 @@ def test_mass_is_conserved_in_every_parallel_view(angle):
 
 
 @BEAMS
-def test_shadow_moves_as_project_points_predicts(geometry):
+def test_footprint_moves_as_project_points_predicts(geometry):
     ball = alone(Ellipsoid(np.zeros(3), np.full(3, 0.8), np.eye(3)))
     moved = ball.moved(rigid(ball, (0.7, -0.5, 0.4)))
     rows, columns = np.indices(geometry.shape)
@@ -115,7 +115,7 @@ def test_shadow_moves_as_project_points_predicts(geometry):
         shift.append(np.stack([(p * rows).sum(axis=(1, 2)), (p * columns).sum(axis=(1, 2))], 1) / total[:, None])
     predicted = geometry.project_points([[0, 0, 0], [0.7, -0.5, 0.4]])
     measured = shift[1] - shift[0]
-    # the centroid of a ball's cone-beam shadow is a little off its centre's shadow; the difference is not
+    # the centroid of a ball's cone-beam footprint differs slightly from its projected centre; the displacement does not
     assert np.allclose(measured, predicted[:, 1] - predicted[:, 0], atol=0.02)
 
 
@@ -180,7 +180,7 @@ def test_pixel_averages_intensity_not_path():
     assert line_integrals(edge, geometry, subsamples=4, averaging="line-integral")[0, 0, 0] == pytest.approx(5)
 
 
-def test_beam_hardening_bends_the_line():
+def test_beam_hardening_lowers_line_integrals_of_long_paths():
     slab = polyhedron(np.array(np.meshgrid([-9, 9], [-5, 5], [-9, 9])).reshape(3, -1).T)
     geometry = Geometry.parallel([0], (1, 1), 0.2)
     soft_and_hard = ((1.0, 1.5), (1.0, 0.5))
