@@ -186,7 +186,7 @@ def reconstructed(device: Device, method: str) -> dict:
     settings = ReconstructSettings(method="sart", sweeps=2, tolerance=0.0, device=device.name)
     if method == "accelerated":
         settings = ReconstructSettings(method="accelerated", device=device.name)
-    few = {"PHASES": ((3, 1, 1.5, 0.7), (1, 2, 1.0, 0.5)), "FEWEST": 2}
+    few = {"PHASES": ((3, 1, 1.5, 0.7), (1, 2, 1.0, 0.5)), "MIN_SUBSET_VIEWS": 2}
     with patch.multiple(ordered_subsets, **few), patch.object(coarse_start, "SMALLEST", 4):
         found = reconstruct(seen, Volume.zeros(truth.shape, VOXEL), settings)
     return {"volume": found.volume.array, "residuals": np.array(found.residuals)}
