@@ -18,7 +18,7 @@ from grainmotion._typing import Float, Progress
 from grainmotion.reconstruction.settings import ReconstructSettings
 from grainmotion.reconstruction.system import Iterate, SumOfSquares, Views, golden_order, relative
 
-DEFAULT_SWEEPS, DEFAULT_RELAXATION, DEFAULT_DECAY, DEFAULT_TOLERANCE = 6, 1.0, 0.5, 0.02
+DEFAULT_SWEEPS, DEFAULT_RELAXATION, DEFAULT_DECAY, DEFAULT_SWEEP_TOLERANCE = 6, 1.0, 0.5, 0.02
 """Of plain SART, unless the settings give them."""
 MOMENTUM = 0.9
 MIN_SUBSET_VIEWS = 8
@@ -104,5 +104,5 @@ def _reporter(progress: Progress | None, name: str, before: int, total: int) -> 
 def _has_converged(history: list[float], settings: ReconstructSettings) -> bool:
     if settings.noise is not None and history[-1] <= settings.noise:
         return True
-    tolerance = DEFAULT_TOLERANCE if settings.tolerance is None else settings.tolerance
+    tolerance = DEFAULT_SWEEP_TOLERANCE if settings.tolerance is None else settings.tolerance
     return len(history) > 1 and history[-1] > history[-2] * (1 - tolerance)
