@@ -1,4 +1,4 @@
-# The two that matter: `make demo` and `make test`; each sets up .venv by itself.
+# Start with `make demo` and `make test`; each sets up .venv by itself.
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
@@ -58,7 +58,7 @@ bench: $(STAMP)  ## run the benchmarks against their peers
 		$(BIN)/python -m validation.benchmarks.$$name || failed="$$failed $$name"; done; \
 		test -z "$$failed" || { echo "bar missed or failed:$$failed"; exit 1; }
 
-bench-gpu: $(STAMP) ## benchmark an NVIDIA card against the processor (needs the card)
+bench-gpu: $(STAMP) ## benchmark an NVIDIA GPU against the CPU (needs the GPU)
 	$(BIN)/python -m pip install --quiet -e '.[gpu]'
 	$(BIN)/python -m validation.benchmarks.gpu
 
@@ -68,7 +68,7 @@ bench-history: $(STAMP) ## time kernels and stages and keep the CPU times in val
 	$(BIN)/python -m pytest validation/benchmarks/timed/bench_times.py -o pythonpath="tests ." \
 		--benchmark-timer=time.process_time --benchmark-storage=$(HISTORY) --benchmark-autosave
 
-bench-compare: $(STAMP) ## show the kept CPU times beside each other
+bench-compare: $(STAMP) ## compare the kept CPU times
 	$(BIN)/pytest-benchmark --storage=$(HISTORY) compare --group-by=fullname --columns=min,median --sort=name
 
 paper: $(STAMP)  ## rerun every result of the paper and write docs/paper.md (long)
