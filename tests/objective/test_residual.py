@@ -6,73 +6,14 @@ import numpy as np
 import pytest
 from scipy import ndimage, sparse
 
-from few_grains import GAIN_AND_OFFSET
-from grainmotion.model.geometry import Geometry
 from grainmotion.model.pose import Pose
-from grainmotion.model.scan import Scan
-from grainmotion.model.volume import Volume
 from grainmotion.objective import displacement_bases
-from grainmotion.objective.data_term import Target, gaussian
-from grainmotion.objective.global_parameters import Columns
 from grainmotion.objective.normal_matrix import normal_matrix
 from grainmotion.objective.residual import StateProblem
-from grainmotion.objective.response_parameters import ResponseModel, fit_response
 from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.projection.grains import assemble, differentiate_patches, project_patches, shadows
 from grainmotion.rotations import rotation_matrix
-from grainmotion.segmentation.extraction import grains_from_labels
-from grainmotion.uncertainty.goodness_of_fit import Misfits, misfits
-from grainmotion.uncertainty.noise_model import noise_level
-
-PANEL = (34, 46)
-VOXEL = 0.1
-GEOMETRY = Geometry.cone([0.0, 55.0, 100.0], PANEL, 0.4, source_to_axis=30, source_to_detector=120)
-
-
-def lumps():
-    """Four textured lumps; the last one is away from the others."""
-    rng = np.random.default_rng(0)
-    array = np.zeros((26, 12, 34), np.float32)
-    labels = np.zeros(array.shape, np.int32)
-    for label, (z, y, x) in enumerate([(3, 1, 2), (4, 2, 11), (2, 1, 20), (16, 3, 22)], start=1):
-        array[z : z + 8, y : y + 8, x : x + 8] = ndimage.gaussian_filter(rng.uniform(0, 2, (8, 8, 8)), 0.8)
-        labels[z : z + 8, y : y + 8, x : x + 8] = label
-    return grains_from_labels(Volume(array, VOXEL), labels, reach=0)
-
-
-def smooth_lumps():
-    """Two long Gaussian lumps side by side, which no voxel's edge disturbs."""
-    z, y, x = np.mgrid[:24, :20, :36].astype(float)
-    left = 2 * np.exp(-(((x - 10) / 2.5) ** 2 + ((y - 10 - 0.3 * (x - 10)) / 1.8) ** 2 + ((z - 12) / 3) ** 2) / 2)
-    right = 2 * np.exp(-(((x - 25) / 2) ** 2 + ((y - 9) / 2.5) ** 2 + ((z - 12 + 0.4 * (x - 25)) / 2) ** 2) / 2)
-    both = [np.where(lump > 1e-3, lump, 0) for lump in (left, right)]
-    labels = np.where(both[0] > both[1], 1, np.where(both[1] > 0, 2, 0))
-    return grains_from_labels(Volume(both[0] + both[1], VOXEL), labels, reach=0)
-
-
-GRAINS = GrainArrays.of(lumps())
-POSE = Pose(
-    0.05 * np.random.default_rng(1).normal(size=(4, 3)),
-    rotation_matrix(0.3 * np.random.default_rng(2).normal(size=(4, 3))),
-)
-
-
-def mask():
-    valid = np.random.default_rng(3).uniform(size=(3, *PANEL)) > 0.05
-    valid[:, 17] = False
-    return valid
-
-
-def measured(gain=1.0, offset=0.0, noise=0.0, pose=POSE):
-    patches = shadows(GRAINS, pose, GEOMETRY)
-    images = gain * assemble(project_patches(GRAINS, pose, GEOMETRY, patches, "trilinear"), patches, GEOMETRY) + offset
-    return images + (noise * np.random.default_rng(4).standard_normal(images.shape)).astype(np.float32)
-
-
-def target(sigma=0.0, gain=False, valid=None, images=None, **changes):
-    scan = Scan(measured(noise=0.02) if images is None else images, GEOMETRY, valid)
-    response_model = GAIN_AND_OFFSET if gain else ResponseModel()
-    return Target(scan, np.zeros((3, *PANEL), np.float32), "trilinear", sigma, response_model, **changes)
+from textured_lumps import GEOMETRY, GRAINS, PANEL, POSE, VOXEL, by_scipy, mask, measured, smooth_lumps, target
 
 
 def dense_jacobian(problem, pose):
@@ -91,48 +32,6 @@ def dense_jacobian(problem, pose):
             image = assemble(mine, patches, GEOMETRY) * problem.target.valid
             columns.append(by_scipy(image, problem.target.kernel).ravel())
     return np.stack(columns, axis=1)
-
-
-def by_scipy(images, weights):
-    """Convolution of every radiograph with the whole kernel, zero beyond its edges."""
-    kernel = np.concatenate([weights[:0:-1], weights]).astype(float)
-    images = images.astype(float)
-    for axis in (1, 2):
-        images = ndimage.convolve1d(images, kernel, axis=axis, mode="constant")
-    return images
-
-
-class TestFilter:
-    @pytest.mark.parametrize("sigma", [0.3, 0.7, 2.0, 6.0, 40.0])
-    def test_kernel(self, sigma):
-        half = gaussian(sigma)
-        whole = np.concatenate([half[:0:-1], half]).astype(float)
-        assert whole.sum() == pytest.approx(1, abs=1e-6)
-        assert (np.diff(half) < 0).all()
-        if sigma >= 0.7:
-            k = np.arange(len(whole)) - len(half) + 1
-            assert np.sqrt((whole * k**2).sum()) == pytest.approx(sigma, rel=0.02)
-
-    def test_no_filter(self):
-        np.testing.assert_array_equal(gaussian(0), [1])
-        images = measured(noise=0.1)
-        np.testing.assert_array_equal(target().filtered(images), images)
-
-    @pytest.mark.parametrize("sigma", [0.5, 2.0, 20.0])  # the last kernel is wider than the panel
-    def test_radiographs_are_convolved(self, sigma):
-        images = measured(noise=0.1)
-        images[1] = 0
-        images[1, 0, 0] = images[1, -1, -1] = 1  # corners
-        found = target(sigma).filtered(images)
-        np.testing.assert_allclose(found, by_scipy(images, gaussian(sigma)), atol=2e-6)
-        assert found is not images
-
-    def test_masked_pixels_count_as_zero_before_the_filter(self):
-        valid = mask()
-        images = measured(noise=0.1)
-        absurd = np.where(valid, images, 1e6).astype(np.float32)
-        found = target(1.5, valid=valid).filtered(absurd)
-        np.testing.assert_allclose(found, by_scipy(np.where(valid, images, 0), gaussian(1.5)), atol=2e-6)
 
 
 CASES = {
@@ -275,109 +174,6 @@ class TestNormalEquations:
         np.testing.assert_allclose(there.gradient, plain.gradient, atol=1e-4 * np.abs(plain.gradient).max())
 
 
-class TestNothingToSee:
-    """No view sees any grain, or no pixel counts: zeros, no error."""
-
-    @pytest.mark.parametrize("gain", [False, True])
-    def test_all_grains_off_the_panel(self, gain):
-        away = replace(POSE, translations=POSE.translations + np.array([0, 0, 1e3]))
-        problem = StateProblem(GRAINS, target(1.0, gain))
-        at = problem.linearize(away)
-        assert np.isfinite(at.cost)
-        assert not at.gradient.any()
-        assert at.hessian.nnz == 0
-        seen = problem.evaluate_with_derivatives(away)
-        assert (seen.response.gain, seen.response.offset) == (1.0, 0.0)
-        assert misfits(problem, seen).misregistered.all()
-
-    @pytest.mark.parametrize("gain", [False, True])
-    def test_all_pixels_invalid(self, gain):
-        problem = StateProblem(GRAINS, target(1.0, gain, np.zeros((3, *PANEL), bool)))
-        at = problem.linearize(POSE)
-        assert at.cost == 0
-        assert not at.gradient.any()
-        assert misfits(problem, problem.evaluate_with_derivatives(POSE)).misregistered.all()
-
-    def test_one_empty_view(self):
-        valid = np.ones((3, *PANEL), bool)
-        valid[1] = False
-        at = StateProblem(GRAINS, target(1.0, valid=valid)).linearize(POSE)
-        two = Scan(measured(noise=0.02)[[0, 2]], GEOMETRY[[0, 2]])
-        other = Target(two, np.zeros((2, *PANEL), np.float32), "trilinear", 1.0)
-        expected = StateProblem(GRAINS, other).linearize(POSE)
-        assert at.cost == pytest.approx(expected.cost, rel=1e-6)
-        np.testing.assert_allclose(at.gradient, expected.gradient, rtol=1e-5, atol=1e-4)
-
-
-class TestGain:
-    @pytest.mark.parametrize(("gain", "offset"), [(1.0, 0.0), (1.1, 0.0), (0.9, 0.05), (1.3, -0.2)])
-    @pytest.mark.parametrize("sigma", [0.0, 2.0])
-    def test_planted_ones_are_found(self, gain, offset, sigma):
-        problem = StateProblem(GRAINS, target(sigma, True, mask(), measured(gain, offset)))
-        seen = problem.evaluate_with_derivatives(POSE)
-        assert seen.response.gain == pytest.approx(gain, abs=1e-5)
-        assert seen.response.offset == pytest.approx(offset, abs=1e-5)
-        assert problem.linearize(POSE).cost < 1e-6
-
-    def test_degenerate(self):
-        """Where nothing is simulated nothing is fitted; an even radiograph is fitted, whatever its parts."""
-        ones = np.ones((1, 4, 4), np.float32)
-        nothing, _ = fit_response(GAIN_AND_OFFSET, Columns([0 * ones, ones], [True, True]), 3 * ones, 1)
-        assert (nothing.gain, nothing.offset) == (1.0, 0.0)
-        even, more = fit_response(GAIN_AND_OFFSET, Columns([2 * ones, ones], [True, True]), ones, 1)
-        np.testing.assert_allclose(more, ones, rtol=1e-6)
-        assert np.isfinite([even.gain, even.offset]).all()
-
-    def test_the_cost_cannot_rise_by_eliminating(self):
-        images = measured(1.07, 0.02, 0.05)
-        with_gain = StateProblem(GRAINS, target(1.0, True, images=images)).linearize(POSE).cost
-        without = StateProblem(GRAINS, target(1.0, False, images=images)).linearize(POSE).cost
-        assert with_gain < without
-
-
-class TestCrowds:
-    """Grains one behind the other."""
-
-    def test_line_integrals_of_a_crowd_add_up_in_squares(self):
-        one, nine = (misfits(problem := crowd(k), problem.evaluate(still(k))) for k in (1, 9))
-        np.testing.assert_allclose(one.rms_crowd_integrals, one.rms_line_integrals, rtol=1e-5)
-        np.testing.assert_allclose(nine.rms_line_integrals, one.rms_line_integrals[0], rtol=1e-5)
-        np.testing.assert_allclose(nine.rms_crowd_integrals, 3 * one.rms_line_integrals[0], rtol=1e-5)
-
-    @pytest.mark.parametrize(("many", "share"), [(1, 0.04), (30, 0.04 * np.sqrt(30))])
-    def test_what_all_of_them_leave_accuses_none(self, many, share):
-        """Each leaves 4 % of its line integrals, as grains of voxels do."""
-        crowds = np.full(many, np.sqrt(many))
-        assert not Misfits(np.full(many, share), np.ones(many), crowds, 0.0).misregistered.any()
-
-    def test_one_in_a_wrong_place_stands_out_of_them(self):
-        residuals = 0.03 * np.sqrt(30) * np.ones(30)
-        residuals[7] = np.hypot(residuals[7], 0.25)
-        lost = Misfits(residuals, np.ones(30), np.full(30, np.sqrt(30)), 0.0).misregistered
-        np.testing.assert_array_equal(np.flatnonzero(lost), [7])
-
-    def test_all_in_wrong_places_are_all_lost(self):
-        found = Misfits(np.full(30, 0.25 * np.sqrt(30)), np.ones(30), np.full(30, np.sqrt(30)), 0.0)
-        assert found.misregistered.all()
-        assert found.misregistered_in_crowd.all()
-
-    def test_near_is_not_astray(self):
-        """Half-way through, each of 30 leaves 9 %: all together look lost, but none is far."""
-        found = Misfits(np.full(30, 0.09 * np.sqrt(30)), np.ones(30), np.full(30, np.sqrt(30)), 0.0)
-        assert found.misregistered.all()
-        assert not found.misregistered_in_crowd.any()
-
-
-def still(many):
-    """No motion of so many grains."""
-    return Pose(np.zeros((many, 3)), np.broadcast_to(np.eye(3), (many, 3, 3)).copy())
-
-
-def crowd(many):
-    """The same grain, so many times in the same place."""
-    return StateProblem(GRAINS.select([1] * many), target())
-
-
 class TestSteps:
     def test_no_grain_alone_goes_further_than_its_own_size(self):
         """One that is hardly seen is not flung away; the others' steps are as they were."""
@@ -405,60 +201,3 @@ class TestSteps:
         step = np.zeros(24)
         step[22] = 0.1
         assert 0.1 * 4 < problem.step_sizes(POSE, step)[3] < 0.1 * 8  # a lump of 8 voxels: its rim is 4 to 7 away
-
-
-class TestMisfits:
-    def test_planted_misfit_of_one_grain(self):
-        pose = replace(POSE, translations=POSE.translations.copy())
-        pose.translations[3] += [0.2, 0.1, -0.15]
-        problem = StateProblem(GRAINS, target(images=measured(noise=1e-4)))
-        found = misfits(problem, problem.evaluate_with_derivatives(pose))
-        assert found.rms_residuals[3] > 20 * found.rms_residuals[:3].max()
-        assert (found.rms_line_integrals > 0.3).all()
-        np.testing.assert_array_equal(found.misregistered, [False, False, False, True])
-
-    def test_even_misfit(self):
-        problem = StateProblem(GRAINS, target(images=measured(offset=0.07)))
-        np.testing.assert_allclose(
-            misfits(problem, problem.evaluate_with_derivatives(POSE)).rms_residuals, 0.07, rtol=1e-3
-        )
-
-    def test_masked_pixels_do_not_count(self):
-        valid = mask()
-        images = np.where(valid, measured(), 1e4).astype(np.float32)
-        problem = StateProblem(GRAINS, target(valid=valid, images=images))
-        assert misfits(problem, problem.evaluate_with_derivatives(POSE)).rms_residuals.max() < 1e-5
-
-    def test_noise_is_no_misfit(self):
-        assert not alone([0.02, 0.021, 0.019, 0.022], 0.02).misregistered.any()
-
-    def test_unknown_is_a_misfit(self):
-        np.testing.assert_array_equal(alone([0.02, np.nan], 0.02).misregistered, [False, True])
-
-    def test_all_bad_is_seen_by_the_noise(self):
-        """When every grain fits badly, none stands out from the others; the noise tells."""
-        assert alone([0.2] * 5, 0.02).misregistered.all()
-
-    def test_thin_shadows_in_strong_noise_do_not_accuse(self):
-        assert not alone([0.05], 0.03).misregistered.any()
-
-
-def alone(residuals, noise):
-    """Grains on rays of their own."""
-    paths = np.where(np.isfinite(residuals), 1.0, np.nan)
-    return Misfits(np.array(residuals), paths, paths, noise)
-
-
-class TestNoiseLevel:
-    @pytest.mark.parametrize("noise", [0.005, 0.03])
-    def test_white_noise_on_smooth_shadows(self, noise):
-        rng = np.random.default_rng(7)
-        shadow = np.hypot(*(np.mgrid[:34, :46] - np.array([17, 23])[:, None, None]) / 6) ** 2
-        images = np.exp(-shadow) + noise * rng.standard_normal((3, *PANEL))
-        assert noise_level(Scan(images, GEOMETRY)) == pytest.approx(noise, rel=0.15)
-
-    def test_no_noise(self):
-        assert noise_level(Scan(np.zeros((3, *PANEL), np.float32), GEOMETRY)) == 0
-
-    def test_a_panel_too_narrow_to_tell(self):
-        assert noise_level(Scan(np.zeros((1, 5, 2), np.float32), Geometry.parallel([0.0], (5, 2), 1.0))) == 0

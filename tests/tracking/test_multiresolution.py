@@ -11,9 +11,7 @@ from grainmotion.model.scan import Scan
 from grainmotion.objective.data_term import Target
 from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.projection.grains import assemble, project_patches, shadows
-from grainmotion.tracking.multiresolution import FREE_GRAIN_PIXELS, coarsened, coarsening
-from grainmotion.tracking.multistage import MultistageFit
-from grainmotion.tracking.track import TrackSettings
+from grainmotion.tracking.multiresolution import coarsened, coarsening
 
 GRAINS = few_grains.grain_set()
 PACKED = GrainArrays.of(GRAINS)
@@ -71,20 +69,3 @@ class TestRadiographs:
         assert found.scan.line_integrals.max() < 100
         assert not found.valid[:, :, 10].any()  # columns 20 and 21
         assert found.valid[:, :, 12].all()
-
-
-class TestStages:
-    def test_wide_filters_see_fewer_rays(self):
-        """Grains 14 voxels across: a field on pixels twice as large, each alone on those of the panel."""
-        fit = MultistageFit.of(GRAINS, Scan(images(PACKED, VIEWS), VIEWS), TrackSettings())
-        _, field = fit.level(12.0, least=6.0)
-        _, alone = fit.level(6.0)
-        assert field.scan.geometry.shape == tuple(-(-k // 2) for k in VIEWS.shape)
-        assert alone.scan.geometry.shape == VIEWS.shape
-        assert 2 * float(np.median(PACKED.radii)) / few_grains.VOXEL < 2 * FREE_GRAIN_PIXELS
-
-    def test_levels_are_made_once(self):
-        fit = MultistageFit.of(GRAINS, Scan(images(PACKED, VIEWS), VIEWS), TrackSettings())
-        one, other = fit.level(12.0, least=6.0), fit.level(13.0, least=6.0)
-        assert one[0] is other[0]
-        assert one[1].scan is other[1].scan

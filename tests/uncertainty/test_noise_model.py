@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from few_grains import VOXEL, geometry, grain_set, small_motions, smooth_grains
+from grainmotion.model.geometry import Geometry
 from grainmotion.model.pose import Pose
 from grainmotion.model.scan import Scan
 from grainmotion.objective.data_term import Target
@@ -17,6 +18,7 @@ from grainmotion.solvers.gauss_newton import Stopping, gauss_newton
 from grainmotion.uncertainty.noise_model import (
     HUBER_SD,
     NoiseModel,
+    noise_level,
     noise_model,
     noise_shares,
     open_beam,
@@ -24,6 +26,8 @@ from grainmotion.uncertainty.noise_model import (
     shaded_pixels,
     squared_gradient,
 )
+from textured_lumps import GEOMETRY as LUMPS_GEOMETRY
+from textured_lumps import PANEL as LUMPS_PANEL
 
 GRAINS = grain_set(finer=1)
 PACKED = GrainArrays.of(GRAINS)
@@ -228,3 +232,18 @@ class TestPoisson:
         target, _ = reweighted(at.target, at.evaluate_with_derivatives(POSE), "photons", "poisson")
         assert np.isfinite(target.scan.line_integrals).all()
         assert np.isfinite(target.weights).all()
+
+
+class TestNoiseLevel:
+    @pytest.mark.parametrize("noise", [0.005, 0.03])
+    def test_white_noise_on_smooth_shadows(self, noise):
+        rng = np.random.default_rng(7)
+        shadow = np.hypot(*(np.mgrid[:34, :46] - np.array([17, 23])[:, None, None]) / 6) ** 2
+        images = np.exp(-shadow) + noise * rng.standard_normal((3, *LUMPS_PANEL))
+        assert noise_level(Scan(images, LUMPS_GEOMETRY)) == pytest.approx(noise, rel=0.15)
+
+    def test_no_noise(self):
+        assert noise_level(Scan(np.zeros((3, *LUMPS_PANEL), np.float32), LUMPS_GEOMETRY)) == 0
+
+    def test_a_panel_too_narrow_to_tell(self):
+        assert noise_level(Scan(np.zeros((1, 5, 2), np.float32), Geometry.parallel([0.0], (5, 2), 1.0))) == 0

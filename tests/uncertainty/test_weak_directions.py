@@ -20,7 +20,6 @@ from grainmotion.uncertainty.weak_directions import (
     PRIOR_ROTATION,
     PRIOR_SHIFT_DIAMETERS,
     WEAK_SD_SHARE,
-    diagonal_blocks,
     poorly_determined,
     weak_directions,
 )
@@ -108,12 +107,6 @@ class TestFormula:
         for share, expected in ((0.9 * WEAK_SD_SHARE, False), (1.1 * WEAK_SD_SHARE, True)):
             known = share**2 * np.stack([np.diag(s**2) for s in SCALES])
             np.testing.assert_array_equal(weak_directions(known, PACKED).flags, expected)
-
-    def test_blocks(self):
-        blocks = np.random.default_rng(2).normal(size=(5, 6, 6))
-        np.testing.assert_array_equal(diagonal_blocks(block_diagonal(blocks)), blocks)
-        missing = sparse.bsr_array((blocks[:1], [1], [0, 1, 1]), shape=(12, 12), blocksize=(6, 6))
-        assert not diagonal_blocks(missing).any()
 
 
 class TestNames:

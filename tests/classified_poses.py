@@ -1,0 +1,59 @@
+"""Motions that come of a pose, as if the solver had ended there: for statuses and covariances."""
+
+import numpy as np
+
+from few_grains import GAIN_AND_OFFSET, VOXEL, grain_set, small_motions
+from grainmotion.model.pose import Pose
+from grainmotion.objective.data_term import Target
+from grainmotion.objective.normal_matrix import normal_matrix
+from grainmotion.objective.residual import StateProblem
+from grainmotion.objective.response_parameters import ResponseModel
+from grainmotion.projection.grain_arrays import GrainArrays
+from grainmotion.solvers.gauss_newton import Solution
+from grainmotion.tracking.classification import classify
+from grainmotion.tracking.refinement import RefinedFit
+from grainmotion.uncertainty.covariance import covariances
+from grainmotion.uncertainty.rotation_identifiability import unconfirmed_rotations
+from grainmotion.uncertainty.weak_directions import weak_directions
+
+GRAINS = grain_set()
+
+
+TRUTH = small_motions(GRAINS)
+
+
+LIMITS = (0.5 * VOXEL, np.deg2rad(5.0))
+
+
+def pose_of(truth):
+    return Pose(truth.translations, truth.matrices)
+
+
+def problem_of(scan, grains=GRAINS, sigma=0.7, gain=True):
+    target = Target(
+        scan,
+        np.zeros(scan.line_integrals.shape, np.float32),
+        "trilinear",
+        sigma,
+        GAIN_AND_OFFSET if gain else ResponseModel(),
+    )
+    return StateProblem(GrainArrays.of(grains, fine=True), target)
+
+
+def classified(scan, pose, grains=GRAINS, limits=LIMITS, settled=True, last_step=None, ambiguous=None, **target):
+    """The verdict on a pose, as if the solver had ended there."""
+    problem = problem_of(scan, grains, **target)
+    at = problem.linearize(pose)
+    step = np.zeros(6 * len(grains)) if last_step is None else last_step
+    solution = Solution(pose, (at.cost,), step, settled)
+    ambiguous = np.zeros(len(grains), dtype=bool) if ambiguous is None else ambiguous
+    return classify(grains, refined(problem, solution), ambiguous, limits, (("free", 0.1), ("free", 0.05)))
+
+
+def refined(problem, solution):
+    """A solution with its covariances, nothing held."""
+    evaluation = problem.evaluate_with_derivatives(solution.state)
+    hessian = normal_matrix(evaluation.derivatives, evaluation.patches, len(problem.grains))
+    known, _ = covariances(problem, solution.state, evaluation, hessian)
+    known[:, 3:, 3:] += unconfirmed_rotations(problem, solution.state, evaluation)
+    return RefinedFit(problem, solution, known, weak_directions(known, problem.grains).posterior())

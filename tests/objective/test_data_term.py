@@ -1,0 +1,40 @@
+"""The Gaussian filter and masked pixels."""
+
+import numpy as np
+import pytest
+
+from grainmotion.objective.data_term import gaussian
+from textured_lumps import by_scipy, mask, measured, target
+
+
+class TestFilter:
+    @pytest.mark.parametrize("sigma", [0.3, 0.7, 2.0, 6.0, 40.0])
+    def test_kernel(self, sigma):
+        half = gaussian(sigma)
+        whole = np.concatenate([half[:0:-1], half]).astype(float)
+        assert whole.sum() == pytest.approx(1, abs=1e-6)
+        assert (np.diff(half) < 0).all()
+        if sigma >= 0.7:
+            k = np.arange(len(whole)) - len(half) + 1
+            assert np.sqrt((whole * k**2).sum()) == pytest.approx(sigma, rel=0.02)
+
+    def test_no_filter(self):
+        np.testing.assert_array_equal(gaussian(0), [1])
+        images = measured(noise=0.1)
+        np.testing.assert_array_equal(target().filtered(images), images)
+
+    @pytest.mark.parametrize("sigma", [0.5, 2.0, 20.0])  # the last kernel is wider than the panel
+    def test_radiographs_are_convolved(self, sigma):
+        images = measured(noise=0.1)
+        images[1] = 0
+        images[1, 0, 0] = images[1, -1, -1] = 1  # corners
+        found = target(sigma).filtered(images)
+        np.testing.assert_allclose(found, by_scipy(images, gaussian(sigma)), atol=2e-6)
+        assert found is not images
+
+    def test_masked_pixels_count_as_zero_before_the_filter(self):
+        valid = mask()
+        images = measured(noise=0.1)
+        absurd = np.where(valid, images, 1e6).astype(np.float32)
+        found = target(1.5, valid=valid).filtered(absurd)
+        np.testing.assert_allclose(found, by_scipy(np.where(valid, images, 0), gaussian(1.5)), atol=2e-6)

@@ -1,0 +1,37 @@
+"""Blocks on the diagonal, and conjugate gradients on many columns."""
+
+import numpy as np
+from scipy import sparse
+
+from grainmotion.solvers.block_cg import conjugate_gradients, damped_product, diagonal_blocks, inverse
+
+
+def positive(n: int = 4, seed: int = 0) -> np.ndarray:
+    """A positive definite matrix of n blocks."""
+    factor = np.random.default_rng(seed).normal(size=(8 * n, 6 * n))
+    return factor.T @ factor
+
+
+def test_diagonal_blocks():
+    blocks = np.random.default_rng(2).normal(size=(5, 6, 6))
+    whole = sparse.bsr_array((blocks, np.arange(5), np.arange(6)), shape=(30, 30))
+    np.testing.assert_array_equal(diagonal_blocks(whole), blocks)
+    missing = sparse.bsr_array((blocks[:1], [1], [0, 1, 1]), shape=(12, 12), blocksize=(6, 6))
+    assert not diagonal_blocks(missing).any()
+
+
+def test_each_column_is_solved_to_its_own_tolerance():
+    matrix = positive()
+    right = np.random.default_rng(1).normal(size=(24, 3)) * [1.0, 1e-6, 1e6]
+    product, blocks = damped_product(matrix, 0.0)
+    found = conjugate_gradients(product, blocks, right, 1e-9)
+    left = np.linalg.norm(matrix @ found - right, axis=0) / np.linalg.norm(right, axis=0)
+    assert left.max() < 1e-8
+
+
+def test_products_and_dense_factors_are_the_same(monkeypatch):
+    matrix, right = positive(), np.random.default_rng(1).normal(size=24)
+    dense = inverse(matrix, 0.1)(right)
+    np.testing.assert_allclose(dense, np.linalg.solve(matrix + 0.1 * np.diag(np.diagonal(matrix)), right))
+    monkeypatch.setattr("grainmotion.solvers.block_cg.MAX_DENSE_UNKNOWNS", 0)
+    np.testing.assert_allclose(inverse(matrix, 0.1)(right), dense, rtol=1e-6)

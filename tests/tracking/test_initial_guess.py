@@ -1,0 +1,47 @@
+"""The pose of a given start."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from few_grains import (
+    grain_set,
+    motions,
+)
+from grainmotion.model.grains import GrainSet
+from grainmotion.model.motions import Motions
+from grainmotion.rotations import apply_motion
+from grainmotion.tracking.initial_guess import starting_pose
+
+GRAINS = grain_set()
+
+
+class TestStartingPose:
+    def test_labels_in_another_order_and_other_rows_beside(self):
+        start = motions(grain_set(), np.arange(15).reshape(5, 3))
+        order = [3, 0, 4, 1, 2]
+        mixed = Motions.from_table(start.to_table().iloc[order])
+        pose = starting_pose(GrainSet((GRAINS.grains[4], GRAINS.grains[1])), mixed)
+        np.testing.assert_allclose(pose.translations, start.translations[[4, 1]])
+
+    def test_unknown_grains_follow_the_others(self):
+        start = motions(GRAINS, (0.3, 0.1, -0.2), (0, 0, 10))
+        start.translations[2] = start.rotations[2] = np.nan
+        pose = starting_pose(GRAINS, start)
+        np.testing.assert_allclose(pose.translations[2], (0.3, 0.1, -0.2))
+        np.testing.assert_allclose(pose.matrices[2], np.eye(3))
+        assert np.isfinite(pose.matrices).all()
+
+    def test_all_unknown_is_no_motion(self):
+        start = motions(GRAINS, np.nan, np.nan)
+        pose = starting_pose(GRAINS, start)
+        np.testing.assert_array_equal(pose.translations, 0)
+
+    def test_other_centres_are_the_same_motion(self):
+        """A start about centres from another segmentation carries every point of the grain to the same place."""
+        start = replace(motions(GRAINS, 0.2, 30.0), centers=GRAINS.centers + 0.3)
+        pose = starting_pose(GRAINS, start)
+        points = GRAINS.centers + 0.5
+        here = apply_motion(pose.matrices, pose.translations, GRAINS.centers, points)
+        there = apply_motion(start.matrices, start.translations, start.centers, points)
+        np.testing.assert_allclose(here, there)

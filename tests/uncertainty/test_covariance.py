@@ -1,0 +1,87 @@
+"""Covariances: the scatter of errors is as large as they say."""
+
+import numpy as np
+import pytest
+
+from classified_poses import GRAINS, LIMITS, TRUTH, classified, pose_of, problem_of, refined
+from few_grains import ANGLES, geometry, grain_set, radiographs, small_motions
+from grainmotion.model.scan import Scan
+from grainmotion.objective.normal_matrix import normal_matrix, normal_of
+from grainmotion.rotations import rotation_vector
+from grainmotion.solvers.gauss_newton import Stopping, gauss_newton
+from grainmotion.tracking.classification import classify
+from grainmotion.uncertainty.covariance import covariances, regular_inverse
+
+
+class TestCovariance:
+    def test_scatter_of_many_noises(self):
+        """Thirty noises: errors over stated standard deviations have a root mean square of one.
+
+        The reference is exact here and the noise white, so nothing but the noise is asked of the covariance.
+        """
+        grains = grain_set(3)
+        truth = small_motions(grains)
+        clean = radiographs(grains, truth, noise=0.0)
+        ratios = []
+        for seed in range(30):
+            noise = 0.05 * np.random.default_rng(seed).standard_normal(clean.line_integrals.shape)
+            problem = problem_of(Scan(clean.line_integrals + noise.astype(np.float32), clean.geometry), grains)
+            solution = gauss_newton(problem, pose_of(truth), Stopping(10, 1e-4))
+            found = classify(grains, refined(problem, solution), np.zeros(3, dtype=bool), LIMITS, ())
+            u = found.translations - truth.translations
+            w = rotation_vector(found.matrices @ truth.matrices.transpose(0, 2, 1))
+            ratios.append(np.hstack([u, w]) / np.sqrt(np.diagonal(found.covariances, axis1=1, axis2=2)))
+        rms = np.sqrt(np.mean(np.square(ratios), axis=(0, 1)))
+        assert np.sqrt(np.mean(rms**2)) == pytest.approx(1, abs=0.2)
+        assert rms.min() > 0.6
+        assert rms.max() < 1.6
+
+    def test_more_noise_more_views_and_filters(self):
+        def sd(noise=0.02, angles=ANGLES, sigma=0.7):
+            scan = radiographs(GRAINS, TRUTH, views=geometry(angles), noise=noise)
+            found = classified(scan, pose_of(TRUTH), sigma=sigma)
+            return np.sqrt(np.diagonal(found.covariances, axis1=1, axis2=2))
+
+        np.testing.assert_allclose(sd(noise=0.04), 2 * sd(noise=0.02), rtol=0.15)
+        assert (sd(angles=(0.0, 30.0, 60.0, 90.0, 120.0, 150.0)) < sd(angles=(0.0, 90.0))).all()
+        # a filter does not create information, and a mild one loses little
+        assert (sd(sigma=0.7) > 0.85 * sd(sigma=0.0)).all()
+        assert (sd(sigma=0.7) < 2 * sd(sigma=0.0)).all()
+
+    def test_symmetric_and_positive(self):
+        found = classified(radiographs(GRAINS, TRUTH), pose_of(TRUTH)).covariances
+        np.testing.assert_allclose(found, found.transpose(0, 2, 1), rtol=1e-6, atol=1e-12)
+        assert (np.linalg.eigvalsh(found) > 0).all()
+
+    def test_an_honest_residual_is_of_the_stronger_noise(self):
+        """A gain that drifted is not counted as noise."""
+        plain = classified(radiographs(GRAINS, TRUTH), pose_of(TRUTH))
+        drifted = classified(radiographs(GRAINS, TRUTH, gain=1.2), pose_of(TRUTH))
+        np.testing.assert_allclose(drifted.residuals, plain.residuals, rtol=0.02)
+        assert drifted.fit.gain == pytest.approx(1.2, abs=2e-3)
+
+    def test_drawn_noise_comes_near_the_inverse(self, monkeypatch):
+        """Standard deviations of many grains are drawn: right to the square root of 1 over twice the draws."""
+        problem = problem_of(radiographs(GRAINS, TRUTH))
+        pose, n = pose_of(TRUTH), len(GRAINS)
+        evaluation = problem.evaluate_with_derivatives(pose)
+        dense, _ = covariances(problem, pose, evaluation, normal_matrix(evaluation.derivatives, evaluation.patches, n))
+        monkeypatch.setattr("grainmotion.objective.normal_matrix.MAX_DENSE_UNKNOWNS", 0)
+        monkeypatch.setattr("grainmotion.solvers.block_cg.MAX_DENSE_UNKNOWNS", 0)
+        monkeypatch.setattr("grainmotion.uncertainty.covariance.NOISE_DRAWS", 200)
+        product = normal_of(evaluation.derivatives, evaluation.patches, n, evaluation.residual.shape)
+        drawn, _ = covariances(problem, pose, evaluation, product)
+        np.testing.assert_allclose(
+            np.sqrt(np.diagonal(drawn, axis1=1, axis2=2)), np.sqrt(np.diagonal(dense, axis1=1, axis2=2)), rtol=0.15
+        )
+        assert (np.linalg.eigvalsh(drawn) > 0).all()
+
+
+class TestRegularInverse:
+    def test_unseen_directions_get_a_huge_variance_and_harm_no_other(self):
+        matrix = np.diag([4.0, 1.0, 0.0, 9.0])
+        inverse, unseen = regular_inverse(matrix)
+        np.testing.assert_allclose(np.diagonal(inverse)[[0, 1, 3]], [1 / 4, 1, 1 / 9])
+        assert inverse[2, 2] > 1e9
+        np.testing.assert_allclose(np.diagonal(unseen)[[0, 1, 3]], 0)
+        assert unseen[2, 2] == inverse[2, 2]
