@@ -104,22 +104,22 @@ def tracked_round_grains():
     d, rng = 20 * scanner.voxel_size, np.random.default_rng(3)
     stones = [random_polyhedron(rng, d, 12) for _ in range(2)]
     places = 0.55 * d * np.array([[-1, -1, -1], [1, 1, -1], [1, -1, 1], [-1, 1, 1]])
-    turn = rotation_matrix([0.3, 0.5, 0.2])
+    rotation = rotation_matrix([0.3, 0.5, 0.2])
     ball = Ellipsoid(places[2], np.full(3, d / 2), np.eye(3))
-    spheroid = Ellipsoid(places[3], np.array([0.55, 0.45, 0.45]) * d, turn)
+    spheroid = Ellipsoid(places[3], np.array([0.55, 0.45, 0.45]) * d, rotation)
     shapes = [*(s.moved(np.eye(3), p) for s, p in zip(stones, places)), ball, spheroid]
     sample = Sample(tuple(Particle(shape, 0.1) for shape in shapes))
     paths = line_integrals(sample, scanner.geometry((0.0, 45.0)), subsamples=1)
     round_case = Case(sample, scanner, Physics(photons=photons_for_snr(paths, 50)), 0)
     reference = reconstruct(round_case.reference(), scanner.grid).volume
-    cut = grains_from_labels(reference, label_volume(sample, scanner.grid))
+    grains_with_true_labels = grains_from_labels(reference, label_volume(sample, scanner.grid))
     truth = random(sample, 3 * scanner.voxel_size, 10.0, 5)
-    measured = track(cut, round_case.state(truth, LATER_ANGLES_DEG[4]))
-    return measured, compare(measured, truth, scanner.voxel_size), turn[:, 0]
+    measured = track(grains_with_true_labels, round_case.state(truth, LATER_ANGLES_DEG[4]))
+    return measured, compare(measured, truth, scanner.voxel_size), rotation[:, 0]
 
 
 class TestRoundGrains:
-    """A ball and a spheroid beside two stones: rotations that radiographs cannot determine are reported as such."""
+    """A ball, a spheroid and two stones: rotations that radiographs cannot determine are reported as such."""
 
     def test_ball_and_spheroid_are_poorly_determined_and_stones_are_not(self, tracked_round_grains):
         measured, comparison, _ = tracked_round_grains
@@ -134,9 +134,9 @@ class TestRoundGrains:
 
     def test_only_rotation_about_the_spheroids_axis_is_unknown(self, tracked_round_grains):
         measured, _, axis = tracked_round_grains
-        turned = measured.matrices[3] @ axis
+        rotated = measured.matrices[3] @ axis
         rotations = measured.covariances[3, 3:, 3:]
-        assert np.sqrt(turned @ rotations @ turned) > 0.4  # radians: no more than the prior says
+        assert np.sqrt(rotated @ rotations @ rotated) > 0.4  # radians: near the prior's
         values = np.sqrt(np.linalg.eigvalsh(rotations))
         assert np.rad2deg(values[:2]).max() < 5
         ball = np.sqrt(np.linalg.eigvalsh(measured.covariances[2, 3:, 3:]))

@@ -210,8 +210,8 @@ def exact_ball(voxel, center=(0.07, -0.11, 0.05), radius=1.0):
 class TestKnownBodies:
     @pytest.mark.parametrize("beam", ["cone", "parallel"])
     def test_ball_and_ellipsoid_converge_with_the_voxel_size(self, beam):
-        turn = rotation_matrix([0.3, -0.5, 0.8])
-        body = Ellipsoid(np.array([0.1, -0.05, 0.08]), np.array([0.6, 0.8, 1.0]), turn)
+        rotation = rotation_matrix([0.3, -0.5, 0.8])
+        body = Ellipsoid(np.array([0.1, -0.05, 0.08]), np.array([0.6, 0.8, 1.0]), rotation)
         sample = Sample((Particle(body, 1.5),))
         if beam == "cone":
             geometry = Geometry.cone(
@@ -221,7 +221,7 @@ class TestKnownBodies:
             geometry = Geometry.parallel([0.0, 40.0], (24, 26), 0.1, panel=TILTED)
         points, directions = rays(geometry)
         # chord of an ellipsoid, by the quadratic formula in its own axes
-        o, d = (points - body.center) @ turn / body.semi_axes, directions @ turn / body.semi_axes
+        o, d = (points - body.center) @ rotation / body.semi_axes, directions @ rotation / body.semi_axes
         a, b, c = (d * d).sum(-1), (o * d).sum(-1), (o * o).sum(-1) - 1
         chords = 1.5 * 2 * np.sqrt(np.maximum(b * b - a * c, 0)) / a
         np.testing.assert_allclose(line_integrals(sample, geometry, subsamples=1), chords, atol=2e-6)
@@ -408,14 +408,14 @@ class TestPatches:
     def test_the_whole_sample_moved_is_the_views_moved_back(self, projector):
         """x = Ω X + t for every grain, seen from a source and panel that move along, changes nothing."""
         grains, volume = two_grains()
-        turn, shift = rotation_matrix([0.4, -0.7, 1.1]), np.array([0.3, -0.2, 0.5])
-        moved = apply_motion(turn, shift, np.zeros(3), grains.centers)
+        rotation, shift = rotation_matrix([0.4, -0.7, 1.1]), np.array([0.3, -0.2, 0.5])
+        moved = apply_motion(rotation, shift, np.zeros(3), grains.centers)
         motions = Motions.identity(grains.labels, grains.centers)
         motions.translations[:] = moved - grains.centers
-        motions.rotations[:] = rotation_vector(turn)
+        motions.rotations[:] = rotation_vector(rotation)
         for name in ("cone, tilted", "parallel, tilted"):
             geometry = GEOMETRIES[name]
-            rows = geometry.vectors.reshape(-1, 4, 3) @ turn.T
+            rows = geometry.vectors.reshape(-1, 4, 3) @ rotation.T
             rows[:, 1] += shift
             if geometry.beam == "cone":
                 rows[:, 0] += shift
@@ -432,14 +432,14 @@ class TestPatches:
         """Rotating the grain by +90° about x, y or z is rotating its voxels, y→z, z→x or x→y."""
         array = random_volume(12, (5, 5, 5)).array
         first, second = [(1, 2), (2, 0), (0, 1)][axis]  # the rotation carries the first to the second axis, x y z
-        turned = np.rot90(array, axes=(2 - first, 2 - second))
+        rotated = np.rot90(array, axes=(2 - first, 2 - second))
         grains = grains_from_labels(Volume(array, 0.1, (0.1, 0.2, 0.3)), np.ones((5, 5, 5), np.int8), reach=0, finer=1)
         motions = Motions.identity(grains.labels, np.array([[0.1, 0.2, 0.3]]))  # not the centre of mass
         motions.rotations[0, axis] = np.pi / 2
         geometry = GEOMETRIES["cone, tilted"]
         np.testing.assert_allclose(
             simulate_radiographs(grains, motions, geometry, projector=projector),
-            project(Volume(turned, 0.1, (0.1, 0.2, 0.3)), geometry, projector=projector),
+            project(Volume(rotated, 0.1, (0.1, 0.2, 0.3)), geometry, projector=projector),
             atol=1e-5,
         )
 

@@ -108,11 +108,11 @@ def test_motions_are_those_of_the_host(results, target):
     with np.load(results[HOST].result()) as ours, np.load(results[target].result()) as theirs:
         blas = ", ".join(theirs["blas"])  # it may take the kernels of a relative: Haswell's for Zen
         names = sorted({key.split("/")[0] for key in ours.files if "/" in key})
-        apart = {name: compared(ours, theirs, name) for name in names}
+        differences = {name: compared(ours, theirs, name) for name in names}
     print(f"\n{'largest difference on ' + target.name:34} of sd   voxel   (BLAS: {blas})")
-    for name, (of_sd, of_voxel, _) in apart.items():
+    for name, (of_sd, of_voxel, _) in differences.items():
         print(f"{name:34} {of_sd:.4f}  {of_voxel:.1e}")
-    wrong = {name: said for name, (_, _, said) in apart.items() if said}
+    wrong = {name: fault for name, (_, _, fault) in differences.items() if fault}
     assert not wrong
 
 
@@ -124,18 +124,23 @@ def compared(ours, theirs, name: str) -> tuple[float, float, str]:
     if list(one["statuses"]) != list(other["statuses"]):
         return np.inf, np.inf, f"statuses {one['statuses']} and {other['statuses']}"
     compared_rows = np.isin(one["statuses"], ["converged", "poorly-determined"])
-    turns = rotation_vector(rotation_matrix(other["rotations"]) @ np.swapaxes(rotation_matrix(one["rotations"]), 1, 2))
-    apart = np.abs(np.hstack([other["translations"] - one["translations"], turns]))[compared_rows]
+    rotations = rotation_vector(
+        rotation_matrix(other["rotations"]) @ np.swapaxes(rotation_matrix(one["rotations"]), 1, 2)
+    )
+    differences = np.abs(np.hstack([other["translations"] - one["translations"], rotations]))[compared_rows]
     assert compared_rows.any()
-    assert np.isfinite(apart).all()
-    voxels = apart / np.repeat([one["voxel"], one["voxel"] / one["radius"]], 3)
+    assert np.isfinite(differences).all()
+    voxels = differences / np.repeat([one["voxel"], one["voxel"] / one["radius"]], 3)
     sds = np.divide(
-        apart, one["sds"][compared_rows], out=np.full_like(apart, np.inf), where=one["sds"][compared_rows] > 0
+        differences,
+        one["sds"][compared_rows],
+        out=np.full_like(differences, np.inf),
+        where=one["sds"][compared_rows] > 0,
     )
     sds[voxels == 0] = 0
     far = np.minimum(sds / MAX_OF_SD, voxels / MAX_OF_VOXEL)
-    said = f"grain {np.argmax(far.max(axis=1))} is {far.max():.1f} times too far" if (far > 1).any() else ""
-    return float(sds.max(initial=0)), float(voxels.max(initial=0)), said
+    fault = f"grain {np.argmax(far.max(axis=1))} is {far.max():.1f} times too far" if (far > 1).any() else ""
+    return float(sds.max(initial=0)), float(voxels.max(initial=0)), fault
 
 
 KEYS = ("statuses", "translations", "rotations", "sds", "voxel", "radius", "rough")

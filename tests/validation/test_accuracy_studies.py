@@ -122,9 +122,9 @@ class TestBounds:
 class TestStudies:
     def test_limits(self):
         found = limits.trial(limits.Trial(FEW, (("random", 4),)))["random", 4]
-        u, turn = limits.over_bounds([found])
+        u, rotation = limits.over_bounds([found])
         assert 0.6 < u < 5
-        assert 0.6 < turn < 6
+        assert 0.6 < rotation < 6
         assert limits.cells([found])[-2] == "0"
 
     def test_coverage(self):
@@ -194,9 +194,9 @@ class TestPages:
             assert text.count(f"<!-- begin {name} -->") == text.count(f"<!-- headline {name} -->") == 1
 
     def test_full_scans_hold_the_benchmarks_table(self):
-        said = full_scans.section("# Title\n\nwords\n\n| a | b |\n|---|---|\n| 1 | 2 |\n\nMachine.  Made by `it`.\n")
-        assert "| 1 | 2 |" in said.text
-        assert "Made by `it`;" in said.text
+        section = full_scans.section("# Title\n\nwords\n\n| a | b |\n|---|---|\n| 1 | 2 |\n\nMachine.  Made by `it`.\n")
+        assert "| 1 | 2 |" in section.text
+        assert "Made by `it`;" in section.text
 
     def test_marked_grains_are_named(self):
         gone = made(np.zeros((2, 6)), np.ones((2, 6)), ["not-fitted", CONVERGED])

@@ -1,4 +1,4 @@
-"""The benchmark of the card runs through, in CUDA's simulator; where there is no card it makes no table."""
+"""The GPU benchmark runs through, in CUDA's simulator; without a GPU it makes no table."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ def test_toy_runs_through_and_its_answers_are_right():
 
     assert done.returncode == 0, done.stdout + done.stderr[-2000:]
     assert "CUDA's simulator: times mean nothing" in done.stdout
-    for row in ("one sweep, all on the card", "values and derivatives", "filter of derivatives", "gradient"):
+    for row in ("one sweep, all on the GPU", "values and derivatives", "filter of derivatives", "gradient"):
         assert row in done.stdout
 
 
-def test_without_a_card_there_is_no_table():
+def test_without_a_gpu_there_is_no_table():
     try:
         chosen("cuda")
     except BackendError:
@@ -48,8 +48,8 @@ def test_without_a_card_there_is_no_table():
         before = table.read_text() if table.exists() else None
         done = run()
         assert done.returncode == 2
-        assert "no benchmark of the card, and no table" in done.stderr
+        assert "no GPU benchmark, and no table" in done.stderr
         assert done.stdout == ""
         assert (table.read_text() if table.exists() else None) == before
     else:
-        pytest.skip("a card is there")
+        pytest.skip("there is a GPU")

@@ -1,18 +1,18 @@
-"""The card against the processor: SART at the paper's scale, and states of many grains.
+"""GPU against CPU: SART at the paper's scale, and states of many grains.
 
     python -m validation.benchmarks.gpu [--grains 1000 10000] [--compare 1000] [--repeats 3]
 
 Both do the same work in the same run: one sweep of SART (352 cone-beam views of 280 × 180 pixels, 280 × 180 × 180
-voxels), and the tracking of a state of so many grains in 4 views.  The card's cost is wall time from the host's
-arrays to the host's arrays, after compilation, the least of the repeats; the processor's is CPU time of all threads
-and wall time.  States of more than ``--compare`` grains are left to the card alone.  Answers are compared.
+voxels), and the tracking of a state of so many grains in 4 views.  The GPU's cost is wall time from the host's
+arrays to the host's arrays, after compilation, the least of the repeats; the CPU's is CPU time of all threads
+and wall time.  States of more than ``--compare`` grains are left to the GPU alone.  Answers are compared.
 
 Kernels are timed one by one.  The bytes that each is known to ask for (a voxel read at every sample, a pixel at every
-tap), over its time, are given as a share of what a kernel that only copies moves on this card; caches serve many of
+tap), over its time, are given as a share of what a kernel that only copies moves on this GPU; caches serve many of
 them, so the share can exceed 1.
 
 Writes ``validation/benchmarks/results/gpu.md``.  Ends with code 1 if an answer is wrong or a goal is missed, with
-code 2 and no table where there is no card.  ``--toy`` does little work and writes nothing: a test runs it in CUDA's
+code 2 and no table where there is no GPU.  ``--toy`` does little work and writes nothing: a test runs it in CUDA's
 simulator.
 """
 
@@ -57,7 +57,7 @@ from validation.benchmarks.peers.environment import machine
 
 RESULT = Path(__file__).parent / "results" / "gpu.md"
 SWEEP_GOAL, STATE_GOAL = 1.0, 10.0  # seconds: a sweep of 352 views; a state of 1,000 grains
-MAX_VOXEL_DIFFERENCE = 1e-4  # of the largest voxel, between card and processor after a sweep
+MAX_VOXEL_DIFFERENCE = 1e-4  # of the largest voxel, between GPU and CPU after a sweep
 MAX_MOTION_DIFFERENCE = 0.01  # voxels that a grain's centre or surface may lie apart
 FILTER_SIGMA = 2.0  # pixels: the filter under which the patches' kernels are timed
 ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
@@ -102,7 +102,7 @@ def lattice(n: int, across: int, seed: int = 0) -> Case:
 
 
 def least(work: Callable[[], Any], repeats: int) -> float:
-    """Least wall seconds of some work, with all that the card still does."""
+    """Least wall seconds of some work, with all that the GPU still does."""
     from numba import cuda
 
     work()
@@ -117,7 +117,7 @@ def least(work: Callable[[], Any], repeats: int) -> float:
 
 
 def costs(work: Callable[[], Any]) -> tuple[Any, float, float]:
-    """What some work of the processor returns, its CPU and its wall seconds."""
+    """What some work of the CPU returns, its CPU and its wall seconds."""
     cpu, wall = time.process_time(), time.perf_counter()
     out = work()
     return out, time.process_time() - cpu, time.perf_counter() - wall
@@ -186,7 +186,7 @@ def volume_rows(options: argparse.Namespace, copy: float) -> tuple[list[str], bo
     asked = {"forward": 16 * count, "sweep": 16 * count + 32 * count + 8 * nx * ny * nz * len(scan)}
     lines = [
         f"| one sweep from and to the host | {cpu:.1f} | {wall:.1f} | {whole:.3f} | {apart:.1e} | |",
-        f"| one sweep, all on the card | | | {once:.3f} | | {asked['sweep'] / once / copy:.2f} |",
+        f"| one sweep, all on the GPU | | | {once:.3f} | | {asked['sweep'] / once / copy:.2f} |",
         f"| the default reconstruction, from and to the host | {cpu_all:.1f} | {wall_all:.1f} | {whole_all:.3f} "
         f"| {apart_all:.1e} | |",
         f"| line integrals of all views, to the host | | | {forward:.3f} | | {asked['forward'] / forward / copy:.2f} |",
@@ -265,7 +265,7 @@ def state_row(case: Case | Crowd, options: argparse.Namespace) -> tuple[str, boo
     return f"| {n} | {seconds:.2f} {cells}| {int(found.ok.sum())} | {error:.3f} |", passed
 
 
-def the_card() -> str:
+def gpu_name() -> str:
     """Its name, or that there is none but its simulator."""
     from numba import config, cuda
 
@@ -280,14 +280,14 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--grains", type=int, nargs="+", default=[1000, 10000])
     parser.add_argument("--across", type=int, default=14, help="voxels across a grain of --toy")
-    parser.add_argument("--compare", type=int, default=1000, help="most grains that the processor tracks, too")
+    parser.add_argument("--compare", type=int, default=1000, help="most grains that the CPU tracks, too")
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--toy", action="store_true", help="little work, no table written")
     options = parser.parse_args(arguments)
     try:
         chosen("cuda")
     except BackendError as error:
-        print(f"no benchmark of the card, and no table: {error}", file=sys.stderr)
+        print(f"no GPU benchmark, and no table: {error}", file=sys.stderr)
         return 2
     copy = copied(options.repeats, 2**10 if options.toy else 2**28)
     lines, passed = volume_rows(options, copy)
@@ -302,15 +302,15 @@ def main(arguments: list[str] | None = None) -> int:
         passed = passed and right
     text = "\n".join(
         [
-            "# The card against the processor",
+            "# GPU against CPU",
             "",
-            f"Card: {the_card()}.  A kernel that copies moves {copy / 1e9:.0f} GB/s on it (read and written).",
+            f"GPU: {gpu_name()}.  A kernel that copies moves {copy / 1e9:.0f} GB/s on it (read and written).",
             "",
-            "| SART at the paper's scale | processor, CPU s | wall s | card, s | apart | share of copy |",
+            "| SART at the paper's scale | CPU, CPU s | wall s | GPU, s | apart | share of copy |",
             "|---|---|---|---|---|---|",
             *lines,
             "",
-            "| grains | card, s | processor, CPU s | wall s | apart, voxels | converged | farthest from truth |",
+            "| grains | GPU, s | CPU, CPU s | wall s | apart, voxels | converged | farthest from truth |",
             "|---|---|---|---|---|---|---|",
             *states,
             "",
@@ -318,7 +318,7 @@ def main(arguments: list[str] | None = None) -> int:
             "|---|---|---|---|",
             *kernels,
             "",
-            f"Goals: a sweep on the card ≤ {SWEEP_GOAL:g} s, a state of 1,000 grains ≤ {STATE_GOAL:g} s: "
+            f"Goals: a sweep on the GPU ≤ {SWEEP_GOAL:g} s, a state of 1,000 grains ≤ {STATE_GOAL:g} s: "
             + ("met." if passed else "NOT all met, or an answer is wrong."),
             "",
             f"{machine()}.  Made by `python -m validation.benchmarks.gpu`.",
