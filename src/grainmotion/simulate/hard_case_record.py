@@ -20,7 +20,7 @@ from grainmotion.simulate.sample import Sample
 from grainmotion.simulate.scenarios import LATER_ANGLES_DEG, Case
 
 FOUR_ANGLES_DEG = LATER_ANGLES_DEG[4]
-_FORMER_ATTRIBUTES = {"told_geometry": "nominal_geometry", "slip": "misalignment", "wobble": "view_misalignment"}
+_FORMER_FIELDS = {"told_geometry": "nominal_geometry", "slip": "misalignment", "wobble": "view_misalignment"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,12 +66,10 @@ class HardCase:
     if not TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> object:
-            if name not in _FORMER_ATTRIBUTES:
+            if name not in _FORMER_FIELDS:
                 raise AttributeError(f"HardCase has no attribute {name!r}")
-            warnings.warn(
-                f"HardCase.{name} is now HardCase.{_FORMER_ATTRIBUTES[name]}", DeprecationWarning, stacklevel=2
-            )
-            return getattr(self, _FORMER_ATTRIBUTES[name])
+            warnings.warn(f"HardCase.{name} is now HardCase.{_FORMER_FIELDS[name]}", DeprecationWarning, stacklevel=2)
+            return getattr(self, _FORMER_FIELDS[name])
 
     def nominal_geometry(self, angles_deg: tuple[float, ...] | None = None) -> Geometry:
         """The views as the tracker is given them.
