@@ -42,9 +42,9 @@ def quick_track(copied, monkeypatch):
 
     def known(grains, scan, start, *_, **__):
         starts.append(start)
-        return motions
+        return motions, None
 
-    monkeypatch.setattr("grainmotion.workflow.tracking_stage.track", known)
+    monkeypatch.setattr("grainmotion.workflow.tracking_stage.track_with_residual", known)
     return starts
 
 
@@ -100,6 +100,18 @@ class TestResults:
         assert residuals.shape == (3, *PANEL)
         assert residuals.dtype == np.float32
         assert np.sqrt(np.mean(residuals**2)) < 0.05
+
+    def test_residuals_are_not_simulated_again(self, copied, finished, monkeypatch):
+        """Tracking hands them on; made again from the stored motions they are the same to rounding."""
+        shutil.rmtree(copied.parent / "results" / "one")
+        with monkeypatch.context() as patch:
+            patch.setattr("grainmotion.workflow.outputs.residual_images", None)
+            run(copied)
+        path = copied.parent / "results" / "one" / "residuals.tif"
+        kept = read_tiff(path)
+        path.unlink()
+        assert run(copied).done == ("one/residuals",)
+        np.testing.assert_allclose(read_tiff(path), kept, atol=4e-6)
 
     def test_report_names_the_states(self, finished):
         _, result = finished
@@ -186,9 +198,9 @@ class TestResume:
             calls.append(start)
             if len(calls) > 1:
                 raise KeyboardInterrupt
-            return kept
+            return kept, None
 
-        monkeypatch.setattr("grainmotion.workflow.tracking_stage.track", killed)
+        monkeypatch.setattr("grainmotion.workflow.tracking_stage.track_with_residual", killed)
         with pytest.raises(KeyboardInterrupt):
             run(copied)
         assert not (copied.parent / "results" / "two").exists()

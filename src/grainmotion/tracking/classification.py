@@ -44,7 +44,7 @@ def classify(
 ) -> Motions:
     """The motions of a refined fit; ``limits`` are the largest sd of u (mm) and of ω (rad) to accept."""
     problem, solution, n = refined.problem, refined.solution, len(grains)
-    evaluation = problem.evaluate(solution.state)
+    evaluation = refined.evaluation
     fits = misfits(problem, evaluation)
     misregistered = fits.misregistered
     disturbed = misregistered.any() & ~misregistered & (fits.shares > MAX_DISTURBED_MISFIT)

@@ -7,12 +7,14 @@ they are consistent with the residuals; directions in which the views hardly det
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy import sparse
 
 from grainmotion._typing import Float
 from grainmotion.model.pose import Pose, ViewCorrections
+from grainmotion.objective.evaluation import Evaluation
 from grainmotion.objective.normal_matrix import PatchNormalMatrix, normal_of
 from grainmotion.objective.residual import StateProblem
 from grainmotion.projection.grain_arrays import OUT_OF_PLANE, GrainArrays, planar
@@ -62,6 +64,11 @@ class RefinedFit:
     corrections_sd: ViewCorrections | None = None
     downweighted: float = 0.0
     notes: tuple[str, ...] = ()
+
+    @cached_property
+    def evaluation(self) -> Evaluation:
+        """The radiographs simulated and compared at the solution."""
+        return self.problem.evaluate(self.solution.state)
 
 
 def refine(fit: MultistageFit, field_pose: Pose, problem: StateProblem, solution: Solution[Pose]) -> RefinedFit:

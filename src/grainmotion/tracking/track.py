@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from grainmotion._typing import Float, Progress
+from grainmotion._typing import Float, Image, Progress
 from grainmotion.backends.device import Device
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions
@@ -43,7 +43,7 @@ from grainmotion.tracking.new_grains import (
 from grainmotion.tracking.refinement import refine
 from grainmotion.tracking.settings import PAPER, TrackSettings
 
-__all__ = ["PAPER", "TrackSettings", "track"]
+__all__ = ["PAPER", "TrackSettings", "track", "track_with_residual"]
 
 
 def track(
@@ -87,9 +87,34 @@ def track(
     InputError
         If ``start`` has no row for a grain.
     """
+    return track_with_residual(grains, scan, start, settings, progress=progress, device=device)[0]
+
+
+def track_with_residual(
+    grains: GrainSet,
+    scan: Scan,
+    start: Motions | None = None,
+    settings: TrackSettings | None = None,
+    *,
+    progress: Progress | None = None,
+    device: Device | None = None,
+) -> tuple[Motions, Image | None]:
+    """As `track`, and the residual radiographs of the motions as `analysis.residual_images` would simulate them.
+
+    They are None if the last fit simulated a grain whose motion is not reported, or a stand-in for a new one.
+    """
     job = _Job(grains, scan, start, settings or TrackSettings(), progress, device)
     with threadpool_limits(limits=1, user_api="blas"):  # its matrices are small, and kernels use all cores
-        return _track(job)
+        first = _attempt(job)
+        best = _without_missing(job, first)
+        chosen, motions = first, first.motions
+        if best.motions.ok.sum() > first.motions.ok.sum():
+            chosen, motions = best, complete(best.motions, grains)
+        if job.settings.search and may_have_appeared(motions):
+            with_new = _with_new_grain(job)
+            if with_new is not None and with_new.ok.sum() > motions.ok.sum():
+                return with_new, None
+    return motions, chosen.residual
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,17 +139,16 @@ class _Job:
 
 @dataclass(frozen=True, eq=False)
 class _Attempt:
-    """Motions, and how much of each grain's footprint the radiographs support, ``(n,)``."""
+    """Motions, how much of each grain's footprint the radiographs support ``(n,)``, and what is left of them."""
 
     motions: Motions
     supports: Float
+    residual: Image | None = None
 
 
-def _track(job: _Job) -> Motions:
-    """All grains; then without those that seem to be missing, and with one that seems to be new, if more fit so."""
-    settings = job.settings
-    first = best = _attempt(job)
-    present = job.grains
+def _without_missing(job: _Job, first: _Attempt) -> _Attempt:
+    """The best attempt without grains that seem to be missing; the first one if none is better."""
+    settings, present, best = job.settings, job.grains, first
     while settings.search and (missing := suspects(best.motions, best.supports)):
         start, trial_settings = job.start, settings
         if len(present) > MAX_GRAINS_ALL_TRIED:  # the rest of a large sample is near its place
@@ -138,11 +162,7 @@ def _track(job: _Job) -> Motions:
         if not improves(attempts[k].motions, best.motions):
             break
         present, best = trials[k].grains, attempts[k]
-    motions = complete(best.motions, job.grains) if best.motions.ok.sum() > first.motions.ok.sum() else first.motions
-    if settings.search and may_have_appeared(motions):
-        with_new = _with_new_grain(job)
-        motions = with_new if with_new is not None and with_new.ok.sum() > motions.ok.sum() else motions
-    return motions
+    return best
 
 
 def _with_new_grain(job: _Job) -> Motions | None:
@@ -161,30 +181,31 @@ def _with_new_grain(job: _Job) -> Motions | None:
 
 def _attempt(job: _Job) -> _Attempt:
     """All stages for the grains of a job."""
+    grains, settings = job.grains, job.settings
     try:
-        return _all_stages(job)
+        fit = job.fit()
+        field_pose, pose = initialise(fit, starting_pose(grains, job.start))
+        done = 1 if settings.fields and len(settings.filters) > 1 else 0  # the initial guess ends with the first filter
+        problem, solution = fit.solve_free(pose, "free", settings.filters[done:])
+        result = SearchResult(problem, solution, np.zeros(len(grains), dtype=bool))
+        if settings.search:
+            result = search(fit, field_pose, problem, solution)
+        problem, solution, fixed = fixed_unless_moved(fit, result.problem, result.solution)
+        fit.report("classifying the grains", fit.expected_stages)
+        refined = refine(fit, field_pose, problem, solution)
+        limits = (settings.max_sd_voxel * grains.voxel_size, float(np.deg2rad(settings.max_sd_deg)))
+        motions = classify(grains, refined, result.ambiguous, limits, tuple(fit.costs))
+        supports = grain_supports(refined.problem, refined.solution.state)
     except np.linalg.LinAlgError as error:  # ends one attempt, not the run
-        return _Attempt(_unsolved(job.grains, error), np.ones(len(job.grains)))
-
-
-def _all_stages(job: _Job) -> _Attempt:
-    grains, settings, fit = job.grains, job.settings, job.fit()
-    field_pose, pose = initialise(fit, starting_pose(grains, job.start))
-    done = 1 if settings.fields and len(settings.filters) > 1 else 0  # the initial guess ends with the first filter
-    problem, solution = fit.solve_free(pose, "free", settings.filters[done:])
-    result = SearchResult(problem, solution, np.zeros(len(grains), dtype=bool))
-    if settings.search:
-        result = search(fit, field_pose, problem, solution)
-    problem, solution, fixed = fixed_unless_moved(fit, result.problem, result.solution)
-    fit.report("classifying the grains", fit.expected_stages)
-    refined = refine(fit, field_pose, problem, solution)
-    limits = (settings.max_sd_voxel * grains.voxel_size, float(np.deg2rad(settings.max_sd_deg)))
-    motions = classify(grains, refined, result.ambiguous, limits, tuple(fit.costs))
+        return _Attempt(_unsolved(grains, error), np.ones(len(grains)))
     if fixed:
         notes = (*motions.fit.notes, FIXED_BACKGROUND_NOTE)
         motions = replace(motions, fit=replace(motions.fit, background=np.zeros(6), notes=notes))
-    supports = grain_supports(refined.problem, refined.solution.state)
-    return _Attempt(motions, np.array([support.share for support in supports]))
+    residual = None
+    if np.isfinite(motions.translations).all():
+        residual = refined.evaluation.raw_residual
+        residual = residual if job.scan.valid is None else np.where(job.scan.valid, residual, np.nan)
+    return _Attempt(motions, np.array([support.share for support in supports]), residual)
 
 
 def _unsolved(grains: GrainSet, error: np.linalg.LinAlgError) -> Motions:

@@ -14,7 +14,7 @@ from grainmotion.experiment.state_tracking import errors_of_state
 from grainmotion.io.motions_csv import write_motions
 from grainmotion.io.results import read_motions_h5, write_motions_h5
 from grainmotion.model.motions import Motions
-from grainmotion.tracking.track import track
+from grainmotion.tracking.track import track_with_residual
 from grainmotion.workflow.context import RunContext, load_result
 from grainmotion.workflow.provenance import Stage
 from grainmotion.workflow.reference_stages import SegmentedReference
@@ -52,7 +52,8 @@ def _track(
     grains, scan, settings = reference().grains, context.radiographs(source), context.tables.track
     progress, device = prefixed(context.progress, table.name), context.tracking_device
     with errors_of_state(source.key, table.initial):
-        return TrackedState(track(grains, scan, start, settings, progress=progress, device=device))
+        motions, residual = track_with_residual(grains, scan, start, settings, progress=progress, device=device)
+    return TrackedState(motions, residual)
 
 
 def track_side_by_side(context: RunContext, reference: Callable[[], SegmentedReference]) -> dict[str, TrackedState]:

@@ -1,0 +1,80 @@
+"""The residual that tracking has at its end is the one that simulating its motions again gives."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from few_grains import geometry, grain_set, motions, radiographs, small_motions
+from grainmotion.analysis.residual_images import residual_images
+from grainmotion.model.grains import GrainSet
+from grainmotion.model.scan import Scan
+from grainmotion.model.volume import Volume
+from grainmotion.projection.volumes import project
+from grainmotion.tracking.track import PAPER, TrackSettings, track_with_residual
+
+GRAINS = grain_set()
+TRUTH = small_motions(GRAINS)
+QUICK = TrackSettings(search=False)
+ROUNDING = 4e-6  # of single precision, in line integrals of about 1.4
+
+
+def wall() -> Volume:
+    """A dense tube around the grains."""
+    _, y, x = np.indices((40, 64, 64))
+    r = np.hypot(y - 31.5, x - 31.5)
+    return Volume(np.where((r > 28) & (r < 31), 0.5, 0.0).astype(np.float32), GRAINS.voxel_size)
+
+
+def same(grains, scan, settings):
+    measured, residual = track_with_residual(grains, scan, settings=settings)
+    again = residual_images(grains, measured, scan, projector=settings.projector)
+    np.testing.assert_allclose(residual, again, atol=ROUNDING)
+    return residual
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        QUICK,
+        PAPER,
+        replace(QUICK, gain="view", trend="linear", hardening=2),
+        replace(QUICK, view_corrections="always"),
+        replace(QUICK, weights="photons", loss="huber"),
+    ],
+    ids=["default", "paper", "response", "views", "weights"],
+)
+def test_all_grains_and_settings(settings):
+    truth = motions(GRAINS, 0.02, 0.5) if settings is PAPER else TRUTH
+    scan = radiographs(GRAINS, truth, gain=1.0 if settings is PAPER else 1.05)
+    assert np.std(same(GRAINS, scan, settings)) < 0.03
+
+
+def test_masked_pixels():
+    scan = radiographs(GRAINS, TRUTH)
+    valid = np.ones(scan.line_integrals.shape, bool)
+    valid[:, 10:14, 20:25] = False
+    residual = same(GRAINS, Scan(scan.line_integrals, scan.geometry, valid), QUICK)
+    np.testing.assert_array_equal(np.isnan(residual), ~valid)
+
+
+def test_a_missing_grain():
+    left = GRAINS.without([2])
+    truth = replace(
+        small_motions(left), translations=TRUTH.translations[[0, 1, 3, 4]], rotations=TRUTH.rotations[[0, 1, 3, 4]]
+    )
+    same(GRAINS, radiographs(left, truth), TrackSettings())
+
+
+@pytest.mark.parametrize("moves", [True, False])
+def test_a_background(moves):
+    scan = radiographs(GRAINS, TRUTH)
+    scan = replace(scan, line_integrals=scan.line_integrals + project(wall(), geometry()))
+    same(GrainSet(GRAINS.grains, wall(), moves), scan, QUICK)
+
+
+def test_none_where_a_grain_without_a_motion_was_simulated():
+    scan = radiographs(GRAINS, TRUTH, views=geometry(shape=(52, 22)))
+    measured, residual = track_with_residual(GRAINS, scan, settings=QUICK)
+    assert np.isnan(measured.translations).any()
+    assert residual is None
