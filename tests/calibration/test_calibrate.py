@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from grainmotion.calibration.calibrate import CalibrateSettings, calibrate
-from grainmotion.calibration.corrections import Correction, corrected, from_table_unit, in_table_unit
+from grainmotion.calibration.corrections import corrected, in_table_unit
 from grainmotion.errors import InputError
-from grainmotion.model.detector_alignment import DetectorAlignment
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
@@ -99,55 +98,6 @@ class TestFarOff:
         scan = recorded(case, told, shift_u=-8 * PIXEL)
         calibration = calibrate(scan, case.scanner.grid, CalibrateSettings(parameters=("shift_u",), columns=36))
         assert calibration.amounts["shift_u"] == pytest.approx(-8 * PIXEL, abs=0.05 * PIXEL)
-
-
-class TestCorrections:
-    """Of a perfect circular scan they are the numbers of `DetectorAlignment`."""
-
-    @pytest.mark.parametrize("first_row", ["bottom", "top"])
-    @pytest.mark.parametrize("beam", ["cone", "parallel"])
-    def test_same_as_the_constructors(self, beam, first_row):
-        panel = DetectorAlignment((0.3, -0.2), (1.0, -2.0, 0.5), 0.4, (0.7, 0.0), first_row)
-        off = {
-            "shift_u": 0.3, "shift_v": -0.2, "pitch": np.deg2rad(1.0), "turn": np.deg2rad(-2.0),
-            "yaw": np.deg2rad(0.5), "axis_offset": 0.4, "axis_tilt": np.deg2rad(0.7),
-        }  # fmt: skip
-
-        def made(panel):
-            if beam == "parallel":
-                return Geometry.parallel([0, 50, 200], (8, 9), 0.1, panel=panel)
-            return Geometry.cone([0, 50, 200], (8, 9), 0.1, source_to_axis=20, source_to_detector=50, panel=panel)
-
-        told = made(DetectorAlignment(first_row=first_row))
-        np.testing.assert_allclose(corrected(told, off).vectors, made(panel).vectors, atol=1e-12)
-
-    def test_axis_tilt_about_the_beam_is_the_turn(self):
-        def made(panel):
-            return Geometry.cone([0, 50], (8, 9), 0.1, source_to_axis=20, source_to_detector=50, panel=panel)
-
-        turned = corrected(made(None), {"turn": np.deg2rad(-1.5)})
-        np.testing.assert_allclose(
-            turned.vectors, made(DetectorAlignment(axis_tilt_deg=(0.0, 1.5))).vectors, atol=1e-12
-        )
-
-    @pytest.mark.parametrize("degrees", [0.1, -2.0 / 3, 1e-5, 7.123456789012])
-    def test_an_angle_of_a_table_comes_back(self, degrees):
-        amount = from_table_unit("turn", in_table_unit("turn", np.deg2rad(degrees)))
-        assert from_table_unit("turn", in_table_unit("turn", amount)) == amount
-        assert amount == pytest.approx(np.deg2rad(degrees), abs=1e-13)
-
-    def test_former_names_are_in_degrees(self):
-        turn = Correction("turn", np.deg2rad(0.5), np.deg2rad(0.1))
-        with pytest.warns(DeprecationWarning, match="amount"):
-            assert turn.value == pytest.approx(0.5)
-        with pytest.warns(DeprecationWarning, match="amount_sd"):
-            assert turn.sd == pytest.approx(0.1)
-        assert str(turn) == "turn 0.5000 ± 0.1000 degrees"
-
-    def test_unknown_name(self):
-        told = Geometry.parallel([0], (4, 4), 1.0)
-        with pytest.raises(InputError, match="no corrections"):
-            corrected(told, {"shift": 1.0})
 
 
 class TestInput:

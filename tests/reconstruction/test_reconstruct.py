@@ -11,9 +11,7 @@ from grainmotion.model.geometry import Geometry
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.projection.volumes import project
-from grainmotion.reconstruction.ordered_subsets import subsets
 from grainmotion.reconstruction.reconstruct import ReconstructSettings, reconstruct
-from grainmotion.reconstruction.system import golden_order
 from grainmotion.rotations import rotation_matrix
 from grainmotion.simulate import Ellipsoid, Particle, Sample, attenuation_volume
 
@@ -226,16 +224,6 @@ class TestAccelerated:
         assert free.min() < -0.01
         assert free[:, np.hypot(x, y) > 17.01].any()
 
-    @pytest.mark.parametrize("count", [1, 5, 40, 352, 1000])
-    def test_subsets(self, count):
-        """Every view comes as often as any other but one; a subset holds no view twice."""
-        parts = [part for phase in subsets(count) for part, _ in phase]
-        uses = np.bincount(np.concatenate(parts), minlength=count)
-        assert np.ptp(uses) <= 1
-        assert all(len(np.unique(part)) == len(part) for part in parts)
-        if count >= 352:
-            assert len(np.concatenate(parts)) == pytest.approx(count * (1 + 16 / 44), rel=0.03)
-
     def test_options_of_plain_sart_are_refused(self):
         with pytest.raises(InputError, match="only plain SART takes this"):
             ReconstructSettings(method="accelerated", sweeps=3)
@@ -283,20 +271,6 @@ class TestMaskedPixels:
         nothing = np.zeros(scan.line_integrals.shape, bool)
         found = reconstruct(Scan(scan.line_integrals, scan.geometry, nothing), GRID)
         assert not found.volume.array.any()
-
-
-class TestOrder:
-    @pytest.mark.parametrize("n", [1, 2, 3, 10, 352, 1000])
-    def test_every_view_once(self, n):
-        np.testing.assert_array_equal(np.sort(golden_order(n)), np.arange(n))
-
-    def test_neighbours_are_far_apart_and_all_sides_come_early(self):
-        order = golden_order(360)
-        steps = np.abs(np.diff(order))
-        steps = np.minimum(steps, 360 - steps)
-        assert steps.min() > 100  # about 137°
-        first = np.sort(order[:12])
-        assert np.diff(first).max() < 60
 
 
 class TestSettings:

@@ -1,4 +1,4 @@
-"""Cutting a labelled volume into grains: nothing lost, nothing twice, everything in its place."""
+"""Extracting the grains of a labelled volume: nothing lost, nothing twice, everything in its place."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,6 @@ from scipy import ndimage
 
 from grainmotion.errors import InputError
 from grainmotion.kernels.layout import PADDING
-from grainmotion.model.grains import Grain, GrainSet
 from grainmotion.model.volume import Volume
 from grainmotion.segmentation.extraction import grains_from_labels
 
@@ -37,7 +36,7 @@ def two_blocks():
     return Volume(array, VOXEL, (5.0, -3.0, 1.0)), labels
 
 
-class TestCut:
+class TestExtraction:
     def test_attenuation_is_handed_out_once(self, two_blocks):
         volume, labels = two_blocks
         grains = grains_from_labels(volume, labels)
@@ -113,27 +112,6 @@ class TestGrainSet:
         assert grains.centers.shape == (2, 3)
         assert grains.voxel_size == VOXEL
         assert grains.background is None
-
-    def test_without(self, two_blocks):
-        grains = grains_from_labels(*two_blocks)
-        np.testing.assert_array_equal(grains.without([0]).labels, [7])
-        np.testing.assert_array_equal(grains.without([]).labels, [3, 7])
-        with pytest.raises(InputError, match="no grain"):
-            grains.without([0, 1])
-
-    def test_empty(self):
-        with pytest.raises(InputError, match="no grain"):
-            GrainSet(())
-
-    def test_voxel_sizes_differ(self):
-        grains = tuple(Grain(k, Volume.zeros((5, 5, 5), h), np.zeros(3)) for k, h in ((1, 0.1), (2, 0.2)))
-        with pytest.raises(InputError, match=r"voxel size.*0\.2"):
-            GrainSet(grains)
-
-    def test_labels_twice(self):
-        one = Grain(4, Volume.zeros((5, 5, 5), 0.1), np.zeros(3))
-        with pytest.raises(InputError, match="label 4 is there twice"):
-            GrainSet((one, one))
 
 
 class TestRefused:

@@ -1,0 +1,43 @@
+"""GrainSet: which grains belong together."""
+
+import numpy as np
+import pytest
+
+from grainmotion.errors import InputError
+from grainmotion.model.grains import Grain, GrainSet
+from grainmotion.model.volume import Volume
+
+
+def grain(label, voxel_size=0.1):
+    return Grain(label, Volume.zeros((5, 5, 5), voxel_size), np.full(3, float(label)))
+
+
+def test_arrays():
+    grains = GrainSet((grain(3), grain(7)))
+    np.testing.assert_array_equal(grains.labels, [3, 7])
+    np.testing.assert_array_equal(grains.centers, [[3, 3, 3], [7, 7, 7]])
+    assert grains.voxel_size == 0.1
+    assert grains.precision == np.float32
+
+
+def test_without():
+    grains = GrainSet((grain(3), grain(7)))
+    np.testing.assert_array_equal(grains.without([0]).labels, [7])
+    np.testing.assert_array_equal(grains.without([]).labels, [3, 7])
+    with pytest.raises(InputError, match="no grain"):
+        grains.without([0, 1])
+
+
+def test_empty():
+    with pytest.raises(InputError, match="no grain"):
+        GrainSet(())
+
+
+def test_voxel_sizes_differ():
+    with pytest.raises(InputError, match=r"voxel size.*0\.2"):
+        GrainSet((grain(1), grain(2, 0.2)))
+
+
+def test_labels_twice():
+    with pytest.raises(InputError, match="label 4 is there twice"):
+        GrainSet((grain(4), grain(4)))
