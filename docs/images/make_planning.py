@@ -83,7 +83,7 @@ def checked(name: str, cases: list[tuple[simulate.Case, gm.GrainSet]], photons: 
 
 def predicted_sd(grains: gm.GrainSet, geometry: gm.Geometry, settings: gm.PlanSettings) -> np.ndarray:
     """Predicted sd ``(n, 6)`` from all views of a geometry, mm and radians."""
-    covariances = Candidates.of(grains, geometry, settings).covariances(range(len(geometry)))
+    covariances = Candidates(grains, geometry, settings).covariances(range(len(geometry)))
     return np.sqrt(np.einsum("nkk->nk", covariances))
 
 

@@ -48,7 +48,7 @@ def planned() -> Plan:
 
 
 def candidates(geometry: Geometry | None = None, **changes) -> Candidates:
-    return Candidates.of(few(), geometry or circle(), dataclasses.replace(SETTINGS, **changes))
+    return Candidates(few(), geometry or circle(), dataclasses.replace(SETTINGS, **changes))
 
 
 def sd(found: Candidates, views) -> np.ndarray:
@@ -99,7 +99,7 @@ class TestInformation:
         quarter = rotation_matrix([0, 0, np.pi / 2])
         turned = GrainSet(tuple(turn_quarter(g) for g in few().grains))
         a = found.covariances((2, 7))
-        b = Candidates.of(turned, circle(), SETTINGS).covariances((2 + 6, 7 + 6))
+        b = Candidates(turned, circle(), SETTINGS).covariances((2 + 6, 7 + 6))
         both = np.kron(np.eye(2), quarter)
         scale = np.sqrt(np.einsum("nkk->nk", b))
         shape = scale[:, :, None] * scale[:, None, :]
@@ -322,9 +322,7 @@ class TestPredictionsAgainstSimulatedExperiments:
         case, grains = experiment
         case = dataclasses.replace(case, physics=dataclasses.replace(case.physics, photons=photons))
         h, angles = case.scanner.voxel_size, simulate.LATER_ANGLES_DEG[views]
-        predicted = sd(
-            Candidates.of(grains, case.scanner.geometry(angles), PlanSettings(photons=photons)), range(views)
-        )
+        predicted = sd(Candidates(grains, case.scanner.geometry(angles), PlanSettings(photons=photons)), range(views))
         squares: list[list[float]] = [[], []]
         for number in range(STATES):
             truth = simulate.random(case.sample, 3 * h, 6.0, 50 + number)

@@ -28,26 +28,10 @@ EXPECTED_RESIDUAL_SHARE = 0.01
 class Target:
     """The radiographs to fit, and how simulated ones are compared with them.
 
-    Attributes
-    ----------
-    scan : Scan
-    fixed_background : (views, rows, columns) array
-        Line integrals of the background where it did not move.
-    projector : Projector
-    sigma : float
-        Width of the Gaussian filter on radiographs, pixels; 0 is none.
-    response_model : ResponseModel
-        Which numbers of the detector's response are unknown.
-    derivatives : Derivatives
-        How those of the line integrals are taken.
-    weights : (views, rows, columns) array, optional
-        Of pixels; None counts all alike.
-    background : GrainArrays, optional
-        The background as a body, if it can move.
-    nuisance : NuisanceModel
-        What moves beside the grains.
-    device : Device
-        Filters radiographs.
+    ``fixed_background (views, rows, columns)`` are line integrals of the background where it did not move, and
+    ``background`` is the body itself if it can move; ``sigma`` is the width of the Gaussian filter, pixels;
+    ``response_model`` and ``nuisance`` say which numbers of the response and which motions beside the grains' are
+    unknown; ``weights`` are those of pixels, None if equal; ``device`` filters radiographs.
     """
 
     scan: Scan

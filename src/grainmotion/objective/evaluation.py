@@ -11,9 +11,10 @@ Derivatives are weighted and filtered as the residual is.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from grainmotion._typing import Image
+from grainmotion._typing import Float, Image
 from grainmotion.backends.patchwork import filter_patches
 from grainmotion.model.detector_response import Response
 from grainmotion.model.geometry import Geometry
@@ -37,24 +38,10 @@ from grainmotion.projection.grains import (
 class Evaluation:
     """Simulated and measured radiographs at a pose, without derivatives.
 
-    Images are ``(views, rows, columns)``.
-
-    Attributes
-    ----------
-    patches : Patches
-        Pixels on which each grain is projected.
-    values : (pixels,) array
-        Each grain's own line integrals in its patches, on the device that holds the grains.
-    residual, simulated : array
-        r and F w m(P).
-    line_integrals : array
-        P of all grains and the background.
-    raw_residual : array
-        b − m(P), neither weighted nor filtered; 0 where a pixel does not count.
-    response : Response
-        The best response at this pose.
-    response_columns : Columns
-        Images of the response's unknowns, which are eliminated.
+    ``values (pixels,)`` are each grain's own line integrals in its ``patches``, on the device of the grains.  Images
+    are ``(views, rows, columns)``: ``residual`` r, ``simulated`` F w m(P), ``line_integrals`` P of all grains and the
+    background, and ``raw_residual`` b − m(P), neither weighted nor filtered and 0 where a pixel does not count.
+    ``response`` is the best one at this pose, and ``response_columns`` are the images of its eliminated unknowns.
     """
 
     patches: Patches
@@ -71,17 +58,19 @@ class Evaluation:
         """½‖r‖²."""
         return 0.5 * dot(self.residual, self.residual)
 
+    def grain_pixels(self, *images: Image) -> Iterator[tuple[int, Float, list[Image]]]:
+        """Of each patch: the grain, its own line integrals in double precision, and those pixels of some images."""
+        for p, (grain, view, r0, r1, c0, c1) in enumerate(self.patches.boxes):
+            own = self.values[self.patches.offsets[p] : self.patches.offsets[p + 1]].astype(float)
+            yield grain, own, [image[view, r0:r1, c0:c1].ravel() for image in images]
+
 
 @dataclass(frozen=True, eq=False)
 class LinearizedEvaluation(Evaluation):
-    """An evaluation with derivatives.
+    """An evaluation with derivatives of F w m(P).
 
-    Attributes
-    ----------
-    derivatives : (6, pixels) array
-        By the grains' (u, δ), in their patches: of F w m(P), or of P itself if they are not filtered yet.
-    nuisance_columns : Columns
-        Derivatives of F w m(P) by the unknowns of the nuisance motions.
+    ``derivatives (6, pixels)`` are by the grains' (u, δ), in their patches, and of P itself if they are not filtered
+    yet; ``nuisance_columns`` are by the unknowns of the nuisance motions.
     """
 
     derivatives: Image

@@ -65,14 +65,13 @@ class Candidates:
     """The views to choose from, and the grains that they see in the reference state."""
 
     grains: GrainSet
-    grain_arrays: GrainArrays
     geometry: Geometry
     settings: PlanSettings
 
-    @classmethod
-    def of(cls, grains: GrainSet, geometry: Geometry, settings: PlanSettings) -> Candidates:
-        """Candidates for grains in their reference state."""
-        return cls(grains, GrainArrays.of(grains), geometry, settings)
+    @cached_property
+    def grain_arrays(self) -> GrainArrays:
+        """The grains as the kernels take them."""
+        return GrainArrays.of(self.grains)
 
     @property
     def pose(self) -> Pose:

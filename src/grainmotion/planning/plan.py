@@ -220,7 +220,7 @@ def plan(
         fact = f"{counts[-1]} views wanted of {len(views)} candidates"
         raise InputError("plan.views", fact, "ask for fewer views, or give a smaller plan.step_deg")
     with threadpool_limits(limits=1, user_api="blas"):  # its matrices are small
-        return _plan(Candidates.of(grains, views, settings), counts, progress)
+        return _plan(Candidates(grains, views, settings), counts, progress)
 
 
 def _plan(candidates: Candidates, counts: list[int], progress: Progress | None) -> Plan:

@@ -71,10 +71,8 @@ def grain_supports(problem: StateProblem, pose: Pose) -> list[GrainSupport]:
     plain = replace(problem.target, sigma=0.0, response_model=ResponseModel(), weights=None)
     evaluation = StateProblem(problem.grains, plain).evaluate(pose)
     sums = np.zeros((len(problem.grains), 4))
-    for p, (grain, view, r0, r1, c0, c1) in enumerate(evaluation.patches.boxes):
-        own = evaluation.values[evaluation.patches.offsets[p] : evaluation.patches.offsets[p + 1]].astype(float)
-        own *= problem.target.valid[view, r0:r1, c0:c1].ravel()
-        residual = evaluation.raw_residual[view, r0:r1, c0:c1].ravel()
+    for grain, own, (valid, residual) in evaluation.grain_pixels(problem.target.valid, evaluation.raw_residual):
+        own *= valid
         sums[grain] += own @ residual, own @ own, residual.sum(), own.sum()
     with np.errstate(divide="ignore", invalid="ignore"):
         shares = 1 + sums[:, ::2] / sums[:, 1::2]

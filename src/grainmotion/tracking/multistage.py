@@ -45,19 +45,9 @@ BACKGROUND_SHIFT_SD, BACKGROUND_ROTATION_SD = 20.0, 0.1
 class MultistageFit:
     """The fit of one state under way.
 
-    Attributes
-    ----------
-    settings : TrackSettings
-    grains, fine_grains : GrainArrays
-        The same grains on the reference's voxels, and on finer ones for the last stages.
-    target : Target
-        The radiographs, not yet filtered.
-    progress : callable, optional
-    costs : list of (str, float)
-        Stage and relative residual after each accepted step.
-    stages_done : int
-    levels : dict
-        Coarser grains and radiographs, by how much coarser.
+    ``fine_grains`` are the same as ``grains`` on finer voxels, for the last stages; ``target`` is not yet filtered;
+    ``costs`` hold the stage and the relative residual after each accepted step; ``levels`` are coarser grains and
+    radiographs, by how many times coarser.
     """
 
     settings: TrackSettings
@@ -85,12 +75,8 @@ class MultistageFit:
         if grains.background is not None:
             background = project(grains.background, scan.geometry, projector=settings.projector)
             body = packed_body(grains.background).on(device)
-            shift_sd = BACKGROUND_SHIFT_SD * grains.voxel_size
-            nuisance = NuisanceModel(
-                background=grains.background_moves,
-                background_shift_sd=shift_sd,
-                background_rotation_sd=BACKGROUND_ROTATION_SD,
-            )
+            shift_sd, rotation_sd = BACKGROUND_SHIFT_SD * grains.voxel_size, BACKGROUND_ROTATION_SD
+            nuisance = NuisanceModel(grains.background_moves, False, shift_sd, rotation_sd)
         target = Target(
             scan, background, settings.projector, 0.0, derivatives=settings.derivatives, background=body,
             nuisance=nuisance, device=device,

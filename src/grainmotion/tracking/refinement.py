@@ -42,19 +42,9 @@ REWEIGHTING_ROUNDS = 3
 class RefinedFit:
     """The last problem and its solution, with their uncertainty.
 
-    Attributes
-    ----------
-    problem : StateProblem
-    solution : Solution
-    covariances : (n, 6, 6) array
-        Of (u, δ), mm and radians, from the radiographs alone.
-    posterior : (n, 6, 6) array
-        The same with the prior on weak directions.
-    corrections_sd : ViewCorrections, optional
-        Standard deviations of the views' poses.
-    downweighted : float
-        Share of pixels that a robust loss counted less.
-    notes : tuple of str
+    ``covariances (n, 6, 6)`` of (u, δ), mm and radians, are from the radiographs alone, ``posterior`` are the same with
+    the prior on weak directions; ``corrections_sd`` are of the views' poses; ``downweighted`` is the share of pixels
+    that a robust loss counted less.
     """
 
     problem: StateProblem

@@ -132,10 +132,6 @@ class _Job:
         """A fit that is about to start."""
         return MultistageFit.of(self.grains, self.scan, self.settings, self.progress, self.device)
 
-    def adjusted(self, grains: GrainSet, *, start: Motions | None, settings: TrackSettings | None = None) -> _Job:
-        """The same state with other grains."""
-        return replace(self, grains=grains, start=start, settings=settings or self.settings)
-
 
 @dataclass(frozen=True, eq=False)
 class _Attempt:
@@ -156,7 +152,7 @@ def _without_missing(job: _Job, first: _Attempt) -> _Attempt:
             trial_settings = replace(settings, fields=False, filters=settings.filters[1:] or settings.filters)
         elif len(missing) > MAX_SINGLE_SUSPECTS:  # the right trial needs no search
             trial_settings = replace(settings, search=False)
-        trials = [job.adjusted(present.without(rows), start=start, settings=trial_settings) for rows in missing]
+        trials = [replace(job, grains=present.without(rows), start=start, settings=trial_settings) for rows in missing]
         attempts = [_attempt(trial) for trial in trials]
         k = max(range(len(attempts)), key=lambda k: merit(attempts[k].motions))
         if not improves(attempts[k].motions, best.motions):
@@ -175,8 +171,8 @@ def _with_new_grain(job: _Job) -> Motions | None:
         return None
     grains = with_stand_in(job.grains, place)
     start = start_with_stand_in(job.start, grains)
-    attempt = _attempt(job.adjusted(grains, start=start, settings=replace(job.settings, search=False)))
-    return without_last(attempt.motions)
+    quick = replace(job.settings, search=False)
+    return without_last(_attempt(replace(job, grains=grains, start=start, settings=quick)).motions)
 
 
 def _attempt(job: _Job) -> _Attempt:

@@ -44,14 +44,8 @@ MAX_MISREGISTERED_SHARE = 0.25
 class ViewMisalignment:
     """How far views are out of place, as far as the radiographs show it.
 
-    Attributes
-    ----------
-    evidence : float
-        χ² of the corrections over its degrees of freedom.
-    shift, angle : float
-        Standard deviation of a view's shift (pixels) and angle (radians).
-    pixels_per_radian : float
-        Pixels that a projection at the sample's rim moves per radian.
+    ``evidence`` is χ² of the corrections over its degrees of freedom, ``shift`` (pixels) and ``angle`` (radians) are
+    standard deviations of a view's, and ``pixels_per_radian`` is how far a projection at the sample's rim moves.
     """
 
     evidence: float = 0.0

@@ -155,15 +155,14 @@ def excess_factors(problem: StateProblem, evaluation: LinearizedEvaluation, vari
     filter_images(smooth, kernel, problem.target.device)
     noise_left = float((np.concatenate([kernel[:0:-1], kernel]).astype(float) ** 2).sum()) ** 2
     sums = np.zeros((len(problem.grains), 3))
-    for p, (grain, view, r0, r1, c0, c1) in enumerate(evaluation.patches.boxes):
-        own = evaluation.values[evaluation.patches.offsets[p] : evaluation.patches.offsets[p + 1]].astype(float)
-        weight = np.abs(own) * valid[view, r0:r1, c0:c1].ravel()
-        for k, image in enumerate((evaluation.raw_residual, smooth)):
-            sums[grain, k] += weight @ image[view, r0:r1, c0:c1].ravel().astype(float) ** 2
-        sums[grain, 2] += weight @ variances[view, r0:r1, c0:c1].ravel()
-    squares, smoothed, expected = np.maximum(sums.T, 1e-300)
-    correlated = np.maximum(1.0, smoothed / (noise_left * squares))
-    return 1.0 + np.maximum(0.0, squares / expected - 1.0) * correlated
+    images = valid, evaluation.raw_residual, smooth, variances
+    for grain, own, (good, residual, smoothed, variance) in evaluation.grain_pixels(*images):
+        weight = np.abs(own) * good
+        squares = [weight @ image.astype(float) ** 2 for image in (residual, smoothed)]
+        sums[grain] += *squares, weight @ variance
+    raw, structured, expected = np.maximum(sums.T, 1e-300)
+    correlated = np.maximum(1.0, structured / (noise_left * raw))
+    return 1.0 + np.maximum(0.0, raw / expected - 1.0) * correlated
 
 
 def regular_inverse(matrix: Float) -> tuple[Float, Float]:

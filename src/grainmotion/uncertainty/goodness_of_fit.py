@@ -99,14 +99,10 @@ def misfits(problem: StateProblem, evaluation: Evaluation) -> Misfits:
     values = np.asarray(evaluation.values)
     squares = assemble(values**2, evaluation.patches, problem.target.scan.geometry)
     sums = np.zeros((n, 4))
-    for p, (grain, view, r0, r1, c0, c1) in enumerate(evaluation.patches.boxes):
-        start, end = evaluation.patches.offsets[p : p + 2]
-        own = values[start:end].astype(float)
-        residual, crowd = (
-            images[view, r0:r1, c0:c1].ravel().astype(float) for images in (evaluation.raw_residual, squares)
-        )
-        weight = np.abs(own) * problem.target.valid[view, r0:r1, c0:c1].ravel()
-        sums[grain] += weight.sum(), weight @ residual**2, weight @ own**2, weight @ crowd
+    images = problem.target.valid, evaluation.raw_residual, squares
+    for grain, own, (valid, residual, crowd) in evaluation.grain_pixels(*images):
+        weight, residual = np.abs(own) * valid, residual.astype(float)
+        sums[grain] += weight.sum(), weight @ residual**2, weight @ own**2, weight @ crowd.astype(float)
     means = np.sqrt(sums[:, 1:] / np.maximum(sums[:, :1], 1e-30))
     means[sums[:, 0] <= 0] = np.nan
     # A small gain would make any misfit small beside line integrals that were never measured.
