@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from grainmotion._typing import Float, Progress
+from grainmotion._typing import Progress
 from grainmotion.reconstruction.settings import ReconstructSettings
 from grainmotion.reconstruction.system import Iterate, SumOfSquares, Views, golden_order, relative
 
@@ -67,13 +67,13 @@ def subsets(views: int) -> list[list[tuple[Views, float]]]:
 
 
 def _updated(
-    iterate: Iterate, parts: Iterable[tuple[Views, float]], momentum: float, report: Callable[[Float, int], None]
-) -> Float:
+    iterate: Iterate, parts: Iterable[tuple[Views, float]], momentum: float, report: Callable[[SumOfSquares, int], None]
+) -> SumOfSquares:
     """Update a volume by one subset after the other, each with its relaxation; Σ(b − A x)² and Σb² of all, ``(2,)``.
 
     ``report(squares so far, views so far)`` is called for each update in turn, delayed by `Iterate.ahead` updates.
     """
-    squares = np.zeros(2)
+    squares: SumOfSquares = np.zeros(2)
     done, pending = 0, deque[tuple[SumOfSquares, int]]()
 
     def settle(most: int) -> None:
@@ -91,10 +91,10 @@ def _updated(
     return squares
 
 
-def _reporter(progress: Progress | None, name: str, before: int, total: int) -> Callable[[Float, int], None]:
+def _reporter(progress: Progress | None, name: str, before: int, total: int) -> Callable[[SumOfSquares, int], None]:
     """Report progress in views, with the name of the stage and ε."""
 
-    def report(squares: Float, done: int) -> None:
+    def report(squares: SumOfSquares, done: int) -> None:
         if progress is not None:
             progress(f"{name}, ε = {relative(squares):.4f}", before + done, total)
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,13 +28,11 @@ Views = NDArray[np.int64]
 NO_LIMIT = np.float32(np.finfo(np.float32).min)
 
 
-class PendingSum(Protocol):
-    """Two sums of squares that are still being computed; adding them to an array waits for them."""
+SumOfSquares = Any
+"""Σ(b − A x)² and Σb²: an array ``(2,)``, or one that is still being computed on a GPU or by workers.
 
-    def __radd__(self, other: Float, /) -> Float: ...
-
-
-SumOfSquares = Float | PendingSum
+Such sums can be added up before they are known, and are waited for when they are read (on a GPU) or added (of workers).
+"""
 
 
 class Iterate(Protocol):
@@ -130,6 +128,6 @@ def golden_order(views: int) -> Views:
     return np.argsort(np.argsort(fractions)).astype(np.int64)
 
 
-def relative(squares: Float) -> float:
+def relative(squares: SumOfSquares) -> float:
     """ε = ‖b − A x‖/‖b‖ (Eq. 23) from the two sums of squares."""
     return float(np.sqrt(squares[0] / squares[1])) if squares[1] > 0 else 0.0
