@@ -53,7 +53,7 @@ def classified(scan, pose, grains=GRAINS, limits=LIMITS, settled=True, last_step
 def refined(problem, solution):
     """A solution with its covariances, nothing held."""
     evaluation = problem.evaluate_with_derivatives(solution.state)
-    hessian = normal_matrix(evaluation.derivatives, evaluation.patches, len(problem.grains))
+    hessian = normal_matrix(evaluation.jacobian)
     known, _ = covariances(problem, solution.state, evaluation, hessian)
     known[:, 3:, 3:] += unconfirmed_rotations(problem, solution.state, evaluation)
     return RefinedFit(problem, solution, known, weak_directions(known, problem.grains).posterior())

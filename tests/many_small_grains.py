@@ -11,8 +11,9 @@ from grainmotion.model.grains import GrainSet
 from grainmotion.model.pose import Pose
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
+from grainmotion.projection.footprints import footprint_patches
 from grainmotion.projection.grain_arrays import GrainArrays
-from grainmotion.projection.grains import assemble, project_patches, shadows
+from grainmotion.projection.grains import assemble, project_patches
 from grainmotion.rotations import rotation_matrix
 from grainmotion.segmentation.extraction import grains_from_labels
 
@@ -56,6 +57,6 @@ def state(grains: GrainSet, geometry: Geometry, noise: float = 0.002, seed: int 
     packed, n = GrainArrays.of(grains), len(grains)
     rotations = rotation_matrix(np.deg2rad(2) * rng.uniform(-1, 1, (n, 3)))
     pose = replace(still(n), translations=0.5 * VOXEL * rng.uniform(-1, 1, (n, 3)), matrices=rotations)
-    patches = shadows(packed, pose, geometry)
+    patches = footprint_patches(packed, pose, geometry)
     images = assemble(project_patches(packed, pose, geometry, patches, "trilinear"), patches, geometry)
     return Scan(images + noise * rng.standard_normal(images.shape), geometry), pose

@@ -10,8 +10,9 @@ from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.objective.data_term import Target
 from grainmotion.objective.response_parameters import ResponseModel
+from grainmotion.projection.footprints import footprint_patches
 from grainmotion.projection.grain_arrays import GrainArrays
-from grainmotion.projection.grains import assemble, project_patches, shadows
+from grainmotion.projection.grains import assemble, project_patches
 from grainmotion.rotations import rotation_matrix
 from grainmotion.segmentation.extraction import grains_from_labels
 
@@ -61,7 +62,7 @@ def mask():
 
 
 def measured(gain=1.0, offset=0.0, noise=0.0, pose=POSE):
-    patches = shadows(GRAINS, pose, GEOMETRY)
+    patches = footprint_patches(GRAINS, pose, GEOMETRY)
     images = gain * assemble(project_patches(GRAINS, pose, GEOMETRY, patches, "trilinear"), patches, GEOMETRY) + offset
     return images + (noise * np.random.default_rng(4).standard_normal(images.shape)).astype(np.float32)
 

@@ -76,14 +76,14 @@ class TestDevice:
         assert "done: nothing; kept: reconstruct" in invoke("run", copied, "--device", "cpu").stdout
 
     def test_a_device_that_is_not_there_is_told_before_any_work(self, tmp_path, monkeypatch):
-        monkeypatch.setattr(device, "_lacking", lambda: ("no card", "buy one"))
+        monkeypatch.setattr(device, "_cuda_problem", lambda: ("no card", "buy one"))
         result = CliRunner().invoke(app, ["run", str(write_tiny(tmp_path)), "--device", "cuda"])
         assert result.exit_code == 2
         assert result.stderr == "error: device 'cuda': no card; buy one\n"
         assert not (tmp_path / "results").exists()
 
     def test_the_file_chooses_where_the_command_does_not(self, tmp_path, monkeypatch):
-        monkeypatch.setattr(device, "_lacking", lambda: ("no card", "buy one"))
+        monkeypatch.setattr(device, "_cuda_problem", lambda: ("no card", "buy one"))
         path = write_tiny(tmp_path)
         path.write_text(path.read_text().replace("search = false", 'search = false\ndevice = "cuda"'))
         assert CliRunner().invoke(app, ["run", str(path)]).exit_code == 2

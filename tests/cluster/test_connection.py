@@ -42,7 +42,7 @@ VOXEL = GRAINS.voxel_size
 @pytest.fixture(autouse=True)
 def shared(monkeypatch):
     """Workers walk samples however small."""
-    monkeypatch.setattr("grainmotion.cluster.dask_backend.WORTH", 0)
+    monkeypatch.setattr("grainmotion.cluster.dask_backend.MIN_VOXELS_TO_SHARE", 0)
 
 
 class Workers:
@@ -95,7 +95,7 @@ class TestWorkers:
                 if len(told) == 6:
                     workers.kill()
 
-            many = track(GRAINS, SCAN, settings=QUICK, progress=listen, device=cluster.crew)
+            many = track(GRAINS, SCAN, settings=QUICK, progress=listen, device=cluster.backend)
             assert len(cluster.work.client.scheduler_info()["workers"]) == 1
         assert len(told) > 8
         same(alone, many)
@@ -202,7 +202,7 @@ class TestRun:
 
     def test_same_motions_of_states_side_by_side(self, once, monkeypatch, tmp_path):
         """Each tracked by one worker, for the sample is small; both start at the reference."""
-        monkeypatch.setattr("grainmotion.cluster.dask_backend.WORTH", 1e9)
+        monkeypatch.setattr("grainmotion.cluster.dask_backend.MIN_VOXELS_TO_SHARE", 1e9)
         shutil.copytree(once[0].parent, tmp_path / "tiny")
         path = tmp_path / "tiny" / "experiment.toml"
         path.write_text(

@@ -23,7 +23,7 @@ QUICK = TrackSettings(search=False, fields=False, filters=(2.0, 0.7), iterations
 @pytest.fixture(autouse=True)
 def shared(monkeypatch):
     """Workers walk samples however small."""
-    monkeypatch.setattr("grainmotion.cluster.dask_backend.WORTH", 0)
+    monkeypatch.setattr("grainmotion.cluster.dask_backend.MIN_VOXELS_TO_SHARE", 0)
 
 
 def crowd():
@@ -68,10 +68,10 @@ def equal(one, other):
 def test_same_bits_however_it_is_cut(alone, tmp_path, hands):
     grains, scan, one = alone
     assert np.ptp(one.translations) > VOXEL
-    crew = DaskBackend.of(InlineExecutor(hands), SharedStore(tmp_path / "shelf"))
+    crew = DaskBackend(InlineExecutor(hands), SharedStore(tmp_path / "shelf"))
     equal(one, track(grains, scan, settings=QUICK, device=crew))
-    assert crew.work.done.count("spread") > 10 * hands
-    crew.shelf.close()
+    assert crew.executor.done.count("jvp") > 10 * hands
+    crew.store.close()
 
 
 @pytest.mark.slow
@@ -79,4 +79,4 @@ def test_same_bits_by_processes(alone, tmp_path):
     pytest.importorskip("distributed")
     grains, scan, one = alone
     with at_work(ComputeConfig(workers=2), tmp_path) as cluster:
-        equal(one, track(grains, scan, settings=QUICK, device=cluster.crew))
+        equal(one, track(grains, scan, settings=QUICK, device=cluster.backend))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from few_grains import grain_set
-from grainmotion.backends.device import CPU
+from grainmotion.backends.cpu import CPU
 from grainmotion.cluster.shared_store import SharedStore
 from grainmotion.cluster.state_tasks import State, track_scattered
 from grainmotion.errors import InputError
@@ -39,7 +39,7 @@ HEAD = TOML[: TOML.index("[[states]]")].replace("search = false", "search = fals
 class Side:
     """A cluster of this process alone; which states it is asked for, and from where each starts."""
 
-    crew, cut, shares = None, staticmethod(fine_grains), False
+    backend, cut, shares = None, staticmethod(fine_grains), False
 
     def __init__(self, folder):
         self.shelf, self.asked = SharedStore(folder), []

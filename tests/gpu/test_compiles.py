@@ -7,7 +7,7 @@ import pytest
 pytest.importorskip("numba_cuda", reason="numba-cuda is not installed: pip install grainmotion[dev]")
 from numba import cuda, types
 
-from grainmotion.kernels.cuda import device_array, grain_projection, normal_equations, volume_projection
+from grainmotion.kernels.cuda import device_array, filters, grain_projection, normal_equations, volume_projection
 
 if cuda.is_available():
     pytest.skip("a card is there and compiles the kernels that it runs", allow_module_level=True)
@@ -32,14 +32,15 @@ def signatures(real: types.Type) -> dict[str, tuple]:
     return {
         "fill": (device_array._fill, flat, INT),
         "project": (grain_projection._project, flat, *placed, flat),
-        "differentiate": (grain_projection._differentiate, flat, *placed, flat, patch),
+        "differentiate": (grain_projection._project_with_derivatives, flat, *placed, flat, patch),
         "gather": (grain_projection._gather, flat, tables, array(INT, 1), array(INT, 1), array(INT, 1), stack),
-        "rows": (normal_equations._along_rows, stack, stack, flat),
-        "columns": (normal_equations._along_columns, stack, stack, flat),
-        "filter": (normal_equations._filter_patches, patch, patch, tables, array(INT, 1), stack, flat),
-        "gradients": (normal_equations._gradients, patch, tables, array(INT, 1), stack, whole),
-        "spread": (normal_equations._spread, patch, tables, array(INT, 1), array(INT, 1), array(INT, 1), whole, stack),
-        "blocks": (normal_equations._blocks, patch, tables, array(INT, 1), tables, array(INT, 1), array(FLOAT, 3)),
+        "rows": (filters._along_rows, stack, stack, flat),
+        "columns": (filters._along_columns, stack, stack, flat),
+        "filter": (filters._filter_patches, patch, patch, tables, array(INT, 1), stack, flat),
+        "vjp": (normal_equations._vjp, patch, tables, array(INT, 1), stack, whole),
+        "jvp": (normal_equations._jvp, patch, tables, array(INT, 1), array(INT, 1), array(INT, 1), whole, stack),
+        "gram blocks": (normal_equations._gram_blocks, patch, tables, array(INT, 1), tables, array(INT, 1),
+                        array(FLOAT, 3)),
         "swap": (volume_projection._swap, stack, stack),
         "swap flags": (volume_projection._swap, array(YES, 3), array(YES, 3)),
         "forward": (volume_projection._forward, flat, *laid, FLOAT, whole, YES, YES, stack),

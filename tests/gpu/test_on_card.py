@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from gpu import work
-from grainmotion.backends.device import chosen
+from grainmotion.backends.device import backend_of
 from grainmotion.errors import BackendError
 
 pytest.importorskip("numba_cuda", reason="numba-cuda is not installed: pip install grainmotion[dev]")
@@ -31,7 +31,7 @@ def card(request, tmp_path_factory) -> dict:
     """What all tasks return when they are done on the card."""
     if request.param == "card":
         try:
-            chosen("cuda")
+            backend_of("cuda")
         except BackendError as error:
             pytest.skip(str(error))
     out = tmp_path_factory.mktemp("card") / "results.pkl"

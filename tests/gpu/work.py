@@ -14,8 +14,7 @@ from unittest.mock import patch
 
 import numpy as np
 
-from grainmotion.backends.device import CPU, Device, chosen
-from grainmotion.backends.patchwork import filter_patches, gradients
+from grainmotion.backends.device import Device, backend_of
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions
@@ -23,18 +22,12 @@ from grainmotion.model.pose import Pose
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.objective.data_term import Target, gaussian
-from grainmotion.objective.normal_matrix import PatchNormalMatrix, normal_matrix, spread
+from grainmotion.objective.normal_matrix import PatchNormalMatrix, normal_matrix
 from grainmotion.objective.residual import StateProblem
 from grainmotion.objective.response_parameters import ResponseModel
+from grainmotion.projection.footprints import footprint_patches
 from grainmotion.projection.grain_arrays import GrainArrays
-from grainmotion.projection.grains import (
-    assemble,
-    differentiate_in_place,
-    project_patches,
-    shadows,
-    simulate_radiographs,
-)
-from grainmotion.projection.volume_operator_cuda import CudaVolumeOperator
+from grainmotion.projection.grains import assemble, differentiate_in_place, project_patches, simulate_radiographs
 from grainmotion.projection.volumes import back_project, project
 from grainmotion.reconstruction import coarse_start, ordered_subsets
 from grainmotion.reconstruction.reconstruct import ReconstructSettings, reconstruct
@@ -75,38 +68,38 @@ def pose(count: int) -> Pose:
 
 def patches(device: Device, precision: type, projector: str) -> dict:
     """Values, derivatives, filtered patches, radiographs, gradients and blocks of moved grains."""
-    packed = GrainArrays.of(grains(precision)).on(device)
+    packed = GrainArrays.of(grains(precision)).on(backend_of(device))
     views, at, kernel = geometry(), pose(2), gaussian(1.0).astype(precision)
-    seen = shadows(packed, at, views, margin=len(kernel) - 1)
+    seen = footprint_patches(packed, at, views, margin=len(kernel) - 1)
     rng = np.random.default_rng(5)
     images = rng.normal(size=(len(views), *views.shape)).astype(precision)
     valid = (rng.random(images.shape) > 0.1).astype(precision)
-    values, derivatives = differentiate_in_place(packed, at, views, seen, projector)
-    plain = np.array(derivatives)
-    radiographs = assemble(values, seen, views)
-    again = derivatives.copy()
-    filter_patches(derivatives, seen.boxes, seen.offsets, valid, kernel)
-    filter_patches(again, seen.boxes, seen.offsets, valid, np.ones(1, precision))
-    (dots,) = gradients(derivatives, seen.boxes, seen.offsets, [images])
+    values, jacobian = differentiate_in_place(packed, at, views, seen, projector)
+    plain = np.array(jacobian.derivatives)
+    radiographs = assemble(values, seen, views, jacobian.backend)
+    again = jacobian.copy()
+    jacobian.filter(valid, kernel)
+    again.filter(valid, np.ones(1, precision))
+    (dots,) = jacobian.vjp([images])
     return {
         "values alone": project_patches(packed, at, views, seen, projector),
         "values": np.array(values),
         "derivatives": plain,
-        "filtered": np.array(derivatives),
-        "masked": np.array(again),
+        "filtered": np.array(jacobian.derivatives),
+        "masked": np.array(again.derivatives),
         "radiographs": radiographs,
         "gradients": dots,
-        "spread": spread(derivatives, seen, rng.normal(size=(1, 2, 6)), images.shape)[0],
-        "product": PatchNormalMatrix(derivatives, seen, 2, images.shape) @ rng.normal(size=12),
-        "blocks": normal_matrix(derivatives, seen, 2).toarray(),
+        "spread": jacobian.images(rng.normal(size=(1, 2, 6)))[0],
+        "product": PatchNormalMatrix(jacobian) @ rng.normal(size=12),
+        "blocks": normal_matrix(jacobian).toarray(),
     }
 
 
 def linearized(device: Device, **options: object) -> dict:
     """The normal equations of a state."""
-    packed = GrainArrays.of(grains()).on(device)
+    packed = GrainArrays.of(grains()).on(backend_of(device))
     target = Target(scan(), np.zeros(scan().line_integrals.shape, np.float32), "trilinear", 0.8,
-                    ResponseModel("global", "constant", 1), device=device, **options)  # fmt: skip
+                    ResponseModel("global", "constant", 1), backend=backend_of(device), **options)  # fmt: skip
     found = StateProblem(packed, target).linearize(pose(2))
     return {
         "cost": np.array(found.cost),
@@ -134,7 +127,7 @@ def scan(views: int = 3) -> Scan:
 def tracked(device: Device) -> dict:
     """A whole state."""
     settings = TrackSettings(
-        device=device.name, filters=(0.0,), fields=False, search=False, gain="none", trend="none",
+        device=device.value, filters=(0.0,), fields=False, search=False, gain="none", trend="none",
         view_corrections="never", iterations=4,
     )  # fmt: skip
     found = track(grains(), scan(), settings=settings)
@@ -156,14 +149,16 @@ def volume(device: Device, projector: str = "trilinear", beam: str = "cone") -> 
     """Line integrals of a whole volume and, added to it, the adjoint of images; in double precision."""
     array, images = volume_and_images(beam)
     grid, views = Volume(array, VOXEL, (0.03, 0.0, -0.02)), small_panel(beam)
-    if device == CPU:
+    if device == Device.CPU:
         back = back_project(images, views, grid, projector=projector)
         return {"forward": project(grid, views, projector=projector), "adjoint": array + back.array}
+    from grainmotion.projection.volume_operator_cuda import CudaVolumeOperator
+
     operator = CudaVolumeOperator(views, grid, projector)
-    held = operator.laid(array)
+    held = operator.padded(array)
     forward = operator.forward(held)
     operator.add_adjoint(images, held)
-    return {"forward": forward, "adjoint": operator.unlaid(held)}
+    return {"forward": forward, "adjoint": operator.unpadded(held)}
 
 
 def small_panel(beam: str) -> Geometry:
@@ -183,9 +178,9 @@ def reconstructed(device: Device, method: str) -> dict:
     views = Geometry.cone([0, 40, 95], (5, 6), 4 * VOXEL, source_to_axis=20, source_to_detector=80)
     valid = np.random.default_rng(1).random((3, 5, 6)) > 0.1
     seen = Scan(project(truth, views), views, valid=valid)
-    settings = ReconstructSettings(method="sart", sweeps=2, tolerance=0.0, device=device.name)
+    settings = ReconstructSettings(method="sart", sweeps=2, tolerance=0.0, device=device.value)
     if method == "accelerated":
-        settings = ReconstructSettings(method="accelerated", device=device.name)
+        settings = ReconstructSettings(method="accelerated", device=device.value)
     few = {"PHASES": ((3, 1, 1.5, 0.7), (1, 2, 1.0, 0.5)), "MIN_SUBSET_VIEWS": 2}
     with patch.multiple(ordered_subsets, **few), patch.object(coarse_start, "SMALLEST", 4):
         found = reconstruct(seen, Volume.zeros(truth.shape, VOXEL), settings)
@@ -208,7 +203,7 @@ TASKS = {
 }
 
 
-def done(name: str, device: Device = CPU) -> dict:
+def done(name: str, device: Device = Device.CPU) -> dict:
     """What a task returns."""
     return TASKS[name](device)
 
@@ -219,6 +214,6 @@ if __name__ == "__main__":
     results = {}
     for task in sys.argv[2:]:
         t = time.time()
-        results[task] = done(task, chosen("cuda"))
+        results[task] = done(task, Device.CUDA)
         print(task, time.time() - t, file=sys.stderr)
     Path(sys.argv[1]).write_bytes(pickle.dumps(results))

@@ -61,8 +61,8 @@ def test_commands_run_with_one_line_of_warning(read_only, tmp_path, words):
 
 def test_kernels_are_kept_in_a_folder_of_the_user_alone(read_only, tmp_path):
     program = (
-        "import grainmotion, numpy as np; from grainmotion.kernels import normal_equations;"
-        "normal_equations.filter_images(np.ones((1, 4, 4)), np.ones(2)); print(grainmotion.__file__)"
+        "import grainmotion, numpy as np; from grainmotion.kernels import filters;"
+        "filters.filter_images(np.ones((1, 4, 4)), np.ones(2)); print(grainmotion.__file__)"
     )
     done = subprocess.run(
         [sys.executable, "-c", program], env=homeless(read_only, tmp_path), capture_output=True, text=True, check=True

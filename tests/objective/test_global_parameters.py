@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from grainmotion.objective.global_parameters import Columns, dot
+from grainmotion.projection.footprints import Patches
+from grainmotion.projection.jacobian import PatchJacobian
 
 VIEWS, PANEL = 3, (9, 11)
 KINDS = {
@@ -34,18 +36,16 @@ def dense(columns):
     return np.stack(parts, axis=1)
 
 
-class Boxes:
-    """Patches of three grains in three views: only what `Columns.border` asks of them."""
-
-    def __init__(self):
-        rng = np.random.default_rng(2)
-        corners = rng.integers(0, 5, (8, 2))
-        sizes = rng.integers(1, 5, (8, 2))
-        grain, view = [0, 0, 0, 1, 1, 2, 2, 2], [0, 1, 2, 0, 2, 1, 2, 0]
-        self.boxes = np.column_stack(
-            [grain, view, corners[:, 0], corners[:, 0] + sizes[:, 0], corners[:, 1], corners[:, 1] + sizes[:, 1]]
-        )
-        self.offsets = np.concatenate([[0], np.cumsum(sizes.prod(axis=1))])
+def patches(grains: int) -> Patches:
+    """Patches of the first three of some grains in three views."""
+    rng = np.random.default_rng(2)
+    corners = rng.integers(0, 5, (8, 2))
+    sizes = rng.integers(1, 5, (8, 2))
+    grain, view = [0, 0, 0, 1, 1, 2, 2, 2], [0, 1, 2, 0, 2, 1, 2, 0]
+    boxes = np.column_stack(
+        [grain, view, corners[:, 0], corners[:, 0] + sizes[:, 0], corners[:, 1], corners[:, 1] + sizes[:, 1]]
+    )
+    return Patches(boxes, np.zeros((0, 4), np.int64), np.ones((grains, VIEWS)), PANEL)
 
 
 class TestProducts:
@@ -61,14 +61,14 @@ class TestProducts:
 
     @every_kind
     def test_border(self, kind):
-        patches = Boxes()
-        slopes = np.random.default_rng(3).normal(size=(6, patches.offsets[-1])).astype(np.float32)
+        four = patches(4)
+        slopes = np.random.default_rng(3).normal(size=(6, four.offsets[-1])).astype(np.float32)
         J = np.zeros((VIEWS, *PANEL, 4, 6))  # the fourth grain has no patch
-        for p, (grain, view, r0, r1, c0, c1) in enumerate(patches.boxes):
-            patch = slopes[:, patches.offsets[p] : patches.offsets[p + 1]].reshape(6, r1 - r0, c1 - c0)
+        for p, (grain, view, r0, r1, c0, c1) in enumerate(four.boxes):
+            patch = slopes[:, four.offsets[p] : four.offsets[p + 1]].reshape(6, r1 - r0, c1 - c0)
             J[view, r0:r1, c0:c1, grain] += patch.transpose(1, 2, 0)
         expected = J.reshape(-1, 24).T @ dense(columns(kind))
-        np.testing.assert_allclose(columns(kind).border(slopes, patches, 4), expected, atol=1e-4)
+        np.testing.assert_allclose(columns(kind).border(PatchJacobian(slopes, four)), expected, atol=1e-4)
 
     @every_kind
     def test_combine(self, kind):
@@ -85,11 +85,10 @@ class TestProducts:
         np.testing.assert_allclose(both.gram()[:4, :4], one.gram())
 
     def test_none(self):
-        patches = Boxes()
         nothing = Columns()
         assert nothing.gram().shape == (0, 0)
         assert nothing.dot(np.zeros((VIEWS, *PANEL))).shape == (0,)
-        assert nothing.border(np.zeros((6, patches.offsets[-1])), patches, 3).shape == (18, 0)
+        assert nothing.border(PatchJacobian(np.zeros((6, patches(3).offsets[-1])), patches(3))).shape == (18, 0)
 
 
 def test_dots_of_single_numbers_are_added_up_in_double():

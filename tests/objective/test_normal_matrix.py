@@ -9,9 +9,10 @@ import few_grains
 from grainmotion.model.pose import Pose
 from grainmotion.model.scan import Scan
 from grainmotion.objective.data_term import Target
-from grainmotion.objective.normal_matrix import PatchNormalMatrix, gathered, normal_matrix, normal_of, spread
+from grainmotion.objective.normal_matrix import PatchNormalMatrix, normal_matrix, normal_of
 from grainmotion.objective.residual import StateProblem
 from grainmotion.projection.grain_arrays import GrainArrays
+from grainmotion.projection.jacobian import PatchJacobian
 from grainmotion.solvers.block_cg import diagonal_blocks
 
 GRAINS = GrainArrays.of(few_grains.grain_set())
@@ -29,11 +30,11 @@ def seen():
 
 @pytest.fixture(scope="module")
 def product(seen):
-    return PatchNormalMatrix(seen.derivatives, seen.patches, N, seen.residual.shape)
+    return PatchNormalMatrix(seen.jacobian)
 
 
 def test_it_is_the_matrix(seen, product):
-    matrix = normal_matrix(seen.derivatives, seen.patches, N)
+    matrix = normal_matrix(seen.jacobian)
     assert matrix.toarray().shape == product.shape
     for x in np.random.default_rng(0).normal(size=(3, 6 * N)):
         np.testing.assert_allclose(product @ x, matrix @ x, rtol=1e-9, atol=1e-12)
@@ -44,8 +45,8 @@ def test_it_is_the_matrix(seen, product):
 def test_both_passes_are_adjoint(seen):
     rng = np.random.default_rng(1)
     x, y = rng.normal(size=(N, 6)), rng.normal(size=seen.residual.shape)
-    (images,) = spread(seen.derivatives, seen.patches, x[None], y.shape)
-    assert np.vdot(images, y) == pytest.approx(np.vdot(x, gathered(seen.derivatives, seen.patches, N, y)), rel=1e-9)
+    (images,) = seen.jacobian.images(x[None])
+    assert np.vdot(images, y) == pytest.approx(np.vdot(x, seen.jacobian.gradient(y)), rel=1e-9)
 
 
 def test_a_prior_is_added_to_the_blocks(product):
@@ -61,14 +62,13 @@ def test_a_prior_is_added_to_the_blocks(product):
 def test_a_grain_without_a_patch_has_zero_rows(seen, product):
     kept = seen.patches.boxes[:, 0] != 1
     rows = np.concatenate([np.full(d, k) for d, k in zip(np.diff(seen.patches.offsets), kept, strict=True)])
-    patches = type(seen.patches)(seen.patches.boxes[kept], seen.patches.jobs[:0], seen.patches.seen)
-    without = PatchNormalMatrix(seen.derivatives[:, rows], patches, N, product.panels)
+    patches = replace(seen.patches, boxes=seen.patches.boxes[kept], jobs=seen.patches.jobs[:0])
+    without = PatchNormalMatrix(PatchJacobian(seen.jacobian.derivatives[:, rows], patches))
     assert not without.blocks()[1].any()
     assert not (without @ np.ones(6 * N)).reshape(N, 6)[1].any()
 
 
 def test_few_grains_have_blocks_and_many_a_product(seen, monkeypatch):
-    arguments = seen.derivatives, seen.patches, N, seen.residual.shape
-    assert not isinstance(normal_of(*arguments), PatchNormalMatrix)
+    assert not isinstance(normal_of(seen.jacobian), PatchNormalMatrix)
     monkeypatch.setattr("grainmotion.objective.normal_matrix.MAX_DENSE_UNKNOWNS", 6 * N - 1)
-    assert isinstance(normal_of(*arguments), PatchNormalMatrix)
+    assert isinstance(normal_of(seen.jacobian), PatchNormalMatrix)

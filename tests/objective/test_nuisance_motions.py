@@ -21,8 +21,9 @@ from grainmotion.objective.nuisance_motions import (
     view_derivatives,
 )
 from grainmotion.objective.residual import StateProblem
+from grainmotion.projection.footprints import footprint_patches
 from grainmotion.projection.grain_arrays import GrainArrays
-from grainmotion.projection.grains import assemble, differentiate_patches, project_patches, shadows
+from grainmotion.projection.grains import assemble, differentiate_in_place, project_patches
 from grainmotion.projection.volumes import project
 from grainmotion.rotations import rotation_matrix
 from grainmotion.segmentation.extraction import packed_body
@@ -42,7 +43,7 @@ every_beam = pytest.mark.parametrize("views", BEAMS.values(), ids=BEAMS.keys())
 
 def radiographs(views, at=None, pose=POSE):
     there = corrected_geometry(views, at)
-    patches = shadows(PACKED, pose, there)
+    patches = footprint_patches(PACKED, pose, there)
     return assemble(project_patches(PACKED, pose, there, patches, "trilinear"), patches, there)
 
 
@@ -57,10 +58,10 @@ class TestViews:
     @every_beam
     @pytest.mark.parametrize(("column", "step"), [(0, 0.25), (1, 0.25), (2, 2e-4)], ids=["u", "v", "angle"])
     def test_images_are_the_slopes_of_radiographs(self, views, column, step):
-        patches = shadows(PACKED, POSE, views)
-        path, slopes = differentiate_patches(PACKED, POSE, views, patches, "trilinear")
+        patches = footprint_patches(PACKED, POSE, views)
+        path, jacobian = differentiate_in_place(PACKED, POSE, views, patches, "trilinear")
         path = assemble(path, patches, views)
-        found = view_derivatives(path, slopes, PACKED, POSE, patches)[column]
+        found = view_derivatives(path, jacobian, PACKED, POSE)[column]
         difference = np.stack(
             [
                 (radiographs(views, only(k, column, step)) - radiographs(views, only(k, column, -step)))[k] / (2 * step)
@@ -79,9 +80,9 @@ class TestViews:
         """Derivatives of a problem whose views are corrected already."""
         at = NuisanceMotion(ViewCorrections.of(np.array([[1.5, -2, 0.03]] * VIEWS)), np.zeros(3), np.eye(3))
         there = corrected_geometry(BEAMS["cone"], at)
-        patches = shadows(PACKED, POSE, there)
-        path, slopes = differentiate_patches(PACKED, POSE, there, patches, "trilinear")
-        turned = view_derivatives(assemble(path, patches, there), slopes, PACKED, POSE, patches)[2]
+        patches = footprint_patches(PACKED, POSE, there)
+        path, jacobian = differentiate_in_place(PACKED, POSE, there, patches, "trilinear")
+        turned = view_derivatives(assemble(path, patches, there), jacobian, PACKED, POSE)[2]
         ends = []
         for sign in (1, -1):
             views = replace(at.views, angles=at.views.angles + sign * 2e-4)

@@ -10,15 +10,16 @@ from grainmotion.model.pose import Pose
 from grainmotion.objective import displacement_bases
 from grainmotion.objective.normal_matrix import normal_matrix
 from grainmotion.objective.residual import StateProblem
+from grainmotion.projection.footprints import footprint_patches
 from grainmotion.projection.grain_arrays import GrainArrays
-from grainmotion.projection.grains import assemble, differentiate_patches, project_patches, shadows
+from grainmotion.projection.grains import assemble, differentiate_patches, project_patches
 from grainmotion.rotations import rotation_matrix
 from textured_lumps import GEOMETRY, GRAINS, PANEL, POSE, VOXEL, by_scipy, mask, measured, smooth_lumps, target
 
 
 def dense_jacobian(problem, pose):
     """Filtered and masked ∂P as a matrix (pixels, 6 n), each column made from whole radiographs."""
-    patches = shadows(problem.grains, pose, GEOMETRY)
+    patches = footprint_patches(problem.grains, pose, GEOMETRY)
     _, slopes = differentiate_patches(problem.grains, pose, GEOMETRY, patches, "trilinear")
     columns = []
     for grain in range(len(problem.grains)):
@@ -75,7 +76,7 @@ class TestNormalEquations:
         grains = GrainArrays.of(smooth_lumps())
         turns = np.array([[0.05, 0.02, -0.04], [-0.03, 0.04, 0.03]])
         truth, start = (Pose(k * POSE.translations[:2], rotation_matrix(k * turns)) for k in (1, -1))
-        patches = shadows(grains, truth, GEOMETRY)
+        patches = footprint_patches(grains, truth, GEOMETRY)
         images = (
             1.05 * assemble(project_patches(grains, truth, GEOMETRY, patches, "trilinear"), patches, GEOMETRY) + 0.01
         )

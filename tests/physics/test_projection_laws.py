@@ -4,16 +4,18 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from grainmotion.kernels import grain_projection as kernel
+from grainmotion.backends.cpu import CPU
 from grainmotion.kernels import volume_projection
+from grainmotion.kernels.layout import ViewTable
 from grainmotion.model.detector_alignment import DetectorAlignment
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions
 from grainmotion.model.pose import Pose
 from grainmotion.model.volume import Volume
+from grainmotion.projection.footprints import footprint_patches
 from grainmotion.projection.grain_arrays import GrainArrays
-from grainmotion.projection.grains import difference_patches, differentiate_patches, shadows, simulate_radiographs
+from grainmotion.projection.grains import difference_patches, differentiate_patches, simulate_radiographs
 from grainmotion.projection.volume_operator import pad, padded_origin
 from grainmotion.projection.volumes import back_project, project
 from grainmotion.rotations import apply_motion, rotation_matrix, rotation_vector
@@ -260,19 +262,10 @@ def two_grains(seed=10):
 
 def double_project(packed, pose, geometry, patches, projector, derivatives=False):
     """The grains' kernels in double precision."""
-    n = int(patches.offsets[-1])
-    values, derivative_images = np.zeros(n), np.zeros((6, n))
-    arguments = (
-        packed.images.astype(float), packed.starts, packed.shapes, packed.corners, packed.extents, packed.voxel_size,
-        packed.centers + pose.translations, np.ascontiguousarray(pose.matrices), geometry.vectors,
-        geometry.beam == "cone", np.array(geometry.shape), patches.boxes, patches.offsets, patches.jobs,
-        projector == "exact",
-    )  # fmt: skip
-    if not derivatives:
-        kernel.project(*arguments, values)
-        return values
-    kernel.project_with_derivatives(*arguments, values, derivative_images)
-    return values, derivative_images
+    grains = packed.table(pose)._replace(voxels=packed.images.astype(float))
+    views = ViewTable(geometry.vectors, geometry.beam == "cone", np.array(geometry.shape))
+    tables = grains, views, patches.table, projector == "exact"
+    return CPU.project_with_derivatives(*tables) if derivatives else CPU.project(*tables)
 
 
 POSE = Pose(
@@ -287,7 +280,7 @@ class TestDerivatives:
     def test_central_finite_differences(self, geometry, projector):
         grains, _ = two_grains()
         packed = GrainArrays.of(grains)
-        patches = shadows(packed, POSE, geometry)
+        patches = footprint_patches(packed, POSE, geometry)
         values, derivative_images = double_project(packed, POSE, geometry, patches, projector, derivatives=True)
         np.testing.assert_allclose(values, double_project(packed, POSE, geometry, patches, projector), atol=1e-12)
         assert np.abs(derivative_images).max(axis=1).min() > 0.1
@@ -318,11 +311,11 @@ class TestDerivatives:
         geometry = GEOMETRIES["cone"]
         grains, _ = two_grains()
         packed = GrainArrays.of(grains)
-        patches = shadows(packed, POSE, geometry)
+        patches = footprint_patches(packed, POSE, geometry)
         exact_values, exact = double_project(packed, POSE, geometry, patches, projector, derivatives=True)
         values, derivative_images = differentiate_patches(packed, POSE, geometry, patches, projector)
         np.testing.assert_allclose(values, exact_values, atol=3e-6)
-        differences = difference_patches(packed, POSE, geometry, patches, projector)[1]
+        differences = difference_patches(packed, POSE, geometry, patches, projector)[1].derivatives
         for k in range(6):
             scale = np.sqrt((exact[k] ** 2).mean())
             assert np.sqrt(((derivative_images[k] - exact[k]) ** 2).mean()) < 1e-4 * scale
@@ -336,7 +329,7 @@ class TestDerivatives:
         """A grain that slides along a ray, or rotates about it, keeps that ray's line integral."""
         grains, _ = two_grains()
         packed = GrainArrays.of(grains)
-        patches = shadows(packed, POSE, geometry)
+        patches = footprint_patches(packed, POSE, geometry)
         values, derivative_images = double_project(packed, POSE, geometry, patches, projector, derivatives=True)
         points, directions = rays(geometry)
         for p, (g, i, r0, r1, c0, c1) in enumerate(patches.boxes):

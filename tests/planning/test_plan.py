@@ -19,7 +19,8 @@ from grainmotion.planning.candidates import angles_between, candidate_angles, ev
 from grainmotion.planning.fisher_information import Candidates
 from grainmotion.planning.plan import PLAN_COLUMNS, Plan, PlanSettings, plan
 from grainmotion.planning.view_selection import ViewSelector
-from grainmotion.projection.grains import differentiate_patches, shadows, simulate_radiographs
+from grainmotion.projection.footprints import footprint_patches
+from grainmotion.projection.grains import differentiate_patches, simulate_radiographs
 from grainmotion.reconstruction.reconstruct import ReconstructSettings, reconstruct
 from grainmotion.rotations import rotation_matrix
 from grainmotion.segmentation.extraction import grains_from_labels
@@ -61,7 +62,7 @@ class TestInformation:
         found = candidates()
         view = 3
         geometry, n = found.geometry[view], len(few())
-        patches = shadows(found.grain_arrays, found.pose, geometry)
+        patches = footprint_patches(found.grain_arrays, found.pose, geometry)
         _, derivatives = differentiate_patches(found.grain_arrays, found.pose, geometry, patches, "trilinear")
         coarse = GrainSet(tuple(dataclasses.replace(g, fine=None) for g in few().grains))  # a plan needs no more
         image = simulate_radiographs(coarse, few_grains.motions(coarse), geometry)[0].astype(float)

@@ -9,8 +9,9 @@ from few_grains import PANEL, VOXEL, grain_set
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.pose import Pose
 from grainmotion.model.volume import Volume
+from grainmotion.projection.footprints import footprint_patches
 from grainmotion.projection.grain_arrays import GrainArrays, planar
-from grainmotion.projection.grains import assemble, project_patches, shadows
+from grainmotion.projection.grains import assemble, project_patches
 from grainmotion.segmentation.extraction import grains_from_labels
 
 GRAINS = GrainArrays.of(grain_set(3))
@@ -19,7 +20,7 @@ GRAINS = GrainArrays.of(grain_set(3))
 def radiographs(grains, geometry):
     n = len(grains)
     pose = Pose(np.zeros((n, 3)), np.tile(np.eye(3), (n, 1, 1)))
-    patches = shadows(grains, pose, geometry)
+    patches = footprint_patches(grains, pose, geometry)
     return assemble(project_patches(grains, pose, geometry, patches, "trilinear"), patches, geometry)
 
 

@@ -12,14 +12,9 @@ from grainmotion.model.grains import Grain, GrainSet
 from grainmotion.model.motions import Motions
 from grainmotion.model.pose import Pose
 from grainmotion.model.volume import Volume
+from grainmotion.projection.footprints import footprint_patches
 from grainmotion.projection.grain_arrays import GrainArrays
-from grainmotion.projection.grains import (
-    assemble,
-    differentiate_patches,
-    project_patches,
-    shadows,
-    simulate_radiographs,
-)
+from grainmotion.projection.grains import assemble, differentiate_patches, project_patches, simulate_radiographs
 from grainmotion.projection.volumes import back_project, project
 from grainmotion.rotations import recenter, rotation_matrix, rotation_vector
 from grainmotion.segmentation.extraction import grains_from_labels
@@ -63,7 +58,7 @@ class TestShadows:
             np.array([[0.1, 0, 0], [0, 0.2, 0], [0, 0, -0.1]]), rotation_matrix([[0.3, 0, 0], [0, 2, 1], [1, 1, 1]])
         )
         wide = stage(shape=(70, 84))
-        patches = shadows(packed, pose, wide)
+        patches = footprint_patches(packed, pose, wide)
         for grain in range(3):
             alone = GrainSet((grains.grains[grain],))
             motions = Motions.identity(alone.labels, alone.centers)
@@ -84,7 +79,7 @@ class TestShadows:
     def test_boxes_stay_on_the_panel_and_jobs_in_the_boxes(self):
         packed = GrainArrays.of(three_grains())
         for margin in (0, 5, 100):
-            patches = shadows(packed, shifted(packed, 1.0, 0, 0.9), stage(), margin)
+            patches = footprint_patches(packed, shifted(packed, 1.0, 0, 0.9), stage(), margin)
             b, j = patches.boxes, patches.jobs
             assert (b[:, 2] >= 0).all()
             assert (b[:, 4] >= 0).all()
@@ -99,7 +94,7 @@ class TestShadows:
     def test_a_margin_adds_empty_pixels_only(self):
         packed = GrainArrays.of(three_grains())
         pose, geometry = still(packed), stage()
-        bare, wide = shadows(packed, pose, geometry), shadows(packed, pose, geometry, 4)
+        bare, wide = footprint_patches(packed, pose, geometry), footprint_patches(packed, pose, geometry, 4)
         np.testing.assert_array_equal(bare.seen, wide.seen)
         assert wide.offsets[-1] > bare.offsets[-1]
         images = [assemble(project_patches(packed, pose, geometry, p, "trilinear"), p, geometry) for p in (bare, wide)]
@@ -114,7 +109,7 @@ class TestShadows:
     def test_share_of_the_shadow_on_the_panel(self, shift, least, most):
         packed = GrainArrays.of(three_grains())
         geometry = stage(angles=[0.0])
-        patches = shadows(packed, shifted(packed, *shift), geometry)
+        patches = footprint_patches(packed, shifted(packed, *shift), geometry)
         assert patches.seen.shape == (3, 1)
         assert (patches.seen >= least).all()
         assert (patches.seen <= most).all()
@@ -200,7 +195,7 @@ class TestExtents:
         packed = GrainArrays.of(GrainSet((grain,)))
         for turn in ([0, 0, 0], [0, 0, np.pi / 4], *rng.uniform(-3, 3, (6, 3))):
             pose = Pose(rng.uniform(-1, 1, (1, 3)) * VOXEL, rotation_matrix([turn]))
-            patches = shadows(packed, pose, geometry)
+            patches = footprint_patches(packed, pose, geometry)
             found = differentiate_patches(packed, pose, geometry, patches, projector)
             wanted = differentiate_patches(whole_box(packed), pose, geometry, patches, projector)
             for one, other in zip(found, wanted, strict=True):

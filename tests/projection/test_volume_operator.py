@@ -50,7 +50,7 @@ def test_upright_walk_is_the_walk_for_any_view(name, precision, tolerance):
     geometry, body = UPRIGHT[name], volume(precision)
     operator = VolumeOperator(geometry, body)
     assert operator.upright
-    found, expected = operator.forward(operator.laid(body.array)), anyhow(geometry, body)
+    found, expected = operator.forward(operator.padded(body.array)), anyhow(geometry, body)
     assert found.dtype == precision
     np.testing.assert_allclose(found, expected, atol=tolerance * expected.max())
 
@@ -62,8 +62,8 @@ def test_adjoint(name):
     images = np.random.default_rng(1).normal(size=(len(geometry), *PANEL))
     back = operator.empty()
     operator.add_adjoint(images, back)
-    forward = operator.forward(operator.laid(body.array))
-    assert np.vdot(operator.unlaid(back), body.array) == pytest.approx(np.vdot(forward, images), rel=1e-6)
+    forward = operator.forward(operator.padded(body.array))
+    assert np.vdot(operator.unpadded(back), body.array) == pytest.approx(np.vdot(forward, images), rel=1e-6)
 
 
 def test_adjoint_adds_and_takes_some_views():
@@ -76,8 +76,8 @@ def test_adjoint_adds_and_takes_some_views():
     every[views] = 2 * images
     whole = operator.empty()
     operator.add_adjoint(every, whole)
-    np.testing.assert_allclose(operator.unlaid(some), operator.unlaid(whole), atol=1e-12)
-    image = operator.laid(body.array)
+    np.testing.assert_allclose(operator.unpadded(some), operator.unpadded(whole), atol=1e-12)
+    image = operator.padded(body.array)
     np.testing.assert_array_equal(operator.forward(image, views), operator.forward(image)[views])
 
 
@@ -89,7 +89,7 @@ def test_tall_panel():
     operator = VolumeOperator(tall, body)
     assert operator.upright
     expected = anyhow(tall, body)
-    np.testing.assert_allclose(operator.forward(operator.laid(body.array)), expected, atol=3e-6 * expected.max())
+    np.testing.assert_allclose(operator.forward(operator.padded(body.array)), expected, atol=3e-6 * expected.max())
     assert (expected[:, :20] == 0).all()
     assert (expected[:, volume_projection_vertical.TILE] > 0).any()
 
@@ -103,12 +103,12 @@ def test_cylinder(beam):
     clipped = Volume(body.array * inside, body.voxel_size, body.center)
     operator = VolumeOperator(geometry, clipped, radius=5.0)
     expected = anyhow(geometry, clipped)
-    np.testing.assert_allclose(operator.forward(operator.laid(clipped.array)), expected, atol=3e-6 * expected.max())
+    np.testing.assert_allclose(operator.forward(operator.padded(clipped.array)), expected, atol=3e-6 * expected.max())
     images = np.random.default_rng(1).normal(size=expected.shape)
     narrow, wide = operator.empty(), operator.empty()
     operator.add_adjoint(images, narrow)
     VolumeOperator(geometry, clipped).add_adjoint(images, wide)
-    np.testing.assert_array_equal(operator.unlaid(narrow) * inside, operator.unlaid(wide) * inside)
+    np.testing.assert_array_equal(operator.unpadded(narrow) * inside, operator.unpadded(wide) * inside)
 
 
 class TestChoice:
@@ -125,7 +125,7 @@ class TestChoice:
     def test_tilted_panels(self, panel):
         operator = VolumeOperator(cone(panel), volume())
         assert not operator.upright
-        found = operator.forward(operator.laid(operator.grid.array))
+        found = operator.forward(operator.padded(operator.grid.array))
         np.testing.assert_array_equal(found, anyhow(cone(panel), volume()))
 
     def test_the_exact_path(self):
@@ -141,9 +141,9 @@ class TestChoice:
     def test_laying_and_back(self):
         for geometry in (cone(), cone(DetectorAlignment(tilts_deg=(1, 0, 0)))):
             operator = VolumeOperator(geometry, volume())
-            laid = operator.laid(operator.grid.array)
+            laid = operator.padded(operator.grid.array)
             assert laid.shape == operator.empty().shape
-            np.testing.assert_array_equal(operator.unlaid(laid), operator.grid.array)
+            np.testing.assert_array_equal(operator.unpadded(laid), operator.grid.array)
             inner = operator.by_height(laid)[2:-2, 2:-2, 2:-2]
             np.testing.assert_array_equal(inner, operator.grid.array.transpose(1, 2, 0))
 

@@ -63,5 +63,5 @@ class TestGrowth:
 
     def test_patches_hold_the_derivatives_of_their_own_pixels_alone(self):
         seen = [problem_of(side).evaluate_with_derivatives(many.still(side**3)) for side in (3, 6)]
-        few, more = (s.derivatives.size / len(s.patches.seen) for s in seen)
+        few, more = (s.jacobian.derivatives.size / len(s.patches.seen) for s in seen)
         assert more == pytest.approx(few, rel=0.1)

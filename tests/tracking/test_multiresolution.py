@@ -9,8 +9,9 @@ import few_grains
 from grainmotion.model.pose import Pose
 from grainmotion.model.scan import Scan
 from grainmotion.objective.data_term import Target
+from grainmotion.projection.footprints import footprint_patches
 from grainmotion.projection.grain_arrays import GrainArrays
-from grainmotion.projection.grains import assemble, project_patches, shadows
+from grainmotion.projection.grains import assemble, project_patches
 from grainmotion.tracking.multiresolution import coarsened, coarsening
 
 GRAINS = few_grains.grain_set()
@@ -20,7 +21,7 @@ STILL = Pose(np.zeros((5, 3)), np.broadcast_to(np.eye(3), (5, 3, 3)).copy())
 
 
 def images(grains, views):
-    patches = shadows(grains, STILL, views)
+    patches = footprint_patches(grains, STILL, views)
     return assemble(project_patches(grains, STILL, views, patches, "trilinear"), patches, views)
 
 

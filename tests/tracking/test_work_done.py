@@ -9,8 +9,8 @@ import few_grains
 from grainmotion.kernels import grain_projection as kernel
 from grainmotion.model.pose import Pose
 from grainmotion.objective.residual import StateProblem
+from grainmotion.projection.footprints import footprint_patches
 from grainmotion.projection.grain_arrays import GrainArrays
-from grainmotion.projection.grains import shadows
 from grainmotion.tracking.track import track
 
 
@@ -29,8 +29,8 @@ def counts():
 
         return run
 
-    def rays(*arguments):
-        return int((arguments[13][:, 3] - arguments[13][:, 2]).sum())
+    def rays(grains, views, patches, *rest):
+        return int((patches.lines[:, 3] - patches.lines[:, 2]).sum())
 
     walks = {name: counting(getattr(kernel, name), name, rays) for name in ("project", "project_with_derivatives")}
     own = {name: counting(getattr(StateProblem, name), name, lambda *_: 1) for name in ("linearize", "cost")}
@@ -56,6 +56,6 @@ def test_rays(counts):
 def test_a_grain_s_corners_are_not_walked():
     grains = few_grains.grain_set(sphere=1)
     packed = GrainArrays.of(grains).select([0])
-    patches = shadows(packed, Pose(np.zeros((1, 3)), np.eye(3)[None]), few_grains.geometry())
+    patches = footprint_patches(packed, Pose(np.zeros((1, 3)), np.eye(3)[None]), few_grains.geometry())
     walked = int((patches.jobs[:, 3] - patches.jobs[:, 2]).sum())
     assert walked < 0.88 * patches.offsets[-1]

@@ -63,13 +63,13 @@ class TestCovariance:
     def test_drawn_noise_comes_near_the_inverse(self, monkeypatch):
         """Standard deviations of many grains are drawn: right to the square root of 1 over twice the draws."""
         problem = problem_of(radiographs(GRAINS, TRUTH))
-        pose, n = pose_of(TRUTH), len(GRAINS)
+        pose = pose_of(TRUTH)
         evaluation = problem.evaluate_with_derivatives(pose)
-        dense, _ = covariances(problem, pose, evaluation, normal_matrix(evaluation.derivatives, evaluation.patches, n))
+        dense, _ = covariances(problem, pose, evaluation, normal_matrix(evaluation.jacobian))
         monkeypatch.setattr("grainmotion.objective.normal_matrix.MAX_DENSE_UNKNOWNS", 0)
         monkeypatch.setattr("grainmotion.solvers.block_cg.MAX_DENSE_UNKNOWNS", 0)
         monkeypatch.setattr("grainmotion.uncertainty.covariance.NOISE_DRAWS", 200)
-        product = normal_of(evaluation.derivatives, evaluation.patches, n, evaluation.residual.shape)
+        product = normal_of(evaluation.jacobian)
         drawn, _ = covariances(problem, pose, evaluation, product)
         np.testing.assert_allclose(
             np.sqrt(np.diagonal(drawn, axis1=1, axis2=2)), np.sqrt(np.diagonal(dense, axis1=1, axis2=2)), rtol=0.15

@@ -11,8 +11,8 @@ from grainmotion.model.pose import NuisanceMotion, Pose, ViewCorrections
 from grainmotion.objective.data_term import Target
 from grainmotion.objective.nuisance_motions import corrected_geometry
 from grainmotion.objective.residual import StateProblem
+from grainmotion.projection.footprints import footprint_patches
 from grainmotion.projection.grain_arrays import GrainArrays
-from grainmotion.projection.grains import shadows
 from grainmotion.rotations import rotation_matrix
 from grainmotion.uncertainty.rotation_identifiability import (
     UNIFORM_ANGLE_VARIANCE,
@@ -95,10 +95,10 @@ class TestSwollen:
     def test_holds_every_turned_grain(self, angle):
         packed = GrainArrays.of(grain_set())
         pose = Pose(motions(grain_set()).translations, np.tile(np.eye(3), (5, 1, 1)))
-        wide = shadows(_with_rotated_hulls(packed, np.full(5, angle)), pose, geometry()).boxes
+        wide = footprint_patches(_with_rotated_hulls(packed, np.full(5, angle)), pose, geometry()).boxes
         for w in np.random.default_rng(0).normal(size=(10, 3)):
             turns = np.tile(rotation_matrix(angle * w / np.linalg.norm(w)), (5, 1, 1))
-            changes_and_products = shadows(packed, Pose(pose.translations, turns), geometry()).boxes
+            changes_and_products = footprint_patches(packed, Pose(pose.translations, turns), geometry()).boxes
             np.testing.assert_array_equal(changes_and_products[:, :2], wide[:, :2])
             assert (wide[:, [2, 4]] <= changes_and_products[:, [2, 4]]).all()
             assert (wide[:, [3, 5]] >= changes_and_products[:, [3, 5]]).all()

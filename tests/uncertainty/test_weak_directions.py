@@ -11,8 +11,8 @@ from grainmotion.model.geometry import Geometry
 from grainmotion.model.motions import Status
 from grainmotion.model.pose import Pose
 from grainmotion.model.scan import Scan
+from grainmotion.projection.footprints import footprint_patches
 from grainmotion.projection.grain_arrays import GrainArrays
-from grainmotion.projection.grains import shadows
 from grainmotion.rotations import rotation_vector
 from grainmotion.tracking.track import TrackSettings, track
 from grainmotion.uncertainty.weak_directions import (
@@ -141,7 +141,7 @@ TRUTH = small_motions(FULL, voxels=1.0, degrees=2.0)
 def hidden(grain, seen_by):
     """Radiographs on which one grain's shadow, and two pixels around it, count in some views alone."""
     packed = GrainArrays.of(FULL)
-    boxes = shadows(packed, Pose(TRUTH.translations, TRUTH.matrices), VIEWS, margin=2).boxes
+    boxes = footprint_patches(packed, Pose(TRUTH.translations, TRUTH.matrices), VIEWS, margin=2).boxes
     valid = np.ones((4, *PANEL), bool)
     for _, view, r0, r1, c0, c1 in boxes[boxes[:, 0] == grain]:
         valid[view, r0:r1, c0:c1] = view in seen_by

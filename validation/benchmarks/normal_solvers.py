@@ -24,10 +24,9 @@ from scipy.sparse.linalg import splu
 
 from grainmotion.model.pose import Pose
 from grainmotion.objective.data_term import Target
-from grainmotion.objective.normal_matrix import PatchNormalMatrix, gathered, normal_matrix
+from grainmotion.objective.normal_matrix import PatchNormalMatrix, normal_matrix
 from grainmotion.objective.residual import StateProblem
 from grainmotion.projection.grain_arrays import GrainArrays
-from grainmotion.projection.grains import Patches
 from grainmotion.solvers.block_cg import conjugate_gradients, diagonal_blocks
 from validation.benchmarks.crowd import VOXEL, crowd
 from validation.benchmarks.peers.environment import machine
@@ -72,11 +71,10 @@ def measure(n: int, sigma: float) -> list[str]:
     seen = StateProblem(GrainArrays.of(sample.grains), target).evaluate_with_derivatives(
         Pose(shifts, sample.truth.matrices)
     )
-    derivatives, patches, panels = seen.derivatives, seen.patches, seen.residual.shape
-    b = gathered(derivatives, patches, n, seen.residual).ravel()
+    b = seen.jacobian.gradient(seen.residual).ravel()
 
     def lifted() -> tuple[sparse.bsr_array, Float]:
-        matrix = normal_matrix(derivatives, patches, n)
+        matrix = normal_matrix(seen.jacobian)
         return matrix, DAMPING * matrix.diagonal()
 
     def dense() -> Float:
@@ -104,7 +102,7 @@ def measure(n: int, sigma: float) -> list[str]:
     def product(accuracy: float = CG_TOLERANCE) -> Float:
         nonlocal products
         products = 0
-        matrix = PatchNormalMatrix(derivatives, Patches(patches.boxes, patches.jobs, patches.seen), n, panels)
+        matrix = PatchNormalMatrix(seen.jacobian)
         more = DAMPING * matrix.diagonal()
 
         def apply(x: Float) -> Float:
@@ -123,7 +121,7 @@ def measure(n: int, sigma: float) -> list[str]:
     exact, other = product(1e-9), assembled(1e-9)
     agree = np.abs(exact - other).max() < 1e-4 * np.abs(exact).max()
     product()
-    size = matrix.data.nbytes, derivatives.nbytes
+    size = matrix.data.nbytes, np.asarray(seen.jacobian.derivatives).nbytes
     cells = ["–" if np.isnan(t) else f"{1e3 * t / n:.2f}" for t in times]
     return [
         f"{n:,}", f"{sigma:g}", f"{len(matrix.indices) / n:.0f}", *cells, str(products), f"{size[0] / 1e3 / n:.0f}",

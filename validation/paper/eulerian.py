@@ -23,8 +23,9 @@ from grainmotion.model.pose import Pose
 from grainmotion.model.scan import Scan
 from grainmotion.objective.data_term import Derivatives, Target
 from grainmotion.objective.residual import StateProblem
+from grainmotion.projection.footprints import Patches, footprint_patches
 from grainmotion.projection.grain_arrays import GrainArrays
-from grainmotion.projection.grains import Patches, project_patches, shadows
+from grainmotion.projection.grains import project_patches
 from grainmotion.rotations import rotation_matrix, rotation_vector
 from grainmotion.solvers.gauss_newton import Stopping, gauss_newton
 
@@ -37,7 +38,7 @@ class EulerianProblem(StateProblem):
 
     def simulate(self, pose: Pose, geometry: Geometry) -> tuple[Patches, Image, Image]:
         """Patches of resampled grains, their line integrals, and differences of these."""
-        patches = shadows(_widened(self.grains), pose, geometry, margin=len(self.target.kernel) - 1)
+        patches = footprint_patches(_widened(self.grains), pose, geometry, margin=len(self.target.kernel) - 1)
         values = self._project(pose, patches)
         derivatives = np.empty((6, len(values)), values.dtype)
         shift = STEP_VOXELS * self.grains.voxel_size

@@ -21,8 +21,9 @@ from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions, Status
 from grainmotion.model.pose import Pose
 from grainmotion.model.scan import Scan
+from grainmotion.projection.footprints import Patches, footprint_patches
 from grainmotion.projection.grain_arrays import OUT_OF_PLANE, GrainArrays, planar
-from grainmotion.projection.grains import Patches, assemble, project_patches, shadows
+from grainmotion.projection.grains import assemble, project_patches
 from grainmotion.rotations import rotation_matrix
 from validation.paper.counting import Count, counted
 
@@ -150,7 +151,7 @@ class _Problem:
     def _evaluate(self, x: Float) -> _Evaluation:
         if self.last is None or not np.array_equal(self.last.x, x):
             geometry, every = self.scan.geometry, self._every(x)
-            patches = shadows(self.packed, _pose(every), geometry)
+            patches = footprint_patches(self.packed, _pose(every), geometry)
             values = self._project(every, patches)
             residual = self.scan.line_integrals - assemble(values, patches, geometry)
             self.last = _Evaluation(x.copy(), patches, values, residual.ravel())

@@ -1,1 +1,1 @@
-"""Where arrays lie and who computes on them: processor, GPU, Dask workers."""
+"""Backends: the CPU, an NVIDIA GPU or the workers of a cluster project grains and apply their Jacobian."""

@@ -1,137 +1,84 @@
-"""Device: where rays are walked, on the processor, on an NVIDIA card, or by the workers of a cluster.
-
-It is chosen once, where grains or a volume are handed to it (`Device.hold`); from there on the place of an
-array says which kernels take it, those of the processor, `kernels.cuda` or `cluster.dask_backend`, of the same names
-and arguments.
-"""
+"""Device: the choice between CPU and GPU, and the backend that it names."""
 
 from __future__ import annotations
 
-import importlib
-from collections.abc import Callable
-from dataclasses import dataclass
+from enum import StrEnum
 from functools import cache
 from importlib.util import find_spec
-from types import ModuleType
-from typing import Any, ClassVar, Literal
-
-import numpy as np
+from typing import TYPE_CHECKING, Literal
 
 from grainmotion.errors import BackendError
 
-Choice = Literal["auto", "cpu", "cuda"]
-"""``"auto"``: the card if there is one that works, else the processor."""
+if TYPE_CHECKING:  # the command line and settings import this module, and need no kernels
+    from grainmotion.backends.base import PatchBackend
 
 
-@dataclass(frozen=True)
-class Device:
-    """Where kernels run."""
+class Device(StrEnum):
+    """Where to compute: on the CPU, on an NVIDIA GPU, or on the GPU if one works and else on the CPU (auto)."""
 
-    name: Literal["cpu", "cuda", "workers"]
-    walks_coarse: ClassVar[bool] = False
-    """Whether grains on coarser voxels are handed to it, too; else the processor walks them."""
-
-    def hold(self, array: Any) -> Any:
-        """An array where the device can walk it: itself, or a copy that stays on the card."""
-        return array if self.name == "cpu" else _cuda("device_array").hold(array)
-
-    def hold_voxels(self, images: Any, starts: Any, heights: Any, size: float) -> Any:
-        """The same for voxels of grains, one grain after the other from ``starts (n,)`` on.
-
-        ``heights (n,)`` are the grains' z, ``size`` is that of their voxels over the reference's.
-        """
-        return self.hold(images)
-
-    def zeros(self, shape: tuple[int, ...], dtype: Any) -> Any:
-        """Zeros where the device can walk them."""
-        return np.zeros(shape, dtype) if self.name == "cpu" else _cuda("device_array").zeros(shape, dtype)
-
-    def gradients(self, derivatives: Any, boxes: Any, offsets: Any, stacks: Any, out: Any) -> None:
-        """Fill ``out (k, patches, 6)``, see `patchwork.gradients`."""
-        for images, found in zip(stacks, out, strict=True):
-            self.kernels("normal_equations").gradients(derivatives, boxes, offsets, images, found)
-
-    def spread(
-        self, derivatives: Any, boxes: Any, offsets: Any, order: Any, first: Any, increments: Any, panels: Any
-    ) -> Any:
-        """k stacks, see `patchwork.spread`."""
-        stacks = []
-        for each in increments:
-            images = self.zeros(panels, float if self.name == "cpu" else derivatives.dtype)
-            self.kernels("normal_equations").spread(derivatives, boxes, offsets, order, first, each, images)
-            stacks.append(images.astype(derivatives.dtype, copy=False) if self.name == "cpu" else images)
-        return stacks
-
-    def for_grains(
-        self, function: Callable[..., Any], grains: Any, pose: Any, images: tuple[Any, ...], how: Any
-    ) -> Any:
-        """``function(grains, pose, *images, how)``, an array of a row a grain, done where their voxels are."""
-        return function(grains, pose, *images, how)
-
-    def kernels(self, name: str) -> Any:
-        """A room of `kernels` by its name, or its counterpart on the card."""
-        return _cuda(name) if self.name == "cuda" else importlib.import_module(f"grainmotion.kernels.{name}")
+    AUTO = "auto"
+    CPU = "cpu"
+    CUDA = "cuda"
 
 
-CPU, CARD = Device("cpu"), Device("cuda")
+DeviceName = Literal["auto", "cpu", "cuda"]
+"""The value of a `Device`, as settings and experiment files give it."""
 
 
-def chosen(choice: Choice) -> Device:
-    """The device of a choice.
+def backend_of(device: DeviceName | Device | PatchBackend) -> PatchBackend:
+    """The backend of a device; a backend is its own.
 
     Raises
     ------
     BackendError
-        If ``"cuda"`` is asked for where numba-cuda or a working card is lacking.
+        If ``"cuda"`` is asked for where numba-cuda or a working GPU is lacking.
     """
-    if choice == "cpu":
-        return CPU
-    lacking = _lacking()
-    if lacking is None:
-        return Device("cuda")
-    if choice == "auto":
-        return CPU
-    raise BackendError("device 'cuda'", *lacking)
+    if not isinstance(device, str):
+        return device
+    if uses_cuda(device):
+        from grainmotion.backends.cuda import CudaBackend
+
+        return CudaBackend()
+    from grainmotion.backends.cpu import CPU
+
+    return CPU
 
 
-def place(array: Any) -> Device:
-    """Where an array lies."""
-    if isinstance(array, np.ndarray):
-        return CPU
-    device: Device = getattr(array, "walked_by", CARD)
-    return device
-
-
-def zeros_beside(array: Any, shape: int | tuple[int, ...]) -> Any:
-    """Zeros of an array's precision, where it lies."""
-    shape = (shape,) if isinstance(shape, int) else shape
-    return place(array).zeros(shape, array.dtype)
-
-
-def _cuda(name: str) -> ModuleType:
-    return importlib.import_module(f"grainmotion.kernels.cuda.{name}")
+def uses_cuda(device: DeviceName | Device) -> bool:
+    """Whether a device is the GPU; raises as `backend_of` does."""
+    if device == "cpu":
+        return False
+    problem = _cuda_problem()
+    if problem is not None and device == "cuda":
+        raise BackendError("device 'cuda'", *problem)
+    return problem is None
 
 
 @cache
-def _lacking() -> tuple[str, str] | None:
-    """What keeps the card from being used and what to do about it; None if nothing does."""
+def _cuda_problem() -> tuple[str, str] | None:
+    """Why the GPU cannot be used, and the remedy; None if it can."""
     instead = 'or give device = "cpu"'
     if find_spec("numba_cuda") is None:
         return "the package numba-cuda is not installed", f"install grainmotion[gpu] {instead}"
     try:
         from numba import cuda
     except ImportError as error:
-        return f"numba-cuda cannot be used ({_line(error)})", f"install grainmotion[gpu] anew {instead}"
+        return f"numba-cuda cannot be used ({_one_line(error)})", f"install grainmotion[gpu] anew {instead}"
     if not cuda.is_available():
-        told = _line(cuda.cuda_error()) if cuda.cuda_error() else "no card answers"
-        return f"no NVIDIA card can be used ({told})", f"check the card and its driver with nvidia-smi {instead}"
+        reason = _one_line(cuda.cuda_error()) if cuda.cuda_error() else "no card answers"
+        return f"no NVIDIA card can be used ({reason})", f"check the card and its driver with nvidia-smi {instead}"
     try:
-        _cuda("device_array").try_card()
-    except Exception as error:  # drivers, compilers and cards fail in many ways; each is a reason not to use them
-        return f"the card cannot run kernels ({_line(error)})", f"install grainmotion[gpu], update the driver {instead}"
+        from grainmotion.kernels.cuda import device_array
+
+        device_array.run_test_kernel()
+    except Exception as error:  # drivers, compilers and GPUs fail in many ways; each is a reason not to use them
+        return (
+            f"the card cannot run kernels ({_one_line(error)})",
+            f"install grainmotion[gpu], update the driver {instead}",
+        )
     return None
 
 
-def _line(error: object) -> str:
+def _one_line(error: object) -> str:
     words = " ".join(str(error).split())
     return words if len(words) <= 200 else f"{words[:200]}…"

@@ -11,7 +11,7 @@ import numpy as np
 from grainmotion import simulate
 from grainmotion._typing import Progress
 from grainmotion.analysis.validation import Comparison, compare
-from grainmotion.backends.device import Choice
+from grainmotion.backends.device import DeviceName
 from grainmotion.errors import InputError
 from grainmotion.experiment.config import read_experiment
 from grainmotion.experiment.inputs import find_inputs
@@ -108,7 +108,9 @@ def _write_hard_case(folder: Path, hard: simulate.HardCase, progress: Progress |
     return path
 
 
-def run_demo(folder: str | Path, seed: int = 0, *, device: Choice = "auto", progress: Progress | None = None) -> Demo:
+def run_demo(
+    folder: str | Path, seed: int = 0, *, device: DeviceName = "auto", progress: Progress | None = None
+) -> Demo:
     """Simulate the small case, do its whole job, and compare every state with the truth.
 
     A demo that is there already, whole or in part, is continued.

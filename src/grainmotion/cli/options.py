@@ -9,22 +9,13 @@ import dataclasses
 import inspect
 import sys
 from collections.abc import Callable
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, get_type_hints
 
 import typer
 
+from grainmotion.backends.device import Device
 from grainmotion.errors import GrainmotionError
-
-
-class DeviceName(StrEnum):
-    """Where rays are walked."""
-
-    AUTO = "auto"
-    CPU = "cpu"
-    CUDA = "cuda"
-
 
 File = Annotated[Path, typer.Argument(metavar="FILE", help="experiment file (TOML)")]
 Out = Annotated[Path | None, typer.Option("--out", help="folder for results, instead of the file's [output]")]
@@ -33,9 +24,7 @@ Scheduler = Annotated[
     str | None, typer.Option("--scheduler", help="address of a Dask scheduler whose workers do the work")
 ]
 Workers = Annotated[int | None, typer.Option("--workers", help="processes of this machine that do the work")]
-OnDevice = Annotated[
-    DeviceName | None, typer.Option("--device", help="where rays are walked, instead of the file's own")
-]
+OnDevice = Annotated[Device | None, typer.Option("--device", help="where rays are walked, instead of the file's own")]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="of packing, motions and noise")]
 Photons = Annotated[float | None, typer.Option("--photons", help="a pixel of open beam; else the file's or case's own")]
 Views = Annotated[str | None, typer.Option("--views", help="numbers of views, as 2,3,4,6")]

@@ -46,9 +46,9 @@ class ClusterConnection:
     shelf: SharedStore
 
     @property
-    def crew(self) -> DaskBackend:
-        """The workers as the device that tracks grains."""
-        return DaskBackend.of(self.work, self.shelf)
+    def backend(self) -> DaskBackend:
+        """The workers as the backend that projects grains."""
+        return DaskBackend(self.work, self.shelf)
 
     def walks_states(self, grains: GrainSet) -> bool:
         """Whether grains are so few that one worker tracks a state sooner than several could together."""

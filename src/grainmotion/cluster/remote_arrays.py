@@ -1,40 +1,43 @@
-"""What workers hold of a state, as the client sees it: voxels, arrays over patches, sums of radiographs."""
+"""What workers hold of a state, as the client refers to it: voxels, arrays over patches, sums of radiographs."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import DTypeLike, NDArray
 
 from grainmotion._typing import Image, Index
 from grainmotion.cluster import tracking_tasks
+from grainmotion.cluster.executor import Executor
 from grainmotion.cluster.shared_store import StoredImages
-from grainmotion.cluster.tracking_tasks import PatchTable
+from grainmotion.kernels.layout import PatchTable, patch_table
 
 if TYPE_CHECKING:
     from dask.delayed import Delayed
 
-    from grainmotion.cluster.dask_backend import DaskBackend
+PARTS_ADDED_BY_A_TASK = 4
+"""Parts of a sum of radiographs."""
 
 
 @dataclass(frozen=True, eq=False)
 class Voxels:
-    """Voxels of grains; ``kept`` are the files from which workers have them, ``spots`` the addresses of these.
+    """Voxels of grains in pieces, each held by the worker of an address.
 
-    What begins at ``begins[k]`` of all voxels lies in piece ``owner[k]``, from ``local[k]`` on.
+    The voxels that begin at ``begins[k]`` of all lie in piece ``owner[k]``, from ``local[k]`` on; ``files`` are those
+    from which workers load the pieces.
     """
 
-    walked_by: DaskBackend
-    dtype: Any
+    dtype: np.dtype[np.floating]
     begins: Index
     owner: Index
     local: Index
     pieces: list[Delayed]
-    spots: list[str]
-    kept: list[StoredImages]
+    addresses: list[str]
+    files: list[StoredImages]
 
     def places(self, starts: Index) -> tuple[Index, Index]:
         """The piece of each grain, and where it begins there."""
@@ -44,22 +47,22 @@ class Voxels:
 
 @dataclass(frozen=True, eq=False)
 class RemoteSum:
-    """Stacks of radiographs ``(k, views, rows, columns)`` that workers hold, in parts that add up to them.
+    """k stacks of radiographs, ``shape`` (k, views, rows, columns), held by workers in parts that add up to them.
 
     ``rows`` are the first row of each part and the one after its last.
     """
 
-    walked_by: DaskBackend
+    executor: Executor
     parts: list[Delayed]
     rows: list[tuple[int, int]]
     shape: tuple[int, ...]
-    dtype: Any
+    dtype: np.dtype[np.floating]
 
     @cached_property
     def host(self) -> Image:
-        """The same numbers here."""
+        """The sums in this process."""
         out = np.zeros(self.shape)
-        for part in self.walked_by.work.results(self.walked_by.added_up(self.parts)):
+        for part in self.executor.results(added_up(self.executor, self.parts)):
             part.add_to(out)
         return out.astype(self.dtype)
 
@@ -71,36 +74,44 @@ class RemoteSum:
     def __len__(self) -> int:
         return self.shape[0]
 
-    def __getitem__(self, index: Any) -> Image:
-        found: Image = self.host[index]
-        return found
+    def __iter__(self) -> Iterator[Image]:
+        return iter(self.host)
+
+
+def added_up(executor: Executor, strips: list[Delayed]) -> list[Delayed]:
+    """A few parts of the sum of radiographs, neighbours added first."""
+    size = PARTS_ADDED_BY_A_TASK
+    while len(strips) > size:
+        groups = [strips[k : k + size] for k in range(0, len(strips), size)]
+        strips = [executor.task(tracking_tasks.merge, *group) if len(group) > 1 else group[0] for group in groups]
+    return strips
 
 
 @dataclass(frozen=True, eq=False)
 class Split:
-    """Patches of the sample, piece by piece: ``patches`` and ``grains`` of each in the sample, and its own ``some``.
+    """The patches of a sample, piece by piece.
 
-    ``spots`` are the addresses of the workers that have them.
+    ``patches`` and ``grains`` are the rows in the sample of each piece's own, ``tables`` its patches, with grains
+    counted within the piece, and ``addresses`` those of the workers that hold it.
     """
 
     patches: list[Index]
     grains: list[Index]
-    some: list[PatchTable]
-    spots: list[str]
+    tables: list[PatchTable]
+    addresses: list[str]
 
     @classmethod
-    def of(cls, owner: Index, spots: list[str], boxes: Index, offsets: Index) -> Split:
-        """``owner`` is each grain's piece."""
-        sizes, place = np.diff(offsets), np.zeros(len(owner), np.int64)
-        split = cls([], [], [], spots)
-        for k in range(len(spots)):
-            own, rows = np.flatnonzero(owner == k), np.flatnonzero(owner[boxes[:, 0]] == k)
+    def of(cls, owner: Index, addresses: list[str], patches: PatchTable) -> Split:
+        """``owner (n,)`` is each grain's piece."""
+        place, split = np.zeros(len(owner), np.int64), cls([], [], [], addresses)
+        for k in range(len(addresses)):
+            own, rows = np.flatnonzero(owner == k), np.flatnonzero(owner[patches.boxes[:, 0]] == k)
             place[own] = np.arange(len(own))
-            mine = boxes[rows]
-            mine[:, 0] = place[mine[:, 0]]
+            boxes = patches.boxes[rows]
+            boxes[:, 0] = place[boxes[:, 0]]
             split.patches.append(rows)
             split.grains.append(own)
-            split.some.append(PatchTable(mine, ends_of(sizes[rows])))
+            split.tables.append(patch_table(boxes, patches.lines[:0], len(patches.view_starts) - 1))
         return split
 
     @cached_property
@@ -113,73 +124,69 @@ class Split:
         return owner, row
 
 
+@dataclass(eq=False)
 class RemoteArray:
-    """An array held by workers; indices and numpy's functions see its copy here, made when first asked for.
+    """An array over all patches, ``(…, pixels)``, held by workers; indexing and numpy functions use a copy here.
 
-    It is flat over all patches, ``(…, pixels)`` in the order of ``offsets``; ``part`` takes it from what pieces are.
+    ``take`` gives the array from what a worker holds; ``offsets`` are those of the patches, and ``files`` those from
+    which a lost piece would be made again.
     """
 
-    def __init__(self, crew: DaskBackend, shape: tuple[int, ...], dtype: Any) -> None:
-        self.walked_by, self.shape, self.dtype = crew, shape, dtype
-        self.split: Split | None = None
-        self.part = tracking_tasks.values_of if len(shape) == 1 else tracking_tasks.derivatives_of
-        self.offsets: Index = np.zeros(1, np.int64)
-        self.pieces: list[Delayed] = []
-        self.kept: tuple[Any, ...] = ()
+    executor: Executor
+    shape: tuple[int, ...]
+    dtype: np.dtype[np.floating]
+    take: Callable[[Image | tracking_tasks.ProjectedPatches], Image]
+    pieces: list[Delayed]
+    split: Split
+    offsets: Index
+    files: tuple[object, ...]
 
-    def fill(self, found: list[Delayed], split: Split | None, offsets: Index, kept: tuple[Any, ...]) -> None:
-        """Take what workers made; ``kept`` owns the files from which it would be made again."""
-        self.pieces, self.split, self.offsets, self.kept = found, split, offsets, kept
+    def fill(self, pieces: list[Delayed], *files: object) -> None:
+        """Replace the pieces by what workers made of them, and of more files."""
+        self.pieces, self.files = pieces, (*self.files, *files)
         self.__dict__.pop("host", None)
 
     @cached_property
     def host(self) -> Image:
-        """The same numbers here."""
+        """The array in this process."""
         out = np.zeros(self.shape, self.dtype)
-        if self.split is None:
-            return out
-        work = self.walked_by.work
-        found = work.results([work.task_at(spot, self.part, piece) for spot, piece, _ in self.sides])
-        for patches, some, piece in zip(self.split.patches, self.split.some, found, strict=True):
-            sizes = np.diff(some.offsets)
-            at = np.repeat(self.offsets[patches] - some.offsets[:-1], sizes) + np.arange(some.offsets[-1])
-            out[..., at] = piece
+        tasks = [
+            self.executor.task_at(address, self.take, piece)
+            for address, piece in zip(self.split.addresses, self.pieces, strict=True)
+        ]
+        parts = self.executor.results(tasks)
+        for patches, table, part in zip(self.split.patches, self.split.tables, parts, strict=True):
+            sizes = np.diff(table.offsets)
+            at = np.repeat(self.offsets[patches] - table.offsets[:-1], sizes) + np.arange(table.offsets[-1])
+            out[..., at] = part
         return out
 
     def copy(self) -> RemoteArray:
-        """Another array with the same numbers."""
-        again = RemoteArray(self.walked_by, self.shape, self.dtype)
-        again.fill(self.pieces, self.split, self.offsets, self.kept)
-        return again
+        """An array that can be filled anew; the pieces are shared, for tasks never change them."""
+        return replace(self)
 
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Image:
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> Image:
         return self.host.astype(dtype or self.dtype, copy=bool(copy))
 
-    def __getitem__(self, index: Any) -> Any:
+    def __getitem__(self, index: slice) -> Image:
         return self.host[index]
 
     def __len__(self) -> int:
         return self.shape[0]
 
-    def each(self, function: Callable[..., Any], *images: Delayed, **more: list[Any]) -> list[Delayed]:
-        """A task for each piece, with its patches and its own of what else there is a list of."""
+    def each(self, function: Callable[..., object], *images: Delayed, **more: Sequence[object]) -> list[Delayed]:
+        """A task for each piece, with its patches and its own item of each list in ``more``."""
         return [
-            self.at(k, function, *images, **{name: each[k] for name, each in more.items()})
+            self.at(k, function, *images, **{name: items[k] for name, items in more.items()})
             for k in range(len(self.pieces))
         ]
 
-    def at(self, k: int, function: Callable[..., Any], *images: Delayed, **literals: Any) -> Delayed:
-        """A task for piece k, done where it is."""
-        spot, piece, some = self.sides[k]
-        return self.walked_by.work.task_at(spot, function, piece, *images, some=some, **literals)
-
-    @property
-    def sides(self) -> list[tuple[str, Delayed, PatchTable]]:
-        """Of each piece who has it, the piece and its patches."""
-        assert self.split is not None
-        return list(zip(self.split.spots, self.pieces, self.split.some, strict=True))
+    def at(self, k: int, function: Callable[..., object], *images: Delayed, **literals: object) -> Delayed:
+        """A task for piece k and its patches, at the worker that holds it."""
+        address, table = self.split.addresses[k], self.split.tables[k]
+        return self.executor.task_at(address, function, self.pieces[k], *images, patches=table, **literals)
 
 
-def ends_of(sizes: Index) -> Index:
+def ends_of(sizes: NDArray[np.integer]) -> Index:
     """Where pieces of such sizes begin one after the other, and the end of the last."""
     return np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from grainmotion.backends.device import CPU
+from grainmotion.backends.cpu import CPU
 from grainmotion.cluster.executor import Executor
 from grainmotion.cluster.shared_store import SharedStore, StoredObject
 from grainmotion.cluster.worker_threads import own_threads

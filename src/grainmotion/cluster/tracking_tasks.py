@@ -1,48 +1,31 @@
-"""What workers do of a state: plain functions over pieces of the sample, some grains each, that know no Dask.
+"""Tasks of tracking: plain functions of a piece of the sample, some grains each, that workers run.
 
-Boxes and offsets are those of `grains.Patches`, of a piece's own patches; grains count within the piece.
+Patches are tables (`kernels.layout.PatchTable`) of a piece's own, in which grains count within the piece.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from grainmotion._typing import Float, Image, Index
+from grainmotion.backends.cpu import CPU
 from grainmotion.cluster.shared_store import StoredImages, StoredObject
 from grainmotion.cluster.worker_threads import own_threads
 from grainmotion.kernels import grain_projection, normal_equations
-
-
-@dataclass(frozen=True, eq=False)
-class PatchTable:
-    """Patches of some grains."""
-
-    boxes: Index
-    offsets: Index
-
-    @property
-    def rows(self) -> tuple[int, int]:
-        """First row of pixels that they touch, and the one after the last."""
-        return int(self.boxes[:, 2].min(initial=2**31)), int(self.boxes[:, 3].max(initial=0))
-
-    def below(self, first: int) -> PatchTable:
-        """The same, rows counted from ``first`` on."""
-        boxes = self.boxes.copy()
-        boxes[:, 2:4] -= first
-        return replace(self, boxes=boxes)
+from grainmotion.kernels.layout import GrainTable, PatchTable, ViewTable
+from grainmotion.model.pose import Pose
 
 
 @dataclass(frozen=True, eq=False)
 class Rays:
-    """Grains and the rays to trace through them: arguments of `kernels.grain_projection.project` beside the patches."""
+    """Arguments of `PatchBackend.project`; the grains' voxels are the worker's."""
 
-    grains: tuple[Index, Index, Float, Image, float, Float, Float]
-    views: tuple[Float, bool, Index]
-    jobs: Index
+    grains: GrainTable
+    views: ViewTable
+    patches: PatchTable
     exact: bool
 
 
@@ -52,6 +35,10 @@ class ProjectedPatches:
 
     values: Image
     derivatives: Image
+
+
+Piece = Image | ProjectedPatches
+"""What a worker holds of the patches: line integrals or derivatives alone, or both."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,128 +57,131 @@ class ImageStrip:
 
 
 Images = tuple[ImageStrip, ...] | StoredImages
-"""Parts that add up to radiographs, or k stacks of them, one above the other."""
+"""Strips that add up to k stacks of radiographs, or the stacks in a file."""
 
 
-# ---------------------------------------------------------------------- walks
-def project(voxels: Image, rays: Rays, some: PatchTable) -> Image:
+def rows_of(patches: PatchTable) -> tuple[int, int]:
+    """First row of pixels that patches reach, and the one after the last."""
+    return int(patches.boxes[:, 2].min(initial=2**31)), int(patches.boxes[:, 3].max(initial=0))
+
+
+def below(patches: PatchTable, first: int) -> PatchTable:
+    """The same patches, with rows counted from ``first`` on."""
+    boxes = patches.boxes.copy()
+    boxes[:, 2:4] -= first
+    return patches._replace(boxes=boxes)
+
+
+# ---------------------------------------------------------------------- projections
+def project(voxels: Image, rays: Rays) -> Image:
     """Line integrals of all patches, flat."""
-    values = np.zeros(some.offsets[-1], voxels.dtype)
     with own_threads():
-        grain_projection.project(
-            voxels, *rays.grains, *rays.views, some.boxes, some.offsets, rays.jobs, rays.exact, values
-        )
-    return values
+        return CPU.project(rays.grains._replace(voxels=voxels), rays.views, rays.patches, rays.exact)
 
 
-def differentiate(voxels: Image, rays: Rays, some: PatchTable) -> ProjectedPatches:
+def differentiate(voxels: Image, rays: Rays) -> ProjectedPatches:
     """These and their derivatives."""
-    values, derivatives = (np.zeros((*k, some.offsets[-1]), voxels.dtype) for k in ((), (6,)))
     with own_threads():
-        grain_projection.project_with_derivatives(
-            voxels, *rays.grains, *rays.views, some.boxes, some.offsets, rays.jobs, rays.exact, values, derivatives
-        )
-    return ProjectedPatches(values, derivatives)
+        grains = rays.grains._replace(voxels=voxels)
+        return ProjectedPatches(*CPU.project_with_derivatives(grains, rays.views, rays.patches, rays.exact))
 
 
-def values_of(piece: Image | ProjectedPatches) -> Image:
+def values_of(piece: Piece) -> Image:
     """Line integrals."""
     return piece.values if isinstance(piece, ProjectedPatches) else piece
 
 
-def derivatives_of(piece: Image | ProjectedPatches) -> Image:
+def derivatives_of(piece: Piece) -> Image:
     """Derivatives, not yet filtered or filtered."""
     return piece.derivatives if isinstance(piece, ProjectedPatches) else piece
 
 
 # ---------------------------------------------------------------------- radiographs
-def add_up(piece: Image | ProjectedPatches, some: PatchTable, like: tuple[int, int]) -> ImageStrip:
+def add_up(piece: Piece, patches: PatchTable, like: tuple[int, int]) -> ImageStrip:
     """Sum of the patches, in radiographs of so many views and columns."""
-    first, end = some.rows
+    first, end = rows_of(patches)
     images = np.zeros((1, like[0], max(end - first, 0), like[1]))
-    grain_projection.add_patches(values_of(piece), some.below(first).boxes, some.offsets, images[0])
+    grain_projection.add_patches(values_of(piece), below(patches, first).boxes, patches.offsets, images[0])
     return ImageStrip(first, images)
 
 
-def spread(piece: Image | ProjectedPatches, some: PatchTable, increments: Float, like: tuple[int, int]) -> ImageStrip:
-    """What increments ``(k, n, 6)`` of the grains change in the radiographs."""
-    first, end = some.rows
+def jvp(piece: Piece, patches: PatchTable, increments: Float, like: tuple[int, int]) -> ImageStrip:
+    """What increments ``(k, n, 6)`` of the grains change in the radiographs, in double precision."""
+    first, end = rows_of(patches)
     views, columns = like
-    images = np.zeros((len(increments), views, max(end - first, 0), columns))
-    order = np.argsort(some.boxes[:, 1], kind="stable")
-    starts, boxes = np.searchsorted(some.boxes[order, 1], np.arange(views + 1)), some.below(first).boxes
+    stacks = np.zeros((len(increments), views, max(end - first, 0), columns))
+    tables = below(patches, first).boxes, patches.offsets, patches.order, patches.view_starts
     with own_threads():
-        for each, found in zip(increments, images, strict=True):
-            normal_equations.spread(derivatives_of(piece), boxes, some.offsets, order, starts, each, found)
-    return ImageStrip(first, images)
+        for each, images in zip(increments, stacks, strict=True):
+            normal_equations.jvp(derivatives_of(piece), *tables, each, images)
+    return ImageStrip(first, stacks)
 
 
-def merge(*stripes: ImageStrip) -> ImageStrip:
+def merge(*strips: ImageStrip) -> ImageStrip:
     """Sum of radiographs."""
-    filled = [s for s in stripes if s.images.size] or [stripes[0]]
+    filled = [s for s in strips if s.images.size] or [strips[0]]
     first, end = min(s.first for s in filled), max(s.first + s.images.shape[2] for s in filled)
-    k, views, _, columns = stripes[0].images.shape
+    k, views, _, columns = strips[0].images.shape
     out = np.zeros((k, views, max(end - first, 0), columns))
-    for stripe in filled:
-        stripe.add_to(out, first)
+    for strip in filled:
+        strip.add_to(out, first)
     return ImageStrip(first, out)
 
 
-def _stacks(images: Images, some: PatchTable, precision: np.dtype[np.floating]) -> tuple[Image, PatchTable]:
-    """The rows of k stacks of radiographs that patches touch, and the patches counted from there."""
-    first, end = some.rows
+def _stacks(images: Images, patches: PatchTable, precision: np.dtype[np.floating]) -> tuple[Image, PatchTable]:
+    """The rows of k stacks of radiographs that patches reach, and the patches counted from there."""
+    first, end = rows_of(patches)
     if isinstance(images, StoredImages):
-        return images.rows(first, end), some.below(first)
+        return images.rows(first, end), below(patches, first)
     k, views, _, columns = images[0].images.shape
     out = np.empty((k, views, max(end - first, 0), columns), precision)
-    for stack in range(k):  # one after the other, while its numbers are at hand
+    for stack in range(k):  # one after the other, while its numbers are in the cache
         total = np.zeros((1, *out.shape[1:]))
         for part in images:
             ImageStrip(part.first, part.images[stack : stack + 1]).add_to(total, first)
         out[stack] = total[0]
-    return out, some.below(first)
+    return out, below(patches, first)
 
 
 # ---------------------------------------------------------------------- derivatives
-def filtered(piece: Image | ProjectedPatches, some: PatchTable, factor: StoredImages, kernel: Image) -> Image:
+def filtered(piece: Piece, patches: PatchTable, factor: StoredImages, kernel: Image) -> Image:
     """Derivatives times a factor of each pixel, then filtered patch by patch."""
     out = derivatives_of(piece).copy()
-    ((images,), here) = _stacks(factor, some, out.dtype)
+    ((images,), here) = _stacks(factor, patches, out.dtype)
     with own_threads():
-        normal_equations.filter_patches(out, here.boxes, here.offsets, images, kernel)
+        CPU.filter_patches(out, here, images, kernel)
     return out
 
 
-def gradients(
-    piece: Image | ProjectedPatches, *parts: ImageStrip, some: PatchTable, images: StoredImages | None = None
-) -> Float:
-    """Dot products ``(k, patches, 6)`` of each patch's derivatives with radiographs, in parts or from the shelf."""
+def vjp(piece: Piece, *parts: ImageStrip, patches: PatchTable, images: StoredImages | None = None) -> Float:
+    """Dot products ``(k, patches, 6)`` of each patch's derivatives with radiographs, in strips or from a file."""
     derivatives = derivatives_of(piece)
-    stacks, here = _stacks(images or parts, some, derivatives.dtype)
-    out = np.zeros((len(stacks), len(some.boxes), 6))
+    stacks, here = _stacks(images or parts, patches, derivatives.dtype)
     with own_threads():
-        for stack, found in zip(stacks, out, strict=True):
-            normal_equations.gradients(derivatives, here.boxes, here.offsets, stack, found)
-    return out
+        return CPU.vjp(derivatives, here, list(stacks))
 
 
-def lend(piece: Image | ProjectedPatches, some: PatchTable, patches: Index) -> Image:
+def select(piece: Piece, patches: PatchTable, which: Index) -> Image:
     """Derivatives of some of the patches, one after the other."""
-    cuts = [slice(a, b) for a, b in zip(some.offsets[patches], some.offsets[patches + 1], strict=True)]
+    cuts = [slice(a, b) for a, b in zip(patches.offsets[which], patches.offsets[which + 1], strict=True)]
     return np.concatenate([derivatives_of(piece)[:, cut] for cut in cuts], axis=1)
 
 
-def blocks(piece: Image | ProjectedPatches, *loans: Image, some: PatchTable, pairs: Index, first: Index) -> Float:
-    """6×6 blocks of JᵀJ; ``some`` are the piece's own patches and the borrowed ones after them."""
-    out, own = np.zeros((len(first) - 1, 6, 6)), derivatives_of(piece)
-    together = np.concatenate([own, *loans], axis=1) if loans else own
+def gram_blocks(piece: Piece, *others: Image, patches: PatchTable, pairs: Index, first: Index) -> Float:
+    """6×6 blocks of JᵀJ; ``patches`` are the piece's own, followed by those selected from other pieces."""
+    own = derivatives_of(piece)
+    together = np.concatenate([own, *others], axis=1) if others else own
     with own_threads():
-        normal_equations.blocks(together, some.boxes, some.offsets, pairs, first, out)
-    return out
+        return CPU.gram_blocks(together, patches, pairs, first)
 
 
-def for_grains(voxels: Image, function: Callable[..., Any], told: StoredObject, images: StoredImages) -> Any:
-    """A function of the piece's grains, see `Device.for_grains`."""
-    without, pose, how = told.take()
+def map_grains(
+    voxels: Image,
+    function: Callable[[object, Pose, tuple[Image, ...], object], Float],
+    stored: StoredObject,
+    images: StoredImages,
+) -> Float:
+    """A function of the piece's grains, see `PatchBackend.map_grains`."""
+    without_voxels, pose, settings = stored.take()
     with own_threads():
-        return function(replace(without, images=voxels), pose, *images.all(), how)
+        return function(replace(without_voxels, images=voxels), pose, tuple(images.all()), settings)

@@ -9,7 +9,7 @@ from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
 from grainmotion.cluster.reconstruction_tasks import SlabState
-from grainmotion.cluster.tracking_tasks import ImageStrip, PatchTable, ProjectedPatches
+from grainmotion.cluster.tracking_tasks import ImageStrip, ProjectedPatches, Rays
 from grainmotion.cluster.worker_threads import settle
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.scan import Scan
@@ -28,7 +28,7 @@ NOUNS = (
     Scan,
     RadiographRows,
     Slab,
-    PatchTable,
+    Rays,
     Strip,
     ImageStrip,
     Volume,

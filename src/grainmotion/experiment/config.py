@@ -17,7 +17,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from grainmotion._typing import Beam
 from grainmotion._validation import validated
-from grainmotion.backends.device import Choice
+from grainmotion.backends.device import DeviceName
 from grainmotion.calibration.settings import ReferenceSettings, ScannerSettings
 from grainmotion.errors import InputError
 from grainmotion.experiment.config_errors import input_error
@@ -174,7 +174,7 @@ class Experiment:
         """How the reference state is made: the tables ``[calibrate]``, ``[reconstruct]`` and ``[segment]``."""
         return ReferenceSettings(self.tables.calibrate, self.tables.reconstruct, self.tables.segment)
 
-    def on(self, device: Choice) -> Experiment:
+    def on(self, device: DeviceName) -> Experiment:
         """The same experiment, all of its work on a device."""
         reconstruct = dataclasses.replace(self.tables.reconstruct, device=device)
         track = dataclasses.replace(self.tables.track, device=device)

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import ndimage
 
 from grainmotion._typing import Float
-from grainmotion.backends.device import chosen
+from grainmotion.backends.device import backend_of
 from grainmotion.errors import InputError
 from grainmotion.experiment.config import Experiment
 from grainmotion.experiment.scan_inputs import ScanInput, find_scan, named_stack
@@ -62,7 +62,7 @@ def find_inputs(experiment: Experiment) -> Inputs:
     """
     tables, folder = experiment.tables, experiment.folder
     for device in (tables.reconstruct.device, tables.track.device):
-        chosen(device)
+        backend_of(device)
     volume = named_stack("reference.volume", tables.reference.volume, folder)
     labels = named_stack("reference.labels", tables.reference.labels, folder)
     calibrates = tables.calibrate.geometry not in (False, "auto") or tables.calibrate.hardening

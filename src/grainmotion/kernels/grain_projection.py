@@ -6,13 +6,8 @@ With G = ∂I/∂o and H = ∂I/∂d,
 
     ∂I/∂u = −Ω G,      ∂I/∂δ = −Ω (o × G + d × H)      for  Ω ← exp[δ]ₓ Ω.
 
-A patch is a row of ``boxes``: grain, view, first row, end row, first column, end column; its pixels lie
-in row order in flat buffers from ``offsets[patch]``.  ``jobs`` lists the pixels to walk, (patch, row, first
-column, end column), the unit of parallel work; other pixels of a patch are left as they are.
-
-Grain g's voxels are ``images[starts[g]:]`` in C order with ``shapes[g]`` (z, y, x), voxel [0, 0, 0] at
-``corners[g]`` (x y z, mm) from its centre c; they lie between the planes of ``extents[g]`` (see
-`grain_ray_tracing.between`).
+Grains, views and patches are tables of `kernels.layout`.  A run of pixels (``patches.lines``) is the unit of parallel
+work; pixels of a patch that belong to no run are left as they are.
 """
 
 from __future__ import annotations
@@ -47,8 +42,8 @@ def value_at(image, shape, o, d, low, high, voxel, exact):
 
 
 @_inlined
-def slopes_at(image, shape, corner, o, d, low, high, m, voxel, exact):
-    """I of the ray o + t d, and its derivatives by u and δ, for a grain turned by the matrix m."""
+def derivatives_at(image, shape, corner, o, d, low, high, m, voxel, exact):
+    """I of the ray o + t d, and its derivatives by u and δ, for a grain rotated by the matrix m."""
     axis, first, count, oo, dd, strides, sizes = ordered(o, d, shape, low, high)
     if exact:
         total, gb, gc, hb, hc = exact_path(image, first, count, oo, dd, strides, sizes)
@@ -69,30 +64,32 @@ def slopes_at(image, shape, corner, o, d, low, high, m, voxel, exact):
     ty = -length * (oz * gx - ox * gz + d[2] * hx - d[0] * hz)
     tz = -length * (ox * gy - oy * gx + d[0] * hy - d[1] * hx)
     gx, gy, gz = -length * h * gx, -length * h * gy, -length * h * gz
-    shift = (
+    by_shift = (
         m[0, 0] * gx + m[0, 1] * gy + m[0, 2] * gz,
         m[1, 0] * gx + m[1, 1] * gy + m[1, 2] * gz,
         m[2, 0] * gx + m[2, 1] * gy + m[2, 2] * gz,
     )
-    turn = (
+    by_rotation = (
         m[0, 0] * tx + m[0, 1] * ty + m[0, 2] * tz,
         m[1, 0] * tx + m[1, 1] * ty + m[1, 2] * tz,
         m[2, 0] * tx + m[2, 1] * ty + m[2, 2] * tz,
     )
-    return length * total, shift, turn
+    return length * total, by_shift, by_rotation
 
 
 @nb.njit(parallel=True, cache=CACHE, error_model="numpy")
-def project(images, starts, shapes, corners, extents, voxel, positions, matrices, views, cone, panel, boxes, offsets,
-            jobs, exact, values):  # fmt: skip
+def project(grains, views, patches, exact, values):
     """Line integrals of every patch."""
+    images, starts, shapes, corners, extents, voxel, positions, matrices = grains
+    vectors, cone, panel = views
+    boxes, offsets, jobs = patches.boxes, patches.offsets, patches.lines
     for j in nb.prange(len(jobs)):
         p, r, c0, c1 = jobs[j, 0], jobs[j, 1], jobs[j, 2], jobs[j, 3]
         g, i = boxes[p, 0], boxes[p, 1]
         image = images[starts[g] : starts[g] + shapes[g, 0] * shapes[g, 1] * shapes[g, 2]]
         middle = (panel[1] - 1) / 2
         row = r - (panel[0] - 1) / 2
-        o0, o1, d0, d1 = row_of_rays(views[i], cone, row, positions[g], matrices[g], corners[g], 1.0 / voxel)
+        o0, o1, d0, d1 = row_of_rays(vectors[i], cone, row, positions[g], matrices[g], corners[g], 1.0 / voxel)
         span = np.empty((2, c1 - c0), np.float32)
         between(extents[g], o0, o1, d0, d1, c0 - middle, span)
         at = offsets[p] + (r - boxes[p, 2]) * (boxes[p, 5] - boxes[p, 4]) - boxes[p, 4]
@@ -108,9 +105,11 @@ def project(images, starts, shapes, corners, extents, voxel, positions, matrices
 
 
 @nb.njit(parallel=True, cache=CACHE, error_model="numpy")
-def project_with_derivatives(images, starts, shapes, corners, extents, voxel, positions, matrices, views, cone, panel,
-                             boxes, offsets, jobs, exact, values, derivatives):  # fmt: skip
+def project_with_derivatives(grains, views, patches, exact, values, derivatives):
     """Line integrals and their derivatives ``(6, pixels)`` by u (mm) and δ (radians)."""
+    images, starts, shapes, corners, extents, voxel, positions, matrices = grains
+    vectors, cone, panel = views
+    boxes, offsets, jobs = patches.boxes, patches.offsets, patches.lines
     for j in nb.prange(len(jobs)):
         p, r, c0, c1 = jobs[j, 0], jobs[j, 1], jobs[j, 2], jobs[j, 3]
         g, i = boxes[p, 0], boxes[p, 1]
@@ -118,7 +117,7 @@ def project_with_derivatives(images, starts, shapes, corners, extents, voxel, po
         m = matrices[g]
         middle = (panel[1] - 1) / 2
         row = r - (panel[0] - 1) / 2
-        o0, o1, d0, d1 = row_of_rays(views[i], cone, row, positions[g], m, corners[g], 1.0 / voxel)
+        o0, o1, d0, d1 = row_of_rays(vectors[i], cone, row, positions[g], m, corners[g], 1.0 / voxel)
         span = np.empty((2, c1 - c0), np.float32)
         between(extents[g], o0, o1, d0, d1, c0 - middle, span)
         at = offsets[p] + (r - boxes[p, 2]) * (boxes[p, 5] - boxes[p, 4]) - boxes[p, 4]
@@ -132,10 +131,12 @@ def project_with_derivatives(images, starts, shapes, corners, extents, voxel, po
             x = c - middle
             o = (o0[0] + x * o1[0], o0[1] + x * o1[1], o0[2] + x * o1[2])
             d = (d0[0] + x * d1[0], d0[1] + x * d1[1], d0[2] + x * d1[2])
-            total, shift, turn = slopes_at(image, shapes[g], corners[g], o, d, low, high, m, voxel, exact)
+            total, by_shift, by_rotation = derivatives_at(
+                image, shapes[g], corners[g], o, d, low, high, m, voxel, exact
+            )
             values[at + c] = total
-            derivatives[0, at + c], derivatives[1, at + c], derivatives[2, at + c] = shift
-            derivatives[3, at + c], derivatives[4, at + c], derivatives[5, at + c] = turn
+            derivatives[0, at + c], derivatives[1, at + c], derivatives[2, at + c] = by_shift
+            derivatives[3, at + c], derivatives[4, at + c], derivatives[5, at + c] = by_rotation
 
 
 @nb.njit(cache=CACHE, error_model="numpy")

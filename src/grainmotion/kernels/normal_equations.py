@@ -1,7 +1,6 @@
-"""Gaussian filtering of patches, and the block-sparse normal equations of overlapping patches.
+"""Products with J, the derivatives of overlapping patches by each grain's motion: J x, Jᵀ y, and blocks of JᵀJ.
 
-Patches are as in `kernels.grain_projection`.  Beyond the panel everything counts as zero, in residuals and
-derivatives alike, so that filtering stays linear and the two stay consistent.
+Patches are those of `kernels.layout`, ``derivatives (6, pixels)`` lie in them.
 
 Products of single numbers are exact in double precision, and are added up in it: JᵀJ then has no eigenvalue below
 zero by more than some 1e-15 of the largest, whatever the processor and its order of sums.
@@ -15,63 +14,9 @@ import numpy as np
 from grainmotion.kernels.compilation import CACHE
 
 
-@nb.njit(cache=CACHE, fastmath=True, error_model="numpy")
-def _add_scaled(target, source, weight):
-    for c in range(len(target)):
-        target[c] += weight * source[c]
-
-
-@nb.njit(cache=CACHE, error_model="numpy")
-def _smooth(image, work, weights):
-    """Convolve ``image (rows, columns)`` in place, along rows then columns, with the symmetric half-kernel.
-
-    Empty rows (the margins of a patch) are passed over.
-    """
-    rows, columns = image.shape
-    reach = len(weights) - 1
-    work[:] = 0
-    first, last = rows, -1
-    for r in range(rows):
-        if not image[r].any():
-            continue
-        first, last = min(first, r), r
-        _add_scaled(work[r], image[r], weights[0])
-        for k in range(1, min(reach, columns - 1) + 1):
-            _add_scaled(work[r, : columns - k], image[r, k:], weights[k])
-            _add_scaled(work[r, k:], image[r, : columns - k], weights[k])
-    image[:] = 0
-    for r in range(rows):
-        for source in range(max(first, r - reach), min(last, r + reach) + 1):
-            _add_scaled(image[r], work[source], weights[abs(source - r)])
-
-
-@nb.njit(parallel=True, cache=CACHE, error_model="numpy")
-def filter_images(images, weights):
-    """Filter ``images (n, rows, columns)`` in place."""
-    n, rows, columns = images.shape
-    for i in nb.prange(n):
-        _smooth(images[i], np.empty((rows, columns), images.dtype), weights)
-
-
-@nb.njit(parallel=True, cache=CACHE, error_model="numpy")
-def filter_patches(derivatives, boxes, offsets, valid, weights):
-    """Mask, then filter each patch of ``derivatives (k, pixels)`` in place; ``valid`` is (views, rows, columns)."""
-    each = len(derivatives)
-    for job in nb.prange(each * len(boxes)):
-        p, k = job // each, job % each
-        i, r0, r1, c0, c1 = boxes[p, 1], boxes[p, 2], boxes[p, 3], boxes[p, 4], boxes[p, 5]
-        rows, columns = r1 - r0, c1 - c0
-        patch = derivatives[k, offsets[p] : offsets[p] + rows * columns].reshape(rows, columns)
-        for r in range(rows):
-            for c in range(columns):
-                patch[r, c] *= valid[i, r0 + r, c0 + c]
-        if len(weights) > 1:
-            _smooth(patch, np.empty((rows, columns), patch.dtype), weights)
-
-
 @nb.njit(parallel=True, cache=CACHE, fastmath=True, error_model="numpy")
-def gradients(derivatives, boxes, offsets, images, out):
-    """Dot products ``out (patches, 6)`` of each patch's derivatives with ``images (views, rows, columns)``."""
+def vjp(derivatives, boxes, offsets, images, out):
+    """Jᵀ y: dot products ``out (patches, 6)`` of each patch's derivatives with ``images (views, rows, columns)``."""
     for p in nb.prange(len(boxes)):
         i, r0, r1, c0, c1 = boxes[p, 1], boxes[p, 2], boxes[p, 3], boxes[p, 4], boxes[p, 5]
         width = c1 - c0
@@ -93,21 +38,21 @@ def gradients(derivatives, boxes, offsets, images, out):
         out[p, 3], out[p, 4], out[p, 5] = t3, t4, t5
 
 
-BAND = 32  # rows of an image that one thread fills
+ROWS_OF_A_THREAD = 32  # of an image that J x fills
 
 
 @nb.njit(parallel=True, cache=CACHE, fastmath=True, error_model="numpy")
-def spread(derivatives, boxes, offsets, order, first, increments, images):
-    """Fill ``images (views, rows, columns)`` with what ``increments (n, 6)`` of the grains change in all patches.
+def jvp(derivatives, boxes, offsets, order, first, increments, images):
+    """J x: fill ``images (views, rows, columns)`` with what ``increments (n, 6)`` of the grains change in all patches.
 
     ``order[first[i]:first[i + 1]]`` are the patches of view i.  Each patch is worked out in the derivatives' precision;
     images in double precision add single numbers up exactly, so that no order of sums shows.
     """
     views, rows, _ = images.shape
-    bands = (rows + BAND - 1) // BAND
+    bands = (rows + ROWS_OF_A_THREAD - 1) // ROWS_OF_A_THREAD
     for job in nb.prange(views * bands):
-        i, low = job // bands, job % bands * BAND
-        high = min(low + BAND, rows)
+        i, low = job // bands, job % bands * ROWS_OF_A_THREAD
+        high = min(low + ROWS_OF_A_THREAD, rows)
         images[i, low:high] = 0
         for e in range(first[i], first[i + 1]):
             p = order[e]
@@ -126,7 +71,7 @@ def spread(derivatives, boxes, offsets, order, first, increments, images):
 
 
 @nb.njit(parallel=True, cache=CACHE, fastmath=True, error_model="numpy")
-def blocks(derivatives, boxes, offsets, pairs, first, out):
+def gram_blocks(derivatives, boxes, offsets, pairs, first, out):
     """6×6 blocks ``out (blocks, 6, 6)`` of JᵀJ: block q sums over patch pairs ``pairs[first[q]:first[q + 1]]``."""
     for q in nb.prange(len(first) - 1):
         for k in range(6):

@@ -9,8 +9,8 @@ from typing import Literal
 import numpy as np
 
 from grainmotion._typing import Float, Image, Projector
-from grainmotion.backends.device import CPU, Device
-from grainmotion.backends.patchwork import filter_images
+from grainmotion.backends.base import PatchBackend
+from grainmotion.backends.cpu import CPU
 from grainmotion.model.detector_response import trend_terms
 from grainmotion.model.scan import Scan
 from grainmotion.objective.global_parameters import Columns
@@ -31,7 +31,7 @@ class Target:
     ``fixed_background (views, rows, columns)`` are line integrals of the background where it did not move, and
     ``background`` is the body itself if it can move; ``sigma`` is the width of the Gaussian filter, pixels;
     ``response_model`` and ``nuisance`` say which numbers of the response and which motions beside the grains' are
-    unknown; ``weights`` are those of pixels, None if equal; ``device`` filters radiographs.
+    unknown; ``weights`` are those of pixels, None if equal; ``backend`` filters radiographs.
     """
 
     scan: Scan
@@ -43,7 +43,7 @@ class Target:
     weights: Image | None = None
     background: GrainArrays | None = None
     nuisance: NuisanceModel = GRAINS_ONLY
-    device: Device = CPU
+    backend: PatchBackend = CPU
 
     @property
     def precision(self) -> np.dtype[np.floating]:
@@ -90,7 +90,7 @@ class Target:
         """Weight and filter a stack of radiographs."""
         out = images * self.root_weights
         if len(self.kernel) > 1:
-            filter_images(out, self.kernel, self.device)
+            self.backend.filter_images(out, self.kernel)
         return out
 
 

@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from grainmotion._typing import Float, Image
-from grainmotion.backends.patchwork import filter_patches
+from grainmotion.backends.base import BackendArray, PatchBackend
 from grainmotion.model.detector_response import Response
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.pose import Pose
@@ -23,29 +23,25 @@ from grainmotion.objective import nuisance_motions
 from grainmotion.objective.data_term import Target
 from grainmotion.objective.global_parameters import Columns, dot
 from grainmotion.objective.response_parameters import fit_response, power_images
+from grainmotion.projection.footprints import Patches, footprint_patches
 from grainmotion.projection.grain_arrays import GrainArrays
-from grainmotion.projection.grains import (
-    Patches,
-    assemble,
-    difference_patches,
-    differentiate_in_place,
-    project_in_place,
-    shadows,
-)
+from grainmotion.projection.grains import assemble, difference_patches, differentiate_in_place, project_in_place
+from grainmotion.projection.jacobian import PatchJacobian
 
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
     """Simulated and measured radiographs at a pose, without derivatives.
 
-    ``values (pixels,)`` are each grain's own line integrals in its ``patches``, on the device of the grains.  Images
-    are ``(views, rows, columns)``: ``residual`` r, ``simulated`` F w m(P), ``line_integrals`` P of all grains and the
-    background, and ``raw_residual`` b − m(P), neither weighted nor filtered and 0 where a pixel does not count.
-    ``response`` is the best one at this pose, and ``response_columns`` are the images of its eliminated unknowns.
+    ``values (pixels,)`` are each grain's own line integrals in its ``patches``, in the memory of the grains' backend.
+    Images are ``(views, rows, columns)``: ``residual`` r, ``simulated`` F w m(P), ``line_integrals`` P of all grains
+    and the background, and ``raw_residual`` b − m(P), neither weighted nor filtered and 0 where a pixel does not
+    count.  ``response`` is the best one at this pose, and ``response_columns`` are the images of its eliminated
+    unknowns.
     """
 
     patches: Patches
-    values: Image
+    values: BackendArray
     residual: Image
     simulated: Image
     line_integrals: Image
@@ -69,44 +65,43 @@ class Evaluation:
 class LinearizedEvaluation(Evaluation):
     """An evaluation with derivatives of F w m(P).
 
-    ``derivatives (6, pixels)`` are by the grains' (u, δ), in their patches, and of P itself if they are not filtered
-    yet; ``nuisance_columns`` are by the unknowns of the nuisance motions.
+    ``jacobian`` is by the grains' (u, δ), and of P itself if it is not filtered yet; ``nuisance_columns`` are by the
+    unknowns of the nuisance motions.
     """
 
-    derivatives: Image
+    jacobian: PatchJacobian
     nuisance_columns: Columns
 
 
 def evaluate(grains: GrainArrays, target: Target, pose: Pose) -> Evaluation:
     """Simulate and compare at a pose."""
     geometry = nuisance_motions.corrected_geometry(target.scan.geometry, pose.nuisance)
-    patches = shadows(grains, pose, geometry)
+    patches = footprint_patches(grains, pose, geometry)
     values = project_in_place(grains, pose, geometry, patches, target.projector)
-    return _compare(target, pose, geometry, patches, values)[0]
+    return _compare(target, pose, geometry, patches, values, grains.backend)[0]
 
 
 def evaluate_with_derivatives(grains: GrainArrays, target: Target, pose: Pose) -> LinearizedEvaluation:
     """Simulate, compare and differentiate at a pose."""
     evaluation = evaluate_unfiltered(grains, target, pose, margin=len(target.kernel) - 1)
-    patches = evaluation.patches
     factor = target.root_weights * evaluation.response.derivative(evaluation.line_integrals)
-    filter_patches(evaluation.derivatives, patches.boxes, patches.offsets, factor, target.kernel)
+    evaluation.jacobian.filter(factor, target.kernel)
     return evaluation
 
 
 def evaluate_unfiltered(grains: GrainArrays, target: Target, pose: Pose, margin: int = 0) -> LinearizedEvaluation:
     """The same with derivatives of P in the grains' patches, which ``margin`` pixels surround."""
     geometry = nuisance_motions.corrected_geometry(target.scan.geometry, pose.nuisance)
-    patches = shadows(grains, pose, geometry, margin)
+    patches = footprint_patches(grains, pose, geometry, margin)
     differentiate = differentiate_in_place if target.derivatives == "analytic" else difference_patches
-    values, derivatives = differentiate(grains, pose, geometry, patches, target.projector)
-    evaluation, by_background = _compare(target, pose, geometry, patches, values)
-    columns = _nuisance_columns(grains, target, pose, evaluation, derivatives, by_background)
-    return LinearizedEvaluation(**vars(evaluation), derivatives=derivatives, nuisance_columns=columns)
+    values, jacobian = differentiate(grains, pose, geometry, patches, target.projector)
+    evaluation, by_background = _compare(target, pose, geometry, patches, values, jacobian.backend)
+    columns = _nuisance_columns(grains, target, pose, evaluation, jacobian, by_background)
+    return LinearizedEvaluation(**vars(evaluation), jacobian=jacobian, nuisance_columns=columns)
 
 
 def _compare(
-    target: Target, pose: Pose, geometry: Geometry, patches: Patches, values: Image
+    target: Target, pose: Pose, geometry: Geometry, patches: Patches, values: BackendArray, backend: PatchBackend
 ) -> tuple[Evaluation, list[Image]]:
     """The evaluation, and the derivatives of P by the background's motion if that is unknown."""
     nuisance = target.nuisance
@@ -115,7 +110,7 @@ def _compare(
         background, by_background = nuisance_motions.background_images(
             target.background, pose.nuisance, geometry, target.projector, nuisance.background or nuisance.views
         )
-    path = assemble(values, patches, geometry) + background
+    path = assemble(values, patches, geometry, backend) + background
     response, simulated, columns = _best_response(target, path)
     raw = (target.scan.line_integrals.astype(target.precision) - response.apply(path)) * target.valid
     residual = target.measured - simulated
@@ -127,7 +122,7 @@ def _nuisance_columns(
     target: Target,
     pose: Pose,
     evaluation: Evaluation,
-    derivatives: Image,
+    jacobian: PatchJacobian,
     by_background: list[Image],
 ) -> Columns:
     """Derivatives by the nuisance motions, from those of P by the grains' motions and by the background's."""
@@ -135,9 +130,7 @@ def _nuisance_columns(
     slope = evaluation.response.derivative(evaluation.line_integrals)
     columns = Columns()
     if nuisance.views:
-        images = nuisance_motions.view_derivatives(
-            evaluation.line_integrals, derivatives, grains, pose, evaluation.patches
-        )
+        images = nuisance_motions.view_derivatives(evaluation.line_integrals, jacobian, grains, pose)
         if target.background is not None:
             images[2] = images[2] + nuisance_motions.background_by_view_angle(
                 target.background, pose.nuisance, by_background

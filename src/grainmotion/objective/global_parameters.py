@@ -6,14 +6,12 @@ A stack of images ``(views, rows, columns)`` is one unknown if all views share i
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion._typing import Float, Image
-from grainmotion.backends.patchwork import gradients
-from grainmotion.projection.grains import Patches
+from grainmotion.projection.jacobian import PatchJacobian
 
 
 @dataclass(eq=False)
@@ -63,18 +61,15 @@ class Columns:
                 out[starts[j] : starts[j + 1], starts[i] : starts[i + 1]] = block.T
         return out
 
-    def border(self, derivatives: Any, patches: Patches, grains: int) -> Float:
-        """JᵀC, ``(6n, m)``, for filtered derivatives in patches."""
-        grain, view = patches.boxes[:, 0], patches.boxes[:, 1]
-        blocks = []
-        found: list[Float] = []
-        if self.stacks:
-            found = list(gradients(derivatives, patches.boxes, patches.offsets, self.stacks))
-        for parts, shared in zip(found, self.shared, strict=True):
-            block = np.zeros((grains, 1 if shared else self.views, 6))
+    def border(self, jacobian: PatchJacobian) -> Float:
+        """JᵀC, ``(6n, m)``, for a filtered Jacobian J."""
+        grain, view = jacobian.patches.boxes[:, 0], jacobian.patches.boxes[:, 1]
+        blocks = [np.zeros((6 * len(jacobian), 0))]
+        for parts, shared in zip(jacobian.vjp(self.stacks) if self.stacks else [], self.shared, strict=True):
+            block = np.zeros((len(jacobian), 1 if shared else self.views, 6))
             np.add.at(block, (grain, np.zeros_like(view) if shared else view), parts)
-            blocks.append(block.transpose(0, 2, 1).reshape(6 * grains, -1))
-        return np.concatenate(blocks, axis=1) if blocks else np.zeros((6 * grains, 0))
+            blocks.append(block.transpose(0, 2, 1).reshape(6 * len(jacobian), -1))
+        return np.concatenate(blocks, axis=1)
 
     def combine(self, coefficients: Float) -> Image:
         """C coefficients, as images."""

@@ -13,9 +13,10 @@ import numpy as np
 from grainmotion._typing import Float, Image, Projector
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.pose import NuisanceMotion, Pose, ViewCorrections
-from grainmotion.objective.normal_matrix import spread
+from grainmotion.projection.footprints import footprint_patches
 from grainmotion.projection.grain_arrays import GrainArrays
-from grainmotion.projection.grains import Patches, assemble, differentiate_patches, project_patches, shadows
+from grainmotion.projection.grains import assemble, differentiate_patches, project_patches
+from grainmotion.projection.jacobian import PatchJacobian
 from grainmotion.rotations import rotation_matrix, rotation_vector
 
 UNKNOWNS_PER_VIEW = 3
@@ -111,11 +112,11 @@ def corrected_geometry(geometry: Geometry, at: NuisanceMotion | None) -> Geometr
     return replace(geometry, vectors=blocks.reshape(-1, 12))
 
 
-def view_derivatives(path: Image, derivatives: Image, grains: GrainArrays, pose: Pose, patches: Patches) -> list[Image]:
+def view_derivatives(path: Image, jacobian: PatchJacobian, grains: GrainArrays, pose: Pose) -> list[Image]:
     """Derivatives of the line integrals ``(views, rows, columns)`` by each view's own shift u, shift v and angle.
 
     Those by shifts are central differences of the simulated radiograph.  That by the angle comes from the grains'
-    own ``derivatives`` by (u, δ), not yet filtered; the background's share is added by `background_by_view_angle`.
+    own ``jacobian`` by (u, δ), not yet filtered; the background's share is added by `background_by_view_angle`.
     """
     along = np.gradient(path, axis=2) if path.shape[2] > 1 else np.zeros_like(path)
     up = np.gradient(path, axis=1) if path.shape[1] > 1 else np.zeros_like(path)
@@ -123,7 +124,7 @@ def view_derivatives(path: Image, derivatives: Image, grains: GrainArrays, pose:
     increments = np.zeros((1, len(places), 6))
     # as in `derivative_by_view_angle`
     increments[0, :, 0], increments[0, :, 1], increments[0, :, 5] = places[:, 1], -places[:, 0], -1.0
-    return [along.astype(path.dtype), up.astype(path.dtype), *spread(derivatives, patches, increments, path.shape)]
+    return [along.astype(path.dtype), up.astype(path.dtype), *jacobian.images(increments)]
 
 
 def background_by_view_angle(background: GrainArrays, at: NuisanceMotion | None, derivatives: list[Image]) -> Image:
@@ -144,7 +145,7 @@ def background_images(
     pose = Pose(np.zeros((1, 3)), np.eye(3)[None])
     if at is not None:
         pose = Pose(at.translation[None], at.matrix[None])
-    patches = shadows(background, pose, geometry)
+    patches = footprint_patches(background, pose, geometry)
     if not differentiate:
         return assemble(project_patches(background, pose, geometry, patches, projector), patches, geometry), []
     values, derivatives = differentiate_patches(background, pose, geometry, patches, projector)

@@ -19,7 +19,7 @@ from grainmotion.objective.evaluation import (
     evaluate_with_derivatives,
 )
 from grainmotion.objective.global_parameters import Columns
-from grainmotion.objective.normal_matrix import normal_of, spread
+from grainmotion.objective.normal_matrix import normal_of
 from grainmotion.objective.priors import MotionPrior, nuisance_prior
 from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.rotations import rotation_matrix
@@ -58,11 +58,11 @@ class StateProblem:
         """Cost ½‖r‖², gradient and normal matrix at a pose, with the priors' share."""
         if self.basis is not None:
             return self._linearize_tied(state, self.basis(self.grains, state))
-        evaluation, n = self.evaluate_with_derivatives(state), len(self.grains)
-        derivatives, patches, residual = evaluation.derivatives, evaluation.patches, evaluation.residual
+        evaluation = self.evaluate_with_derivatives(state)
+        jacobian, residual = evaluation.jacobian, evaluation.residual
         columns = evaluation.response_columns + evaluation.nuisance_columns
-        hessian = normal_of(derivatives, patches, n, residual.shape)
-        both = (Columns([residual], [True]) + columns).border(derivatives, patches, n)
+        hessian = normal_of(jacobian)
+        both = (Columns([residual], [True]) + columns).border(jacobian)
         gradient, border, corner = -both[:, 0], np.ascontiguousarray(both[:, 1:]), columns.gram()
         nuisance_gradient = self._with_nuisance_prior(state, corner, -evaluation.nuisance_columns.dot(residual))
         if self.prior is not None:
@@ -80,9 +80,7 @@ class StateProblem:
         evaluation = evaluate_unfiltered(self.grains, target, state)
         slope = evaluation.response.derivative(evaluation.line_integrals)
         columns = Columns()
-        increments = basis.T.reshape(m, n, 6)
-        panels = evaluation.line_integrals.shape
-        for image in spread(evaluation.derivatives, evaluation.patches, increments, panels):
+        for image in evaluation.jacobian.images(basis.T.reshape(m, n, 6)):
             columns.add(target.filtered(slope * image), shared=True)
         gram = (columns + evaluation.response_columns + evaluation.nuisance_columns).gram()
         hessian, border, corner = gram[:m, :m], gram[:m, m:], gram[m:, m:]

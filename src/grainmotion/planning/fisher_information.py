@@ -24,14 +24,15 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from grainmotion._typing import Float
-from grainmotion.kernels import normal_equations
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.pose import Pose
 from grainmotion.objective.normal_matrix import normal_matrix
 from grainmotion.planning.settings import PlanSettings
+from grainmotion.projection.footprints import footprint_patches
 from grainmotion.projection.grain_arrays import OUT_OF_PLANE, GrainArrays, planar
-from grainmotion.projection.grains import assemble, differentiate_patches, shadows
+from grainmotion.projection.grains import assemble, differentiate_patches
+from grainmotion.projection.jacobian import PatchJacobian
 from grainmotion.projection.volumes import project
 from grainmotion.solvers.block_cg import diagonal_blocks
 
@@ -100,7 +101,7 @@ class Candidates:
     def information(self, view: int) -> ViewInformation:
         """The information of one candidate; only that view's derivatives are in memory."""
         geometry, pose, n = self.geometry[view], self.pose, len(self.grain_arrays)
-        patches = shadows(self.grain_arrays, pose, geometry)
+        patches = footprint_patches(self.grain_arrays, pose, geometry)
         if not len(patches.boxes):
             return ViewInformation(sparse.bsr_array((6 * n, 6 * n), blocksize=(6, 6)), np.zeros((6 * n, 2)), _EMPTY)
         values, derivatives = differentiate_patches(self.grain_arrays, pose, geometry, patches, "trilinear")
@@ -114,14 +115,10 @@ class Candidates:
         for box, start in zip(patches.boxes, patches.offsets, strict=False):
             _, _, r0, r1, c0, c1 = box
             scaled[:, start : start + (r1 - r0) * (c1 - c0)] *= roots[r0:r1, c0:c1].ravel()
-        columns = [image * np.sqrt(weights), np.sqrt(weights)]
-        border = np.zeros((n, 6, 2))
-        for k, column in enumerate(columns):
-            parts = np.zeros((len(patches.boxes), 6))
-            normal_equations.gradients(scaled, patches.boxes, patches.offsets, column, parts)
-            np.add.at(border[:, :, k], patches.boxes[:, 0], parts)
+        columns, jacobian = [image * np.sqrt(weights), np.sqrt(weights)], PatchJacobian(scaled, patches)
+        border = np.stack([jacobian.gradient(column) for column in columns], axis=-1)
         corner = np.array([[np.vdot(a, b) for a in columns] for b in columns], dtype=float)
-        return ViewInformation(normal_matrix(scaled, patches, n), border.reshape(-1, 2), corner)
+        return ViewInformation(normal_matrix(jacobian), border.reshape(-1, 2), corner)
 
     def _weights(self, line_integrals: Float) -> Float:
         """One over the variance of each pixel."""

@@ -1,22 +1,23 @@
-"""PackedGrains and Pose: all grains of a sample as flat arrays, and where each of them is."""
+"""GrainArrays: the voxels and outlines of all grains of a sample as flat arrays."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from skimage.measure import block_reduce
 
 from grainmotion._typing import Float, Image
-from grainmotion.backends.device import CPU, Device
+from grainmotion.backends.base import PatchBackend
+from grainmotion.backends.cpu import CPU
 from grainmotion.errors import InputError
 from grainmotion.kernels import grain_ray_tracing
-from grainmotion.kernels.layout import PADDING
+from grainmotion.kernels.layout import PADDING, GrainTable
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.grains import Grain, GrainSet
+from grainmotion.model.pose import Pose
 
 OUT_OF_PLANE = (2, 3, 4)
 """Of (u, δ), what a planar sample cannot do: u_z, δ_x, δ_y."""
@@ -27,13 +28,13 @@ _DIRECTIONS = 128
 
 @dataclass(frozen=True, eq=False)
 class GrainArrays:
-    """A `GrainSet` as the flat arrays that kernels walk (see `kernels.grain_projection`).
+    """A `GrainSet` as the flat arrays that kernels trace (see `kernels.layout.GrainTable`).
 
     ``extents (n, 2, directions)`` are the pairs of planes between which each grain's voxels count (voxels, see
     `kernels.grain_ray_tracing`).  ``hulls (n, k, 3)`` are outermost points of each grain seen from its centre,
     ``radii (n,)`` the radii of balls with the grains' own moments of inertia, both in mm.  ``voxel_size`` is that of
-    these images and ``unit`` that of the reference, in which tolerances are given.  ``held`` are the images where a
-    device walks them, if that is not the processor.
+    these images and ``unit`` that of the reference, in which tolerances are given.  ``backend`` projects the grains,
+    from ``placed``, their voxels in its memory (None: the images themselves).
     """
 
     images: Image
@@ -46,7 +47,8 @@ class GrainArrays:
     radii: Float
     voxel_size: float
     unit: float
-    held: Any = None
+    backend: PatchBackend = CPU
+    placed: object = None
 
     def __len__(self) -> int:
         return len(self.starts)
@@ -56,17 +58,19 @@ class GrainArrays:
         """The precision in which the grains are projected: that of their voxels."""
         return self.images.dtype
 
-    @property
-    def walked(self) -> Any:
-        """The images where they are walked."""
-        return self.images if self.held is None else self.held
+    def on(self, backend: PatchBackend) -> GrainArrays:
+        """The same grains, to be projected by a backend if it accepts them."""
+        heights, relative_size = self.centers[:, 2], self.voxel_size / self.unit
+        accepted, placed = backend.place_voxels(self.images, self.starts, heights, relative_size)
+        return replace(self, backend=accepted, placed=placed)
 
-    def on(self, device: Device) -> GrainArrays:
-        """The same grains where a device walks them."""
-        if device == CPU:
-            return replace(self, held=None)
-        what = self.images, self.starts, self.centers[:, 2], self.voxel_size / self.unit
-        return replace(self, held=device.hold_voxels(*what))
+    def table(self, pose: Pose) -> GrainTable:
+        """The grains at a pose, as kernels take them."""
+        return GrainTable(
+            self.images if self.placed is None else self.placed,
+            self.starts, self.shapes, self.corners, self.extents, self.voxel_size,
+            self.centers + pose.translations, np.ascontiguousarray(pose.matrices),
+        )  # fmt: skip
 
     @classmethod
     def of(cls, grains: GrainSet, fine: bool = False) -> GrainArrays:
@@ -96,13 +100,11 @@ class GrainArrays:
             unit=grains.voxel_size,
         )
 
-    def select(self, rows: Sequence[int] | NDArray[np.int64]) -> GrainArrays:
+    def select(self, which: Sequence[int] | NDArray[np.int64]) -> GrainArrays:
         """Some of the grains; a row may come more than once, and shares its voxels."""
-        index = np.asarray(rows, dtype=np.int64)
-        return GrainArrays(
-            self.images, self.starts[index], self.shapes[index], self.corners[index], self.extents[index],
-            self.centers[index], self.hulls[index], self.radii[index], self.voxel_size, self.unit, self.held,
-        )  # fmt: skip
+        index = np.asarray(which, dtype=np.int64)
+        rows = ("starts", "shapes", "corners", "extents", "centers", "hulls", "radii")
+        return replace(self, **{name: vars(self)[name][index] for name in rows})
 
     def coarsened(self, factor: int) -> GrainArrays:
         """The grains on voxels ``factor`` times as large, each the mean of those that it holds."""

@@ -64,12 +64,12 @@ class VolumeOperator:
         return bool(np.all(np.abs(rays[..., 2]) <= STEEPEST * np.abs(rays[..., :2]).max(axis=-1)))
 
     # ------------------------------------------------------------------ the volume as the walks want it
-    def laid(self, array: Image) -> Image:
+    def padded(self, array: Image) -> Image:
         """A volume's ``[z, y, x]`` values with empty layers around, in the axis order of the walk (a copy)."""
         padded = pad(array)
         return np.ascontiguousarray(padded.transpose(1, 2, 0)) if self.upright else padded
 
-    def unlaid(self, image: Image) -> Image:
+    def unpadded(self, image: Image) -> Image:
         """The ``[z, y, x]`` values of a laid volume."""
         inner = slice(PADDING, -PADDING)
         array = image.transpose(2, 0, 1) if self.upright else image

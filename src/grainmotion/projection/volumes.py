@@ -27,7 +27,7 @@ def project(volume: Volume, geometry: Geometry, *, projector: Projector = "trili
         Line integrals, dimensionless, in the precision of the volume.
     """
     operator = VolumeOperator(geometry, volume, projector)
-    return operator.forward(operator.laid(volume.array))
+    return operator.forward(operator.padded(volume.array))
 
 
 def back_project(images: Image, geometry: Geometry, grid: Volume, *, projector: Projector = "trilinear") -> Volume:
@@ -35,4 +35,4 @@ def back_project(images: Image, geometry: Geometry, grid: Volume, *, projector: 
     operator = VolumeOperator(geometry, grid, projector)
     image = operator.empty()
     operator.add_adjoint(images, image)
-    return Volume(operator.unlaid(image), grid.voxel_size, grid.center)
+    return Volume(operator.unpadded(image), grid.voxel_size, grid.center)

@@ -17,10 +17,11 @@ from grainmotion._typing import Image
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.preprocessing.binning import binned_scan
-from grainmotion.reconstruction.iterate import CudaIterate, HostIterate, held
+from grainmotion.reconstruction.iterate import new_iterate
 from grainmotion.reconstruction.ordered_subsets import plain_sart
 from grainmotion.reconstruction.settings import ReconstructSettings
 from grainmotion.reconstruction.slabs import Layout, Rows
+from grainmotion.reconstruction.system import Iterate
 
 COARSER = 2
 """Edge of a coarse voxel, fine voxels; of a coarse pixel, fine pixels."""
@@ -67,9 +68,9 @@ def pieces_of(layout: Layout) -> tuple[Piece, ...]:
     return (Piece(range(number), (0, layout.geometry.shape[0] // COARSER), (0, planes)),)
 
 
-def started(scan: Scan, grid: Volume, settings: ReconstructSettings) -> HostIterate | CudaIterate:
+def started(scan: Scan, grid: Volume, settings: ReconstructSettings) -> Iterate:
     """An image from the grid's own values if it has any, or from a coarse start."""
-    iterate = held(scan, grid, settings)
+    iterate = new_iterate(scan, grid, settings)
     if not grid.array.any() and has_coarse_start(grid.shape, scan.geometry.shape):
         iterate.start_from(_starts(scan, Layout.of(grid, scan.geometry, settings)))
     return iterate
@@ -88,7 +89,7 @@ def coarse_start(rough: Scan, layout: Layout, piece: Piece) -> Image:
     array = np.zeros((end - first, *(halved(n) for n in layout.shape[1:])), np.float32)
     z += size * ((first + end) - halved(layout.shape[0])) / 2
     once = replace(layout.settings, method="sart", sweeps=1)
-    iterate = held(rough, Volume(array, size, (x, y, z)), once)
+    iterate = new_iterate(rough, Volume(array, size, (x, y, z)), once)
     plain_sart(iterate, len(rough), once, None)
     return iterate.volume().array
 

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from grainmotion._typing import Float, Image
-from grainmotion.backends.device import chosen
+from grainmotion.backends.device import uses_cuda
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.reconstruction import slabs
-from grainmotion.reconstruction.iterate_cuda import CudaSystem
 from grainmotion.reconstruction.settings import ReconstructSettings
 from grainmotion.reconstruction.slabs import Layout, RadiographRows, Slab
 from grainmotion.reconstruction.system import Views, column_sums
+
+if TYPE_CHECKING:
+    from grainmotion.reconstruction.iterate_cuda import CudaIterate
 
 
 @dataclass(eq=False)
@@ -62,43 +64,9 @@ class HostIterate:
         return Volume(array, self.layout.voxel_size, self.layout.center)
 
 
-@dataclass(eq=False)
-class CudaIterate:
-    """An image (`system.Iterate`), laid as its equations lay it, on an NVIDIA card."""
-
-    equations: CudaSystem
-    image: Any
-    before: Any = None
-    ahead = 0
-
-    @classmethod
-    def of(cls, scan: Scan, grid: Volume, settings: ReconstructSettings) -> CudaIterate:
-        """From the grid's own values."""
-        equations = CudaSystem(scan, grid, settings)
-        return cls(equations, equations.start())
-
-    def start_from(self, planes: Iterator[Image]) -> None:
-        """See `HostIterate`."""
-        self.image = self.equations.operator.laid(np.concatenate(list(planes)))
-        self.equations.constrain(self.image)
-
-    def update(self, views: Views, relaxation: float, momentum: float = 0.0) -> Any:
-        """See `Iterate`."""
-        if momentum and self.before is None:
-            self.before = self.image.copy()
-        squares = self.equations.add_update(self.image, views, relaxation)
-        if self.before is None:
-            self.equations.constrain(self.image)
-        else:
-            self.equations.constrain_and_extrapolate(self.image, self.before, momentum)
-        return squares
-
-    def volume(self) -> Volume:
-        """See `Iterate`."""
-        return self.equations.volume(self.image if self.before is None else self.before)
-
-
-def held(scan: Scan, grid: Volume, settings: ReconstructSettings) -> HostIterate | CudaIterate:
+def new_iterate(scan: Scan, grid: Volume, settings: ReconstructSettings) -> HostIterate | CudaIterate:
     """An image on the device of the settings, from the grid's own values."""
-    kind: type[HostIterate | CudaIterate] = CudaIterate if chosen(settings.device).name == "cuda" else HostIterate
-    return kind.of(scan, grid, settings)
+    if not uses_cuda(settings.device):
+        return HostIterate.of(scan, grid, settings)
+
+    return CudaIterate(scan, grid, settings)

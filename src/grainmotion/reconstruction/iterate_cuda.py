@@ -1,86 +1,101 @@
-"""The equations of a scan on a grid, on an NVIDIA card: as `equations`, with all that is large kept there.
+"""CudaIterate: a reconstruction under way on an NVIDIA GPU, with all that is large in its memory.
 
-No update waits for the one before: what it leaves unexplained is summed on the card, and asked for by who tells ε.
+No update waits for the one before: the squares of its residual are summed on the GPU, and fetched when ε is reported.
+To be imported only where numba-cuda is installed.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import cast
 
 import numpy as np
 
-from grainmotion._typing import Float
+from grainmotion._typing import Float, Image
+from grainmotion.kernels.cuda import volume_projection
+from grainmotion.kernels.cuda.device_array import DeviceArray, upload
 from grainmotion.kernels.layout import PADDING
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
-from grainmotion.projection.volume_operator_cuda import CARD, CudaVolumeOperator, PendingSum
+from grainmotion.projection.volume_operator_cuda import CudaVolumeOperator
 from grainmotion.reconstruction.settings import ReconstructSettings
-from grainmotion.reconstruction.system import NO_LIMIT, Views, column_sums
+from grainmotion.reconstruction.system import SumOfSquares, Views, column_sums, cylinder_radius, lower_limit
 
 
 @dataclass(frozen=True, eq=False)
-class CudaSystem:
-    """A scan on a grid, in single precision, on the card."""
+class PendingSum:
+    """Two sums of squares in GPU memory; added to each other they stay there until one is read."""
 
-    scan: Scan
-    grid: Volume
-    settings: ReconstructSettings
+    parts: tuple[DeviceArray | Float, ...]
+    __array_ufunc__ = None  # numpy leaves `array + PendingSum` to __radd__
 
-    @cached_property
-    def operator(self) -> CudaVolumeOperator:
-        """A."""
-        grid = Volume(self.grid.array.astype(np.float32, copy=False), self.grid.voxel_size, self.grid.center)
-        return CudaVolumeOperator(self.scan.geometry, grid, self.settings.projector)
+    def __radd__(self, other: Float) -> PendingSum:
+        return PendingSum((np.asarray(other).reshape(1, 1, 2), *self.parts))
 
-    @cached_property
-    def radius(self) -> float:
-        """Radius of the grid's inscribed upright cylinder, voxels; 0 for none."""
-        return min(self.grid.shape[1:]) / 2 if self.settings.circular else 0.0
+    def __add__(self, other: PendingSum) -> PendingSum:
+        fetched = "total" in self.__dict__
+        return PendingSum(((self.total.reshape(1, 1, 2),) if fetched else self.parts) + other.parts)
 
     @cached_property
-    def lowest(self) -> np.float32:
-        """The least attenuation that is allowed."""
-        return np.float32(0) if self.settings.non_negative else NO_LIMIT
+    def total(self) -> Float:
+        """The sums ``(2,)``."""
+        return np.sum([np.asarray(p).sum(axis=(0, 1)) for p in self.parts], axis=0)
 
-    @cached_property
-    def column_sums(self) -> Float:
-        """C of each view."""
-        return column_sums(self.scan.geometry, self.grid)
+    def __getitem__(self, index: int) -> float:
+        return float(self.total[index])
 
-    @cached_property
-    def measured(self) -> tuple[Any, Any]:
-        """All radiographs, and which of their pixels count."""
-        images, valid = self.scan.line_integrals.astype(np.float32, copy=False), self.scan.valid
-        swapped = self.operator.kernels.swapped
-        return swapped(images), swapped(np.ones(images.shape, np.bool_) if valid is None else valid)
 
-    def start(self) -> Any:
-        """The grid's own values, laid."""
-        return self.operator.laid(self.operator.grid.array)
+class CudaIterate:
+    """An image (`system.Iterate`) in single precision on the GPU, from the grid's own values."""
 
-    def add_update(self, image: Any, views: Views, relaxation: float) -> PendingSum:
-        """Update an image by some views in place, without constraints; Σ(b − A x)² and Σb² before it."""
-        operator, which = self.operator, CARD.hold(np.asarray(views, np.int64))
+    ahead = 0
+
+    def __init__(self, scan: Scan, grid: Volume, settings: ReconstructSettings) -> None:
+        self.grid = Volume(grid.array.astype(np.float32, copy=False), grid.voxel_size, grid.center)
+        self.operator = CudaVolumeOperator(scan.geometry, self.grid, settings.projector)
+        self.radius, self.lowest = cylinder_radius(grid, settings), lower_limit(settings)
+        self.column_sums = column_sums(scan.geometry, grid)
+        self.image: DeviceArray = self.operator.padded(self.grid.array)
+        self.before: DeviceArray | None = None
+        images, valid = scan.line_integrals.astype(np.float32, copy=False), scan.valid
+        self._measured = volume_projection.swapped(images)
+        self._valid = volume_projection.swapped(np.ones(images.shape, np.bool_) if valid is None else valid)
+
+    def start_from(self, planes: Iterator[Image]) -> None:
+        """See `HostIterate`."""
+        self.image = self.operator.padded(np.concatenate(list(planes)))
+        self._constrain()
+
+    def update(self, views: Views, relaxation: float, momentum: float = 0.0) -> SumOfSquares:
+        """See `Iterate`."""
+        if momentum and self.before is None:
+            self.before = self.image.copy()
+        squares = self.add_update(views, relaxation)
+        if self.before is None:
+            self._constrain()
+        else:
+            volume_projection.constrain_and_extrapolate(
+                self.image, self.before, PADDING, self.radius, self.lowest, np.float32(momentum)
+            )
+        return cast("SumOfSquares", squares)  # adds up and is indexed as an array
+
+    def add_update(self, views: Views, relaxation: float) -> PendingSum:
+        """Update the image by some views, without constraints; Σ(b − A x)² and Σb² before it."""
+        operator, which = self.operator, upload(np.asarray(views, np.int64))
         step = float(relaxation / self.column_sums[views].sum())
-        corrections = operator.images(len(views))
-        squares = operator.kernels.corrections(
-            image, *operator.place, self.radius, *self.measured, which, step, corrections
+        corrections = operator.empty_images(len(views))
+        squares = volume_projection.corrections(
+            self.image, *operator.setup, self.radius, self._measured, self._valid, which, step, corrections
         )
-        operator.kernels.adjoint(corrections, *operator.place, which, image)
+        volume_projection.adjoint(corrections, *operator.setup, which, self.image)
         return PendingSum((squares,))
 
-    def constrain(self, image: Any) -> None:
-        """Clip an image at zero, inside its cylinder, in place (see the settings)."""
-        self.operator.kernels.constrain(image, PADDING, self.radius, self.lowest)
+    def volume(self) -> Volume:
+        """See `Iterate`."""
+        array = self.operator.unpadded(self.image if self.before is None else self.before)
+        return Volume(array, self.grid.voxel_size, self.grid.center)
 
-    def constrain_and_extrapolate(self, image: Any, before: Any, momentum: float) -> None:
-        """Constrain an image x, leave x in ``before`` and x + momentum · (x − before) in ``image``."""
-        self.operator.kernels.constrain_and_extrapolate(
-            image, before, PADDING, self.radius, self.lowest, np.float32(momentum)
-        )
-
-    def volume(self, image: Any) -> Volume:
-        """A laid image on the grid."""
-        return Volume(self.operator.unlaid(image), self.grid.voxel_size, self.grid.center)
+    def _constrain(self) -> None:
+        volume_projection.constrain(self.image, PADDING, self.radius, self.lowest)

@@ -11,7 +11,7 @@ from grainmotion._typing import Progress
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.reconstruction.coarse_start import started
-from grainmotion.reconstruction.iterate import held
+from grainmotion.reconstruction.iterate import new_iterate
 from grainmotion.reconstruction.ordered_subsets import accelerated, plain_sart
 from grainmotion.reconstruction.settings import ReconstructSettings
 from grainmotion.reconstruction.system import Iterate
@@ -62,7 +62,7 @@ def reconstruct(
     """
     settings = settings or ReconstructSettings()
     if settings.plain(len(scan)):
-        iterate: Iterate = held(scan, grid, settings)
+        iterate: Iterate = new_iterate(scan, grid, settings)
         history = plain_sart(iterate, len(scan), settings, progress)
     else:
         iterate = started(scan, grid, settings)

@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from grainmotion._typing import Projector
 from grainmotion._validation import validated
-from grainmotion.backends.device import Choice
+from grainmotion.backends.device import DeviceName
 
 ENOUGH = 240
 """Views from which on the accelerated method is the cheaper one by far; with fewer, each view comes several times."""
@@ -49,7 +49,8 @@ class ReconstructSettings:
     non_negative: Annotated[bool, Field(description="keep attenuation at or above zero")] = True
     circular: Annotated[bool, Field(description="reconstruct inside the grid's upright inscribed cylinder only")] = True
     device: Annotated[
-        Choice, Field(description="where rays are walked: the processor, an NVIDIA card, or the card if there is one")
+        DeviceName,
+        Field(description="where rays are walked: the processor, an NVIDIA card, or the card if there is one"),
     ] = "auto"
 
     @model_validator(mode="after")

@@ -186,7 +186,7 @@ def new_slab(layout: Layout, number: int, array: Image) -> Slab:
 def slab_from(layout: Layout, number: int, array: Image, planes: Image) -> Slab:
     """A slab of the values ``[z, y, x]`` of its planes, as far as they are allowed; ``array`` is the grid's own."""
     imaging = imaging_of(layout, number, array)
-    image = imaging.operator.laid(planes)
+    image = imaging.operator.padded(planes)
     imaging.constrain(image)
     return Slab(imaging, layout.shaded[number][0], image)
 

@@ -25,8 +25,6 @@ from grainmotion.reconstruction.settings import ReconstructSettings
 
 Views = NDArray[np.int64]
 
-NO_LIMIT = np.float32(np.finfo(np.float32).min)
-
 
 SumOfSquares = Any
 """Σ(b − A x)² and Σb²: an array ``(2,)``, or one that is still being computed on a GPU or by workers.
@@ -66,8 +64,8 @@ class Frame:
     @classmethod
     def of(cls, grid: Volume, settings: ReconstructSettings) -> Frame:
         """That of a whole grid."""
-        radius = min(grid.shape[1:]) / 2 if settings.circular else 0.0
-        return cls(tuple(n + 2 * PADDING for n in grid.shape), padded_origin(grid), grid.voxel_size, radius)
+        size, radius = tuple(n + 2 * PADDING for n in grid.shape), cylinder_radius(grid, settings)
+        return cls(size, padded_origin(grid), grid.voxel_size, radius)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,16 +85,16 @@ class Imaging:
     @property
     def radius(self) -> float:
         """Radius of the grid's inscribed upright cylinder, voxels; 0 for none."""
-        return Frame.of(self.grid, self.settings).radius
+        return cylinder_radius(self.grid, self.settings)
 
     @property
     def lowest(self) -> np.float32:
         """The least attenuation that is allowed."""
-        return np.float32(0) if self.settings.non_negative else NO_LIMIT
+        return lower_limit(self.settings)
 
     def start(self) -> Image:
         """The grid's own values, laid."""
-        return self.operator.laid(self.operator.grid.array)
+        return self.operator.padded(self.operator.grid.array)
 
     def constrain(self, image: Image) -> None:
         """Clip an image at zero, inside its cylinder, in place (see the settings)."""
@@ -108,6 +106,16 @@ class Imaging:
             self.operator.by_height(image), self.operator.by_height(before), PADDING, self.radius, self.lowest,
             np.float32(momentum),
         )  # fmt: skip
+
+
+def cylinder_radius(grid: Volume, settings: ReconstructSettings) -> float:
+    """Radius of the grid's inscribed upright cylinder beyond which the volume is zero, voxels; 0 for none."""
+    return min(grid.shape[1:]) / 2 if settings.circular else 0.0
+
+
+def lower_limit(settings: ReconstructSettings) -> np.float32:
+    """The least attenuation that is allowed."""
+    return np.float32(0 if settings.non_negative else np.finfo(np.float32).min)
 
 
 def column_sums(geometry: Geometry, grid: Volume) -> Float:

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from grainmotion._typing import Progress
-from grainmotion.backends.device import Device, chosen
+from grainmotion.backends.base import PatchBackend
+from grainmotion.backends.device import Device, backend_of
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.pose import Pose
 from grainmotion.model.scan import Scan
@@ -66,20 +67,20 @@ class MultistageFit:
         scan: Scan,
         settings: TrackSettings,
         progress: Progress | None = None,
-        device: Device | None = None,
+        device: Device | PatchBackend | None = None,
     ) -> MultistageFit:
         """Prepare the grains and the radiographs of a state for the kernels."""
-        device, smooth = device or chosen(settings.device), settings.projector == "trilinear"
-        coarse, fine = (GrainArrays.of(grains, fine=f and smooth).on(device) for f in (False, True))
+        backend, smooth = backend_of(device or settings.device), settings.projector == "trilinear"
+        coarse, fine = (GrainArrays.of(grains, fine=f and smooth).on(backend) for f in (False, True))
         background, body, nuisance = np.zeros(scan.line_integrals.shape, grains.precision), None, NuisanceModel()
         if grains.background is not None:
             background = project(grains.background, scan.geometry, projector=settings.projector)
-            body = packed_body(grains.background).on(device)
+            body = packed_body(grains.background).on(backend)
             shift_sd, rotation_sd = BACKGROUND_SHIFT_SD * grains.voxel_size, BACKGROUND_ROTATION_SD
             nuisance = NuisanceModel(grains.background_moves, False, shift_sd, rotation_sd)
         target = Target(
             scan, background, settings.projector, 0.0, derivatives=settings.derivatives, background=body,
-            nuisance=nuisance, device=device,
+            nuisance=nuisance, backend=backend,
         )  # fmt: skip
         return cls(settings, coarse, fine, target, progress)
 
@@ -113,8 +114,8 @@ class MultistageFit:
         factor = coarsening(self.grains, target, target.sigma, least)
         if factor not in self.levels:
             grains = self.grains.coarsened(factor)
-            if self.target.device.walks_coarse and factor > 1:
-                grains = grains.on(self.target.device)
+            if self.target.backend.places_coarse_grains and factor > 1:
+                grains = grains.on(self.target.backend)
             self.levels[factor] = grains, coarsened(self.target, factor)
         grains, coarse = self.levels[factor]
         return grains, replace(coarse, sigma=target.sigma / factor, response_model=target.response_model)

@@ -125,7 +125,7 @@ def _covariances(
 ) -> tuple[Float, Float, sparse.bsr_array | PatchNormalMatrix]:
     """Covariances of the grains ``(n, 6, 6)`` and of the nuisance unknowns ``(k, k)``, and JᵀJ."""
     evaluation = problem.evaluate_with_derivatives(pose)
-    hessian = normal_of(evaluation.derivatives, evaluation.patches, len(problem.grains), evaluation.residual.shape)
+    hessian = normal_of(evaluation.jacobian)
     own, nuisance = covariances(problem, pose, evaluation, hessian)
     # Rotations that either set of voxels leaves unconfirmed are: finer voxels follow their own pattern more closely.
     own[:, 3:, 3:] += unconfirmed_rotations(problem, pose, evaluation)

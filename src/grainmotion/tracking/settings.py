@@ -8,7 +8,7 @@ from pydantic import BeforeValidator, Field
 
 from grainmotion._typing import Projector
 from grainmotion._validation import validated
-from grainmotion.backends.device import Choice
+from grainmotion.backends.device import DeviceName
 from grainmotion.model.detector_response import Trend
 from grainmotion.objective.data_term import Derivatives
 from grainmotion.objective.response_parameters import Gain, ResponseModel
@@ -92,7 +92,7 @@ class TrackSettings:
     ] = 5.0
 
     device: Annotated[
-        Choice, Field(description="where kernels run: the processor, an NVIDIA GPU, or the GPU if there is one")
+        DeviceName, Field(description="where kernels run: the processor, an NVIDIA GPU, or the GPU if there is one")
     ] = "auto"
 
     @property

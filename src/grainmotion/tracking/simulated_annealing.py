@@ -14,14 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion._typing import Float, Image
+from grainmotion.backends.cpu import CPU
 from grainmotion.kernels import gibbs_sampling as kernel
-from grainmotion.kernels import normal_equations
 from grainmotion.model.pose import Pose
 from grainmotion.objective.data_term import Target
 from grainmotion.objective.nuisance_motions import GRAINS_ONLY
 from grainmotion.objective.response_parameters import IDENTITY_RESPONSE
+from grainmotion.projection.footprints import footprint_patches
 from grainmotion.projection.grain_arrays import GrainArrays, ball_directions, planar
-from grainmotion.projection.grains import assemble, project_patches, shadows
+from grainmotion.projection.grains import assemble, project_patches
 from grainmotion.rotations import rotation_matrix, rotation_vector
 from grainmotion.tracking.multiresolution import coarsened
 
@@ -144,7 +145,7 @@ class _CandidateTable:
         geometry = target.scan.geometry
         radii = np.linalg.norm(grains.hulls, axis=2).max(axis=1)
         balls = replace(grains, hulls=radii[:, None, None] * BALL_HULL_SCALE * ball_directions())
-        patches = shadows(balls, pose, geometry, margin=len(target.kernel) - 1)
+        patches = footprint_patches(balls, pose, geometry, margin=len(target.kernel) - 1)
         pixels = int(patches.offsets[-1])
         limit = max(MIN_TABLE_ROTATIONS, MAX_TABLE_NUMBERS // max(pixels, 1))
         if len(rotations) > limit:  # evenly thinned: neighbours on the grid follow each other
@@ -154,7 +155,7 @@ class _CandidateTable:
         for k, rotation in enumerate(rotations):
             rotated = Pose(pose.translations, rotation @ pose.matrices)
             one = project_patches(grains, rotated, geometry, patches, target.projector)[None]
-            normal_equations.filter_patches(one, patches.boxes, patches.offsets, equal_weights, target.kernel)
+            CPU.filter_patches(one, patches.table, equal_weights, target.kernel)
             values[k] = np.rint(one[0] / one.dtype.type(quantum))
         places = np.full((len(grains), len(geometry)), -1, np.int64)
         places[patches.boxes[:, 0], patches.boxes[:, 1]] = np.arange(len(patches.boxes))
@@ -210,6 +211,6 @@ def _pixel_derivatives(target: Target, grains: GrainArrays, pose: Pose, rows: ND
 def _filtered_residual(grains: GrainArrays, pose: Pose, target: Target) -> Image:
     """Filtered measured − simulated, all grains at ``pose``."""
     geometry = target.scan.geometry
-    patches = shadows(grains, pose, geometry)
+    patches = footprint_patches(grains, pose, geometry)
     simulated = assemble(project_patches(grains, pose, geometry, patches, target.projector), patches, geometry)
     return target.measured - target.filtered(simulated + target.fixed_background)

@@ -15,6 +15,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from grainmotion._typing import Float, Image, Progress
+from grainmotion.backends.base import PatchBackend
 from grainmotion.backends.device import Device
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions
@@ -53,7 +54,7 @@ def track(
     settings: TrackSettings | None = None,
     *,
     progress: Progress | None = None,
-    device: Device | None = None,
+    device: Device | PatchBackend | None = None,
 ) -> Motions:
     """Measure the rigid motion of every grain from the reference state to the state of ``scan``.
 
@@ -73,8 +74,8 @@ def track(
         Stages, filters, projector.
     progress : callable, optional
         Called as ``progress(message, done, total)``.
-    device : Device, optional
-        Where the kernels run, instead of ``settings.device``: the workers of a cluster.
+    device : Device or PatchBackend, optional
+        Where grains are projected, instead of ``settings.device``: also the workers of a cluster.
 
     Returns
     -------
@@ -97,7 +98,7 @@ def track_with_residual(
     settings: TrackSettings | None = None,
     *,
     progress: Progress | None = None,
-    device: Device | None = None,
+    device: Device | PatchBackend | None = None,
 ) -> tuple[Motions, Image | None]:
     """As `track`, and the residual radiographs of the motions as `analysis.residual_images` would simulate them.
 
@@ -126,7 +127,7 @@ class _Job:
     start: Motions | None
     settings: TrackSettings
     progress: Progress | None
-    device: Device | None
+    device: Device | PatchBackend | None
 
     def fit(self) -> MultistageFit:
         """A fit that is about to start."""

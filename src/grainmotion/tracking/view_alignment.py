@@ -146,7 +146,7 @@ def imitated_corrections(problem: StateProblem, pose: Pose) -> Float:
     trial = replace(problem, target=replace(problem.target, nuisance=nuisance))
     evaluation = trial.evaluate_with_derivatives(pose)
     columns, deviations = evaluation.nuisance_columns, nuisance.deviations(len(problem.target.scan))
-    border = columns.border(evaluation.derivatives, evaluation.patches, len(problem.grains)) * deviations
+    border = columns.border(evaluation.jacobian) * deviations
     gram = columns.gram() * np.outer(deviations, deviations)
     return np.asarray(pseudo_inverse(gram) @ border.T @ _imitated_basis(problem, pose))
 

@@ -15,7 +15,6 @@ import numpy as np
 from scipy import sparse
 
 from grainmotion._typing import Float
-from grainmotion.backends.patchwork import filter_images, filter_patches
 from grainmotion.model.pose import Pose
 from grainmotion.objective.data_term import Target, gaussian
 from grainmotion.objective.evaluation import LinearizedEvaluation
@@ -47,13 +46,13 @@ def covariances(
     problem: StateProblem, pose: Pose, evaluation: LinearizedEvaluation, hessian: Hessian
 ) -> tuple[Float, Float]:
     """Covariances ``(n, 6, 6)`` of (u, δ), mm and radians, and ``(k, k)`` of the nuisance unknowns."""
-    n, columns = len(problem.grains), evaluation.response_columns + evaluation.nuisance_columns
-    border, corner = columns.border(evaluation.derivatives, evaluation.patches, n), columns.gram()
+    columns = evaluation.response_columns + evaluation.nuisance_columns
+    border, corner = columns.border(evaluation.jacobian), columns.gram()
     free = len(evaluation.nuisance_columns.owners)
     if free:
         corner[-free:, -free:] += nuisance_prior(problem.target, pose)[0]
     variances = pixel_variances(problem.target, evaluation)
-    at = Linearization(evaluation.cost, np.zeros(6 * n), hessian, border, corner, np.zeros(free))
+    at = Linearization(evaluation.cost, np.zeros(len(border)), hessian, border, corner, np.zeros(free))
     estimate = exact_covariances if isinstance(hessian, sparse.bsr_array) else sampled_covariances
     grains, nuisance = estimate(problem.target, evaluation, columns, at, variances)
     return grains * excess_factors(problem, evaluation, variances)[:, None, None], nuisance
@@ -97,7 +96,7 @@ def sampled_covariances(
         drawn = spreads * rng.standard_normal(spreads.shape)
         noise.add(target.filtered(drawn.astype(target.precision)), shared=True)
     few = np.array([columns.dot(images) for images in noise.stacks]).T
-    right = noise.border(evaluation.derivatives, evaluation.patches, n) - at.border @ (corner_inverse @ few)
+    right = noise.border(evaluation.jacobian) - at.border @ (corner_inverse @ few)
     errors = conjugate_gradients(product, blocks, right, NOISE_SOLVE_TOLERANCE)
     own = errors.T.reshape(NOISE_DRAWS, n, 6)
     nuisance = (corner_inverse @ (few - at.border.T @ errors))[len(few) - free :].T
@@ -126,21 +125,15 @@ def propagated_noise(
 ) -> tuple[sparse.bsr_array, Float, Float]:
     """Covariances of the right-hand sides: of grains ``(6n, 6n)``, of these with columns, of columns ``(m, m)``."""
     factor = (target.root_weights * np.sqrt(variances)).astype(target.precision)
-    derivatives = evaluation.derivatives.copy()
-    boxes, offsets = evaluation.patches.boxes, evaluation.patches.offsets
-    filter_patches(derivatives, boxes, offsets, np.ones_like(factor), target.kernel)
-    filter_patches(derivatives, boxes, offsets, factor, np.ones(1, target.precision))
+    jacobian = evaluation.jacobian.copy()
+    jacobian.filter(np.ones_like(factor), target.kernel)
+    jacobian.filter(factor, np.ones(1, target.precision))
     stacks = Columns(shared=columns.shared)
     for stack in columns.stacks:
         twice = stack.copy()
-        filter_images(twice, target.kernel, target.device)
+        target.backend.filter_images(twice, target.kernel)
         stacks.stacks.append(factor * twice)
-    n = len(evaluation.patches.seen)
-    return (
-        normal_matrix(derivatives, evaluation.patches, n),
-        stacks.border(derivatives, evaluation.patches, n),
-        stacks.gram(),
-    )
+    return normal_matrix(jacobian), stacks.border(jacobian), stacks.gram()
 
 
 def excess_factors(problem: StateProblem, evaluation: LinearizedEvaluation, variances: Float) -> Float:
@@ -152,7 +145,7 @@ def excess_factors(problem: StateProblem, evaluation: LinearizedEvaluation, vari
     valid = problem.target.valid
     smooth = evaluation.raw_residual.copy()
     kernel = gaussian(STRUCTURE_FILTER).astype(smooth.dtype)
-    filter_images(smooth, kernel, problem.target.device)
+    problem.target.backend.filter_images(smooth, kernel)
     noise_left = float((np.concatenate([kernel[:0:-1], kernel]).astype(float) ** 2).sum()) ** 2
     sums = np.zeros((len(problem.grains), 3))
     images = valid, evaluation.raw_residual, smooth, variances

@@ -23,16 +23,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion._typing import Float, Image, Projector
-from grainmotion.backends.device import place
-from grainmotion.kernels import normal_equations
+from grainmotion.backends.cpu import CPU
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.pose import Pose
 from grainmotion.objective.evaluation import Evaluation
-from grainmotion.objective.normal_matrix import gathered
 from grainmotion.objective.nuisance_motions import corrected_geometry
 from grainmotion.objective.residual import StateProblem
+from grainmotion.projection.footprints import Patches, footprint_patches
 from grainmotion.projection.grain_arrays import GrainArrays
-from grainmotion.projection.grains import Patches, differentiate_patches, project_patches, shadows
+from grainmotion.projection.grains import differentiate_patches, project_patches
+from grainmotion.projection.jacobian import PatchJacobian
 from grainmotion.rotations import rotation_matrix
 from grainmotion.solvers.semidefinite import pseudo_inverse
 
@@ -55,8 +55,7 @@ def unconfirmed_rotations(problem: StateProblem, pose: Pose, evaluation: Evaluat
     views = corrected_geometry(target.scan.geometry, pose.nuisance)
     setup = _ProjectionSetup(views, target.projector, target.kernel, grains.centers.mean(axis=0))
     images = factor, evaluation.residual
-    unconfirmed: Float = place(grains.walked).for_grains(_unconfirmed_in_batches, grains, pose, images, setup)
-    return unconfirmed
+    return grains.backend.map_grains(_unconfirmed_in_batches, grains, pose, images, setup)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,10 +69,10 @@ class _ProjectionSetup:
 
 
 def _unconfirmed_in_batches(
-    grains: GrainArrays, pose: Pose, factor: Image, residual: Image, setup: _ProjectionSetup
+    grains: GrainArrays, pose: Pose, images: tuple[Image, ...], setup: _ProjectionSetup
 ) -> Float:
     """The same of some grains, batch by batch."""
-    n = len(grains)
+    n, (factor, residual) = len(grains), images
     batches = [np.arange(k, min(k + GRAINS_PER_BATCH, n)) for k in range(0, n, GRAINS_PER_BATCH)]
     return np.concatenate([_unconfirmed(grains, pose, factor, residual, setup, rows) for rows in batches])
 
@@ -126,11 +125,11 @@ class _TrialRotations:
         grains = all_grains.select(rows)
         here = pose.moved(pose.translations[rows], pose.matrices[rows])
         angles = np.minimum(TRIAL_RIM_SHIFT * grains.unit / grains.radii, MAX_TRIAL_ROTATION)
-        patches = shadows(
+        patches = footprint_patches(
             _with_rotated_hulls(grains, angles), here, setup.geometry, len(setup.kernel) - 1, setup.middle
         )
         values, derivatives = differentiate_patches(grains, here, setup.geometry, patches, setup.projector)
-        normal_equations.filter_patches(derivatives, patches.boxes, patches.offsets, factor, setup.kernel)
+        CPU.filter_patches(derivatives, patches.table, factor, setup.kernel)
         information, axes = np.linalg.eigh(_rotations(_products(derivatives, derivatives, patches, len(rows))))
         return cls(setup, factor, grains, here, angles, patches, values, derivatives, axes, information)
 
@@ -142,10 +141,10 @@ class _TrialRotations:
             rotations = rotation_matrix(sign * self.angles[:, None] * self.axes[:, :, axis])
             pose = self.pose.moved(self.pose.translations, rotations @ self.pose.matrices)
             changes[axis] = project_patches(self.grains, pose, setup.geometry, patches, setup.projector) - self.values
-        normal_equations.filter_patches(changes[:3], patches.boxes, patches.offsets, self.factor, setup.kernel)
+        CPU.filter_patches(changes[:3], patches.table, self.factor, setup.kernel)
         _remove_translations(changes[:3], self.derivatives, patches, n)
         squares = np.diagonal(_products(changes[:3], changes[:3], patches, n), axis1=1, axis2=2)
-        return squares, gathered(changes, patches, n, residual)[:, :3]
+        return squares, PatchJacobian(changes, patches).gradient(residual)[:, :3]
 
 
 def _with_rotated_hulls(grains: GrainArrays, angles: Float) -> GrainArrays:

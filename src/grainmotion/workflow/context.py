@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion._typing import Progress
-from grainmotion.backends.device import Device
+from grainmotion.backends.base import PatchBackend
 from grainmotion.calibration.scanner import ScannerCalibration
 from grainmotion.cluster.connection import ClusterConnection
 from grainmotion.errors import InputError
@@ -76,9 +76,9 @@ class RunContext:
         return None if self.inputs.labels is None else _read_labels(self.inputs.labels)
 
     @cached_property
-    def tracking_device(self) -> Device | None:
-        """The workers, if there are any; else the settings say which device tracks."""
-        return None if self.cluster is None else self.cluster.crew
+    def tracking_backend(self) -> PatchBackend | None:
+        """The workers, if there are any; else the device of the settings tracks."""
+        return None if self.cluster is None else self.cluster.backend
 
     def tell(self, message: str, done: int = 0, total: int = 1) -> None:
         """Report progress, if there is a listener."""

@@ -50,9 +50,9 @@ def _track(
 ) -> TrackedState:
     """One state, by this process or by all workers together."""
     grains, scan, settings = reference().grains, context.radiographs(source), context.tables.track
-    progress, device = prefixed(context.progress, table.name), context.tracking_device
+    progress, backend = prefixed(context.progress, table.name), context.tracking_backend
     with errors_of_state(source.key, table.initial):
-        motions, residual = track_with_residual(grains, scan, start, settings, progress=progress, device=device)
+        motions, residual = track_with_residual(grains, scan, start, settings, progress=progress, device=backend)
     return TrackedState(motions, residual)
 
 

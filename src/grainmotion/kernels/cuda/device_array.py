@@ -1,4 +1,4 @@
-"""Arrays that lie on the card, and the shapes of blocks of threads."""
+"""Arrays in the memory of the GPU, and the shapes of blocks of threads."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ import numpy as np
 from numba import config, cuda
 from numba.core.errors import NumbaPerformanceWarning
 
-warnings.filterwarnings("ignore", "Grid size .* low occupancy", NumbaPerformanceWarning)  # small samples are no fault
+warnings.filterwarnings("ignore", "Grid size .* low occupancy", NumbaPerformanceWarning)  # expected with small samples
 
 SIMULATED = bool(config.ENABLE_CUDASIM)
 TILE = (2, 2) if SIMULATED else (16, 8)
 """Threads along the columns and rows of a block: a warp's rays stay close, and there is a Python thread each
 where they are simulated."""
 THREADS = TILE[0] * TILE[1]
-MOST = 1 if SIMULATED else 32768
+MAX_BLOCKS = 1 if SIMULATED else 32768
 """Blocks along an axis, where threads take further elements in turn."""
 
-SQUARE = 32
-"""Pixels across the squares of a panel that a block fills from the patches that reach into it."""
+SQUARE_PIXELS = 32
+"""Pixels across the squares of a detector that a block fills from the patches that reach into it."""
 
 
 class DeviceArray:
-    """An array on the card; indices and numpy's functions see its copy on the host, made when first asked for."""
+    """An array in GPU memory; indexing and numpy functions use its copy on the host, made at the first access."""
 
     def __init__(self, array):
         self.array = array
@@ -45,11 +45,11 @@ class DeviceArray:
 
     @cached_property
     def host(self):
-        """The same numbers on the host; `changed` says that they are so no more."""
+        """The copy on the host; `changed` drops it."""
         return self.array.copy_to_host()
 
     def changed(self):
-        """Forget the copy on the host, after a kernel wrote to the array."""
+        """Drop the copy on the host, after a kernel wrote to the array."""
         self.__dict__.pop("host", None)
 
     def __array__(self, dtype=None, copy=None):
@@ -59,14 +59,14 @@ class DeviceArray:
         return self.host[index]
 
     def copy(self):
-        """Another array on the card with the same numbers."""
+        """A copy in GPU memory."""
         out = empty(self.shape, self.dtype)
         out.array.copy_to_device(self.array)
         return out
 
 
-def on_card(array):
-    """The device array of what is held, or of a host array's fresh copy."""
+def on_gpu(array):
+    """numba's array of a `DeviceArray`, or of a new copy of a host array."""
     if isinstance(array, DeviceArray):
         return array.array
     array = np.ascontiguousarray(array)
@@ -74,27 +74,27 @@ def on_card(array):
         return cuda.to_device(array)
 
 
-def hold(array):
-    """Copy a host array to the card, to stay there."""
-    return DeviceArray(on_card(array))
+def upload(array):
+    """Copy a host array to the GPU, to stay there."""
+    return DeviceArray(on_gpu(array))
 
 
 def empty(shape, dtype):
-    """An array on the card, not set."""
+    """An uninitialised array on the GPU."""
     with _room(int(np.prod(shape)) * np.dtype(dtype).itemsize):
         return DeviceArray(cuda.device_array(shape, dtype))
 
 
 def zeros(shape, dtype):
-    """An array of zeros on the card."""
+    """An array of zeros on the GPU."""
     out = empty(shape, dtype)
     size = int(np.prod(shape))
     if size:
-        _fill[min(-(-size // THREADS), MOST), THREADS](out.array.reshape(size), 0)
+        _fill[min(-(-size // THREADS), MAX_BLOCKS), THREADS](out.array.reshape(size), 0)
     return out
 
 
-def bring(array, out):
+def download(array, out):
     """Copy a device array into the host's ``out``."""
     if out.size:
         array.copy_to_host(out)
@@ -102,13 +102,13 @@ def bring(array, out):
 
 @contextmanager
 def _room(wanted):
-    """Name a card that is full as Python names a full memory."""
+    """Turn the driver's out-of-memory error into a MemoryError."""
     try:
         yield
     except Exception as error:
         if "OUT_OF_MEMORY" not in str(error):
             raise
-        raise MemoryError(f"the card has no room for another {wanted / 1e9:.2f} GB") from error
+        raise MemoryError(f"the GPU has no room for another {wanted / 1e9:.2f} GB") from error
 
 
 @cuda.jit
@@ -117,11 +117,11 @@ def _fill(array, value):
         array[i] = value
 
 
-def squares(shape):
+def square_grid(shape):
     """Blocks for images ``(n, rows, columns)``, one a square."""
-    return -(-shape[2] // SQUARE), -(-shape[1] // SQUARE), shape[0]
+    return -(-shape[2] // SQUARE_PIXELS), -(-shape[1] // SQUARE_PIXELS), shape[0]
 
 
-def try_card():
-    """Run a kernel; whatever keeps it from running is raised."""
+def run_test_kernel():
+    """Run a kernel; raise what keeps it from running."""
     zeros((THREADS,), np.float32).host.sum()

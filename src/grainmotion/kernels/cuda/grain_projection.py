@@ -1,4 +1,4 @@
-"""Projection of moving grains on the card; see `kernels.grain_projection`, whose walks these are.
+"""Projection of moving grains on the GPU, with the ray tracing of `kernels.grain_projection`.
 
 A block of threads takes some rows of a patch and runs along them, a thread a pixel: its rays stay close together,
 and so do the voxels that they read.
@@ -6,55 +6,49 @@ and so do the voxels that they read.
 
 from __future__ import annotations
 
-import numpy as np
 from numba import cuda, float32
 
-from grainmotion.kernels.cuda.device_array import SQUARE, TILE, bring, on_card, squares
-from grainmotion.kernels.grain_projection import slopes_at, value_at
+from grainmotion.kernels.cuda.device_array import SQUARE_PIXELS, TILE, download, on_gpu, square_grid
+from grainmotion.kernels.grain_projection import derivatives_at, value_at
 from grainmotion.kernels.grain_ray_tracing import DIRECTIONS, FAR, along, narrowed, row_of_rays
 
 SIDES = len(DIRECTIONS)
 
 
-def project(images, starts, shapes, corners, extents, voxel, positions, matrices, views, cone, panel, boxes, offsets,
-            jobs, exact, values):  # fmt: skip
-    """Line integrals of every patch, to ``values`` held on the card."""
-    if len(jobs):
-        tables = (starts, shapes, corners, extents, positions, matrices, views, boxes, offsets, jobs)
-        _project[-(-len(jobs) // TILE[1]), TILE](
-            on_card(images), *(on_card(a) for a in tables), voxel, cone, (panel[0] - 1) / 2, (panel[1] - 1) / 2, exact,
-            values.array,
+def project(grains, views, patches, exact, values):
+    """Line integrals of every patch, to ``values`` on the GPU."""
+    _launch(_project, grains, views, patches, exact, values)
+
+
+def project_with_derivatives(grains, views, patches, exact, values, derivatives):
+    """Line integrals and their derivatives ``(6, pixels)`` by u (mm) and δ (radians), on the GPU."""
+    _launch(_project_with_derivatives, grains, views, patches, exact, values, derivatives)
+
+
+def _launch(kernel, grains, views, patches, exact, *out):
+    """Run a kernel over all runs of pixels."""
+    count = len(patches.lines)
+    if count:
+        tables = (grains.starts, grains.shapes, grains.corners, grains.extents, grains.positions, grains.rotations,
+                  views.vectors, patches.boxes, patches.offsets, patches.lines)  # fmt: skip
+        kernel[-(-count // TILE[1]), TILE](
+            on_gpu(grains.voxels), *(on_gpu(a) for a in tables), grains.voxel_size, views.cone,
+            (views.panel[0] - 1) / 2, (views.panel[1] - 1) / 2, exact, *(a.array for a in out),
         )  # fmt: skip
-    values.changed()
+    for array in out:
+        array.changed()
 
 
-def project_with_derivatives(images, starts, shapes, corners, extents, voxel, positions, matrices, views, cone, panel,
-                             boxes, offsets, jobs, exact, values, derivatives):  # fmt: skip
-    """Line integrals and their derivatives ``(6, pixels)`` by u (mm) and δ (radians), held on the card."""
-    if len(jobs):
-        tables = (starts, shapes, corners, extents, positions, matrices, views, boxes, offsets, jobs)
-        _differentiate[-(-len(jobs) // TILE[1]), TILE](
-            on_card(images), *(on_card(a) for a in tables), voxel, cone, (panel[0] - 1) / 2, (panel[1] - 1) / 2, exact,
-            values.array, derivatives.array,
-        )  # fmt: skip
-    values.changed()
-    derivatives.changed()
-
-
-def add_patches(values, boxes, offsets, out):
-    """Add patches held on the card to the radiographs ``out (views, rows, columns)`` of the host.
+def add_patches(values, patches, out):
+    """Add patches on the GPU to the radiographs ``out (views, rows, columns)`` of the host.
 
     Every pixel adds its patches in their order, as on the CPU, so that the sum is the same.
     """
-    if not len(boxes):
+    if not len(patches.boxes):
         return
-    order = np.argsort(boxes[:, 1], kind="stable")
-    first = np.searchsorted(boxes[order, 1], np.arange(len(out) + 1))
-    image = on_card(out)
-    _gather[squares(out.shape), TILE](
-        values.array, on_card(boxes), on_card(offsets), on_card(order), on_card(first), image
-    )
-    bring(image, out)
+    image, tables = on_gpu(out), (patches.boxes, patches.offsets, patches.order, patches.view_starts)
+    _gather[square_grid(out.shape), TILE](values.array, *(on_gpu(a) for a in tables), image)
+    download(image, out)
 
 
 @cuda.jit(device=True)
@@ -99,8 +93,8 @@ def _project(images, starts, shapes, corners, extents, positions, matrices, view
 
 
 @cuda.jit
-def _differentiate(images, starts, shapes, corners, extents, positions, matrices, views, boxes, offsets, jobs, voxel,
-                   cone, middle_row, middle, exact, values, derivatives):  # fmt: skip
+def _project_with_derivatives(images, starts, shapes, corners, extents, positions, matrices, views, boxes, offsets,
+                              jobs, voxel, cone, middle_row, middle, exact, values, derivatives):  # fmt: skip
     j = cuda.blockIdx.x * cuda.blockDim.y + cuda.threadIdx.y
     own = min(j, len(jobs) - 1)
     p, r, c0 = jobs[own, 0], jobs[own, 1], jobs[own, 2]
@@ -128,16 +122,16 @@ def _differentiate(images, starts, shapes, corners, extents, positions, matrices
         x = c - middle
         o = (o0[0] + x * o1[0], o0[1] + x * o1[1], o0[2] + x * o1[2])
         d = (d0[0] + x * d1[0], d0[1] + x * d1[1], d0[2] + x * d1[2])
-        total, shift, turn = slopes_at(image, shape, corners[g], o, d, low, high, m, voxel, exact)
+        total, by_shift, by_rotation = derivatives_at(image, shape, corners[g], o, d, low, high, m, voxel, exact)
         values[at + c] = total
-        derivatives[0, at + c], derivatives[1, at + c], derivatives[2, at + c] = shift
-        derivatives[3, at + c], derivatives[4, at + c], derivatives[5, at + c] = turn
+        derivatives[0, at + c], derivatives[1, at + c], derivatives[2, at + c] = by_shift
+        derivatives[3, at + c], derivatives[4, at + c], derivatives[5, at + c] = by_rotation
 
 
 @cuda.jit
 def _gather(values, boxes, offsets, order, first, out):
-    i, top, left = cuda.blockIdx.z, cuda.blockIdx.y * SQUARE, cuda.blockIdx.x * SQUARE
-    down, right = min(top + SQUARE, out.shape[1]), min(left + SQUARE, out.shape[2])
+    i, top, left = cuda.blockIdx.z, cuda.blockIdx.y * SQUARE_PIXELS, cuda.blockIdx.x * SQUARE_PIXELS
+    down, right = min(top + SQUARE_PIXELS, out.shape[1]), min(left + SQUARE_PIXELS, out.shape[2])
     for e in range(first[i], first[i + 1]):
         p = order[e]
         r0, r1, c0, c1 = boxes[p, 2], boxes[p, 3], boxes[p, 4], boxes[p, 5]

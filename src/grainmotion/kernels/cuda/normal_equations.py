@@ -1,4 +1,4 @@
-"""Filters and normal equations on the card; see `kernels.normal_equations`.
+"""Products with J and blocks of JᵀJ on the GPU; see `kernels.normal_equations`.
 
 Sums over pixels are taken in double precision, a thread's share first and then over the threads by a tree, so that
 they are the same in every run.
@@ -9,138 +9,41 @@ from __future__ import annotations
 import numpy as np
 from numba import cuda, float64
 
-from grainmotion.kernels.cuda.device_array import MOST, SQUARE, THREADS, TILE, bring, empty, on_card, squares
+from grainmotion.kernels.cuda.device_array import SQUARE_PIXELS, THREADS, TILE, download, empty, on_gpu, square_grid
 
 
-def filter_images(images, weights):
-    """Filter ``images (n, rows, columns)`` of the host in place."""
-    n, rows, columns = images.shape
-    if not images.size:
-        return
-    image, work, kernel = on_card(images), empty(images.shape, images.dtype).array, on_card(weights)
-    grid = (min(-(-columns // TILE[0]), MOST), min(-(-rows // TILE[1]), MOST), n)
-    _along_rows[grid, TILE](image, work, kernel)
-    _along_columns[grid, TILE](work, image, kernel)
-    bring(image, images)
+def vjp(derivatives, patches, images, out):
+    """Jᵀ y: dot products ``out (patches, 6)`` of patches on the GPU with ``images (views, rows, columns)``."""
+    if len(patches.boxes):
+        dots = empty(out.shape, np.float64).array
+        tables = on_gpu(patches.boxes), on_gpu(patches.offsets)
+        _vjp[len(patches.boxes), TILE](derivatives.array, *tables, on_gpu(images), dots)
+        download(dots, out)
 
 
-def filter_patches(derivatives, boxes, offsets, valid, weights):
-    """Mask, then filter each patch of ``derivatives (k, pixels)``, held on the card, in place."""
-    each, pixels = derivatives.shape
-    if pixels:
-        where = on_card(boxes), on_card(offsets), on_card(valid), on_card(weights)
-        work = empty((each, pixels if len(weights) > 1 else 1), derivatives.dtype)
-        _filter_patches[(len(boxes), each), TILE](derivatives.array, work.array, *where)
-    derivatives.changed()
+def gram_blocks(derivatives, patches, pairs, first, out):
+    """6×6 blocks ``out (blocks, 6, 6)`` of JᵀJ, of patches on the GPU."""
+    if len(out):
+        blocks = empty(out.shape, np.float64).array
+        tables = on_gpu(patches.boxes), on_gpu(patches.offsets), on_gpu(pairs), on_gpu(first)
+        _gram_blocks[len(out), TILE](derivatives.array, *tables, blocks)
+        download(blocks, out)
 
 
-def gradients(derivatives, boxes, offsets, images, out):
-    """Dot products ``out (patches, 6)`` of patches held on the card with ``images (views, rows, columns)``."""
-    if not len(boxes):
-        return
-    found = empty(out.shape, np.float64).array
-    _gradients[len(boxes), TILE](
-        derivatives.array,
-        on_card(boxes),
-        on_card(offsets),
-        on_card(images),
-        found,
-    )
-    bring(found, out)
+def jvp(derivatives, patches, increments, images):
+    """J x: fill ``images (views, rows, columns)``, on the GPU, with what ``increments (n, 6)`` change in all patches.
 
-
-def blocks(derivatives, boxes, offsets, pairs, first, out):
-    """6×6 blocks ``out (blocks, 6, 6)`` of JᵀJ, of patches held on the card."""
-    if not len(out):
-        return
-    found = empty(out.shape, np.float64).array
-    where = on_card(boxes), on_card(offsets), on_card(pairs), on_card(first)
-    _blocks[len(out), TILE](derivatives.array, *where, found)
-    bring(found, out)
-
-
-def spread(derivatives, boxes, offsets, order, first, increments, images):
-    """Fill ``images (views, rows, columns)``, held on the card, with what ``increments (n, 6)`` change in all patches.
-
-    ``order[first[i]:first[i + 1]]`` are the patches of view i, whose shares are added in this order.
+    The patches of a view are added in the order of the table.
     """
-    tables = [on_card(a) for a in (boxes, offsets, order, first, increments)]
-    _spread[squares(images.shape), TILE](derivatives.array, *tables, images.array)
+    tables = patches.boxes, patches.offsets, patches.order, patches.view_starts, increments
+    _jvp[square_grid(images.shape), TILE](derivatives.array, *(on_gpu(a) for a in tables), images.array)
     images.changed()
 
 
 @cuda.jit
-def _along_rows(image, out, weights):
-    left, top = cuda.grid(2)
-    right, down = cuda.gridsize(2)
-    i, reach = cuda.blockIdx.z, len(weights) - 1
-    for r in range(top, image.shape[1], down):
-        for c in range(left, image.shape[2], right):
-            total = weights[0] * image[i, r, c]
-            for k in range(1, reach + 1):
-                if c >= k:
-                    total += weights[k] * image[i, r, c - k]
-                if c + k < image.shape[2]:
-                    total += weights[k] * image[i, r, c + k]
-            out[i, r, c] = total
-
-
-@cuda.jit
-def _along_columns(image, out, weights):
-    left, top = cuda.grid(2)
-    right, down = cuda.gridsize(2)
-    i, reach = cuda.blockIdx.z, len(weights) - 1
-    for r in range(top, image.shape[1], down):
-        for c in range(left, image.shape[2], right):
-            total = weights[0] * image[i, r, c]
-            for k in range(1, reach + 1):
-                if r >= k:
-                    total += weights[k] * image[i, r - k, c]
-                if r + k < image.shape[1]:
-                    total += weights[k] * image[i, r + k, c]
-            out[i, r, c] = total
-
-
-@cuda.jit
-def _filter_patches(derivatives, work, boxes, offsets, valid, weights):
-    """One patch of one derivative a block: masked, then along its rows to ``work``, then along its columns."""
-    p, each = cuda.blockIdx.x, cuda.blockIdx.y
-    i, r0, c0 = boxes[p, 1], boxes[p, 2], boxes[p, 4]
-    rows, columns = boxes[p, 3] - r0, boxes[p, 5] - c0
-    reach, start = len(weights) - 1, offsets[p]
-    for r in range(cuda.threadIdx.y, rows, cuda.blockDim.y):
-        for c in range(cuda.threadIdx.x, columns, cuda.blockDim.x):
-            derivatives[each, start + r * columns + c] *= valid[i, r0 + r, c0 + c]
-    if reach == 0:
-        return
-    cuda.syncthreads()
-    for r in range(cuda.threadIdx.y, rows, cuda.blockDim.y):
-        row = start + r * columns
-        for c in range(cuda.threadIdx.x, columns, cuda.blockDim.x):
-            total = weights[0] * derivatives[each, row + c]
-            for k in range(1, reach + 1):
-                if c >= k:
-                    total += weights[k] * derivatives[each, row + c - k]
-                if c + k < columns:
-                    total += weights[k] * derivatives[each, row + c + k]
-            work[each, row + c] = total
-    cuda.syncthreads()
-    for r in range(cuda.threadIdx.y, rows, cuda.blockDim.y):
-        for c in range(cuda.threadIdx.x, columns, cuda.blockDim.x):
-            at = start + r * columns + c
-            total = weights[0] * work[each, at]
-            for k in range(1, reach + 1):
-                if r >= k:
-                    total += weights[k] * work[each, at - k * columns]
-                if r + k < rows:
-                    total += weights[k] * work[each, at + k * columns]
-            derivatives[each, at] = total
-
-
-@cuda.jit
-def _spread(derivatives, boxes, offsets, order, first, increments, out):
-    i, top, left = cuda.blockIdx.z, cuda.blockIdx.y * SQUARE, cuda.blockIdx.x * SQUARE
-    down, right = min(top + SQUARE, out.shape[1]), min(left + SQUARE, out.shape[2])
+def _jvp(derivatives, boxes, offsets, order, first, increments, out):
+    i, top, left = cuda.blockIdx.z, cuda.blockIdx.y * SQUARE_PIXELS, cuda.blockIdx.x * SQUARE_PIXELS
+    down, right = min(top + SQUARE_PIXELS, out.shape[1]), min(left + SQUARE_PIXELS, out.shape[2])
     f = out.dtype.type
     for r in range(top + cuda.threadIdx.y, down, cuda.blockDim.y):
         for c in range(left + cuda.threadIdx.x, right, cuda.blockDim.x):
@@ -155,9 +58,9 @@ def _spread(derivatives, boxes, offsets, order, first, increments, out):
                 for c in range(left + cuda.threadIdx.x, right, cuda.blockDim.x):
                     if r0 <= r < r1 and c0 <= c < c1:
                         at = offsets[p] + (r - r0) * (c1 - c0) + c - c0
-                        shift = v0 * derivatives[0, at] + v1 * derivatives[1, at] + v2 * derivatives[2, at]
-                        turn = v3 * derivatives[3, at] + v4 * derivatives[4, at] + v5 * derivatives[5, at]
-                        out[i, r, c] += shift + turn
+                        by_shift = v0 * derivatives[0, at] + v1 * derivatives[1, at] + v2 * derivatives[2, at]
+                        by_rotation = v3 * derivatives[3, at] + v4 * derivatives[4, at] + v5 * derivatives[5, at]
+                        out[i, r, c] += by_shift + by_rotation
 
 
 @cuda.jit(device=True)
@@ -175,7 +78,7 @@ def _add_up(parts, count):
 
 
 @cuda.jit
-def _gradients(derivatives, boxes, offsets, images, out):
+def _vjp(derivatives, boxes, offsets, images, out):
     p = cuda.blockIdx.x
     i, r0, c0 = boxes[p, 1], boxes[p, 2], boxes[p, 4]
     rows, columns = boxes[p, 3] - r0, boxes[p, 5] - c0
@@ -198,7 +101,7 @@ def _gradients(derivatives, boxes, offsets, images, out):
 
 
 @cuda.jit
-def _blocks(derivatives, boxes, offsets, pairs, first, out):
+def _gram_blocks(derivatives, boxes, offsets, pairs, first, out):
     q = cuda.blockIdx.x
     sums, left, right = cuda.local.array(36, float64), cuda.local.array(6, float64), cuda.local.array(6, float64)
     for k in range(36):

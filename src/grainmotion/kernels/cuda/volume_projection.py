@@ -1,8 +1,8 @@
-"""Whole volumes on the card: line integrals, their exact adjoint, and one update of SART.
+"""Whole volumes on the GPU: line integrals, their exact adjoint, and one update of SART.
 
-A thread walks one ray.  Threads of a warp take neighbouring rows of one column of a panel, and the volume lies
-with z fastest: on an upright panel they then read neighbouring voxels at every step, at all angles.  `turned`
-names the axes anew (x y z ← z x y, rows ↔ columns), so that the walks are those of `kernels.ray_tracing` all the same.
+A thread traces one ray.  Threads of a warp take neighbouring rows of one column of a panel, and the volume lies
+with z fastest: on an upright panel they then read neighbouring voxels at every step, at all angles.  `axes_renamed`
+names the axes anew (x y z ← z x y, rows ↔ columns), so that `kernels.ray_tracing` serves here, too.
 Any other panel is served alike, only slower.
 
 The adjoint adds by atomic operations: which of two rays adds first is not the same in every run, and sums differ
@@ -17,7 +17,7 @@ import numpy as np
 from numba import cuda, float64
 
 from grainmotion.kernels import volume_projection
-from grainmotion.kernels.cuda.device_array import MOST, SIMULATED, THREADS, empty, hold, on_card
+from grainmotion.kernels.cuda.device_array import MAX_BLOCKS, SIMULATED, THREADS, empty, on_gpu, upload
 from grainmotion.kernels.ray_tracing import enter, line_integral, pixel_ray
 from grainmotion.kernels.sart import chord
 
@@ -26,36 +26,36 @@ BEAM = (2, 2) if SIMULATED else (32, 4)
 
 
 # ---------------------------------------------------------------------- z fastest
-def turned(vectors, origin):
-    """Views and the position of voxel [0, 0, 0] with axes named anew, for volumes and images of `laid`."""
+def axes_renamed(vectors, origin):
+    """Views and the position of voxel [0, 0, 0] with axes named anew, for volumes and images of `z_fastest`."""
     blocks = vectors.reshape(-1, 4, 3)[:, [0, 1, 3, 2]][:, :, [2, 0, 1]]
     return np.ascontiguousarray(blocks.reshape(-1, 12)), np.asarray(origin)[[2, 0, 1]]
 
 
-def laid(volume):
-    """A volume ``[z, y, x]`` of the host on the card as ``[y, x, z]``."""
-    return hold(volume.transpose(1, 2, 0))
+def z_fastest(volume):
+    """A volume ``[z, y, x]`` of the host on the GPU as ``[y, x, z]``."""
+    return upload(volume.transpose(1, 2, 0))
 
 
-def unlaid(volume):
-    """The host's ``[z, y, x]`` of a volume on the card."""
+def x_fastest(volume):
+    """The host's ``[z, y, x]`` of a volume on the GPU."""
     return np.ascontiguousarray(volume.host.transpose(2, 0, 1))
 
 
 def swapped(images):
-    """Images ``(n, rows, columns)`` of the host or the card with rows and columns swapped, on the card."""
+    """Images ``(n, rows, columns)`` of the host or the GPU with rows and columns swapped, on the GPU."""
     n, rows, columns = images.shape
     out = empty((n, columns, rows), images.dtype)
-    _swap[_grid(n, columns, rows), BEAM](on_card(images), out.array)
+    _swap[_grid(n, columns, rows), BEAM](on_gpu(images), out.array)
     return out
 
 
-# ---------------------------------------------------------------------- A, Aᵀ and SART; axes as `turned`
+# ---------------------------------------------------------------------- A, Aᵀ and SART; axes as `axes_renamed`
 def forward(image, origin, voxel, views, cone, exact, out):
-    """Line integrals ``out (views, columns, rows)`` of a laid volume."""
+    """Line integrals ``out (views, columns, rows)`` of a volume with z fastest."""
     n, columns, rows = out.shape
     _forward[_grid(n, columns, rows), BEAM](
-        image.array.reshape(-1), *image.shape, on_card(origin), 1.0 / voxel, on_card(views), cone, exact, out.array
+        image.array.reshape(-1), *image.shape, on_gpu(origin), 1.0 / voxel, on_gpu(views), cone, exact, out.array
     )
     out.changed()
 
@@ -64,7 +64,7 @@ def adjoint(images, origin, voxel, views, cone, exact, which, out):
     """Add the exact adjoint of `forward` for the views ``which`` of ``views``, applied to their images."""
     n, columns, rows = images.shape
     _adjoint[_grid(n, columns, rows), BEAM](
-        images.array, *out.shape, on_card(origin), 1.0 / voxel, on_card(views), on_card(which), cone, exact,
+        images.array, *out.shape, on_gpu(origin), 1.0 / voxel, on_gpu(views), on_gpu(which), cone, exact,
         out.array.reshape(-1),
     )  # fmt: skip
     out.changed()
@@ -74,27 +74,27 @@ def corrections(image, origin, voxel, views, cone, exact, radius, measured, vali
     """step · (b − A x)/(A 1) of the views ``which`` in ``out (len(which), columns, rows)``; see `kernels.sart`.
 
     ``views``, ``measured`` and ``valid`` are of the whole scan.  Returns Σ(b − A x)² and Σb² of each block of rays,
-    ``(len(which), blocks, 2)`` on the card: nothing waits for them here.
+    ``(len(which), blocks, 2)`` on the GPU: nothing waits for them here.
     """
     n, columns, rows = out.shape
     grid = _grid(n, columns, rows)
     squares = empty((n, grid[0] * grid[1], 2), np.float64)
     _residual[grid, BEAM](
-        image.array.reshape(-1), *image.shape, on_card(origin), voxel, on_card(views), cone, exact, radius,
-        measured.array, valid.array, on_card(which), step, out.array, squares.array,
+        image.array.reshape(-1), *image.shape, on_gpu(origin), voxel, on_gpu(views), cone, exact, radius,
+        measured.array, valid.array, on_gpu(which), step, out.array, squares.array,
     )  # fmt: skip
     out.changed()
     return squares
 
 
 def constrain(image, padding, radius, lowest):
-    """Zero a laid volume's padding and what lies beyond its cylinder; raise the rest to ``lowest``."""
+    """Zero a volume with z fastest's padding and what lies beyond its cylinder; raise the rest to ``lowest``."""
     _constrain[_blocks(image), THREADS](image.array.reshape(-1), *image.shape, padding, radius, lowest)
     image.changed()
 
 
 def constrain_and_extrapolate(image, before, padding, radius, lowest, momentum):
-    """`constrain` a laid x, then go on: x + momentum · (x − before), with x left in ``before``."""
+    """`constrain` a x, then go on: x + momentum · (x − before), with x left in ``before``."""
     _constrain_and_extrapolate[_blocks(image), THREADS](
         image.array.reshape(-1), before.array.reshape(-1), *image.shape, padding, radius, lowest, momentum
     )
@@ -103,14 +103,14 @@ def constrain_and_extrapolate(image, before, padding, radius, lowest, momentum):
 
 
 def _blocks(image):
-    return min(-(-int(np.prod(image.shape)) // THREADS), MOST)
+    return min(-(-int(np.prod(image.shape)) // THREADS), MAX_BLOCKS)
 
 
 def _grid(views, columns, rows):
     return -(-rows // BEAM[0]), -(-columns // BEAM[1]), views
 
 
-# ---------------------------------------------------------------------- kernels; x y z are those of the laid volume
+# ---------------------------------------------------------------------- kernels; x y z are renamed
 @cuda.jit(device=True)
 def _atomic_add(image, index, value):
     cuda.atomic.add(image, index, value)
@@ -201,7 +201,7 @@ def _residual(image, nz, ny, nx, origin, voxel, views, cone, exact, radius, meas
 
 @cuda.jit(device=True)
 def _inside(at, nz, ny, nx, padding, radius):
-    """Whether a voxel of a laid volume lies within its padding and its upright cylinder (if ``radius`` > 0)."""
+    """Whether a voxel lies within the volume's padding and its upright cylinder (if ``radius`` > 0)."""
     z, y, x = at // (ny * nx), at // nx % ny, at % nx
     if min(x, y, z) < padding or max(x - nx, y - ny, z - nz) >= -padding:
         return False
