@@ -104,7 +104,7 @@ class TestWorkers:
 
 @pytest.mark.slow
 def test_one_dies_and_one_comes_late_while_reconstructing(tmp_path, monkeypatch):
-    monkeypatch.setattr(slabs, "THICKNESS", 14)  # two of them
+    monkeypatch.setattr(slabs, "SLAB_PLANES", 14)  # two of them
     monkeypatch.setattr(distributed_iterate, "STORED", 64)
     inputs = find_inputs(read_experiment(write_tiny(tmp_path / "tiny")))
     source, settings = inputs.reference, ReconstructSettings(method="accelerated")
@@ -157,7 +157,7 @@ class TestRun:
     @classmethod
     def two_slabs(cls):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(slabs, "THICKNESS", 14)
+            patch.setattr(slabs, "SLAB_PLANES", 14)
             yield
 
     @pytest.fixture(scope="class")

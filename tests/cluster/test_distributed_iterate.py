@@ -62,7 +62,7 @@ def layout(geometry, shape=(40, 30, 30), **settings):
 
 @pytest.fixture(params=[100, 10], ids=["one slab", "slabs"])
 def thickness(request, monkeypatch):
-    monkeypatch.setattr(slabs, "THICKNESS", request.param)
+    monkeypatch.setattr(slabs, "SLAB_PLANES", request.param)
 
 
 @pytest.mark.usefixtures("thickness")
@@ -109,7 +109,7 @@ def test_masked_and_chosen_views(tmp_path, shelf, everywhere):
 @pytest.mark.parametrize("method", ["sart", "accelerated"])
 def test_same_bits_of_any_view(tmp_path, shelf, monkeypatch, geometry, method):
     """Of a grid that is smaller than the panel, not about the axis, and of an odd number of planes."""
-    monkeypatch.setattr(slabs, "THICKNESS", 10)
+    monkeypatch.setattr(slabs, "SLAB_PLANES", 10)
     rng = np.random.default_rng(0)
     np.save(tmp_path / "scan.npy", rng.random((len(geometry), *geometry.shape), np.float32))
     source = ScanInput("scan", find_stack(tmp_path / "scan.npy"), None, None, "line-integrals", geometry)
@@ -122,7 +122,7 @@ def test_same_bits_of_any_view(tmp_path, shelf, monkeypatch, geometry, method):
 
 def test_same_bits_of_a_coarse_start_in_pieces(tmp_path, shelf, monkeypatch):
     """A tilted panel of an odd number of pixels, far away."""
-    monkeypatch.setattr(slabs, "THICKNESS", 20)
+    monkeypatch.setattr(slabs, "SLAB_PLANES", 20)
     panel = DetectorAlignment(tilts_deg=(1.0, 0.5, 0.5), offset=(0.3, -0.5))
     far = {"source_to_axis": 600, "source_to_detector": 1200, "panel": panel}
     geometry = Geometry.cone(np.arange(0, 360, 10), (165, 61), 0.2, **far)
@@ -137,7 +137,7 @@ def test_same_bits_of_a_coarse_start_in_pieces(tmp_path, shelf, monkeypatch):
 
 
 def test_stored_now_and_then(inputs, shelf, monkeypatch):
-    monkeypatch.setattr(slabs, "THICKNESS", 10)
+    monkeypatch.setattr(slabs, "SLAB_PLANES", 10)
     work = InlineExecutor()
     reconstruct_scattered(work, shelf, inputs.reference, inputs.grid, ReconstructSettings(method="accelerated"), None)
     walked = 44 * 8 + 8 * 16
@@ -175,7 +175,7 @@ class TestSlabs:
             ((500, 4, 4), 4), ((2000, 4, 4), 16), ((2048, 4, 4), 16), ((140, 90, 90), 1), ((64, 512, 512), 2),
             ((1, 4096, 4096), 1),
         ):  # fmt: skip
-            found = slabs.cut(shape)
+            found = slabs.slab_bounds(shape)
             assert len(found) == count
             assert found[0][0] == 0
             assert found[-1][1] == shape[0]
@@ -184,7 +184,7 @@ class TestSlabs:
     @pytest.mark.parametrize("geometry", GEOMETRIES.values(), ids=GEOMETRIES.keys())
     def test_shade_no_other_rows(self, geometry, monkeypatch):
         """The line integrals of slabs, each in its own rows, add up to those of the whole."""
-        monkeypatch.setattr(slabs, "THICKNESS", 10)
+        monkeypatch.setattr(slabs, "SLAB_PLANES", 10)
         place = layout(geometry, circular=False)
         assert len(place.slabs) == 4
         array = np.random.default_rng(0).random(place.shape, np.float32)

@@ -182,7 +182,7 @@ def reconstructed(device: Device, method: str) -> dict:
     if method == "accelerated":
         settings = ReconstructSettings(method="accelerated", device=device.value)
     few = {"PHASES": ((3, 1, 1.5, 0.7), (1, 2, 1.0, 0.5)), "MIN_SUBSET_VIEWS": 2}
-    with patch.multiple(ordered_subsets, **few), patch.object(coarse_start, "SMALLEST", 4):
+    with patch.multiple(ordered_subsets, **few), patch.object(coarse_start, "MIN_EXTENT", 4):
         found = reconstruct(seen, Volume.zeros(truth.shape, VOXEL), settings)
     return {"volume": found.volume.array, "residuals": np.array(found.residuals)}
 

@@ -37,7 +37,7 @@ def layout(request, monkeypatch):
 
 
 def in_slabs(geometry, monkeypatch, shape=SHAPE):
-    monkeypatch.setattr(slabs, "THICKNESS", 20)
+    monkeypatch.setattr(slabs, "SLAB_PLANES", 20)
     return slabs.Layout.of(Volume.zeros(shape, VOXEL, (0.1, -0.1, 0.2)), geometry, ReconstructSettings())
 
 
@@ -67,7 +67,7 @@ def test_rows_of_a_piece_see_its_planes_alone(layout):
 def test_pieces_hold_all_slabs_and_little_twice(layout):
     pieces = pieces_of(layout)
     assert [k for piece in pieces for k in piece.slabs] == list(range(len(layout.slabs)))
-    assert sum(b - a for a, b in (p.planes for p in pieces)) <= (1 + module.EXTRA) * SHAPE[0] / 2
+    assert sum(b - a for a, b in (p.planes for p in pieces)) <= (1 + module.MAX_EXTRA_PLANES) * SHAPE[0] / 2
     for piece in pieces:
         assert piece.planes[0] <= layout.slabs[piece.slabs[0]][0] / 2
         assert piece.planes[1] >= layout.slabs[piece.slabs[-1]][1] / 2
@@ -75,10 +75,10 @@ def test_pieces_hold_all_slabs_and_little_twice(layout):
 
 def test_slabs_that_the_panel_does_not_see(monkeypatch):
     """A grid taller than a panel of an odd number of rows: every piece has some row."""
-    monkeypatch.setattr(module, "EXTRA", 2.0)  # however much twice
+    monkeypatch.setattr(module, "MAX_EXTRA_PLANES", 2.0)  # however much twice
     panel = GEOMETRIES["parallel, upside down"].window((29, 0), (27, 40))
     layout = in_slabs(panel, monkeypatch)
-    assert (26, 27) in layout.shaded
+    assert (26, 27) in layout.footprints
     assert all(0 <= first < end <= 13 for first, end in (piece.rows for piece in pieces_of(layout)))
     images = project(Volume(stones(), VOXEL, layout.center), panel)
     settings = ReconstructSettings(method="accelerated")
@@ -117,7 +117,7 @@ def test_pieces_give_what_the_whole_would(layout, monkeypatch):
 def pieces_of_all(layout, monkeypatch):
     """One piece of all slabs."""
     with monkeypatch.context() as patch:
-        patch.setattr(module, "EXTRA", -1)
+        patch.setattr(module, "MAX_EXTRA_PLANES", -1)
         return pieces_of(layout)
 
 

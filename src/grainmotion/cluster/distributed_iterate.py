@@ -14,7 +14,7 @@ from grainmotion.cluster.shared_store import SharedStore, StoredObject
 from grainmotion.experiment.scan_inputs import ScanInput
 from grainmotion.model.volume import Volume
 from grainmotion.preprocessing.binning import sufficient_views
-from grainmotion.reconstruction.coarse_start import COARSER, has_coarse_start, pieces_of
+from grainmotion.reconstruction.coarse_start import COARSENING, has_coarse_start, pieces_of
 from grainmotion.reconstruction.ordered_subsets import accelerated, plain_sart
 from grainmotion.reconstruction.reconstruct import Reconstruction
 from grainmotion.reconstruction.settings import ReconstructSettings
@@ -86,7 +86,7 @@ class Scattered:
                 )
                 for reader, scan in zip(readers, scans, strict=True)
             ]
-            for spot, rows in zip(self._spots, self.layout.watched, strict=True)
+            for spot, rows in zip(self._spots, self.layout.compared, strict=True)
         ]
         if settings.plain(count) or not has_coarse_start(grid.shape, source.geometry.shape):
             started = [
@@ -105,7 +105,7 @@ class Scattered:
     def _coarse_start(self, groups: list[Views], scans: list[tuple[str, Delayed]]) -> list[Delayed]:
         """Slabs of a coarse start, which whoever is to hold them makes of some of the views that others read."""
         task_at, found = self.work.task_at, []
-        wanted = sufficient_views(len(self._place), self.layout.geometry.shape[1] // COARSER)
+        wanted = sufficient_views(len(self._place), self.layout.geometry.shape[1] // COARSENING)
         picks = [np.flatnonzero(np.isin(group, wanted)) for group in groups]
         order = np.argsort(np.concatenate([group[pick] for group, pick in zip(groups, picks, strict=True)]))
         for piece in pieces_of(self.layout):
@@ -138,14 +138,14 @@ class Scattered:
         ]
         advanced = []
         for k, (spot, slab, seen) in enumerate(zip(self._spots, self._slabs, self._seen, strict=True)):
-            parts, scans = [strips[j] for j in self.layout.beside(k)], [seen[g] for g in held]
+            parts, scans = [strips[j] for j in self.layout.overlapping(k)], [seen[g] for g in held]
             advanced.append(task(spot, reconstruction_tasks.advance, self._where, slab, parts, scans, update=asked))
         squares = [
             task(spot, reconstruction_tasks.squares_of, s) for spot, s in zip(self._spots, advanced, strict=True)
         ]
         found = self.work.persist([*advanced, *squares])
         self._slabs = found[: len(advanced)]
-        owed = PendingSum(self.work, found[len(advanced) :], self.layout.watched)
+        owed = PendingSum(self.work, found[len(advanced) :], self.layout.compared)
         self._owed = [*(o for o in self._owed if o.known is None), owed]
         self._updates += 1
         self._walked += len(views)

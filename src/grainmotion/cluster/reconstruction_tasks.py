@@ -16,7 +16,7 @@ from grainmotion.model.geometry import Geometry
 from grainmotion.model.scan import Scan
 from grainmotion.preprocessing.binning import binned_scan
 from grainmotion.reconstruction import slabs
-from grainmotion.reconstruction.coarse_start import COARSER, Piece, coarse_start, finer_slab
+from grainmotion.reconstruction.coarse_start import COARSENING, Piece, coarse_start, finer_slab
 from grainmotion.reconstruction.slabs import Layout, RadiographRows, Rows, Slab, Strip
 from grainmotion.reconstruction.system import Views
 
@@ -60,7 +60,7 @@ def handed(rows: RadiographRows) -> RadiographRows:
 
 def rough_of(scan: Scan, picks: Views, rows: Rows) -> Scan:
     """Some rows of coarse pixels of some of the views."""
-    return binned_scan(scan, COARSER, picks, rows)
+    return binned_scan(scan, COARSENING, picks, rows)
 
 
 def rough_piece(layout: Layout, parts: list[Scan], order: Views, piece: Piece) -> Image:
@@ -166,7 +166,7 @@ def restored(layout: Layout, number: int, path: Path, momentum: float) -> SlabSt
     imaging = slabs.imaging_of(layout, number, _zeros(layout, number))
     with path.open("rb") as file:
         image, before = np.load(file), np.load(file) if momentum else None
-    return SlabState(Slab(imaging, layout.shaded[number][0], image, before))
+    return SlabState(Slab(imaging, layout.footprints[number][0], image, before))
 
 
 def store_planes(kept: SlabState, path: Path) -> None:

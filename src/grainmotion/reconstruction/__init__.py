@@ -1,1 +1,1 @@
-"""What reconstruction is made of."""
+"""Reconstruction of volumes from full scans."""

@@ -1,4 +1,4 @@
-"""Held: an image under way in this process, on the processor or on an NVIDIA card."""
+"""A volume during its reconstruction in this process, on the CPU or on a GPU."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(eq=False)
 class HostIterate:
-    """An image (`system.Iterate`) in slabs, with the scan that it is to agree with."""
+    """A volume (`system.Iterate`) in slabs, with the scan that it is fitted to."""
 
     scan: Scan
     layout: Layout
@@ -33,13 +33,13 @@ class HostIterate:
 
     @classmethod
     def of(cls, scan: Scan, grid: Volume, settings: ReconstructSettings) -> HostIterate:
-        """From the grid's own values."""
+        """Start at the grid's own values."""
         layout, array = Layout.of(grid, scan.geometry, settings), grid.array.astype(np.float32, copy=False)
         parts = [slabs.new_slab(layout, k, array[slice(*planes)]) for k, planes in enumerate(layout.slabs)]
         return cls(scan, layout, column_sums(scan.geometry, grid), parts)
 
     def start_from(self, planes: Iterator[Image]) -> None:
-        """Go on from the values ``[z, y, x]`` of each slab's planes in turn, as far as they are allowed."""
+        """Replace the values of each slab by ``[z, y, x]`` arrays of its planes, constrained."""
         for k, (slab, array) in enumerate(zip(self.slabs, planes, strict=True)):
             self.slabs[k] = slabs.slab_from(self.layout, k, slab.imaging.grid.array, array)
 
@@ -49,9 +49,9 @@ class HostIterate:
             self.slabs = [replace(slab, before=slab.image.copy()) for slab in self.slabs]
         strips = [slabs.forward(slab, views) for slab in self.slabs]
         scan = self.scan.select(views)
-        seen = RadiographRows(0, scan.line_integrals.astype(np.float32, copy=False), scan.valid)
+        measured = RadiographRows(0, scan.line_integrals.astype(np.float32, copy=False), scan.valid)
         step = float(relaxation / self.sums[views].sum())
-        corrections = slabs.compare(self.layout, views, strips, seen, step)
+        corrections = slabs.compare(self.layout, views, strips, measured, step)
         for slab in self.slabs:
             slabs.advance(slab, corrections, views, momentum)
         return slabs.total([corrections.squares], [(0, len(corrections.squares))])
@@ -65,7 +65,7 @@ class HostIterate:
 
 
 def new_iterate(scan: Scan, grid: Volume, settings: ReconstructSettings) -> HostIterate | CudaIterate:
-    """An image on the device of the settings, from the grid's own values."""
+    """A volume on the device of the settings, at the grid's own values."""
     if not uses_cuda(settings.device):
         return HostIterate.of(scan, grid, settings)
 

@@ -1,7 +1,4 @@
-"""Reconstruction: Scan → Volume, with the projector that tracking uses.
-
-The paper demands the same operator here as in the tracker; see `volume_operator.Projector`.
-"""
+"""Reconstruction of a volume from a scan, with the projector that tracking uses as well, as the paper requires."""
 
 from __future__ import annotations
 
@@ -21,7 +18,7 @@ __all__ = ["ReconstructSettings", "Reconstruction", "reconstruct"]
 
 @dataclass(frozen=True, config={"arbitrary_types_allowed": True})
 class Reconstruction:
-    """A reconstructed volume and how it came about.
+    """A reconstructed volume and its residuals.
 
     Attributes
     ----------
@@ -49,7 +46,7 @@ def reconstruct(
     scan : Scan
         Line integrals of the full scan.
     grid : Volume
-        Where to reconstruct; its values are the start (zeros as a rule).
+        Where to reconstruct; its values are the initial volume (usually zeros).
     settings : ReconstructSettings, optional
         Projector, method, and the stopping rule of plain SART.
     progress : callable, optional

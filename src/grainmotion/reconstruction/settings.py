@@ -1,4 +1,4 @@
-"""How to reconstruct."""
+"""Settings of a reconstruction."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from grainmotion._typing import Projector
 from grainmotion._validation import validated
 from grainmotion.backends.device import DeviceName
 
-ENOUGH = 240
-"""Views from which on the accelerated method is the cheaper one by far; with fewer, each view comes several times."""
+MIN_ACCELERATED_VIEWS = 240
+"""Views from which on the accelerated method is much cheaper; with fewer, it uses each view several times."""
 
 Method = Literal["auto", "accelerated", "sart"]
 
@@ -50,19 +50,30 @@ class ReconstructSettings:
     circular: Annotated[bool, Field(description="reconstruct inside the grid's upright inscribed cylinder only")] = True
     device: Annotated[
         DeviceName,
-        Field(description="where rays are walked: the processor, an NVIDIA card, or the card if there is one"),
+        Field(description="where rays are traced: CPU, NVIDIA GPU, or the GPU if there is one"),
     ] = "auto"
 
     @model_validator(mode="after")
-    def _honoured(self) -> ReconstructSettings:
-        told = [n for n in ("sweeps", "relaxation", "decay", "tolerance", "noise") if getattr(self, n) is not None]
-        if told and self.method == "accelerated":
-            raise ValueError(f'{", ".join(told)}: only plain SART takes this; set method = "sart", or leave it out')
+    def _used(self) -> ReconstructSettings:
+        given = [n for n in ("sweeps", "relaxation", "decay", "tolerance", "noise") if getattr(self, n) is not None]
+        if given and self.method == "accelerated":
+            raise ValueError(f'{", ".join(given)}: only plain SART takes this; set method = "sart", or leave it out')
         return self
 
     def plain(self, views: int) -> bool:
-        """Whether a scan of so many views is for plain SART."""
+        """Whether a scan is reconstructed by plain SART.
+
+        Parameters
+        ----------
+        views : int
+            Number of its views.
+
+        Returns
+        -------
+        bool
+            False for the accelerated method.
+        """
         given = (self.sweeps, self.relaxation, self.decay, self.tolerance, self.noise)
         if self.method == "auto":
-            return views < ENOUGH or any(value is not None for value in given)
+            return views < MIN_ACCELERATED_VIEWS or any(value is not None for value in given)
         return self.method == "sart"

@@ -1,12 +1,12 @@
-"""A volume under way in slabs along z: the one mathematics of a reconstruction on processors, whoever holds them.
+"""Reconstruction on CPUs, in slabs along z that one process or the workers of a cluster hold.
 
 A projection is linear in the volume, so the line integrals of the whole are the sum of those of its slabs, and a
-slab of the adjoint needs its own rows of the corrections only:
+slab of the adjoint needs only its own rows of the corrections:
 
-    forward of each slab ── compare its rows (with the slabs that shade them, too) ── advance it
+    forward of each slab ── compare its rows (with all slabs that project on them) ── advance it
 
-How the volume is cut follows from the grid alone.  One process and the workers of a cluster call these functions
-with the same arguments, so they find the same bits (decision 0013).
+The slabs follow from the grid alone.  One process and the workers of a cluster call these functions with the same
+arguments, so that their results are equal to the bit (decision 0013).
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from grainmotion.model.volume import Volume
 from grainmotion.reconstruction.settings import ReconstructSettings
 from grainmotion.reconstruction.system import Frame, Imaging, Views
 
-THICKNESS = 160
-"""Planes of a slab, within a factor √2 (but see `LARGE`): thinner ones see many rows of pixels in common."""
-LARGE = 1 << 22
-"""Voxels from which a grid is cut in two at least: smaller ones are done sooner than they are shared out."""
-MARGIN = 0.55
-"""Voxels beyond its faces that a slab shades: it is interpolated up to the next voxel's middle."""
-RING = 48
-"""Points of the ring of which a slab's upright cylinder is taken to be made."""
+SLAB_PLANES = 160
+"""Planes of a slab, within a factor √2 (but see `MIN_SPLIT_VOXELS`): thinner ones share many rows of pixels."""
+MIN_SPLIT_VOXELS = 1 << 22
+"""Voxels from which a grid has two slabs at least: a smaller one takes less time than its distribution."""
+SLAB_MARGIN = 0.55
+"""Width beyond its faces on which a slab projects, voxels: it is interpolated up to the next voxel's centre."""
+CYLINDER_POINTS = 48
+"""Points on the circumference of a slab's upright cylinder whose projections bound its footprint."""
 
 Rows = tuple[int, int]
 """First row of pixels and the row after the last."""
@@ -42,14 +42,14 @@ Rows = tuple[int, int]
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """A grid without its values: how it is cut, and what sees it.
+    """A grid without its values: its slabs, and the views of it.
 
     Attributes
     ----------
     shape, voxel_size, center
         As of a `Volume`.
     frame : Frame
-        Where rays count.
+        Region in which rays count.
     geometry : Geometry
     settings : ReconstructSettings
     slabs : tuple of (int, int)
@@ -66,77 +66,78 @@ class Layout:
 
     @classmethod
     def of(cls, grid: Volume, geometry: Geometry, settings: ReconstructSettings) -> Layout:
-        """That of a whole grid."""
+        """The layout of a grid."""
         frame = Frame.of(grid, settings)
-        return cls(grid.shape, grid.voxel_size, grid.center, frame, geometry, settings, cut(grid.shape))
+        return cls(grid.shape, grid.voxel_size, grid.center, frame, geometry, settings, slab_bounds(grid.shape))
 
     def center_of(self, number: int) -> tuple[float, float, float]:
-        """Middle of a slab, mm."""
+        """Centre of a slab, mm, x y z."""
         x, y, z = self.center
         first, end = self.slabs[number]
         return x, y, z + self.voxel_size * ((first + end) - self.shape[0]) / 2
 
     @cached_property
-    def shaded(self) -> tuple[Rows, ...]:
-        """Of each slab the rows of pixels that it may shade in any view."""
-        return tuple(self._shaded_by(k) for k in range(len(self.slabs)))
+    def footprints(self) -> tuple[Rows, ...]:
+        """Rows of pixels on which each slab may project in any view."""
+        return tuple(self._footprint(k) for k in range(len(self.slabs)))
 
     @cached_property
-    def watched(self) -> tuple[Rows, ...]:
-        """Of each slab the rows to be compared with it: those that it shades, and all rows are with some slab."""
-        order = sorted(range(len(self.slabs)), key=lambda k: self.shaded[k])
-        edges = [0, *(self.shaded[k][0] for k in order[1:]), self.geometry.shape[0]]
-        found = {}
+    def compared(self) -> tuple[Rows, ...]:
+        """Rows that are compared with each slab: its footprint, extended so that every row belongs to some slab."""
+        order = sorted(range(len(self.slabs)), key=lambda k: self.footprints[k])
+        edges = [0, *(self.footprints[k][0] for k in order[1:]), self.geometry.shape[0]]
+        rows = {}
         for k, edge, following in zip(order, edges[:-1], edges[1:], strict=True):
-            found[k] = min(edge, self.shaded[k][0]), max(following, self.shaded[k][1])
-        return tuple(found[k] for k in range(len(self.slabs)))
+            rows[k] = min(edge, self.footprints[k][0]), max(following, self.footprints[k][1])
+        return tuple(rows[k] for k in range(len(self.slabs)))
 
-    def beside(self, number: int) -> list[int]:
-        """The slabs, itself among them, that shade rows which are compared with a slab."""
-        first, end = self.watched[number]
-        return [k for k, (a, b) in enumerate(self.shaded) if a < end and b > first]
+    def overlapping(self, number: int) -> list[int]:
+        """The slabs, itself included, that project on rows which are compared with a slab."""
+        first, end = self.compared[number]
+        return [k for k, (a, b) in enumerate(self.footprints) if a < end and b > first]
 
     @property
     def radius(self) -> float:
-        """Radius of the upright cylinder beyond which nothing counts, mm."""
+        """Radius of the upright cylinder outside which the volume does not count, mm."""
         _, ny, nx = self.shape
         return float((min(nx, ny) if self.settings.circular else np.hypot(nx, ny)) / 2 + 1.5) * self.voxel_size
 
-    def _shaded_by(self, number: int) -> Rows:
-        turn = 2 * np.pi * np.arange(RING) / RING
-        ring = self.radius / self.voxel_size / np.cos(np.pi / RING) * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
-        height = (self.slabs[number][1] - self.slabs[number][0]) / 2 + MARGIN
-        rim = np.concatenate([np.c_[ring, np.full(RING, side * height)] for side in (-1, 1)])
-        spots = self.geometry.project_points(rim * self.voxel_size + self.center_of(number))[..., 0]
+    def _footprint(self, number: int) -> Rows:
+        angles = 2 * np.pi * np.arange(CYLINDER_POINTS) / CYLINDER_POINTS
+        circle = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+        ring = self.radius / self.voxel_size / np.cos(np.pi / CYLINDER_POINTS) * circle
+        height = (self.slabs[number][1] - self.slabs[number][0]) / 2 + SLAB_MARGIN
+        rim = np.concatenate([np.c_[ring, np.full(CYLINDER_POINTS, side * height)] for side in (-1, 1)])
+        projected = self.geometry.project_points(rim * self.voxel_size + self.center_of(number))[..., 0]
         rows = self.geometry.shape[0]
-        if not np.isfinite(spots).all():  # a source beside or in the volume
+        if not np.isfinite(projected).all():  # a source beside or in the volume
             return 0, rows
-        first = int(np.clip(np.floor(spots.min()), 0, rows - 1))
-        return first, int(np.clip(np.ceil(spots.max()) + 1, first + 1, rows))
+        first = int(np.clip(np.floor(projected.min()), 0, rows - 1))
+        return first, int(np.clip(np.ceil(projected.max()) + 1, first + 1, rows))
 
 
-def cut(shape: tuple[int, int, int]) -> tuple[tuple[int, int], ...]:
-    """First plane of each slab of a grid, and the plane after its last; a power of two of them, to be shared evenly."""
-    fewest = 2 if np.prod(shape, dtype=float) >= LARGE else 1
-    count = min(shape[0], max(fewest, 2 ** round(np.log2(max(shape[0] / THICKNESS, 1)))))
+def slab_bounds(shape: tuple[int, int, int]) -> tuple[tuple[int, int], ...]:
+    """First plane of each slab of a grid and the one after its last; a power of two of slabs, to be shared evenly."""
+    fewest = 2 if np.prod(shape, dtype=float) >= MIN_SPLIT_VOXELS else 1
+    count = min(shape[0], max(fewest, 2 ** round(np.log2(max(shape[0] / SLAB_PLANES, 1)))))
     ends = np.round(np.linspace(0, shape[0], count + 1)).astype(int)
     return tuple((int(a), int(b)) for a, b in pairwise(ends))
 
 
 @dataclass(frozen=True, eq=False)
 class Slab:
-    """Some planes of the volume, laid as ``imaging.operator`` lays them.
+    """Some planes of the volume during its reconstruction, in the padded layout of ``imaging.operator``.
 
     Attributes
     ----------
     imaging : Imaging
-        How its rows of pixels see it.
+        The projection of its planes on its rows of pixels.
     first : int
         The first of those rows.
     image : array
-        It under way.
+        Its current values.
     before : array, optional
-        It as it was last constrained, where momentum drives it.
+        Its values as they were last constrained, with momentum.
     """
 
     imaging: Imaging
@@ -146,7 +147,7 @@ class Slab:
 
     @property
     def planes(self) -> Image:
-        """It as it was last constrained, ``[z, y, x]``, without a copy."""
+        """Its values as they were last constrained, ``[z, y, x]``, without a copy."""
         latest, inner = self.image if self.before is None else self.before, slice(PADDING, -PADDING)
         return self.imaging.operator.by_height(latest)[inner, inner, inner].transpose(2, 0, 1)
 
@@ -170,7 +171,7 @@ class RadiographRows:
 
 @dataclass(frozen=True, eq=False)
 class Corrections:
-    """What is to be projected back, rows ``first …``; of each row Σ(b − A x)² and Σb² before it, ``(rows, 2)``."""
+    """Images to be projected back, from row ``first`` on; Σ(b − A x)² and Σb² of each row before it, ``(rows, 2)``."""
 
     first: int
     images: Image
@@ -180,52 +181,52 @@ class Corrections:
 def new_slab(layout: Layout, number: int, array: Image) -> Slab:
     """A slab of the values ``[z, y, x]`` of its planes."""
     imaging = imaging_of(layout, number, array)
-    return Slab(imaging, layout.shaded[number][0], imaging.start())
+    return Slab(imaging, layout.footprints[number][0], imaging.start())
 
 
 def slab_from(layout: Layout, number: int, array: Image, planes: Image) -> Slab:
-    """A slab of the values ``[z, y, x]`` of its planes, as far as they are allowed; ``array`` is the grid's own."""
+    """A slab of the values ``[z, y, x]`` of its planes, constrained; ``array`` is the grid's own."""
     imaging = imaging_of(layout, number, array)
     image = imaging.operator.padded(planes)
     imaging.constrain(image)
-    return Slab(imaging, layout.shaded[number][0], image)
+    return Slab(imaging, layout.footprints[number][0], image)
 
 
 def imaging_of(layout: Layout, number: int, array: Image) -> Imaging:
-    """How the rows that a slab shades see it, whose values are ``array``."""
-    first, end = layout.shaded[number]
+    """The projection of a slab with values ``array`` on the rows of its footprint."""
+    first, end = layout.footprints[number]
     window = layout.geometry.window((first, 0), (end - first, layout.geometry.shape[1]))
     return Imaging(window, Volume(array, layout.voxel_size, layout.center_of(number)), layout.settings)
 
 
 def forward(slab: Slab, views: Views) -> Strip:
-    """Its line integrals in some views."""
+    """Line integrals of a slab in some views."""
     return Strip(slab.first, slab.imaging.operator.forward(slab.image, views))
 
 
-def compare(layout: Layout, views: Views, parts: Sequence[Strip], seen: RadiographRows, step: float) -> Corrections:
-    """Corrections, times ``step``, of what was seen of some views: ``parts`` are all slabs' that shade it, in order."""
-    count, rows = seen.images.shape[:2]
-    sums = np.zeros(seen.images.shape)  # double: else slabs would leave more rounding than one walk
+def compare(layout: Layout, views: Views, parts: Sequence[Strip], measured: RadiographRows, step: float) -> Corrections:
+    """Corrections, times ``step``, from measured rows and the strips of all slabs that project on them, in order."""
+    count, rows = measured.images.shape[:2]
+    sums = np.zeros(measured.images.shape)  # double, so that the sum over slabs adds hardly any rounding
     for part in parts:
-        low, high = max(part.first, seen.first), min(part.first + part.images.shape[1], seen.first + rows)
-        sums[:, low - seen.first : high - seen.first] += part.images[:, low - part.first : high - part.first]
+        low, high = max(part.first, measured.first), min(part.first + part.images.shape[1], measured.first + rows)
+        sums[:, low - measured.first : high - measured.first] += part.images[:, low - part.first : high - part.first]
     images, frame, geometry = sums.astype(np.float32), layout.frame, layout.geometry
-    valid = np.ones(images.shape, np.bool_) if seen.valid is None else seen.valid
+    valid = np.ones(images.shape, np.bool_) if measured.valid is None else measured.valid
     squares = np.empty((count * rows, 2))
     sart.compare(
-        images, seen.images, valid, frame.origin, frame.voxel_size, frame.size, frame.radius, geometry.vectors[views],
-        geometry.beam == "cone", seen.first, geometry.shape[0], squares,
+        images, measured.images, valid, frame.origin, frame.voxel_size, frame.size, frame.radius,
+        geometry.vectors[views], geometry.beam == "cone", measured.first, geometry.shape[0], squares,
     )  # fmt: skip
     images *= np.float32(step)
     total = np.zeros((rows, 2))
-    for of_view in squares.reshape(count, rows, 2):  # in this order whatever the rows
+    for of_view in squares.reshape(count, rows, 2):  # view by view, so that the result does not depend on the rows
         total += of_view
-    return Corrections(seen.first, images, total)
+    return Corrections(measured.first, images, total)
 
 
 def advance(slab: Slab, corrections: Corrections, views: Views, momentum: float) -> None:
-    """Project corrections of some views back, constrain the slab and, with momentum, go on; all in place."""
+    """Project corrections of some views back, constrain the slab and apply momentum if it has any; all in place."""
     first, end = slab.first - corrections.first, slab.first - corrections.first + slab.imaging.geometry.shape[0]
     slab.imaging.operator.add_adjoint(corrections.images[:, first:end], slab.image, views)
     if slab.before is None:
@@ -235,9 +236,9 @@ def advance(slab: Slab, corrections: Corrections, views: Views, momentum: float)
 
 
 def total(squares: Sequence[Float], rows: Sequence[Rows]) -> Float:
-    """Σ(b − A x)² and Σb² of all rows, from what is known of some rows each (where twice, the same)."""
+    """Σ(b − A x)² and Σb² of all rows, from those of parts that may overlap."""
     whole = np.zeros((max(end for _, end in rows), 2))
     for part, (first, end) in zip(squares, rows, strict=True):
         whole[first:end] = part
-    found: Float = whole.sum(axis=0)
-    return found
+    sums: Float = whole.sum(axis=0)
+    return sums

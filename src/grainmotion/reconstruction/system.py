@@ -1,4 +1,4 @@
-"""A scan on a grid as the equations A x = b, and updates of x by some of their views.
+"""The equations A x = b of a scan on a grid, and updates of x by some of its views.
 
     x ← x + λ / Σᵢ Cᵢ · Σᵢ Aᵢᵀ [(bᵢ − Aᵢ x)/(Aᵢ 1)],   i over some views
 
@@ -54,7 +54,7 @@ class Iterate(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """Where rays count: the padded image's ``size`` (nz, ny, nx) and ``origin``, and the cylinder (see `Imaging`)."""
+    """Region in which rays count: ``size`` (nz, ny, nx) and ``origin`` of the padded volume, and its cylinder."""
 
     size: tuple[int, ...]
     origin: Float
@@ -63,14 +63,14 @@ class Frame:
 
     @classmethod
     def of(cls, grid: Volume, settings: ReconstructSettings) -> Frame:
-        """That of a whole grid."""
+        """The region of a grid."""
         size, radius = tuple(n + 2 * PADDING for n in grid.shape), cylinder_radius(grid, settings)
         return cls(size, padded_origin(grid), grid.voxel_size, radius)
 
 
 @dataclass(frozen=True, eq=False)
 class Imaging:
-    """Views of a grid, in single precision; volumes are laid as `operator` lays them."""
+    """Projection of a grid on views, in single precision; volumes are in the padded layout of `operator`."""
 
     geometry: Geometry
     grid: Volume
@@ -93,7 +93,7 @@ class Imaging:
         return lower_limit(self.settings)
 
     def start(self) -> Image:
-        """The grid's own values, laid."""
+        """The grid's own values, padded."""
         return self.operator.padded(self.operator.grid.array)
 
     def constrain(self, image: Image) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from grainmotion.reconstruction.slabs import cut
+from grainmotion.reconstruction.slabs import slab_bounds
 
 SINGLE_BYTES, DOUBLE_BYTES, BLOCK_BYTES = 4, 8, 6 * 6 * 8
 RESPONSE_COLUMNS = 2
@@ -132,7 +132,7 @@ def product(of: Sample, workers: int, columns: int = 1) -> Cost:
 
 def reconstruction(of: Sample, workers: int) -> Cost:
     """One update by a subset of views: line integrals, then compare and advance, in every slab."""
-    slabs = len(cut((of.planes, of.columns, of.columns)))
+    slabs = len(slab_bounds((of.planes, of.columns, of.columns)))
     borders = min(workers, slabs) - 1  # where the rows of two workers' slabs meet, each gets the other's strip
     strips = borders * 2 * SINGLE_BYTES * of.subset * of.columns * of.rows / slabs
     squares = 2 * DOUBLE_BYTES * of.rows
