@@ -103,7 +103,8 @@ class Candidates:
         geometry, pose, n = self.geometry[view], self.pose, len(self.grain_arrays)
         patches = footprint_patches(self.grain_arrays, pose, geometry)
         if not len(patches.boxes):
-            return ViewInformation(sparse.bsr_array((6 * n, 6 * n), blocksize=(6, 6)), np.zeros((6 * n, 2)), _EMPTY)
+            nothing = sparse.bsr_array((6 * n, 6 * n), blocksize=(6, 6))
+            return ViewInformation(nothing, np.zeros((6 * n, 2)), np.zeros((2, 2)))
         values, derivatives = differentiate_patches(self.grain_arrays, pose, geometry, patches, "trilinear")
         image = assemble(values, patches, geometry).astype(float)
         if self.grains.background is not None:
@@ -163,9 +164,6 @@ class Candidates:
         """
         spread = np.einsum("nkk->nk", covariances)
         return np.sqrt((spread[:, :3].sum(1) + 2 / 3 * self.grain_arrays.radii**2 * spread[:, 3:].sum(1)) / 3)
-
-
-_EMPTY = np.zeros((2, 2))
 
 
 def invert(information: Float, prior: Float) -> Float:

@@ -19,7 +19,7 @@ from grainmotion.uncertainty.goodness_of_fit import misfits
 
 MAX_MISREGISTERED_AT_START = 0.1
 """Share of badly fitting grains from which another start is tried."""
-FIELDS: tuple[tuple[str, Basis, int], ...] = (
+DISPLACEMENT_FIELDS: tuple[tuple[str, Basis, int], ...] = (
     ("affine field", displacement_bases.affine, 6),
     ("quadratic field", displacement_bases.quadratic, 20),
 )
@@ -81,7 +81,7 @@ def smooth_fields(fit: MultistageFit, pose: Pose) -> list[Pose]:
     starts = [pose, centroid_shift(problem, pose)]
     solutions = [fit.solve(problem, start, INITIAL_STOPPING, "one body") for start in starts]
     poses = [min(solutions, key=lambda solution: solution.costs[-1]).state]
-    for name, basis, needed in FIELDS:
+    for name, basis, needed in DISPLACEMENT_FIELDS:
         if len(fit.grains) >= needed:
             problem = StateProblem(grains, target, basis)
             poses.append(fit.solve(problem, poses[-1], INITIAL_STOPPING, name).state)
