@@ -24,9 +24,9 @@ def rotation_vector(matrix: ArrayLike) -> Float:
     """Rotation vectors ``(..., 3)`` in radians, of length at most π, of matrices ``(..., 3, 3)``; NaN of NaN."""
     m = np.asarray(matrix, dtype=float)
     flat = m.reshape(-1, 3, 3)
-    known = np.isfinite(flat).all(axis=(1, 2))
+    finite = np.isfinite(flat).all(axis=(1, 2))
     out = np.full((len(flat), 3), np.nan)
-    out[known] = Rotation.from_matrix(flat[known]).as_rotvec()
+    out[finite] = Rotation.from_matrix(flat[finite]).as_rotvec()
     return out.reshape(*m.shape[:-2], 3)
 
 

@@ -134,7 +134,7 @@ def calibrate(
 
 
 def _gauss_newton(trial: Trial, values: Float, iterations: int) -> tuple[Float, Float]:
-    """Minimum of ‖r‖ from ``values``, and standard deviations, infinite for what is not determined."""
+    """Minimum of ‖r‖ from ``values``, and standard deviations, infinite for corrections that are not determined."""
     r = trial.residual(values)
     outdated, sd = True, np.zeros(0)
     for _ in range(iterations):

@@ -26,7 +26,7 @@ SIGNIFICANT_RESIDUAL = 0.97
 
 
 LARGEST_TILT = np.deg2rad(10.0)
-"""Largest pitch or yaw of one step, which a parallel beam does not see at all."""
+"""Largest pitch or yaw of one step, of which a parallel beam shows no effect."""
 
 
 @dataclass(frozen=True)
@@ -177,7 +177,7 @@ def in_table_unit(name: str, amount: float) -> float:
 
 
 def from_table_unit(name: str, value: float) -> float:
-    """mm and radians of what a table gives in mm and degrees."""
+    """A value of a table, mm or degrees, in mm or radians."""
     return value if name in LENGTHS else float(np.deg2rad(value))
 
 
@@ -201,8 +201,8 @@ def corrected(geometry: Geometry, amounts: Mapping[str, float]) -> Geometry:
     along = geometry.u / np.linalg.norm(geometry.u, axis=1, keepdims=True)
     normal = geometry.normals
     normal *= np.sign((normal * geometry.rays).sum(1, keepdims=True)) / np.linalg.norm(normal, axis=1, keepdims=True)
-    turns = rotation_matrix(x["pitch"] * along + x["turn"] * normal + x["yaw"] * np.cross(along, normal))
-    u, v = (np.einsum("nij,nj->ni", turns, step) for step in (geometry.u, geometry.v))
+    rotations = rotation_matrix(x["pitch"] * along + x["turn"] * normal + x["yaw"] * np.cross(along, normal))
+    u, v = (np.einsum("nij,nj->ni", rotations, step) for step in (geometry.u, geometry.v))
     aside = -x["axis_offset"] * along
     d = geometry.detector + aside
     for name, step in (("shift_u", u), ("shift_v", v)):

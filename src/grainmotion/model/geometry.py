@@ -5,7 +5,7 @@ which the rays travel (parallel beam), the centre of the panel, the step ``u`` f
 column 1 and the step ``v`` from row 0 to row 1.  Pixel (row r, column c) of a panel of R × C pixels
 is centred at  d + (c − (C − 1)/2) u + (r − (R − 1)/2) v.
 
-Circular scans, seen from above (z towards the reader), at θ = 0 and after a turn by θ::
+Circular scans from above (z towards the reader), at θ = 0 and after a rotation by θ::
 
         y                                 source and panel turn counter-clockwise by θ about z in the
         |   panel (u along +x)            sample frame, which is the sample on its stage turning
@@ -322,7 +322,7 @@ class Geometry:
         """
         rows, columns = self.shape
         if rows % factor or columns % factor:
-            raise InputError("geometry", f"{self.shape} pixels do not divide by {factor}", "cut a window first")
+            raise InputError("geometry", f"{self.shape} pixels do not divide by {factor}", "take a window first")
         vectors = self.vectors.copy()
         vectors[:, 6:12] *= factor
         return Geometry(vectors, (rows // factor, columns // factor), self.beam)

@@ -30,7 +30,7 @@ def binned_scan(
     ----------
     scan : Scan
     factor : int
-        What does not divide by it is cut off on both sides of the panel alike.
+        Rows and columns beyond a multiple of it are left out, half on each side of the panel.
     views : (n,) int array, optional
         Views to take; by default no more than radiographs of so few columns need (`sufficient_views`).
     rows : (int, int), optional
@@ -41,12 +41,12 @@ def binned_scan(
     views = sufficient_views(len(scan), columns) if views is None else views
     first, end = (0, height) if rows is None else rows
     r0, height = r0 + first * factor, end - first
-    cut = (views[:, None, None], np.arange(r0, r0 + height * factor)[:, None], np.arange(c0, c0 + columns * factor))
+    inner = (views[:, None, None], np.arange(r0, r0 + height * factor)[:, None], np.arange(c0, c0 + columns * factor))
     geometry = scan.geometry[views].window((r0, c0), (height * factor, columns * factor)).binned(factor)
-    images = scan.line_integrals[cut]
+    images = scan.line_integrals[inner]
     if scan.valid is None:
         return Scan(binned_images(images, factor), geometry)
-    good, block = scan.valid[cut], (1, factor, factor)
+    good, block = scan.valid[inner], (1, factor, factor)
     number = block_reduce(good, block, np.sum)
     mean = block_reduce(np.where(good, images, 0), block, np.sum) / np.maximum(number, 1)
     return Scan(mean, geometry, number > 0)

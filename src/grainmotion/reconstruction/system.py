@@ -119,7 +119,7 @@ def lower_limit(settings: ReconstructSettings) -> np.float32:
 
 
 def column_sums(geometry: Geometry, grid: Volume) -> Float:
-    """Column sums of each view at the grid's centre: h³ over the area of a pixel seen along the ray there."""
+    """Column sums of each view at the grid's centre: h³ over the cross-section of a pixel there."""
     normals = geometry.normals
     if geometry.beam == "cone":
         ray = np.array(grid.center) - geometry.source

@@ -45,7 +45,7 @@ CORE_LEVEL = 0.75
 CORE_WINDOW = 9
 """Edge of the cube over which a grain's own attenuation is averaged, voxels."""
 MIN_SOLID_NEIGHBOURS = 0.65
-"""Share of a solid voxel's neighbours that are solid; below it Otsu's threshold has found noise."""
+"""Share of a solid voxel's neighbours that are solid; below it Otsu's threshold separates noise."""
 MIN_SOLID_SHARE = 1e-4
 """Share of all voxels above Otsu's threshold; fewer are hot voxels, not grains."""
 MIN_GRAIN_SHARE = 0.02
@@ -116,11 +116,11 @@ def segment(
     """
     settings = settings or SegmentSettings()
 
-    def tell(message: str, done: int) -> None:
+    def report(message: str, done: int) -> None:
         if progress is not None:
             progress(message, done, PROGRESS_STEPS)
 
-    tell("threshold", 0)
+    report("threshold", 0)
     threshold = _threshold(volume, settings)
     smallest = min(settings.min_volume or MIN_GRAIN_VOXELS, MIN_GRAIN_VOXELS)
     solid = ndimage.binary_fill_holes(volume.array > threshold)
@@ -131,19 +131,19 @@ def segment(
         if settings.threshold is None and _solid_neighbours(solid) < MIN_SOLID_NEIGHBOURS:
             fact = f"no grains found: what lies above {threshold:.4g} 1/mm is scattered like noise"
             raise InputError("segment.threshold", fact, "give a threshold, or check the scan")
-        tell("distances and watershed", 1)
+        report("distances and watershed", 1)
         distance = edt.edt(_cores(array, solid, threshold), parallel=1)
         basins = _basins(distance)
-        tell("merging of basins", 2)
+        report("merging of basins", 2)
         cores = BasinGraph.of(distance, basins).merged(settings.depth, settings.oneness)[basins]
-        tell("small objects", 3)
+        report("small objects", 3)
         grown = watershed(-array, _without_small(cores, smallest), mask=solid)
         labels[box] = _without_small(grown, settings.min_volume or _smallest_grain(grown))
     if labels.max() == 0:
         raise InputError(
             "segment.threshold", f"no grains found above {threshold:.4g} 1/mm", "lower it, or lower segment.min_volume"
         )
-    tell(f"{labels.max()} grains", PROGRESS_STEPS)
+    report(f"{labels.max()} grains", PROGRESS_STEPS)
     return Segmentation(labels, threshold, border_labels(labels))
 
 

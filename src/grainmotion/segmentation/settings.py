@@ -13,7 +13,7 @@ Background = Literal["auto", "ignore", "fixed", "moving"]
 
 @validated
 class SegmentSettings:
-    """How to find the grains."""
+    """How to segment a volume and extract its grains."""
 
     threshold: Annotated[
         float | None, Field(description="attenuation from which a voxel is grain, 1/mm; Otsu's unless given")
@@ -28,16 +28,17 @@ class SegmentSettings:
         int | None, Field(gt=0, description="smallest grain, voxels; 2 % of the median grain unless given")
     ] = None
     reach: Annotated[
-        float, Field(ge=0, description="attenuation without a label goes to the nearest grain this far away, voxels")
+        float,
+        Field(ge=0, description="unlabelled attenuation up to this distance from a grain belongs to it, voxels"),
     ] = 3.0
     background: Annotated[
         Background,
         Field(
-            description='what is further away: "ignore" it, keep it "fixed" in all states, or "moving" as one body '
-            "(in a state whose radiographs do not say that it moved, it is kept where it was); "
+            description='attenuation further away: "ignore" it, keep it "fixed" in all states, or "moving" as one body '
+            "(fixed in a state whose radiographs do not show that it moved); "
             '"auto" is moving if it holds more than 2 % of all attenuation, else ignored'
         ),
     ] = "auto"
     finer: Annotated[
-        int, Field(ge=1, le=4, description="voxels of the last stages of tracking: this many times finer, by splines")
+        int, Field(ge=1, le=4, description="upsampling, by splines, of the voxels of the last stages of tracking")
     ] = 2
