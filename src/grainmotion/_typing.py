@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ Float = NDArray[np.float64]
 Index = NDArray[np.int64]
 Image = NDArray[np.floating]
 """Line integrals and their derivatives, in the precision of the volume."""
-Pixels = NDArray[Any]
+Pixels = NDArray[np.floating | np.integer | np.bool_]
 """Pixels or voxels in the number type of the file that they come from."""
 Beam = Literal["cone", "parallel"]
 Projector = Literal["trilinear", "exact"]

@@ -154,8 +154,8 @@ def write_report(results: Results, comparisons: Mapping[str, Rows] | None = None
 
 def _state_report(results: Results, name: str, comparison: Rows) -> StateReport:
     scan = results.scans[name]
-    residual = read_tiff(results.folder / name / RESIDUALS)
     measured = scan.line_integrals.copy()
+    residual = read_tiff(results.folder / name / RESIDUALS).astype(measured.dtype, copy=False)
     if scan.valid is not None:
         measured[~scan.valid] = np.nan
     upright = float(scan.geometry.v[:, 2].mean()) >= 0
