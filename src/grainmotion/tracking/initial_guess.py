@@ -12,7 +12,7 @@ from grainmotion.model.pose import Pose
 from grainmotion.objective import displacement_bases
 from grainmotion.objective.residual import Basis, StateProblem
 from grainmotion.rotations import recenter, rotation_matrix
-from grainmotion.solvers.gauss_newton import Solution
+from grainmotion.solvers.gauss_newton import Solution, gauss_newton
 from grainmotion.tracking.multiresolution import FIELD_GRAIN_PIXELS
 from grainmotion.tracking.multistage import INITIAL_STOPPING, MultistageFit
 from grainmotion.uncertainty.goodness_of_fit import misfits
@@ -47,23 +47,23 @@ def starting_pose(grains: GrainSet, start: Motions | None) -> Pose:
     return Pose(np.where(known[:, None], shifted, shifted[known].mean(axis=0)), matrices)
 
 
-def initialise(fit: MultistageFit, pose: Pose) -> tuple[Pose, Pose]:
-    """The pose of a smooth field, and the pose from which the free stages start well.
+def initialise(fit: MultistageFit, pose: Pose, fields: list[Pose]) -> Pose:
+    """The pose from which the free stages start well: after one of the smooth ``fields``, or after the given pose.
 
     A smooth field that carries the sample far can mislead grains that moved little and each its own way.  So a first
     free stage starts from the last field; only if too many grains then fit badly, it starts from the earlier fields,
     the one body and the plain start as well, and the lowest cost counts.
     """
-    if not fit.settings.fields:
-        return pose, pose
+    if not fields:
+        return pose
     width = fit.settings.filters[0]
     problem = StateProblem(*fit.level(width))
     # A drift of the beam is no misfit, so the full response (but hardening) is fitted where grains are compared.
     comparison = StateProblem(fit.grains, fit.filtered_target(width, fit.settings.response_model.without_hardening))
     best: Solution[Pose] | None = None
-    fields = smooth_fields(fit, pose)
     for start in [*reversed(fields), pose]:
-        solution = fit.solve(problem, start, fit.coarse_stopping(), f"free, filter {width:g}")
+        observe = fit.observer(problem.target, f"free, filter {width:g}")
+        solution = gauss_newton(problem, start, fit.coarse_stopping(), observe)
         if best is None or solution.costs[-1] < best.costs[-1]:
             best = solution
         evaluation = comparison.evaluate(best.state)
@@ -71,7 +71,7 @@ def initialise(fit: MultistageFit, pose: Pose) -> tuple[Pose, Pose]:
         if (misregistered & evaluation.patches.seen.any(axis=1)).mean() < MAX_MISREGISTERED_AT_START:
             break
     assert best is not None
-    return fields[-1], best.state
+    return best.state
 
 
 def smooth_fields(fit: MultistageFit, pose: Pose) -> list[Pose]:
@@ -79,12 +79,14 @@ def smooth_fields(fit: MultistageFit, pose: Pose) -> list[Pose]:
     grains, target = fit.level(fit.settings.field_filter, least=FIELD_GRAIN_PIXELS)
     problem = StateProblem(grains, target, displacement_bases.rigid)
     starts = [pose, centroid_shift(problem, pose)]
-    solutions = [fit.solve(problem, start, INITIAL_STOPPING, "one body") for start in starts]
+    solutions = []
+    for start in starts:
+        solutions.append(gauss_newton(problem, start, INITIAL_STOPPING, fit.observer(target, "one body")))
     poses = [min(solutions, key=lambda solution: solution.costs[-1]).state]
     for name, basis, needed in DISPLACEMENT_FIELDS:
         if len(fit.grains) >= needed:
             problem = StateProblem(grains, target, basis)
-            poses.append(fit.solve(problem, poses[-1], INITIAL_STOPPING, name).state)
+            poses.append(gauss_newton(problem, poses[-1], INITIAL_STOPPING, fit.observer(target, name)).state)
     return poses
 
 

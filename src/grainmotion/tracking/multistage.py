@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -125,18 +126,17 @@ class MultistageFit:
         if self.progress is not None:
             self.progress(message, min(done, self.expected_stages), self.expected_stages)
 
-    def solve(self, problem: StateProblem, pose: Pose, stopping: Stopping, name: str) -> Solution[Pose]:
-        """Solve a problem as a stage of a name, which goes with its costs."""
-        norm = dot(problem.target.measured, problem.target.measured) or 1.0
+    def observer(self, target: Target, name: str) -> Callable[[float], None]:
+        """Begin a stage: what the solver calls with each cost, to be recorded and reported under the stage's name."""
+        norm, stage = dot(target.measured, target.measured) or 1.0, self.stages_done
 
         def observe(cost: float) -> None:
             self.costs.append((name, float(np.sqrt(2 * cost / norm))))
-            self.report(f"{name}: residual {self.costs[-1][1]:.4f}", self.stages_done)
+            self.report(f"{name}: residual {self.costs[-1][1]:.4f}", stage)
 
-        self.report(name, self.stages_done)
-        solution = gauss_newton(problem, pose, stopping, observe)
+        self.report(name, stage)
         self.stages_done += 1
-        return solution
+        return observe
 
     def coarse_stopping(self, tolerance: float | None = None) -> Stopping:
         """When a stage ends that a narrower filter follows."""
@@ -166,10 +166,12 @@ class MultistageFit:
         for width in filters[:-1]:
             stage_model = model.while_far if width == settings.filters[0] else model.without_hardening
             problem = StateProblem(*self.level(width, stage_model))
-            pose = self.solve(problem, pose, self.coarse_stopping(tolerance), f"{name}, filter {width:g}").state
+            observe = self.observer(problem.target, f"{name}, filter {width:g}")
+            pose = gauss_newton(problem, pose, self.coarse_stopping(tolerance), observe).state
         width = filters[-1]
         problem = StateProblem(self.fine_grains, self.filtered_target(width, model))
-        return problem, self.solve(problem, pose, self.fine_stopping(tolerance), f"{name}, filter {width:g}")
+        observe = self.observer(problem.target, f"{name}, filter {width:g}")
+        return problem, gauss_newton(problem, pose, self.fine_stopping(tolerance), observe)
 
 
 def lit_pixels(target: Target) -> int:

@@ -18,7 +18,7 @@ from grainmotion.objective.evaluation import Evaluation
 from grainmotion.objective.normal_matrix import PatchNormalMatrix, normal_of
 from grainmotion.objective.residual import StateProblem
 from grainmotion.projection.grain_arrays import OUT_OF_PLANE, GrainArrays, planar
-from grainmotion.solvers.gauss_newton import Solution
+from grainmotion.solvers.gauss_newton import Solution, gauss_newton
 from grainmotion.tracking.multistage import MultistageFit
 from grainmotion.tracking.view_alignment import (
     ViewMisalignment,
@@ -71,7 +71,8 @@ def refine(fit: MultistageFit, field_pose: Pose, problem: StateProblem, solution
     weak, posterior = weak_directions(grain_covariances, problem.grains), grain_covariances
     if weak.flags.any():
         with_prior = replace(problem, prior=weak.prior(hessian, field_pose))
-        end = fit.solve(with_prior, solution.state, fit.fine_stopping(), "weak directions held")
+        observe = fit.observer(with_prior.target, "weak directions held")
+        end = gauss_newton(with_prior, solution.state, fit.fine_stopping(), observe)
         # if the prior raises the cost by more, the radiographs determine more than the covariances show
         if problem.cost(end.state) < MAX_PRIOR_COST_RATIO * problem.cost(solution.state):
             solution, posterior = end, weak.posterior()
@@ -97,7 +98,8 @@ def _align_views(
     notes = [misalignment.note] * misalignment.clearly + [refusal] * bool(refusal)
     if not refusal:
         problem = with_view_poses(problem, solution.state)
-        solution = fit.solve(problem, solution.state, fit.fine_stopping(), "poses of views")
+        observe = fit.observer(problem.target, "poses of views")
+        solution = gauss_newton(problem, solution.state, fit.fine_stopping(), observe)
     return problem, solution, misalignment, notes
 
 
@@ -114,7 +116,8 @@ def _reweight(
         evaluation = with_radiographs.evaluate(solution.state)
         target, downweighted = reweighted(plain, evaluation, settings.weights, settings.loss)
         problem = replace(problem, target=target)
-        solution = fit.solve(problem, solution.state, fit.fine_stopping(), f"weights {k + 1}")
+        observe = fit.observer(problem.target, f"weights {k + 1}")
+        solution = gauss_newton(problem, solution.state, fit.fine_stopping(), observe)
     if settings.loss == "poisson":  # the radiographs again, with which all that follows compares
         problem = replace(problem, target=replace(plain, weights=problem.target.weights, sigma=0.0))
     return problem, solution, downweighted

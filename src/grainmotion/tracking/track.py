@@ -23,7 +23,7 @@ from grainmotion.model.scan import Scan
 from grainmotion.tracking.background_motion import FIXED_BACKGROUND_NOTE, fixed_unless_moved
 from grainmotion.tracking.classification import classify
 from grainmotion.tracking.global_search import SearchResult, search
-from grainmotion.tracking.initial_guess import initialise, starting_pose
+from grainmotion.tracking.initial_guess import initialise, smooth_fields, starting_pose
 from grainmotion.tracking.missing_grains import (
     MAX_GRAINS_ALL_TRIED,
     MAX_SINGLE_SUSPECTS,
@@ -181,7 +181,9 @@ def _attempt(job: _Job) -> _Attempt:
     grains, settings = job.grains, job.settings
     try:
         fit = job.fit()
-        field_pose, pose = initialise(fit, starting_pose(grains, job.start))
+        start = starting_pose(grains, job.start)
+        fields = smooth_fields(fit, start) if settings.fields else []
+        field_pose, pose = [start, *fields][-1], initialise(fit, start, fields)
         done = 1 if settings.fields and len(settings.filters) > 1 else 0  # the initial guess ends with the first filter
         problem, solution = fit.solve_free(pose, "free", settings.filters[done:])
         result = SearchResult(problem, solution, np.zeros(len(grains), dtype=bool))
