@@ -81,22 +81,18 @@ def evaluate(grains: GrainArrays, target: Target, pose: Pose) -> Evaluation:
     return _compare(target, pose, geometry, patches, values, grains.backend)[0]
 
 
-def evaluate_with_derivatives(grains: GrainArrays, target: Target, pose: Pose) -> LinearizedEvaluation:
-    """Simulate, compare and differentiate at a pose."""
-    evaluation = evaluate_unfiltered(grains, target, pose, margin=len(target.kernel) - 1)
-    factor = target.root_weights * evaluation.response.derivative(evaluation.line_integrals)
-    evaluation.jacobian.filter(factor, target.kernel)
-    return evaluation
-
-
-def evaluate_unfiltered(grains: GrainArrays, target: Target, pose: Pose, margin: int = 0) -> LinearizedEvaluation:
-    """The same with derivatives of P in the grains' patches, which ``margin`` pixels surround."""
+def evaluate_with_derivatives(
+    grains: GrainArrays, target: Target, pose: Pose, *, filtered: bool = True
+) -> LinearizedEvaluation:
+    """Simulate, compare and differentiate at a pose; the jacobian is of P itself unless it is ``filtered``."""
     geometry = nuisance_motions.corrected_geometry(target.scan.geometry, pose.nuisance)
-    patches = footprint_patches(grains, pose, geometry, margin)
+    patches = footprint_patches(grains, pose, geometry, margin=len(target.kernel) - 1 if filtered else 0)
     differentiate = differentiate_in_place if target.derivatives == "analytic" else difference_patches
     values, jacobian = differentiate(grains, pose, geometry, patches, target.projector)
     evaluation, by_background = _compare(target, pose, geometry, patches, values, jacobian.backend)
     columns = _nuisance_columns(grains, target, pose, evaluation, jacobian, by_background)
+    if filtered:
+        jacobian.filter(target.root_weights * evaluation.response.derivative(evaluation.line_integrals), target.kernel)
     return LinearizedEvaluation(**vars(evaluation), jacobian=jacobian, nuisance_columns=columns)
 
 

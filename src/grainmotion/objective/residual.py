@@ -15,7 +15,6 @@ from grainmotion.objective.evaluation import (
     Evaluation,
     LinearizedEvaluation,
     evaluate,
-    evaluate_unfiltered,
     evaluate_with_derivatives,
 )
 from grainmotion.objective.global_parameters import Columns
@@ -56,9 +55,9 @@ class StateProblem:
 
     def linearize(self, state: Pose) -> Linearization:
         """Cost ½‖r‖², gradient and normal matrix at a pose, with the priors' share."""
+        evaluation = evaluate_with_derivatives(self.grains, self.target, state, filtered=self.basis is None)
         if self.basis is not None:
-            return self._linearize_tied(state, self.basis(self.grains, state))
-        evaluation = self.evaluate_with_derivatives(state)
+            return self._linearize_tied(state, self.basis(self.grains, state), evaluation)
         jacobian, residual = evaluation.jacobian, evaluation.residual
         columns = evaluation.response_columns + evaluation.nuisance_columns
         hessian = normal_of(jacobian)
@@ -71,13 +70,12 @@ class StateProblem:
         cost = evaluation.cost + self._prior_cost(state)
         return Linearization(cost, gradient, hessian, border, corner, nuisance_gradient)
 
-    def _linearize_tied(self, state: Pose, basis: Float) -> Linearization:
+    def _linearize_tied(self, state: Pose, basis: Float, evaluation: LinearizedEvaluation) -> Linearization:
         """The same for the m parameters of a basis T ``(6n, m)``.
 
         Each parameter makes one image, so that m images are filtered instead of six patches a grain and view.
         """
         target, n, m = self.target, len(self.grains), basis.shape[1]
-        evaluation = evaluate_unfiltered(self.grains, target, state)
         slope = evaluation.response.derivative(evaluation.line_integrals)
         columns = Columns()
         for image in evaluation.jacobian.images(basis.T.reshape(m, n, 6)):

@@ -1,0 +1,41 @@
+"""How many functions of the package lie between the command `run` and the kernel that projects grains."""
+
+import sys
+
+from typer.testing import CliRunner
+
+from grainmotion.cli import app
+from grainmotion.kernels import grain_projection
+from tiny_experiment import write_tiny
+
+MAX_FRAMES = 12
+"""In every fit, the command and the backend that calls the kernel included."""
+MAX_FRAMES_OF_TRIAL_ROTATIONS = 17
+"""Where rotations are tried out for their identifiability, once a state."""
+
+
+def functions_above():
+    """Functions of the package that are running, from the command on."""
+    names, frame = [], sys._getframe(2)
+    while frame is not None:
+        module = frame.f_globals.get("__name__", "")
+        if module.startswith("grainmotion."):
+            names.append(f"{module.removeprefix('grainmotion.')}.{frame.f_code.co_qualname}")
+        frame = frame.f_back
+    return names[: names.index("cli.app.run") + 1][::-1]
+
+
+def test_from_the_command_to_the_kernel(tmp_path, monkeypatch):
+    kernel, stacks = grain_projection.project_with_derivatives, set()
+
+    def watched(*arguments):
+        stacks.add(tuple(functions_above()))
+        return kernel(*arguments)
+
+    monkeypatch.setattr(grain_projection, "project_with_derivatives", watched)
+    result = CliRunner().invoke(app.app, ["run", str(write_tiny(tmp_path)), "--quiet"])
+    assert result.exit_code == 0, result.output
+    fits = [stack for stack in stacks if "solvers.gauss_newton.gauss_newton" in stack]
+    deepest = max(fits, key=len)
+    assert len(deepest) <= MAX_FRAMES, "\n".join(deepest)
+    assert max(map(len, stacks)) <= MAX_FRAMES_OF_TRIAL_ROTATIONS
