@@ -10,9 +10,10 @@ from grainmotion.model.pose import Pose
 from grainmotion.objective import displacement_bases
 from grainmotion.objective.normal_matrix import normal_matrix
 from grainmotion.objective.residual import StateProblem
-from grainmotion.projection.footprints import footprint_patches
+from grainmotion.projection.footprints import Patches, footprint_patches
 from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.projection.grains import assemble, differentiate_patches, project_patches
+from grainmotion.projection.jacobian import PatchJacobian
 from grainmotion.rotations import rotation_matrix
 from textured_lumps import GEOMETRY, GRAINS, PANEL, POSE, VOXEL, by_scipy, mask, measured, smooth_lumps, target
 
@@ -131,12 +132,9 @@ class TestNormalEquations:
             dense[i, top:bottom, left:right, g] = patch.transpose(1, 2, 0)
         J = dense.reshape(-1, 6 * n)
 
-        class Boxes:
-            pass
-
-        patches = Boxes()
-        patches.boxes, patches.offsets = boxes, offsets
-        np.testing.assert_allclose(normal_matrix(slopes, patches, n).toarray(), J.T @ J, atol=1e-4)
+        patches = Patches(boxes, np.zeros((0, 4), np.int64), np.ones((n, views)), (50, 50))
+        matrix = normal_matrix(PatchJacobian(slopes, patches))
+        np.testing.assert_allclose(matrix.toarray(), J.T @ J, atol=1e-4)
 
     def test_ties_carry_gradient_and_matrix(self):
         """In double precision: the tied one sums images before it compares them, the free one afterwards."""
