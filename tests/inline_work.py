@@ -6,17 +6,17 @@ import pickle
 class InlineExecutor:
     """Each task's literals travel as they would, and its result is kept apart from what it was made of."""
 
-    def __init__(self, hands=2):
-        self.done, self.hands = [], hands
+    def __init__(self, worker_count=2):
+        self.done, self.worker_count = [], worker_count
 
     def task(self, function, /, *tasks, **literals):
         self.done.append(function.__name__)
         return function(*tasks, **pickle.loads(pickle.dumps(literals)))
 
-    def spots(self, count):
+    def addresses(self, count):
         return [""] * count
 
-    def task_at(self, spot, function, /, *tasks, **literals):
+    def task_at(self, address, function, /, *tasks, **literals):
         return self.task(function, *tasks, **literals)
 
     def persist(self, tasks):
@@ -25,6 +25,6 @@ class InlineExecutor:
     def results(self, tasks):
         return pickle.loads(pickle.dumps(list(tasks)))
 
-    def as_done(self, more):
+    def as_completed(self, more):
         while (asked := more()) is not None:
             yield pickle.loads(pickle.dumps(asked))

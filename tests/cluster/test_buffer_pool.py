@@ -11,7 +11,7 @@ from grainmotion.cluster import buffer_pool
 
 @pytest.fixture(autouse=True)
 def none_kept(monkeypatch):
-    monkeypatch.setattr(buffer_pool, "_KEPT", [])
+    monkeypatch.setattr(buffer_pool, "_FREE", [])
 
 
 def place(array):
@@ -20,7 +20,7 @@ def place(array):
 
 def test_a_copy():
     array = np.arange(60.0, dtype=np.float32).reshape(3, 4, 5).transpose(2, 0, 1)
-    found = buffer_pool.copied(array)
+    found = buffer_pool.pooled_copy(array)
     np.testing.assert_array_equal(found, array)
     assert found.dtype == array.dtype
     assert found.flags.c_contiguous
@@ -30,35 +30,35 @@ def test_a_copy():
 
 
 def test_memory_serves_again():
-    found = buffer_pool.copied(np.ones(1000))
+    found = buffer_pool.pooled_copy(np.ones(1000))
     before = place(found)
     del found
     gc.collect()
-    again = buffer_pool.copied(np.zeros(900))
+    again = buffer_pool.pooled_copy(np.zeros(900))
     assert place(again) == before
     assert not again.any()
 
 
 @pytest.mark.parametrize("look", [lambda a: a[5:], lambda a: a.reshape(10, 100).T, lambda a: pickle.PickleBuffer(a)])
 def test_not_while_somebody_looks(look):
-    found = buffer_pool.copied(np.ones(1000))
+    found = buffer_pool.pooled_copy(np.ones(1000))
     view, before = look(found), place(found)
     del found
     gc.collect()
-    assert place(buffer_pool.copied(np.zeros(1000))) != before
+    assert place(buffer_pool.pooled_copy(np.zeros(1000))) != before
     assert np.asarray(view).all()
-    assert not buffer_pool._KEPT or place(buffer_pool._KEPT[0]) != before
+    assert not buffer_pool._FREE or place(buffer_pool._FREE[0]) != before
 
 
 def test_little_is_kept_and_no_other_size_served():
-    many = [buffer_pool.copied(np.ones(1000)) for _ in range(buffer_pool.MOST + 2)]
+    many = [buffer_pool.pooled_copy(np.ones(1000)) for _ in range(buffer_pool.MAX_FREE_BUFFERS + 2)]
     many.clear()
     gc.collect()
-    assert len(buffer_pool._KEPT) == buffer_pool.MOST
-    kept = {place(k) for k in buffer_pool._KEPT}
+    assert len(buffer_pool._FREE) == buffer_pool.MAX_FREE_BUFFERS
+    kept = {place(k) for k in buffer_pool._FREE}
     others = [
-        buffer_pool.copied(np.ones(500)),
-        buffer_pool.copied(np.ones(1001)),
+        buffer_pool.pooled_copy(np.ones(500)),
+        buffer_pool.pooled_copy(np.ones(1001)),
     ]  # held: else they come back, and push one out
     assert not kept & {place(other) for other in others}
-    assert len(buffer_pool._KEPT) == buffer_pool.MOST
+    assert len(buffer_pool._FREE) == buffer_pool.MAX_FREE_BUFFERS

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from few_grains import grain_set, radiographs, small_motions
 from grainmotion.cli.app import app
 from grainmotion.cluster import distributed_iterate
-from grainmotion.cluster.connection import ComputeConfig, at_work
+from grainmotion.cluster.connection import ComputeConfig, connect
 from grainmotion.errors import InputError
 from grainmotion.experiment.config import read_experiment
 from grainmotion.experiment.inputs import find_inputs
@@ -85,18 +85,18 @@ class TestWorkers:
         """The only worker that holds anything is killed in mid-run, after another one has joined."""
         alone = track(GRAINS, SCAN, settings=QUICK)
         told = []
-        with scheduler() as workers, at_work(ComputeConfig(workers.start().address), tmp_path) as cluster:
+        with scheduler() as workers, connect(ComputeConfig(workers.start().address), tmp_path) as cluster:
 
             def listen(message, done, total):
                 told.append(message)
                 if len(told) == 4:
                     workers.start()
-                    cluster.work.client.wait_for_workers(2, timeout=900)
+                    cluster.executor.client.wait_for_workers(2, timeout=900)
                 if len(told) == 6:
                     workers.kill()
 
             many = track(GRAINS, SCAN, settings=QUICK, progress=listen, device=cluster.backend)
-            assert len(cluster.work.client.scheduler_info()["workers"]) == 1
+            assert len(cluster.executor.client.scheduler_info()["workers"]) == 1
         assert len(told) > 8
         same(alone, many)
         assert not list(tmp_path.iterdir())
@@ -105,13 +105,13 @@ class TestWorkers:
 @pytest.mark.slow
 def test_one_dies_and_one_comes_late_while_reconstructing(tmp_path, monkeypatch):
     monkeypatch.setattr(slabs, "SLAB_PLANES", 14)  # two of them
-    monkeypatch.setattr(distributed_iterate, "STORED", 64)
+    monkeypatch.setattr(distributed_iterate, "VIEWS_BETWEEN_CHECKPOINTS", 64)
     inputs = find_inputs(read_experiment(write_tiny(tmp_path / "tiny")))
     source, settings = inputs.reference, ReconstructSettings(method="accelerated")
     alone = reconstruct(source.read()[0], inputs.grid, settings)
     told = []
-    with scheduler() as workers, at_work(ComputeConfig(workers.start().start().address), tmp_path / "shelf") as cluster:
-        cluster.work.client.wait_for_workers(2, timeout=900)
+    with scheduler() as workers, connect(ComputeConfig(workers.start().start().address), tmp_path / "shelf") as cluster:
+        cluster.executor.client.wait_for_workers(2, timeout=900)
 
         def listen(message, done, total):
             told.append(message)
@@ -141,10 +141,10 @@ def test_memory_limit_is_respected(tmp_path):
     grid, settings = Volume.zeros((256, 128, 128), 0.1), ReconstructSettings(sweeps=1)
     one = reconstruct(source.read()[0], grid, settings)
     share = dask.config.set({"distributed.worker.memory.target": 0.03})  # 30 MB, beside what Python itself takes
-    with share, at_work(ComputeConfig(workers=1, memory="1GB"), tmp_path / "shelf") as cluster:
-        (before,) = cluster.work.client.run(spilled).values()
+    with share, connect(ComputeConfig(workers=1, memory="1GB"), tmp_path / "shelf") as cluster:
+        (before,) = cluster.executor.client.run(spilled).values()
         many = cluster.reconstruct(source, grid, settings)
-        (after,) = cluster.work.client.run(spilled).values()
+        (after,) = cluster.executor.client.run(spilled).values()
     assert after[0] > before[0] + 30e6
     assert after[1] == before[1]  # the same process: its nanny did not have to kill it
     np.testing.assert_array_equal(many.volume.array, one.volume.array)
@@ -241,7 +241,7 @@ class TestWorkplace:
     )
     def test_no_address(self, tmp_path, monkeypatch, address):
         monkeypatch.setattr("grainmotion.cluster.connection.SECONDS_TO_ANSWER", 1)
-        with pytest.raises(InputError, match="no Dask scheduler answers"), at_work(ComputeConfig(address), tmp_path):
+        with pytest.raises(InputError, match="no Dask scheduler answers"), connect(ComputeConfig(address), tmp_path):
             pass
         # no half-open client: collected while Dask holds its lock, one would block for good
         left = [one for one in gc.get_objects() if isinstance(one, distributed.Client)]
@@ -252,14 +252,14 @@ class TestWorkplace:
         with (
             scheduler() as workers,
             pytest.raises(InputError, match="no workers; start some"),
-            at_work(ComputeConfig(workers.address), tmp_path),
+            connect(ComputeConfig(workers.address), tmp_path),
         ):
             pass
 
     def test_dask_is_missing(self, tmp_path, monkeypatch):
         monkeypatch.setitem(sys.modules, "distributed", None)
         remedy = r"not installed; pip install 'grainmotion\[cluster\]'"
-        with pytest.raises(InputError, match=remedy), at_work(ComputeConfig(workers=2), tmp_path):
+        with pytest.raises(InputError, match=remedy), connect(ComputeConfig(workers=2), tmp_path):
             pass
 
     def test_either_or(self):

@@ -58,7 +58,7 @@ def both(workers):
 
 def test_every_grain_is_in_one_piece(workers):
     held = GrainArrays.of(GRAINS).on(workers).placed
-    assert len(held.pieces) == workers.executor.hands
+    assert len(held.pieces) == workers.executor.worker_count
     assert sum(map(len, held.pieces)) == len(GrainArrays.of(GRAINS).images)
 
 
@@ -67,16 +67,16 @@ def test_voxels_are_handed_out_once(workers):
     one = GrainArrays.of(GRAINS)
     held = one.on(workers).placed
     assert one.on(workers).placed is held
-    workers.executor.hands += 1
+    workers.executor.worker_count += 1
     assert one.on(workers).placed is not held
-    lasting = workers.store.lasting
-    before = len(lasting)
+    shared = workers.store.shared
+    before = len(shared)
     other = one.coarsened(2)
     assert other.on(workers).placed is not held
-    assert len(lasting) == before + 1
+    assert len(shared) == before + 1
     del other
     gc.collect()
-    assert len(lasting) == before
+    assert len(shared) == before
 
 
 def test_same_walks(both):

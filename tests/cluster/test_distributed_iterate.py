@@ -7,7 +7,11 @@ import numpy as np
 import pytest
 
 from grainmotion.cluster import reconstruction_tasks as tasks
-from grainmotion.cluster.distributed_iterate import STORED, Scattered, reconstruct_scattered
+from grainmotion.cluster.distributed_iterate import (
+    VIEWS_BETWEEN_CHECKPOINTS,
+    DistributedIterate,
+    reconstruct_distributed,
+)
 from grainmotion.cluster.shared_store import SharedStore
 from grainmotion.experiment.config import read_experiment
 from grainmotion.experiment.inputs import find_inputs
@@ -70,7 +74,7 @@ def thickness(request, monkeypatch):
 def test_same_bits(inputs, shelf, settings):
     source = inputs.reference
     one = reconstruct(source.read()[0], inputs.grid, settings)
-    many = reconstruct_scattered(InlineExecutor(), shelf, source, inputs.grid, settings, None)
+    many = reconstruct_distributed(InlineExecutor(), shelf, source, inputs.grid, settings, None)
     assert one.volume.array.max() > 0.5
     np.testing.assert_array_equal(many.volume.array, one.volume.array)
     assert many.residuals == one.residuals
@@ -100,7 +104,7 @@ def test_masked_and_chosen_views(tmp_path, shelf, everywhere):
     assert scan.valid is not None
     assert len(scan) == 39
     one = reconstruct(scan, grid, settings)
-    many = reconstruct_scattered(InlineExecutor(), shelf, source, grid, settings, None)
+    many = reconstruct_distributed(InlineExecutor(), shelf, source, grid, settings, None)
     np.testing.assert_array_equal(many.volume.array, one.volume.array)
     assert many.residuals == one.residuals
 
@@ -115,7 +119,7 @@ def test_same_bits_of_any_view(tmp_path, shelf, monkeypatch, geometry, method):
     source = ScanInput("scan", find_stack(tmp_path / "scan.npy"), None, None, "line-integrals", geometry)
     grid, settings = Volume.zeros((31, 27, 29), 0.1, (0.2, -0.1, 0.3)), ReconstructSettings(method=method)
     one = reconstruct(source.read()[0], grid, settings)
-    many = reconstruct_scattered(InlineExecutor(), shelf, source, grid, settings, None)
+    many = reconstruct_distributed(InlineExecutor(), shelf, source, grid, settings, None)
     np.testing.assert_array_equal(many.volume.array, one.volume.array)
     assert many.residuals == one.residuals
 
@@ -131,7 +135,7 @@ def test_same_bits_of_a_coarse_start_in_pieces(tmp_path, shelf, monkeypatch):
     grid, settings = Volume.zeros((80, 40, 40), 0.1), ReconstructSettings(method="accelerated")
     assert len(pieces_of(slabs.Layout.of(grid, geometry, settings))) > 1
     one = reconstruct(source.read()[0], grid, settings)
-    many = reconstruct_scattered(InlineExecutor(), shelf, source, grid, settings, None)
+    many = reconstruct_distributed(InlineExecutor(), shelf, source, grid, settings, None)
     np.testing.assert_array_equal(many.volume.array, one.volume.array)
     assert many.residuals == one.residuals
 
@@ -139,9 +143,9 @@ def test_same_bits_of_a_coarse_start_in_pieces(tmp_path, shelf, monkeypatch):
 def test_stored_now_and_then(inputs, shelf, monkeypatch):
     monkeypatch.setattr(slabs, "SLAB_PLANES", 10)
     work = InlineExecutor()
-    reconstruct_scattered(work, shelf, inputs.reference, inputs.grid, ReconstructSettings(method="accelerated"), None)
+    reconstruct_distributed(work, shelf, inputs.reference, inputs.grid, ReconstructSettings(method="accelerated"), None)
     walked = 44 * 8 + 8 * 16
-    assert work.done.count("restored") == 2 * ((walked - 1) // STORED)  # not after the last update
+    assert work.done.count("restored") == 2 * ((walked - 1) // VIEWS_BETWEEN_CHECKPOINTS)  # not after the last update
     assert len(list(shelf.folder.glob("slab-*"))) <= 2
 
 
@@ -164,7 +168,7 @@ def test_from_the_file_or_from_memory(tmp_path, momentum):
 
 def test_each_radiograph_is_read_once_and_by_workers(inputs, shelf):
     work = InlineExecutor()
-    Scattered(work, shelf, inputs.reference, inputs.grid, ReconstructSettings(sweeps=1))
+    DistributedIterate(work, shelf, inputs.reference, inputs.grid, ReconstructSettings(sweeps=1))
     assert work.done.count("load_views") == 3  # 40 views, 16 together
 
 

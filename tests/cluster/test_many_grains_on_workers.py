@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from few_grains import VOXEL
-from grainmotion.cluster.connection import ComputeConfig, at_work
+from grainmotion.cluster.connection import ComputeConfig, connect
 from grainmotion.cluster.dask_backend import DaskBackend
 from grainmotion.cluster.shared_store import SharedStore
 from grainmotion.model.geometry import Geometry
@@ -64,13 +64,13 @@ def equal(one, other):
         np.testing.assert_array_equal(getattr(other, name), getattr(one, name))
 
 
-@pytest.mark.parametrize("hands", [1, 2, 5])
-def test_same_bits_however_it_is_cut(alone, tmp_path, hands):
+@pytest.mark.parametrize("worker_count", [1, 2, 5])
+def test_same_bits_however_it_is_cut(alone, tmp_path, worker_count):
     grains, scan, one = alone
     assert np.ptp(one.translations) > VOXEL
-    crew = DaskBackend(InlineExecutor(hands), SharedStore(tmp_path / "shelf"))
+    crew = DaskBackend(InlineExecutor(worker_count), SharedStore(tmp_path / "shelf"))
     equal(one, track(grains, scan, settings=QUICK, device=crew))
-    assert crew.executor.done.count("jvp") > 10 * hands
+    assert crew.executor.done.count("jvp") > 10 * worker_count
     crew.store.close()
 
 
@@ -78,5 +78,5 @@ def test_same_bits_however_it_is_cut(alone, tmp_path, hands):
 def test_same_bits_by_processes(alone, tmp_path):
     pytest.importorskip("distributed")
     grains, scan, one = alone
-    with at_work(ComputeConfig(workers=2), tmp_path) as cluster:
+    with connect(ComputeConfig(workers=2), tmp_path) as cluster:
         equal(one, track(grains, scan, settings=QUICK, device=cluster.backend))

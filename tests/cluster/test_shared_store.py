@@ -5,9 +5,9 @@ import pickle
 
 import numpy as np
 
-from grainmotion.cluster.shared_store import LARGE, SharedStore
+from grainmotion.cluster.shared_store import MIN_FILE_BYTES, SharedStore
 
-BIG = np.arange(LARGE, dtype=np.float32).reshape(-1, 8)
+BIG = np.arange(MIN_FILE_BYTES, dtype=np.float32).reshape(-1, 8)
 
 
 def files(shelf):
@@ -16,14 +16,14 @@ def files(shelf):
 
 def test_round_trip(tmp_path):
     shelf = SharedStore(tmp_path)
-    shelved = pickle.loads(pickle.dumps(shelf.put({"big": BIG, "small": np.arange(3), "text": "x"})))
-    assert len(shelved.pickled) < 1000
-    taken = shelved.take()
+    stored = pickle.loads(pickle.dumps(shelf.put({"big": BIG, "small": np.arange(3), "text": "x"})))
+    assert len(stored.pickled) < 1000
+    taken = stored.load()
     np.testing.assert_array_equal(taken["big"], BIG)
     np.testing.assert_array_equal(taken["small"], np.arange(3))
     assert taken["text"] == "x"
     taken["big"][:] = 0  # whoever takes it may use it
-    np.testing.assert_array_equal(shelved.take()["big"], BIG)
+    np.testing.assert_array_equal(stored.load()["big"], BIG)
 
 
 def test_an_array_is_written_once(tmp_path):
@@ -38,15 +38,15 @@ def test_an_array_is_written_once(tmp_path):
 def test_another_array_at_the_same_place_is_another(tmp_path):
     shelf = SharedStore(tmp_path)
     for value in range(20):  # freed memory is used again, and so are identities
-        array = np.full(LARGE, value)
-        np.testing.assert_array_equal(shelf.put(array).take(), array)
+        array = np.full(MIN_FILE_BYTES, value)
+        np.testing.assert_array_equal(shelf.put(array).load(), array)
         del array
 
 
 def test_arrays_end_to_end_are_one_file(tmp_path):
-    shelf, laid = SharedStore(tmp_path), np.arange(2 * LARGE)
-    parts = [laid[:LARGE].reshape(-1, 8), laid[LARGE:]]
-    taken = shelf.put(parts).take()
+    shelf, laid = SharedStore(tmp_path), np.arange(2 * MIN_FILE_BYTES)
+    parts = [laid[:MIN_FILE_BYTES].reshape(-1, 8), laid[MIN_FILE_BYTES:]]
+    taken = shelf.put(parts).load()
     for one, other in zip(taken, parts, strict=True):
         np.testing.assert_array_equal(one, other)
     assert len(files(shelf)) == 1
@@ -54,16 +54,16 @@ def test_arrays_end_to_end_are_one_file(tmp_path):
 
 
 def test_a_view_as_another_type_stays_one(tmp_path):
-    laid = np.arange(2.0 * LARGE)
-    view = laid.view(np.uint32)[LARGE:]
-    taken = SharedStore(tmp_path).put(view).take()
+    laid = np.arange(2.0 * MIN_FILE_BYTES)
+    view = laid.view(np.uint32)[MIN_FILE_BYTES:]
+    taken = SharedStore(tmp_path).put(view).load()
     assert taken.dtype == np.uint32
     np.testing.assert_array_equal(taken, view)
 
 
 def test_kept_for_its_owner(tmp_path):
     shelf = SharedStore(tmp_path)
-    kept = shelf.kept_images(BIG[None])
+    kept = shelf.store_images(BIG[None])
     assert len(files(shelf)) == 1
     np.testing.assert_array_equal(kept.rows(0, len(BIG))[0], BIG)
     del kept
@@ -73,9 +73,9 @@ def test_kept_for_its_owner(tmp_path):
 
 def test_lent_for_a_moment(tmp_path):
     shelf, images = SharedStore(tmp_path), np.random.default_rng(0).normal(size=(3, 10, 4))
-    with shelf.lent((images,)) as (lent,):
-        np.testing.assert_array_equal(lent.rows(2, 5), images[:, 2:5])
-        np.testing.assert_array_equal(lent.all(), images)
+    with shelf.temporary((images,)) as (temporary,):
+        np.testing.assert_array_equal(temporary.rows(2, 5), images[:, 2:5])
+        np.testing.assert_array_equal(temporary.all(), images)
     assert files(shelf) == []
 
 

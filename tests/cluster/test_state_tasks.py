@@ -8,7 +8,7 @@ import pytest
 from few_grains import grain_set
 from grainmotion.backends.cpu import CPU
 from grainmotion.cluster.shared_store import SharedStore
-from grainmotion.cluster.state_tasks import State, track_scattered
+from grainmotion.cluster.state_tasks import State, track_distributed
 from grainmotion.errors import InputError
 from grainmotion.experiment.config import read_experiment
 from grainmotion.experiment.inputs import find_inputs
@@ -42,14 +42,14 @@ class Side:
     backend, cut, shares = None, staticmethod(fine_grains), False
 
     def __init__(self, folder):
-        self.shelf, self.asked = SharedStore(folder), []
+        self.store, self.asked = SharedStore(folder), []
 
-    def walks_states(self, grains):
+    def one_worker_tracks_a_state(self, grains):
         return not self.shares
 
     def track(self, grains, states, settings):
         self.asked.append({state.name: state.start for state in states})
-        found = list(track_scattered(InlineExecutor(), self.shelf, grains, states, settings))
+        found = list(track_distributed(InlineExecutor(), self.store, grains, states, settings))
         return reversed(found)  # the last is there first
 
 
@@ -133,7 +133,7 @@ def test_an_error_names_the_state(tmp_path):
     wrong = Motions.identity(np.array([7, 7, 8]), np.zeros((3, 3)))
     shelf, states = SharedStore(tmp_path / "shelf"), [State("a", scan, "wrong.csv", wrong)]
     with pytest.raises(InputError, match=r"states\.a\.initial \(wrong\.csv\)"):
-        list(track_scattered(InlineExecutor(), shelf, grain_set(), states, TrackSettings()))
+        list(track_distributed(InlineExecutor(), shelf, grain_set(), states, TrackSettings()))
 
 
 def test_the_sample_arrives_whole(tmp_path, monkeypatch):
@@ -150,7 +150,7 @@ def test_the_sample_arrives_whole(tmp_path, monkeypatch):
     whole = GrainSet(tuple(laid), background=Volume(np.ones((40, 40, 40)), 0.1), background_moves=True)
     scan, _ = find_inputs(tiny(tmp_path, a="reference")).states[0].read()
     shelf = SharedStore(tmp_path / "shelf")
-    list(track_scattered(InlineExecutor(), shelf, whole, [State("a", scan, "reference", None)], TrackSettings()))
+    list(track_distributed(InlineExecutor(), shelf, whole, [State("a", scan, "reference", None)], TrackSettings()))
     ((grains, device),) = arrived
     assert device == CPU
     assert grains.background_moves
@@ -165,7 +165,7 @@ def test_no_more_at_once_than_there_are_workers(tmp_path):
     asked = []
 
     class Busy(InlineExecutor):
-        def as_done(self, more):
+        def as_completed(self, more):
             first, second, third = more(), more(), more()
             asked.append([name and name[0] for name in (first, second, third)])
             yield second
@@ -178,6 +178,6 @@ def test_no_more_at_once_than_there_are_workers(tmp_path):
     scan, _ = find_inputs(tiny(tmp_path, a="reference")).states[0].read()
     states = [State("a", scan, "reference", None), State("b", scan, "previous", "a")]
     states.append(State("c", scan, "reference", None))
-    found = track_scattered(Busy(), SharedStore(tmp_path / "shelf"), grain_set(), states, TrackSettings(search=False))
+    found = track_distributed(Busy(), SharedStore(tmp_path / "shelf"), grain_set(), states, TrackSettings(search=False))
     assert [name for name, _ in found] == ["c", "a", "b"]
     assert asked == [["a", "c", None], [None, None], ["b", None]]

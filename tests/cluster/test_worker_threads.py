@@ -9,7 +9,7 @@ import pytest
 LATE = """
 import os, sys
 import numba, numpy as np
-from grainmotion.cluster.worker_threads import own_threads, settle
+from grainmotion.cluster.worker_threads import use_worker_threads, limit_threads
 
 @numba.njit(parallel=True)
 def kernel(a):
@@ -20,8 +20,8 @@ started, told = sys.argv[1] == "True", int(sys.argv[2])
 if started:
     kernel(np.zeros(100))
 os.environ["NUMBA_NUM_THREADS"] = str(told)  # as Dask does, once numba is there
-settle(told)
-with own_threads():
+limit_threads(told)
+with use_worker_threads():
     kernel(np.zeros(100, np.float32))  # compiles again
 print(numba.config.NUMBA_NUM_THREADS)
 """

@@ -215,9 +215,9 @@ class TestExtents:
 
     def test_a_grain_of_too_many_voxels_is_refused(self, monkeypatch):
         size = int(GrainArrays.of(three_grains()).shapes[0].prod())
-        monkeypatch.setattr("grainmotion.projection.grain_arrays.MOST_VOXELS", size)
+        monkeypatch.setattr("grainmotion.projection.grain_arrays.MAX_GRAIN_VOXELS", size)
         GrainArrays.of(three_grains())
-        monkeypatch.setattr("grainmotion.projection.grain_arrays.MOST_VOXELS", size - 1)
+        monkeypatch.setattr("grainmotion.projection.grain_arrays.MAX_GRAIN_VOXELS", size - 1)
         with pytest.raises(InputError, match="coarser"):
             GrainArrays.of(three_grains())
 

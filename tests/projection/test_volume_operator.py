@@ -7,7 +7,7 @@ from grainmotion.kernels import volume_projection, volume_projection_vertical
 from grainmotion.model.detector_alignment import DetectorAlignment
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.volume import Volume
-from grainmotion.projection.volume_operator import MANY, VolumeOperator, pad, padded_origin
+from grainmotion.projection.volume_operator import MIN_VERTICAL_VIEWS, VolumeOperator, pad, padded_origin
 
 PANEL = (21, 26)
 SHAPE = (15, 18, 13)
@@ -132,7 +132,7 @@ class TestChoice:
         assert not VolumeOperator(cone(), volume(), "exact").upright
 
     def test_few_views(self):
-        assert not VolumeOperator(cone()[: MANY - 1], volume()).upright
+        assert not VolumeOperator(cone()[: MIN_VERTICAL_VIEWS - 1], volume()).upright
 
     def test_rays_steeper_than_45_degrees(self):
         near = Geometry.cone(ANGLES, (200, 10), 0.4, source_to_axis=8, source_to_detector=32)

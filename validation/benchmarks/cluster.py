@@ -32,7 +32,7 @@ import distributed
 import numpy as np
 
 from grainmotion.cluster.connection import LOCAL, ComputeConfig
-from grainmotion.cluster.worker_setup import make_ready
+from grainmotion.cluster.worker_setup import prepare_workers
 from grainmotion.experiment.config import read_experiment
 from grainmotion.io.geometry_csv import write_geometry
 from grainmotion.io.tiff import write_tiff
@@ -189,7 +189,7 @@ def measure(path: Path, out: Path, workers: int) -> tuple[Took, list[Motions]]:
         if workers:
             cluster = distributed.LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None)
             client = distributed.Client(cluster)
-            make_ready(client)  # before kernels start their threads
+            prepare_workers(client)  # before kernels start their threads
             client.run(compile_kernels)
             place = ComputeConfig(cluster.scheduler_address)
         before = list(client.run(used).values()) if client else []

@@ -30,7 +30,7 @@ import numpy as np
 
 from grainmotion._typing import Float
 from grainmotion.cluster import dask_backend, remote_arrays
-from grainmotion.cluster.connection import ComputeConfig, at_work
+from grainmotion.cluster.connection import ComputeConfig, connect
 from grainmotion.cluster.dask_backend import DaskBackend
 from grainmotion.model.motions import Motions
 from grainmotion.tracking.track import track
@@ -145,7 +145,7 @@ def measured(case: Crowd, small: Crowd, workers: int, repeat: int) -> tuple[Took
         distributed.LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as cluster,
         distributed.Client(cluster) as client,
         tempfile.TemporaryDirectory() as folder,
-        at_work(ComputeConfig(cluster.scheduler_address), Path(folder)) as reached,
+        connect(ComputeConfig(cluster.scheduler_address), Path(folder)) as reached,
         mock.patch.object(dask_backend, "MIN_VOXELS_TO_SHARE", 0),
     ):
         assert reached is not None

@@ -1,4 +1,4 @@
-"""Workplace: this process, processes on this machine, or the workers of a Dask scheduler."""
+"""Where to compute: in this process, in processes on this machine, or on the workers of a Dask scheduler."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from grainmotion._typing import Progress
 from grainmotion.cluster.dask_backend import DaskBackend, worth_sharing
-from grainmotion.cluster.distributed_iterate import reconstruct_scattered
+from grainmotion.cluster.distributed_iterate import reconstruct_distributed
 from grainmotion.cluster.executor import Executor
-from grainmotion.cluster.segmentation_tasks import cut_scattered
+from grainmotion.cluster.segmentation_tasks import extract_distributed
 from grainmotion.cluster.shared_store import SharedStore, StoredObject
-from grainmotion.cluster.state_tasks import State, track_scattered
-from grainmotion.cluster.worker_setup import make_ready
+from grainmotion.cluster.state_tasks import State, track_distributed
+from grainmotion.cluster.worker_setup import prepare_workers
 from grainmotion.errors import InputError
 from grainmotion.experiment.scan_inputs import ScanInput
 from grainmotion.model.grains import GrainSet
@@ -40,42 +40,42 @@ SECONDS_TO_ANSWER, SECONDS_TO_FIRST_WORKER = 30, 60
 
 @dataclass(frozen=True, eq=False)
 class ClusterConnection:
-    """Workers within reach, and storage that all of them see."""
+    """Connected workers, and a folder that all of them see."""
 
-    work: Executor
-    shelf: SharedStore
+    executor: Executor
+    store: SharedStore
 
     @property
     def backend(self) -> DaskBackend:
         """The workers as the backend that projects grains."""
-        return DaskBackend(self.work, self.shelf)
+        return DaskBackend(self.executor, self.store)
 
-    def walks_states(self, grains: GrainSet) -> bool:
+    def one_worker_tracks_a_state(self, grains: GrainSet) -> bool:
         """Whether grains are so few that one worker tracks a state sooner than several could together."""
         return not worth_sharing(sum(grain.volume.array.size for grain in grains.grains))
 
     def track(
         self, grains: GrainSet, states: Sequence[State], settings: TrackSettings
     ) -> Iterator[tuple[str, Motions]]:
-        """Track states side by side; names and motions, whichever is there first."""
-        return track_scattered(self.work, self.shelf, grains, states, settings)
+        """Track states side by side; names and motions, in the order in which they are ready."""
+        return track_distributed(self.executor, self.store, grains, states, settings)
 
     def cut(
         self, volume: Volume, labels: NDArray[np.integer], wanted: list[Boxed], factor: int, reach: float
     ) -> Iterator[Volume | None]:
-        """Cut grains out on finer voxels; see `grainmotion.segmentation.label_refinement.fine_grains`."""
-        return cut_scattered(self.work, self.shelf, volume, labels, wanted, factor, reach)
+        """Extract grains on finer voxels; see `grainmotion.segmentation.label_refinement.fine_grains`."""
+        return extract_distributed(self.executor, self.store, volume, labels, wanted, factor, reach)
 
     def reconstruct(
         self, source: ScanInput, grid: Volume, settings: ReconstructSettings, progress: Progress | None = None
     ) -> Reconstruction:
         """Reconstruct on a grid of zeros a scan that the workers read themselves."""
-        return reconstruct_scattered(self.work, self.shelf, source, grid, settings, progress)
+        return reconstruct_distributed(self.executor, self.store, source, grid, settings, progress)
 
 
 @dataclass(frozen=True)
 class ComputeConfig:
-    """Who is to work; neither is this process alone.
+    """Where to compute; this process alone if neither is given.
 
     Attributes
     ----------
@@ -103,7 +103,7 @@ LOCAL = ComputeConfig()
 
 
 @contextmanager
-def at_work(place: ComputeConfig, folder: Path) -> Iterator[ClusterConnection | None]:
+def connect(place: ComputeConfig, folder: Path) -> Iterator[ClusterConnection | None]:
     """Reach who is to work, and leave them at the end; None is nobody but this process.
 
     ``folder`` must be on storage that all of them see: large arrays are exchanged in it.
@@ -129,11 +129,11 @@ def at_work(place: ComputeConfig, folder: Path) -> Iterator[ClusterConnection | 
         else:
             client, where = stack.enter_context(_local(place)), "--workers"
         _wait(client, where)
-        shelf = SharedStore(folder)
-        stack.callback(shelf.close)
-        _check(client, shelf, where)
-        make_ready(client)
-        yield ClusterConnection(Executor(client), shelf)
+        store = SharedStore(folder)
+        stack.callback(store.close)
+        _check(client, store, where)
+        prepare_workers(client)
+        yield ClusterConnection(Executor(client), store)
 
 
 @contextmanager
@@ -178,17 +178,17 @@ def _wait(client: Client, where: str) -> None:
         raise InputError(where, "the scheduler has no workers", "start some with `dask worker`") from None
 
 
-def _check(client: Client, shelf: SharedStore, where: str) -> None:
-    """Refuse workers that have another version of the package, or do not see the shelf."""
+def _check(client: Client, store: SharedStore, where: str) -> None:
+    """Refuse workers that have another version of the package, or do not see the store."""
     here = version("grainmotion")
-    for worker, (there, sees) in client.run(_report, shelf.put("seen")).items():
+    for worker, (there, sees) in client.run(_report, store.put("seen")).items():
         if there != here:
             fact = f"worker {worker} has grainmotion {there}, this process {here}"
             raise InputError(where, fact, "install the same version on all of them")
         if not sees:
-            fact = f"worker {worker} does not see {shelf.folder.parent}"
+            fact = f"worker {worker} does not see {store.folder.parent}"
             raise InputError(where, fact, "put the results on storage that all workers share (--out)")
 
 
-def _report(shelved: StoredObject) -> tuple[str, bool]:
-    return version("grainmotion"), shelved.folder.is_dir()
+def _report(stored: StoredObject) -> tuple[str, bool]:
+    return version("grainmotion"), stored.folder.is_dir()

@@ -62,18 +62,18 @@ class DaskBackend:
         if not worth_sharing(len(voxels) * min(relative_size, 1.0) ** 3):
             return CPU, voxels
         base = voxels if voxels.base is None else voxels.base
-        key = voxels.ctypes.data, starts.tobytes(), self.executor.hands
-        if key not in self.store.lasting:
-            self.store.lasting[key] = self._distributed(voxels, starts, heights)
-            weakref.finalize(base, self.store.lasting.pop, key, None)
-        return self, self.store.lasting[key]
+        key = voxels.ctypes.data, starts.tobytes(), self.executor.worker_count
+        if key not in self.store.shared:
+            self.store.shared[key] = self._distributed(voxels, starts, heights)
+            weakref.finalize(base, self.store.shared.pop, key, None)
+        return self, self.store.shared[key]
 
     def _distributed(self, voxels: Image, starts: Index, heights: Float) -> Voxels:
         """Pieces of grains that are neighbours along z, so that they reach few rows; workers load them from files."""
         begins, rows = np.unique(starts, return_index=True)
         ends = np.append(begins[1:], len(voxels))
         order = np.argsort(heights[rows], kind="stable")
-        count = min(len(begins), max(self.executor.hands, -(-len(voxels) // MAX_VOXELS_OF_PIECE)))
+        count = min(len(begins), max(self.executor.worker_count, -(-len(voxels) // MAX_VOXELS_OF_PIECE)))
         sizes = (ends - begins)[order]
         share = (np.cumsum(sizes) - sizes / 2) / len(voxels)
         members = np.split(order, np.searchsorted(share, np.arange(1, count) / count))
@@ -81,8 +81,8 @@ class DaskBackend:
         files: list[StoredImages] = []
         for mine in filter(len, members):
             owner[mine], local[mine] = len(files), ends_of((ends - begins)[mine])[:-1]
-            files.append(self.store.kept_images(np.concatenate([voxels[begins[k] : ends[k]] for k in mine])))
-        addresses = self.executor.spots(len(files))
+            files.append(self.store.store_images(np.concatenate([voxels[begins[k] : ends[k]] for k in mine])))
+        addresses = self.executor.addresses(len(files))
         loaded = [self.executor.task_at(a, _load, stored=file) for a, file in zip(addresses, files, strict=True)]
         return Voxels(voxels.dtype, begins, owner, local, self.executor.persist(loaded), addresses, files)
 
@@ -135,7 +135,7 @@ class DaskBackend:
         CPU.filter_images(images, kernel)
 
     def filter_patches(self, derivatives: BackendArray, patches: PatchTable, factor: Image, kernel: Image) -> None:
-        derivatives, stored = _remote(derivatives), self.store.kept_images(factor[None])
+        derivatives, stored = _remote(derivatives), self.store.store_images(factor[None])
         count = len(derivatives.pieces)
         tasks = derivatives.each(tracking_tasks.filtered, factor=[stored] * count, kernel=[kernel] * count)
         derivatives.fill(self.executor.persist(tasks), stored)
@@ -149,7 +149,7 @@ class DaskBackend:
             ]
             parts = self.executor.results(tasks)
         else:
-            with self.store.lent((np.stack(list(stacks)),)) as stored:
+            with self.store.temporary((np.stack(list(stacks)),)) as stored:
                 tasks = derivatives.each(tracking_tasks.vjp, images=stored * len(derivatives.pieces))
                 parts = self.executor.results(tasks)
         out = np.zeros((len(stacks), len(patches.boxes), 6))
@@ -219,14 +219,14 @@ class DaskBackend:
         owner, begins = voxels.places(grains.starts)
         rows = [np.flatnonzero(owner == k) for k in range(len(voxels.pieces))]
         asked = [k for k, own in enumerate(rows) if len(own)]
-        with self.store.lent((np.stack(images),)) as (lent,):
+        with self.store.temporary((np.stack(images),)) as (temporary,):
             stored, tasks = [], []
             for k in asked:
                 own = grains.select(rows[k])
                 without_voxels = replace(own, images=own.images[:0], starts=begins[rows[k]], backend=CPU, placed=None)
                 here = pose.moved(pose.translations[rows[k]], pose.matrices[rows[k]])
                 stored.append(self.store.put((without_voxels, here, settings)))
-                literals = {"function": function, "stored": stored[-1], "images": lent}
+                literals = {"function": function, "stored": stored[-1], "images": temporary}
                 task, address = tracking_tasks.map_grains, voxels.addresses[k]
                 tasks.append(self.executor.task_at(address, task, voxels.pieces[k], **literals))
             parts = self.executor.results(tasks)

@@ -1,9 +1,9 @@
-"""Scattered: a volume under way, held by the workers in slabs; see `slabs` for what each of them does."""
+"""DistributedIterate: a reconstruction whose slabs are held and updated by workers (see `reconstruction.slabs`)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,137 +25,141 @@ if TYPE_CHECKING:
     from dask.delayed import Delayed
 
 
-TOGETHER = 16
-"""Views that are read, and held, together."""
-STORED = 160
-"""Views after which the slabs are put on the shelf: what a dead worker held is made again from there."""
+VIEWS_READ_TOGETHER = 16
+"""Views that a worker reads at once."""
+VIEWS_BETWEEN_CHECKPOINTS = 160
+"""Views after which the slabs are stored: what a lost worker held is computed again from there."""
 
 
 @dataclass(eq=False)
 class PendingSum:
-    """Two sums of squares that the workers will have made, each of the rows that it compares."""
+    """Two sums of squares that workers still compute, each over the rows of its slab."""
 
-    work: Executor
+    executor: Executor
     tasks: list[Delayed]
     rows: tuple[Rows, ...]
     known: Float | None = None
-    __array_ufunc__ = None  # an array that these are added to waits for them
+    __array_ufunc__ = None  # numpy leaves `array + PendingSum` to __radd__, which waits
 
     def __radd__(self, other: Float) -> Float:
         if self.known is None:
-            self.settle(self.work.results(self.tasks))
+            self.resolve(self.executor.results(self.tasks))
         assert self.known is not None
         return other + self.known
 
-    def settle(self, found: list[Float]) -> None:
-        """Take what the tasks have found."""
-        self.known = total(found, self.rows)
+    def resolve(self, squares: list[Float]) -> None:
+        """Take the results of the tasks."""
+        self.known = total(squares, self.rows)
 
 
-class Scattered:
-    """An image under way (`reconstruction.system.Iterate`), with workers that read the radiographs themselves."""
+class DistributedIterate:
+    """A volume (`reconstruction.system.Iterate`) on workers, which read the radiographs themselves."""
 
     ahead = 2
 
     def __init__(
-        self, work: Executor, shelf: SharedStore, source: ScanInput, grid: Volume, settings: ReconstructSettings
+        self, executor: Executor, store: SharedStore, source: ScanInput, grid: Volume, settings: ReconstructSettings
     ) -> None:
-        self.work, self.shelf = work, shelf
-        settings = replace(settings, device="cpu")  # slabs are laid for processors
+        self.executor, self.store = executor, store
+        settings = replace(settings, device="cpu")  # slabs have the layout of the CPU
         self.layout = Layout.of(grid, source.geometry, settings)
         self.sums = column_sums(source.geometry, grid)
-        count, task = len(source.geometry), work.task
-        self._source, self._where = work.persist(
-            [task(_take, shelved=shelf.put(source)), task(_take, shelved=shelf.put(self.layout))]
+        count, task = len(source.geometry), executor.task
+        self._source, self._layout = executor.persist(
+            [task(_take, stored=store.put(source)), task(_take, stored=store.put(self.layout))]
         )
-        self._spots = work.spots(len(self.layout.slabs))
+        self._addresses = executor.addresses(len(self.layout.slabs))
         order = golden_order(count)
-        self._place = np.argsort(order)  # of each view in that order, in which views are held together
-        groups = [order[k : k + TOGETHER] for k in range(0, count, TOGETHER)]
-        readers = work.spots(len(groups))  # they hand on no more of what they read than is asked for
+        self._place = np.argsort(order)  # of each view in that order, in which views are read
+        groups = [order[k : k + VIEWS_READ_TOGETHER] for k in range(0, count, VIEWS_READ_TOGETHER)]
+        readers = executor.addresses(len(groups))  # they send only the rows that are needed
         scans = [
-            work.task_at(reader, reconstruction_tasks.load_views, self._source, views=group)
+            executor.task_at(reader, reconstruction_tasks.load_views, self._source, views=group)
             for reader, group in zip(readers, groups, strict=True)
         ]
-        self._seen = [
+        self._radiographs = [
             [
-                work.task_at(
-                    spot,
+                executor.task_at(
+                    address,
                     reconstruction_tasks.handed,
-                    work.task_at(reader, reconstruction_tasks.rows_of, scan, rows=rows),
+                    executor.task_at(reader, reconstruction_tasks.rows_of, scan, rows=rows),
                 )
                 for reader, scan in zip(readers, scans, strict=True)
             ]
-            for spot, rows in zip(self._spots, self.layout.compared, strict=True)
+            for address, rows in zip(self._addresses, self.layout.compared, strict=True)
         ]
         if settings.plain(count) or not has_coarse_start(grid.shape, source.geometry.shape):
             started = [
-                work.task_at(s, reconstruction_tasks.new_slab, self._where, number=k) for k, s in enumerate(self._spots)
+                executor.task_at(s, reconstruction_tasks.new_slab, self._layout, number=k)
+                for k, s in enumerate(self._addresses)
             ]
         else:
             started = self._coarse_start(groups, list(zip(readers, scans, strict=True)))
         number = len(started)
-        # all at once, so that no radiographs are read before there is room for what is made of them
-        found = work.persist([*started, *(rows for seen in self._seen for rows in seen)])
+        # all at once, so that no radiographs are read before there is memory for their rows
+        found = executor.persist([*started, *(rows for images in self._radiographs for rows in images)])
         self._slabs = found[:number]
-        self._seen = [found[number + k * len(scans) :][: len(scans)] for k in range(number)]
-        self._walked = self._updates = 0
-        self._owed: list[PendingSum] = []
+        self._radiographs = [found[number + k * len(scans) :][: len(scans)] for k in range(number)]
+        self._views_since_checkpoint = self._updates = 0
+        self._pending: list[PendingSum] = []
 
     def _coarse_start(self, groups: list[Views], scans: list[tuple[str, Delayed]]) -> list[Delayed]:
-        """Slabs of a coarse start, which whoever is to hold them makes of some of the views that others read."""
-        task_at, found = self.work.task_at, []
+        """Slabs of a coarse start, each from some of the views, on the worker that will hold it."""
+        task_at, found = self.executor.task_at, []
         wanted = sufficient_views(len(self._place), self.layout.geometry.shape[1] // COARSENING)
         picks = [np.flatnonzero(np.isin(group, wanted)) for group in groups]
         order = np.argsort(np.concatenate([group[pick] for group, pick in zip(groups, picks, strict=True)]))
         for piece in pieces_of(self.layout):
-            spot = self._spots[piece.slabs[0]]
+            address = self._addresses[piece.slabs[0]]
             parts = [
                 task_at(reader, reconstruction_tasks.rough_of, scan, picks=pick, rows=piece.rows)
                 for (reader, scan), pick in zip(scans, picks, strict=True)
                 if len(pick)
             ]
-            rough = task_at(spot, reconstruction_tasks.rough_piece, self._where, parts, order=order, piece=piece)
+            rough = task_at(address, reconstruction_tasks.rough_piece, self._layout, parts, order=order, piece=piece)
             found += [
-                task_at(self._spots[k], reconstruction_tasks.slab_from, self._where, rough, number=k, piece=piece)
+                task_at(self._addresses[k], reconstruction_tasks.slab_from, self._layout, rough, number=k, piece=piece)
                 for k in piece.slabs
             ]
         return found
 
     def update(self, views: Views, relaxation: float, momentum: float = 0.0) -> PendingSum:
         """See `Iterate`."""
-        if self._walked >= STORED:
-            self._walked = 0
+        if self._views_since_checkpoint >= VIEWS_BETWEEN_CHECKPOINTS:
+            self._views_since_checkpoint = 0
             self._store(momentum)
-        task, places = self.work.task_at, self._place[views]  # else slabs are moved to whoever is idle
-        groups = places // TOGETHER
+        task = self.executor.task_at  # without an address Dask would move slabs to idle workers
+        places = self._place[views]
+        groups = places // VIEWS_READ_TOGETHER
         cuts = np.flatnonzero(np.diff(groups)) + 1  # a subset follows that order, so a group comes in one piece
-        picks, held = np.split(places % TOGETHER, cuts), groups[np.r_[0, cuts]]
+        picks, used = np.split(places % VIEWS_READ_TOGETHER, cuts), groups[np.r_[0, cuts]]
         asked = reconstruction_tasks.Update(views, picks, float(relaxation / self.sums[views].sum()), momentum)
         strips = [
-            task(spot, reconstruction_tasks.forward, s, views=views)
-            for spot, s in zip(self._spots, self._slabs, strict=True)
+            task(address, reconstruction_tasks.forward, s, views=views)
+            for address, s in zip(self._addresses, self._slabs, strict=True)
         ]
         advanced = []
-        for k, (spot, slab, seen) in enumerate(zip(self._spots, self._slabs, self._seen, strict=True)):
-            parts, scans = [strips[j] for j in self.layout.overlapping(k)], [seen[g] for g in held]
-            advanced.append(task(spot, reconstruction_tasks.advance, self._where, slab, parts, scans, update=asked))
+        held = zip(self._addresses, self._slabs, self._radiographs, strict=True)
+        for k, (address, slab, rows) in enumerate(held):
+            parts, scans = [strips[j] for j in self.layout.overlapping(k)], [rows[g] for g in used]
+            advanced.append(task(address, reconstruction_tasks.advance, self._layout, slab, parts, scans, update=asked))
         squares = [
-            task(spot, reconstruction_tasks.squares_of, s) for spot, s in zip(self._spots, advanced, strict=True)
+            task(address, reconstruction_tasks.squares_of, s)
+            for address, s in zip(self._addresses, advanced, strict=True)
         ]
-        found = self.work.persist([*advanced, *squares])
+        found = self.executor.persist([*advanced, *squares])
         self._slabs = found[: len(advanced)]
-        owed = PendingSum(self.work, found[len(advanced) :], self.layout.compared)
-        self._owed = [*(o for o in self._owed if o.known is None), owed]
+        pending = PendingSum(self.executor, found[len(advanced) :], self.layout.compared)
+        self._pending = [*(o for o in self._pending if o.known is None), pending]
         self._updates += 1
-        self._walked += len(views)
-        return owed
+        self._views_since_checkpoint += len(views)
+        return pending
 
     def volume(self) -> Volume:
-        """See `Iterate`; it comes by way of the shelf."""
-        paths = [self.shelf.folder / f"planes-{k}.npy" for k in range(len(self._slabs))]
-        self.work.results(
-            [self.work.task(reconstruction_tasks.store_planes, s, path=p) for s, p in zip(self._slabs, paths)]
+        """See `Iterate`; it comes by files of the store."""
+        paths = [self.store.folder / f"planes-{k}.npy" for k in range(len(self._slabs))]
+        self.executor.results(
+            [self.executor.task(reconstruction_tasks.store_planes, s, path=p) for s, p in zip(self._slabs, paths)]
         )
         array = np.empty(self.layout.shape, np.float32)
         for path, planes in zip(paths, self.layout.slabs, strict=True):
@@ -164,30 +168,33 @@ class Scattered:
         return Volume(array, self.layout.voxel_size, self.layout.center)
 
     def _store(self, momentum: float) -> None:
-        """Go on from files, so that no task before them will ever be asked for again."""
-        task, folder = self.work.task, self.shelf.folder
+        """Continue from files, so that no earlier task is ever run again."""
+        folder = self.store.folder
         paths = [folder / f"slab-{k}-{self._updates}.npy" for k in range(len(self._slabs))]
-        stored = [task(reconstruction_tasks.store, s, path=p) for s, p in zip(self._slabs, paths, strict=True)]
-        found = self.work.results([*stored, *(t for owed in self._owed for t in owed.tasks)])[len(stored) :]
-        for k, owed in enumerate(self._owed):
-            owed.settle(found[k * len(stored) : (k + 1) * len(stored)])
-        self._owed = []
-        self._spots = self.work.spots(len(paths))
-        self._slabs = self.work.persist(
+        stored = [
+            self.executor.task(reconstruction_tasks.store, s, path=p) for s, p in zip(self._slabs, paths, strict=True)
+        ]
+        tasks = [task for pending in self._pending for task in pending.tasks]
+        squares = self.executor.results([*stored, *tasks])[len(stored) :]
+        for k, pending in enumerate(self._pending):
+            pending.resolve(squares[k * len(stored) : (k + 1) * len(stored)])
+        self._pending = []
+        self._addresses = self.executor.addresses(len(paths))
+        self._slabs = self.executor.persist(
             [
-                self.work.task_at(
-                    spot, reconstruction_tasks.restored, self._where, number=k, path=path, momentum=momentum
+                self.executor.task_at(
+                    address, reconstruction_tasks.restored, self._layout, number=k, path=path, momentum=momentum
                 )
-                for k, (spot, path) in enumerate(zip(self._spots, paths, strict=True))
+                for k, (address, path) in enumerate(zip(self._addresses, paths, strict=True))
             ]
         )
-        for path in set(folder.glob("slab-*.npy")) - set(paths):  # nobody asks for those
+        for path in set(folder.glob("slab-*.npy")) - set(paths):  # no longer needed
             path.unlink()
 
 
-def reconstruct_scattered(
-    work: Executor,
-    shelf: SharedStore,
+def reconstruct_distributed(
+    executor: Executor,
+    store: SharedStore,
     source: ScanInput,
     grid: Volume,
     settings: ReconstructSettings,
@@ -195,7 +202,7 @@ def reconstruct_scattered(
 ) -> Reconstruction:
     """`reconstruct`, from files that the workers read."""
     count = len(source.geometry)
-    iterate = Scattered(work, shelf, source, grid, settings)
+    iterate = DistributedIterate(executor, store, source, grid, settings)
     if settings.plain(count):
         history = plain_sart(iterate, count, settings, progress)
     else:
@@ -203,5 +210,5 @@ def reconstruct_scattered(
     return Reconstruction(iterate.volume(), tuple(history))
 
 
-def _take(shelved: StoredObject) -> Any:
-    return shelved.take()
+def _take(stored: StoredObject) -> object:
+    return stored.load()

@@ -9,8 +9,8 @@ from weakref import WeakValueDictionary
 import numpy as np
 
 from grainmotion._typing import Float, Image
-from grainmotion.cluster.buffer_pool import copied
-from grainmotion.cluster.worker_threads import own_threads
+from grainmotion.cluster.buffer_pool import pooled_copy
+from grainmotion.cluster.worker_threads import use_worker_threads
 from grainmotion.experiment.scan_inputs import ScanInput
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.scan import Scan
@@ -65,7 +65,7 @@ def rough_of(scan: Scan, picks: Views, rows: Rows) -> Scan:
 
 def rough_piece(layout: Layout, parts: list[Scan], order: Views, piece: Piece) -> Image:
     """A piece of a coarse start (see `coarser`), from all views of it in some other order."""
-    with own_threads():
+    with use_worker_threads():
         return coarse_start(joined(parts).select(order), layout, piece)
 
 
@@ -95,7 +95,7 @@ def new_slab(layout: Layout, number: int) -> SlabState:
 
 def slab_from(layout: Layout, rough: Image, number: int, piece: Piece) -> SlabState:
     """A slab of a coarse start."""
-    with own_threads():
+    with use_worker_threads():
         planes = finer_slab(rough, layout, piece, number)
         return SlabState(slabs.slab_from(layout, number, _zeros(layout, number), planes))
 
@@ -107,7 +107,7 @@ def _zeros(layout: Layout, number: int) -> Image:
 
 def forward(kept: SlabState, views: Views) -> Strip:
     """Its line integrals in some views."""
-    with own_threads():
+    with use_worker_threads():
         return slabs.forward(kept.slab, views)
 
 
@@ -117,9 +117,9 @@ def advance(
     """The slab after an update; the one given stays as it is, for its line integrals may be asked for again."""
     slab, before = kept.slab, kept.slab.before
     if update.momentum:
-        before = copied(slab.image if before is None else before)
-    slab = replace(slab, image=copied(slab.image), before=before)
-    with own_threads():
+        before = pooled_copy(slab.image if before is None else before)
+    slab = replace(slab, image=pooled_copy(slab.image), before=before)
+    with use_worker_threads():
         corrections = slabs.compare(layout, update.views, parts, picked(groups, update.picks), update.step)
         slabs.advance(slab, corrections, update.views, update.momentum)
     return SlabState(slab, corrections.squares)

@@ -1,7 +1,7 @@
-"""Shelf: large arrays on storage that all workers see, so that they load them and nobody sends them.
+"""SharedStore: large arrays in files that all workers see, so that they load them and nobody sends them.
 
-What is shelved is a pickle whose large arrays are files of their own; those laid end to end are one, and are so again
-when they are taken.  A worker that takes it reads those; one that takes over from another that died reads them again.
+A stored object is a pickle whose large arrays are files of their own; arrays that lie end to end share one, and lie so
+again when the object is loaded.  A worker that takes over from a lost one reads the files again.
 """
 
 from __future__ import annotations
@@ -16,86 +16,91 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-LARGE = 1 << 14
+from grainmotion._typing import Image
+
+T = TypeVar("T")
+
+MIN_FILE_BYTES = 1 << 14
 """Bytes from which an array becomes a file."""
 
 
 @dataclass(frozen=True)
-class StoredObject:
-    """Something on the shelf; small enough to be told to anybody."""
+class StoredObject(Generic[T]):
+    """Handle to a stored object; cheap to pickle."""
 
     folder: Path
     pickled: bytes
 
-    def take(self) -> Any:
-        """The thing itself, read from the shelf."""
-        return _Taking(io.BytesIO(self.pickled), self.folder).load()
+    def load(self) -> T:
+        """The object, read from the store."""
+        loaded: T = _Unpickler(io.BytesIO(self.pickled), self.folder).load()
+        return loaded
 
 
 @dataclass(frozen=True)
 class StoredImages:
-    """An array on the shelf, as stacks of radiographs ``(…, rows, columns)``."""
+    """Handle to stored radiographs ``(…, rows, columns)``."""
 
     path: Path
 
-    def rows(self, first: int, end: int) -> NDArray[Any]:
+    def rows(self, first: int, end: int) -> Image:
         """Some rows of all views."""
         return np.array(np.load(self.path, mmap_mode="r")[..., first:end, :])
 
-    def all(self) -> NDArray[Any]:
-        """All of it."""
-        whole: NDArray[Any] = np.load(self.path)
+    def all(self) -> Image:
+        """All rows."""
+        whole: Image = np.load(self.path)
         return whole
 
 
 class SharedStore:
-    """A folder for arrays, gone when it is closed."""
+    """A folder for arrays, removed when it is closed."""
 
     def __init__(self, folder: Path) -> None:
         self._made = not folder.exists()
         folder.mkdir(parents=True, exist_ok=True)
         self.folder = Path(tempfile.mkdtemp(prefix=".shelf-", dir=folder.resolve()))
-        self._known: dict[int, tuple[weakref.ref[NDArray[Any]], str]] = {}
+        self._known: dict[int, tuple[weakref.ref[NDArray[np.generic]], str]] = {}
         self._count = 0
-        self.lasting: dict[object, Any] = {}
-        """What is shared out for as long as what it was made of lives."""
+        self.shared: dict[object, object] = {}
+        """What is distributed to workers, by keys that are dropped with the arrays that it was made of."""
 
-    def put(self, thing: object) -> StoredObject:
-        """Put something here; an array that is here already is not written again."""
+    def put(self, thing: T) -> StoredObject[T]:
+        """Store an object; an array that is stored already is not written again."""
         buffer = io.BytesIO()
-        _Putting(buffer, self).dump(thing)
+        _Pickler(buffer, self).dump(thing)
         return StoredObject(self.folder, buffer.getvalue())
 
     @contextmanager
-    def lent(self, images: tuple[NDArray[Any], ...]) -> Iterator[list[StoredImages]]:
-        """Stacks of radiographs, here for a moment."""
+    def temporary(self, images: tuple[NDArray[np.generic], ...]) -> Iterator[list[StoredImages]]:
+        """Stacks of radiographs, stored within the context."""
         paths = [self.folder / self.write(image) for image in images]
         try:
             yield [StoredImages(path) for path in paths]
         finally:
             _remove(paths)
 
-    def kept_images(self, images: NDArray[Any]) -> StoredImages:
-        """A stack of radiographs, here for as long as anybody in this process refers to it."""
+    def store_images(self, images: NDArray[np.generic]) -> StoredImages:
+        """A stack of radiographs, stored for as long as this process refers to its handle."""
         path = self.folder / self.write(images)
-        kept = StoredImages(path)
-        weakref.finalize(kept, _remove, [path])
-        return kept
+        stored = StoredImages(path)
+        weakref.finalize(stored, _remove, [path])
+        return stored
 
-    def write(self, array: NDArray[Any]) -> str:
+    def write(self, array: NDArray[np.generic]) -> str:
         """Write an array; the name of its file."""
         name = f"{self._count}.npy"
         self._count += 1
         np.save(self.folder / name, array)
         return name
 
-    def name_of(self, array: NDArray[Any]) -> str:
-        """The file of an array, written when it is first seen."""
+    def name_of(self, array: NDArray[np.generic]) -> str:
+        """The file of an array, written the first time."""
         known = self._known.get(id(array))
         if known is None or known[0]() is not array:
             known = weakref.ref(array), self.write(array)
@@ -104,19 +109,19 @@ class SharedStore:
 
     def close(self) -> None:
         """Remove everything."""
-        self.lasting.clear()
+        self.shared.clear()
         shutil.rmtree(self.folder, ignore_errors=True)
         if self._made:
             with suppress(OSError):  # results are in it
                 self.folder.parent.rmdir()
 
 
-class _Putting(pickle.Pickler):
-    def __init__(self, file: io.BytesIO, shelf: SharedStore) -> None:
+class _Pickler(pickle.Pickler):
+    def __init__(self, file: io.BytesIO, store: SharedStore) -> None:
         super().__init__(file, protocol=pickle.HIGHEST_PROTOCOL)
-        self._shelf = shelf
+        self._store = store
 
-    def persistent_id(self, obj: Any) -> tuple[str, int, tuple[int, ...]] | None:
+    def persistent_id(self, obj: object) -> tuple[str, int, tuple[int, ...]] | None:
         if type(obj) is not np.ndarray or obj.dtype.hasobject:
             return None
         whole, first, base = obj, 0, obj.base
@@ -124,15 +129,15 @@ class _Putting(pickle.Pickler):
         if base is not None and flat and obj.flags.c_contiguous:  # one of many, end to end
             whole = base
             first = (obj.ctypes.data - whole.ctypes.data) // obj.itemsize
-        return (self._shelf.name_of(whole), first, obj.shape) if whole.nbytes >= LARGE else None
+        return (self._store.name_of(whole), first, obj.shape) if whole.nbytes >= MIN_FILE_BYTES else None
 
 
-class _Taking(pickle.Unpickler):
+class _Unpickler(pickle.Unpickler):
     def __init__(self, file: io.BytesIO, folder: Path) -> None:
         super().__init__(file)
-        self._folder, self._read = folder, dict[str, NDArray[Any]]()
+        self._folder, self._read = folder, dict[str, NDArray[np.generic]]()
 
-    def persistent_load(self, pid: tuple[str, int, tuple[int, ...]]) -> NDArray[Any]:
+    def persistent_load(self, pid: tuple[str, int, tuple[int, ...]]) -> NDArray[np.generic]:
         name, first, shape = pid
         if name not in self._read:
             self._read[name] = np.load(self._folder / name)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from grainmotion.backends.cpu import CPU
 from grainmotion.cluster.executor import Executor
 from grainmotion.cluster.shared_store import SharedStore, StoredObject
-from grainmotion.cluster.worker_threads import own_threads
+from grainmotion.cluster.worker_threads import use_worker_threads
 from grainmotion.experiment.state_tracking import errors_of_state
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions
@@ -46,11 +46,11 @@ class State:
     start: Motions | str | None
 
 
-def track_scattered(
-    work: Executor, shelf: SharedStore, grains: GrainSet, states: Sequence[State], settings: TrackSettings
+def track_distributed(
+    executor: Executor, store: SharedStore, grains: GrainSet, states: Sequence[State], settings: TrackSettings
 ) -> Iterator[tuple[str, Motions]]:
     """Names of the states and their motions, whichever is there first; no more at once than there are workers."""
-    shelved, waiting, tracked = shelf.put(grains), list(states), dict[str, Motions]()
+    stored, waiting, tracked = store.put(grains), list(states), dict[str, Motions]()
 
     def more() -> tuple[str, Delayed] | None:
         for state in waiting:
@@ -58,17 +58,17 @@ def track_scattered(
             if isinstance(state.start, str) and start is None:
                 continue
             waiting.remove(state)
-            given = shelf.put((replace(state, start=start), settings))
-            return state.name, work.task(_track, grains=shelved, given=given)
+            given = store.put((replace(state, start=start), settings))
+            return state.name, executor.task(_track, grains=stored, given=given)
         return None
 
-    for name, motions in work.as_done(more):
+    for name, motions in executor.as_completed(more):
         tracked[name] = motions
         yield name, motions
 
 
 def _track(grains: StoredObject, given: StoredObject) -> Motions:
-    with own_threads():  # one state at a time, so that the grains are here once
-        state, settings = given.take()
+    with use_worker_threads():  # one state at a time, so that the grains are here once
+        state, settings = given.load()
         with errors_of_state(f"states.{state.name}", state.initial):
-            return track(grains.take(), state.scan, state.start, settings, device=CPU)
+            return track(grains.load(), state.scan, state.start, settings, device=CPU)

@@ -13,7 +13,7 @@ import numpy as np
 from grainmotion._typing import Float, Image, Index
 from grainmotion.backends.cpu import CPU
 from grainmotion.cluster.shared_store import StoredImages, StoredObject
-from grainmotion.cluster.worker_threads import own_threads
+from grainmotion.cluster.worker_threads import use_worker_threads
 from grainmotion.kernels import grain_projection, normal_equations
 from grainmotion.kernels.layout import GrainTable, PatchTable, ViewTable
 from grainmotion.model.pose import Pose
@@ -75,13 +75,13 @@ def below(patches: PatchTable, first: int) -> PatchTable:
 # ---------------------------------------------------------------------- projections
 def project(voxels: Image, rays: Rays) -> Image:
     """Line integrals of all patches, flat."""
-    with own_threads():
+    with use_worker_threads():
         return CPU.project(rays.grains._replace(voxels=voxels), rays.views, rays.patches, rays.exact)
 
 
 def differentiate(voxels: Image, rays: Rays) -> ProjectedPatches:
     """These and their derivatives."""
-    with own_threads():
+    with use_worker_threads():
         grains = rays.grains._replace(voxels=voxels)
         return ProjectedPatches(*CPU.project_with_derivatives(grains, rays.views, rays.patches, rays.exact))
 
@@ -111,7 +111,7 @@ def jvp(piece: Piece, patches: PatchTable, increments: Float, like: tuple[int, i
     views, columns = like
     stacks = np.zeros((len(increments), views, max(end - first, 0), columns))
     tables = below(patches, first).boxes, patches.offsets, patches.order, patches.view_starts
-    with own_threads():
+    with use_worker_threads():
         for each, images in zip(increments, stacks, strict=True):
             normal_equations.jvp(derivatives_of(piece), *tables, each, images)
     return ImageStrip(first, stacks)
@@ -148,7 +148,7 @@ def filtered(piece: Piece, patches: PatchTable, factor: StoredImages, kernel: Im
     """Derivatives times a factor of each pixel, then filtered patch by patch."""
     out = derivatives_of(piece).copy()
     ((images,), here) = _stacks(factor, patches, out.dtype)
-    with own_threads():
+    with use_worker_threads():
         CPU.filter_patches(out, here, images, kernel)
     return out
 
@@ -157,7 +157,7 @@ def vjp(piece: Piece, *parts: ImageStrip, patches: PatchTable, images: StoredIma
     """Dot products ``(k, patches, 6)`` of each patch's derivatives with radiographs, in strips or from a file."""
     derivatives = derivatives_of(piece)
     stacks, here = _stacks(images or parts, patches, derivatives.dtype)
-    with own_threads():
+    with use_worker_threads():
         return CPU.vjp(derivatives, here, list(stacks))
 
 
@@ -171,7 +171,7 @@ def gram_blocks(piece: Piece, *others: Image, patches: PatchTable, pairs: Index,
     """6×6 blocks of JᵀJ; ``patches`` are the piece's own, followed by those selected from other pieces."""
     own = derivatives_of(piece)
     together = np.concatenate([own, *others], axis=1) if others else own
-    with own_threads():
+    with use_worker_threads():
         return CPU.gram_blocks(together, patches, pairs, first)
 
 
@@ -182,6 +182,6 @@ def map_grains(
     images: StoredImages,
 ) -> Float:
     """A function of the piece's grains, see `PatchBackend.map_grains`."""
-    without_voxels, pose, settings = stored.take()
-    with own_threads():
+    without_voxels, pose, settings = stored.load()
+    with use_worker_threads():
         return function(replace(without_voxels, images=voxels), pose, tuple(images.all()), settings)

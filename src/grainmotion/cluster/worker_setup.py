@@ -1,16 +1,16 @@
-"""Worker setup: a plugin that tells each worker its threads and the sizes of our records.
+"""Worker plugin that sets the number of threads and registers the sizes of our records.
 
-Without the sizes Dask takes records for nothing, and neither spills nor places them well.
+Without the sizes Dask counts records as empty, and neither spills nor places them well.
 """
 
 from __future__ import annotations
 
 from dataclasses import fields
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from grainmotion.cluster.reconstruction_tasks import SlabState
 from grainmotion.cluster.tracking_tasks import ImageStrip, ProjectedPatches, Rays
-from grainmotion.cluster.worker_threads import settle
+from grainmotion.cluster.worker_threads import limit_threads
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
@@ -19,9 +19,10 @@ from grainmotion.reconstruction.slabs import RadiographRows, Slab, Strip
 from grainmotion.reconstruction.system import Imaging
 
 if TYPE_CHECKING:
-    from distributed import Client
+    from _typeshed import DataclassInstance
+    from distributed import Client, Worker
 
-NOUNS = (
+SIZED_RECORDS = (
     Geometry,
     Imaging,
     SlabState,
@@ -38,25 +39,25 @@ NOUNS = (
 
 
 def register() -> None:
-    """Tell Dask in this process."""
+    """Register the sizes with Dask in this process."""
     from dask.sizeof import sizeof
 
-    def size(noun: Any) -> int:
-        return sum(int(sizeof(getattr(noun, field.name))) for field in fields(noun))
+    def size(record: DataclassInstance) -> int:
+        return sum(int(sizeof(getattr(record, field.name))) for field in fields(record))
 
-    for kind in NOUNS:
+    for kind in SIZED_RECORDS:
         sizeof.register(kind, size)
 
 
-def make_ready(client: Client) -> None:
-    """Tell workers how large nouns are, and how many threads kernels have."""
+def prepare_workers(client: Client) -> None:
+    """Let all workers, also those to come, know the sizes of records and their number of threads."""
     from distributed import WorkerPlugin
 
     class Ready(WorkerPlugin):
         name = "grainmotion-ready"
 
-        def setup(self, worker: Any) -> None:
+        def setup(self, worker: Worker) -> None:
             register()
-            settle(worker.state.nthreads)
+            limit_threads(worker.state.nthreads)
 
     client.register_plugin(Ready())

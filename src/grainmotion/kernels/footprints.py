@@ -1,6 +1,6 @@
 """Outlines of the shadows that moving grains cast on the panels.
 
-A shadow's outline is convex, and told by the extents of the projected hull along `DIRECTIONS` (row, column) of
+A shadow's outline is convex, and told by the extents of the projected hull along `OUTLINE_DIRECTIONS` (row, column) of
 the panel: it lies between two lines across each of them.
 """
 
@@ -12,7 +12,7 @@ import numpy as np
 from grainmotion.kernels.compilation import CACHE
 
 _ANGLES = np.arange(8) * np.pi / 8
-DIRECTIONS = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
+OUTLINE_DIRECTIONS = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
 """Unit vectors (row, column), the first along rows, the fifth along columns."""
 
 BEHIND = 1e-12

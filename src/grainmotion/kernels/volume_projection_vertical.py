@@ -21,9 +21,9 @@ import numpy as np
 
 from grainmotion.kernels.compilation import CACHE
 
-CHUNKS = 8  # slices of the dominant axis that the adjoint hands to threads
-BLOCK = 16  # columns that a thread takes in turn, in the same memory
-TILE = 512  # rows that the forward projection takes at once: their blended lines stay in the second cache
+PLANE_SLICES = 8  # slices of the dominant axis that the adjoint hands to threads
+COLUMNS_OF_A_THREAD = 16  # columns that a thread takes in turn, in the same memory
+ROWS_AT_ONCE = 512  # rows that the forward projection takes at once: their blended lines stay in the second cache
 
 
 @nb.njit(cache=CACHE, error_model="numpy")
@@ -118,10 +118,10 @@ def forward(image, origin, voxel, views, cone, radius, out):
     f = image.dtype.type
     h = 1.0 / voxel
     jobs = n * columns
-    for block in nb.prange((jobs + BLOCK - 1) // BLOCK):
+    for block in nb.prange((jobs + COLUMNS_OF_A_THREAD - 1) // COLUMNS_OF_A_THREAD):
         buffer = np.empty(max(nx, ny) * nz, image.dtype)
         all_starts, all_steps = np.empty(max(nx, ny), image.dtype), np.empty(max(nx, ny), image.dtype)
-        for job in range(block * BLOCK, min(jobs, (block + 1) * BLOCK)):
+        for job in range(block * COLUMNS_OF_A_THREAD, min(jobs, (block + 1) * COLUMNS_OF_A_THREAD)):
             i, c = job // columns, job % columns
             sx, sy, sz, dx, dy, dz = _column_ray(views[i], cone, c - (columns - 1) / 2, rows, origin, h)
             vz = views[i, 11] * h
@@ -131,8 +131,8 @@ def forward(image, origin, voxel, views, cone, radius, out):
             first, end = _planes(sa, sb, slope, na, n_b, radius)
             count = end - first
             starts, steps = all_starts[:count], all_steps[:count]
-            for r0 in range(0, rows, TILE):
-                r1 = min(rows, r0 + TILE)
+            for r0 in range(0, rows, ROWS_AT_ONCE):
+                r1 = min(rows, r0 + ROWS_AT_ONCE)
                 lowest, highest = np.inf, -np.inf  # heights of the tile's rays, which are extreme on its last planes
                 for k in (first, end - 1):
                     t = (k - sa) / da
@@ -169,8 +169,8 @@ def adjoint(images, origin, voxel, views, cone, radius, out):
     h = 1.0 / voxel
     for axis in range(2):
         na, n_b = (nx, ny) if axis == 0 else (ny, nx)
-        size = (na + CHUNKS - 1) // CHUNKS
-        for chunk in nb.prange(CHUNKS):
+        size = (na + PLANE_SLICES - 1) // PLANE_SLICES
+        for chunk in nb.prange(PLANE_SLICES):
             low, high = chunk * size, min(na, (chunk + 1) * size)
             buffer = np.empty(size * nz, out.dtype)
             starts, steps = np.empty(size, out.dtype), np.empty(size, out.dtype)

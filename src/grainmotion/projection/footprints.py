@@ -55,7 +55,7 @@ def footprint_patches(
 
     The size of a pixel is taken at ``middle (3,)``, by default the middle of the grains.
     """
-    directions = footprints.DIRECTIONS
+    directions = footprints.OUTLINE_DIRECTIONS
     found = np.empty((len(grains), len(geometry), len(directions), 2))
     inverses, origins = _frames(geometry)
     footprints.extents(

@@ -21,9 +21,9 @@ from grainmotion.model.pose import Pose
 
 OUT_OF_PLANE = (2, 3, 4)
 """Of (u, δ), what a planar sample cannot do: u_z, δ_x, δ_y."""
-MOST_VOXELS = 2**31 - 1
+MAX_GRAIN_VOXELS = 2**31 - 1
 """Of one grain or background, with the empty ones around: what the walks' indices reach."""
-_DIRECTIONS = 128
+HULL_DIRECTIONS = 128
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,9 +79,9 @@ class GrainArrays:
         volumes = [g.fine if fine and g.fine is not None else g.volume for g in grains.grains]
         arrays = [v.array for v in volumes]
         sizes = np.array([a.size for a in arrays], dtype=np.int64)
-        if sizes.max() > MOST_VOXELS:
+        if sizes.max() > MAX_GRAIN_VOXELS:
             raise InputError(
-                "grains", f"one spans {sizes.max()} voxels, more than {MOST_VOXELS}", "reconstruct coarser"
+                "grains", f"one spans {sizes.max()} voxels, more than {MAX_GRAIN_VOXELS}", "reconstruct coarser"
             )
         corners = np.array([v.origin - g.center for v, g in zip(volumes, grains.grains, strict=True)]).reshape(-1, 3)
         h = volumes[0].voxel_size
@@ -186,13 +186,13 @@ def _extents(points: Float) -> Image:
 def _extreme_points(points: Float, array: Image) -> Float:
     """Voxels (x y z indices) of the grain that reach furthest in many directions: its convex hull, nearly."""
     if len(points) == 0:
-        return np.full((_DIRECTIONS, 3), (np.array(array.shape[::-1]) - 1) / 2)
+        return np.full((HULL_DIRECTIONS, 3), (np.array(array.shape[::-1]) - 1) / 2)
     return points[np.argmax(ball_directions() @ points.T, axis=1)]
 
 
 def ball_directions() -> Float:
     """Unit vectors in all directions, ``(k, 3)``."""
-    k = np.arange(_DIRECTIONS) + 0.5
-    height, angle = 1 - 2 * k / _DIRECTIONS, np.pi * (1 + 5**0.5) * k
+    k = np.arange(HULL_DIRECTIONS) + 0.5
+    height, angle = 1 - 2 * k / HULL_DIRECTIONS, np.pi * (1 + 5**0.5) * k
     ring = np.sqrt(1 - height**2)
     return np.column_stack([ring * np.cos(angle), ring * np.sin(angle), height])

@@ -19,9 +19,9 @@ from grainmotion.kernels.layout import PADDING
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.volume import Volume
 
-MANY = 16
+MIN_VERTICAL_VIEWS = 16
 """Views from which on it pays to lay the volume anew, z fastest."""
-STEEPEST = 1.0
+MAX_RAY_SLOPE = 1.0
 """Rise of a ray per length along its horizontal axis, up to which that axis is the dominant one."""
 
 
@@ -49,7 +49,7 @@ class VolumeOperator:
     @cached_property
     def upright(self) -> bool:
         """Whether the walk for upright panels serves: many views, columns along z, no ray steeper than 45°."""
-        if self.projector != "trilinear" or len(self.geometry) < MANY:
+        if self.projector != "trilinear" or len(self.geometry) < MIN_VERTICAL_VIEWS:
             return False
         d, u, v = self.geometry.detector, self.geometry.u, self.geometry.v
         if np.abs(v[:, :2]).max() > 1e-9 * np.abs(v[:, 2]).min():
@@ -61,7 +61,7 @@ class VolumeOperator:
             rays = (
                 d[:, None, None] + across[:, None, None] * u[:, None, None] + along[:, None] * v[:, None, None] - rays
             )
-        return bool(np.all(np.abs(rays[..., 2]) <= STEEPEST * np.abs(rays[..., :2]).max(axis=-1)))
+        return bool(np.all(np.abs(rays[..., 2]) <= MAX_RAY_SLOPE * np.abs(rays[..., :2]).max(axis=-1)))
 
     # ------------------------------------------------------------------ the volume as the walks want it
     def padded(self, array: Image) -> Image:

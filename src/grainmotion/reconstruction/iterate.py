@@ -68,5 +68,6 @@ def new_iterate(scan: Scan, grid: Volume, settings: ReconstructSettings) -> Host
     """A volume on the device of the settings, at the grid's own values."""
     if not uses_cuda(settings.device):
         return HostIterate.of(scan, grid, settings)
+    from grainmotion.reconstruction.iterate_cuda import CudaIterate
 
     return CudaIterate(scan, grid, settings)

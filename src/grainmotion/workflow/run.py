@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Literal
 
 from grainmotion._typing import Progress
-from grainmotion.cluster.connection import LOCAL, ComputeConfig, at_work
+from grainmotion.cluster.connection import LOCAL, ComputeConfig, connect
 from grainmotion.errors import InputError
 from grainmotion.experiment.config import Experiment
 from grainmotion.experiment.inputs import Inputs, find_inputs
@@ -98,7 +98,7 @@ def run(
     inputs = find_inputs(experiment)
     folder = checked_folder(out if out is not None else experiment.output)
     _check_overwriting(inputs, folder)
-    with at_work(workplace, folder) as cluster:
+    with connect(workplace, folder) as cluster:
         context = RunContext(experiment, inputs, folder, StageCache(folder), progress, cluster)
         check_inputs(context, states=until in ("track", "report"))
         context.scanner = calibrate_stage(context)

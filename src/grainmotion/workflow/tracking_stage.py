@@ -64,7 +64,7 @@ def track_side_by_side(context: RunContext, reference: Callable[[], SegmentedRef
         for table, _ in context.states
         if not context.cache.is_done(f"{table.name}/track", context.fingerprints.tracks[table.name])
     }
-    if cluster is None or len(missing) < 2 or not cluster.walks_states(reference().grains):
+    if cluster is None or len(missing) < 2 or not cluster.one_worker_tracks_a_state(reference().grains):
         return {}
     previous: Motions | str | None = None
     for (table, source), named_start in zip(context.states, context.inputs.starts, strict=True):
