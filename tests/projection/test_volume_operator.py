@@ -83,7 +83,7 @@ def test_adjoint_adds_and_takes_some_views():
 
 def test_tall_panel():
     """Rows in several tiles, some of them above and below the volume."""
-    rows = 2 * volume_projection_vertical.TILE + 76
+    rows = 2 * volume_projection_vertical.ROWS_AT_ONCE + 76
     tall = Geometry.cone(ANGLES, (rows, 3), 0.01, source_to_axis=20, source_to_detector=80)
     body = volume()
     operator = VolumeOperator(tall, body)
@@ -91,7 +91,7 @@ def test_tall_panel():
     expected = anyhow(tall, body)
     np.testing.assert_allclose(operator.forward(operator.padded(body.array)), expected, atol=3e-6 * expected.max())
     assert (expected[:, :20] == 0).all()
-    assert (expected[:, volume_projection_vertical.TILE] > 0).any()
+    assert (expected[:, volume_projection_vertical.ROWS_AT_ONCE] > 0).any()
 
 
 @pytest.mark.parametrize("beam", ["cone", "parallel"])
