@@ -59,7 +59,8 @@ def draw() -> Figure:
     box(axes, 0.3, 3.9, 2.1, 1.2, "preprocessing", "the same flat field\nand hardening")
     arrow(axes, (1.35, 5.85), (1.35, 5.15), "counts", shift=(0.42, 0.0))
 
-    axes.add_patch(FancyBboxPatch((3.3, 2.55), 8.3, 4.75, "round,pad=0.02,rounding_size=0.2", fc="white", ec=INK, lw=1.4))
+    style = "round,pad=0.02,rounding_size=0.2"
+    axes.add_patch(FancyBboxPatch((3.3, 2.55), 8.3, 4.75, style, fc="white", ec=INK, lw=1.4))
     axes.text(7.45, 6.98, "tracking", ha="center", size=12.5, weight="bold", color=INK)
     axes.text(7.45, 6.66, "initial guess → coarse to fine → global search → refinement → classification",
               ha="center", size=SIZE["text"], color=INK)  # fmt: skip
@@ -81,10 +82,13 @@ def draw() -> Figure:
     arrow(axes, (11.65, 3.1), (12.65, 3.0), "Motions")
 
     box(axes, 0.3, 2.45, 2.1, 0.95, "planning", "which views, how\nprecise, how far")
-    box(axes, 0.3, 1.2, 6.0, 0.95, "workflow, cli", "the order of a run: which stage is done, what it keeps, what it writes", FILES)
+    order = "the order of a run: which stage is done, what it keeps, what it writes"
+    box(axes, 0.3, 1.2, 6.0, 0.95, "workflow, cli", order, FILES)
     box(axes, 6.6, 1.2, 4.0, 0.95, "cluster", "the same backends on Dask workers", FILES)
     box(axes, 10.9, 1.2, 3.8, 0.95, "simulate", "samples and radiographs with their truth")
-    box(axes, 0.3, 0.2, 14.4, 0.75, "kernels  <  model  <  backends", "numba on arrays  <  records: Geometry, Scan, Volume, GrainSet, Motions  <  who computes: processor, GPU, workers", PALE)  # fmt: skip
+    records = "numba on arrays  <  records: Geometry, Scan, Volume, GrainSet, Motions"
+    bottom = f"{records}  <  who computes: processor, GPU, workers"
+    box(axes, 0.3, 0.2, 14.4, 0.75, "kernels  <  model  <  backends", bottom, PALE)
     return figure
 
 
