@@ -63,6 +63,19 @@ def test_motions_are_the_same_to_the_bit(tmp_path, case):
         equal(read_motions_h5(tmp_path / "results" / name / "motions.h5"), found)
 
 
+def test_given_labels_take_the_place_of_a_segmentation(tmp_path):
+    settings = gm.read_experiment(write_tiny(tmp_path, PLAIN)).reference_settings
+    beam = {"flats": tmp_path / "flats.tif", "darks": tmp_path / "darks.tif"}
+    scan = gm.read_scan(tmp_path / "reference" / "*.tif", tmp_path / "reference.csv", **beam)
+    grid, messages = gm.Volume.zeros((28, 36, 36), 0.1), []
+    first = gm.Reference.from_scan(scan, grid, settings)
+    labels = first.segmentation.labels.astype(np.int64)
+    again = gm.Reference.from_scan(scan, grid, settings, labels=labels, progress=lambda *m: messages.append(m[0]))
+    np.testing.assert_array_equal(again.grains.centers, first.grains.centers)
+    assert np.isnan(again.segmentation.threshold)
+    assert {message.split(":")[0] for message in messages} == {"reconstruct"}
+
+
 def python_block(text):
     """The example in README, or in the package's docstring."""
     block = re.search(r"```python\n(.*?)```", text, re.S)

@@ -104,14 +104,14 @@ LOCAL = ComputeConfig()
 
 @contextmanager
 def connect(place: ComputeConfig, folder: Path) -> Iterator[ClusterConnection | None]:
-    """Reach who is to work, and leave them at the end; None is nobody but this process.
+    """Connect to the workers of a configuration until the end of a block; None if this process computes alone.
 
     ``folder`` must be on storage that all of them see: large arrays are exchanged in it.
 
     Raises
     ------
     InputError
-        If Dask is missing, nobody answers at the address, no worker comes, or workers do not see the folder.
+        If Dask is missing, no scheduler answers at the address, no worker comes, or workers do not see the folder.
     """
     if place.scheduler is None and place.workers is None:
         yield None

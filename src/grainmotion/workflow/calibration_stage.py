@@ -46,7 +46,7 @@ def calibration_facts(scanner: ScannerCalibration) -> tuple[tuple[str, str], ...
     if scanner.calibration is not None:
         before, after = scanner.calibration.residuals
         rows += [(f"Calibrated: {c.name}", str(c).removeprefix(f"{c.name} ")) for c in scanner.calibration.corrections]
-        rows.append(("Half of the views against the other half", f"{before:.4f} as told, {after:.4f} calibrated"))
+        rows.append(("Half of the views against the other half", f"{before:.4f} as given, {after:.4f} calibrated"))
     if scanner.hardening is not None:
         rows.append(("Calibrated: beam", str(scanner.hardening)))
     return tuple(rows)
