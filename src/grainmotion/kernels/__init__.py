@@ -1,4 +1,4 @@
-"""Numba kernels: arrays in, arrays out; they know no nouns, check nothing and allocate as little as possible."""
+"""Numba kernels: arrays in, arrays out; they know no records, check nothing and allocate as little as possible."""
 
 import os
 

@@ -1,7 +1,7 @@
-"""Outlines of the shadows that moving grains cast on the panels.
+"""Footprints of moving grains on the detector.
 
-A shadow's outline is convex, and told by the extents of the projected hull along `OUTLINE_DIRECTIONS` (row, column) of
-the panel: it lies between two lines across each of them.
+The outline of a footprint is convex.  It is bounded by the extents of the projected hull along `OUTLINE_DIRECTIONS`
+(row, column) of the detector: it lies between two lines across each of them.
 """
 
 from __future__ import annotations
@@ -55,10 +55,10 @@ def extents(hulls, positions, matrices, inverses, origins, cone, panel, directio
 
 
 @nb.njit(cache=CACHE, error_model="numpy")
-def lines(found, boxes, directions, slack, out):
-    """Shaded pixels of each patch's rows, as jobs (patch, row, first column, end column); returns how many.
+def lines(outline, boxes, directions, slack, out):
+    """Pixels in the footprint, of each patch's rows, as jobs (patch, row, first column, end column); returns how many.
 
-    ``found (patches, directions, 2)`` are the extents, to be widened by ``slack (patches,)``, ``boxes`` the patches'
+    ``outline (patches, directions, 2)`` are the extents, to be widened by ``slack (patches,)``, ``boxes`` the patches'
     own pixels (first row, end row, first column, end column); rows without a pixel are left out.
     """
     count = 0
@@ -67,8 +67,8 @@ def lines(found, boxes, directions, slack, out):
             low, high = -np.inf, np.inf
             for d in range(1, len(directions)):
                 down, right = directions[d, 0] * r, directions[d, 1]
-                low = max(low, (found[p, d, 0] - slack[p] - down) / right)
-                high = min(high, (found[p, d, 1] + slack[p] - down) / right)
+                low = max(low, (outline[p, d, 0] - slack[p] - down) / right)
+                high = min(high, (outline[p, d, 1] + slack[p] - down) / right)
             first, end = max(boxes[p, 2], int(np.ceil(low))), min(boxes[p, 3], int(np.floor(high)) + 1)
             if first < end:
                 out[count, 0], out[count, 1], out[count, 2], out[count, 3] = p, r, first, end

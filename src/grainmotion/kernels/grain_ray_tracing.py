@@ -2,7 +2,7 @@
 
 The mathematics is that of `kernels.ray_tracing`, for images of fewer than 2³¹ voxels, which are **zero on their two
 outermost layers**.  A ray is o + t d, in voxels (centres at integers, x y z), d of any length; with J(o, d) = ∫ μ dt
-the walks return
+the path functions return
 
     J, G_b, G_c, H_b, H_c    with  G = ∂J/∂o  and  H = ∂J/∂d,
 
@@ -40,7 +40,7 @@ REACH = np.where(np.abs(DIRECTIONS).sum(axis=1) == 1, 1.0, 2.0) + 0.02
 """How far beyond its centre a voxel counts along each of them, voxels: where a ray crosses a plane of the dominant
 axis, at most 1 along either other axis, and the rounding of `between`."""
 
-_MASK = 0x7FFFFFFF  # tells the compiler that an index is positive, and so 32 bits wide
+_MASK = 0x7FFFFFFF  # lets the compiler know that an index is positive, and so 32 bits wide
 _EIGHTS = 0x7FFFFFF8
 _TINY = 1e-20
 FAR = 1e30
@@ -130,7 +130,7 @@ def narrowed(low, high, line, c, first, last):
 
 @_plain
 def ordered(o, d, shape, low, high):
-    """The planes that a ray crosses for t in [low, high], as the walks take them.
+    """The planes that a ray crosses for t in [low, high], as the path functions take them.
 
     Returns the dominant axis (0 x, 1 y, 2 z), first plane and their number, then o, d, strides and sizes along
     a, b, c.
@@ -150,7 +150,7 @@ def ordered(o, d, shape, low, high):
     k0, k1 = o[0] + low * d[0], o[0] + high * d[0]
     if k0 > k1:
         k0, k1 = k1, k0
-    first, last = np.int64(math.ceil(k0)), np.int64(math.floor(k1))  # floats on a card
+    first, last = np.int64(math.ceil(k0)), np.int64(math.floor(k1))  # floats on a GPU
     return axis, first, max(0, last - first + 1), o, d, strides, sizes
 
 

@@ -2,7 +2,7 @@
 
 A ray is o + s d, with o and d in voxels (voxel centres at integers, x y z) and s in mm, so that
 ``|d|`` = 1/voxel size.  The image is flat, C order, and **zero on its two outermost layers**; strides are
-counted in voxels.  Both walks step along the ray's dominant axis a (the largest ``|d|``), one voxel
+counted in voxels.  Both projectors step along the ray's dominant axis a (the largest ``|d|``), one voxel
 at a time, with b and c the two other axes; those with derivatives are in `kernels.grain_ray_tracing`.
 
 `smooth_value` samples the trilinear image on the planes of voxel centres, where trilinear is bilinear
@@ -41,7 +41,7 @@ def clip_range(o, d, n, low, high):
 
 @nb.njit(cache=CACHE, error_model="numpy")
 def enter(ox, oy, oz, dx, dy, dz, nx, ny, nz, exact):
-    """The walk of a ray through an image of nx × ny × nz voxels, in the order its path functions take it.
+    """The path of a ray through an image of nx × ny × nz voxels, in the order its path functions take it.
 
     Returns the dominant axis (0 x, 1 y, 2 z), the first plane (or slab) and their number, then
     o and d along a, b, c and the strides of a, b, c.  The image must be zero on its two outermost layers.
@@ -63,7 +63,7 @@ def enter(ox, oy, oz, dx, dy, dz, nx, ny, nz, exact):
         if k0 > k1:
             k0, k1 = k1, k0
         half = 0.5 if exact else 0.0
-        first = np.int64(math.ceil(k0 + half))  # a float on a card
+        first = np.int64(math.ceil(k0 + half))  # a float on a GPU
         count = max(none, np.int64(math.floor(k1 - half)) - first + 1)
     return axis, first, count, oa, ob, oc, da, db, dc, sa, sb, sc
 

@@ -1,4 +1,4 @@
-"""What SART does beside projecting: the normalised residual of every ray, and what holds of every voxel."""
+"""SART beside the projections: the normalised residual of every ray, and the constraints on every voxel."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def compare(images, measured, valid, origin, voxel, size, radius, views, cone, f
 
     ``size`` is the image's (nz, ny, nx), ``squares (views · rows, 2)`` get Σ(b − A x)² and Σb² of each row.
     A 1, the row sums, are the rays' lengths inside the field of view, at least 4 voxels so that rays
-    that graze it do not shout.
+    that graze it get no large weight.
     """
     nz, ny, nx = size
     n, rows, columns = images.shape

@@ -32,7 +32,7 @@ def forward(image, origin, voxel, views, cone, exact, out):
 
 @nb.njit(cache=CACHE, error_model="numpy", forceinline=True)
 def add_to(image, index, value):
-    """Add to a voxel; on a card, where threads share voxels, another function has this name."""
+    """Add to a voxel; on a GPU, where threads share voxels, another function has this name."""
     image[index] += value
 
 

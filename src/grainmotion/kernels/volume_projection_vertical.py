@@ -3,12 +3,12 @@
 Where a panel's columns are parallel to z, all rays of a column cross a plane of the dominant axis a at one
 place of the other horizontal axis b, and at heights that grow evenly with the row.  The trilinear sample of
 `ray_tracing.smooth_value` then parts in two: the two lines of voxels along z beside that place are blended once for the
-whole column, and each ray interpolates along the blended line.  That is half the loads of the general walk, and
+whole column, and each ray interpolates along the blended line.  That is half the loads of the general projector, and
 neighbouring rays find them in the nearest cache: forward takes half of its time, the adjoint a quarter.
 
 The image is ``(ny, nx, nz)``, z fastest, and zero on its two outermost layers; ``origin`` is the position of voxel
 [0, 0, 0] (x y z, mm), ``radius`` (voxels) that of the upright cylinder beyond which the image is zero, 0 for none.
-The adjoint leaves what it likes on the outermost layers and beyond the cylinder.  Its threads share the planes of
+The adjoint leaves the outermost layers, and voxels beyond the cylinder, undefined.  Its threads share the planes of
 the dominant axis, so that no two write the same voxel and the sums come in one order whatever their number.
 """
 
@@ -82,7 +82,7 @@ def _spread_line(line, near, far, weight):
 
 
 @nb.njit(cache=CACHE, fastmath=True, error_model="numpy")
-def _walk(lines, width, starts, steps, row):
+def _line_integral(lines, width, starts, steps, row):
     """Sum over planes k of lines k at height starts[k] + row · steps[k]."""
     f = lines.dtype.type
     top = f(width - 1) * f(1 - 2.5e-7)  # rounds to less than the last voxel
@@ -98,7 +98,7 @@ def _walk(lines, width, starts, steps, row):
 
 @nb.njit(cache=CACHE, error_model="numpy")
 def _scatter(lines, width, starts, steps, row, value):
-    """The adjoint of `_walk`."""
+    """The adjoint of `_line_integral`."""
     f = lines.dtype.type
     top = f(width - 1) * f(1 - 2.5e-7)
     for k in range(np.uint32(len(starts))):
@@ -156,7 +156,7 @@ def forward(image, origin, voxel, views, cone, radius, out):
                     else:
                         _blend(line, image[k, at, base:over], image[k, at + 1, base:over], f(b - at))
                 for r in range(r0, r1):
-                    total = _walk(lines, width, starts, steps, r)
+                    total = _line_integral(lines, width, starts, steps, r)
                     out[i, r, c] = total * f(_length(voxel, slope, dz + r * vz if cone else dz, da))
 
 

@@ -20,9 +20,9 @@ from grainmotion.model.grains import Grain, GrainSet
 from grainmotion.model.pose import Pose
 
 OUT_OF_PLANE = (2, 3, 4)
-"""Of (u, δ), what a planar sample cannot do: u_z, δ_x, δ_y."""
+"""Components of (u, δ) that are zero in a planar sample: u_z, δ_x, δ_y."""
 MAX_GRAIN_VOXELS = 2**31 - 1
-"""Of one grain or background, with the empty ones around: what the walks' indices reach."""
+"""Of one grain or background, with its padding: the largest index of the kernels."""
 HULL_DIRECTIONS = 128
 
 
@@ -31,7 +31,7 @@ class GrainArrays:
     """A `GrainSet` as the flat arrays that kernels trace (see `kernels.layout.GrainTable`).
 
     ``extents (n, 2, directions)`` are the pairs of planes between which each grain's voxels count (voxels, see
-    `kernels.grain_ray_tracing`).  ``hulls (n, k, 3)`` are outermost points of each grain seen from its centre,
+    `kernels.grain_ray_tracing`).  ``hulls (n, k, 3)`` are outermost points of each grain from its centre,
     ``radii (n,)`` the radii of balls with the grains' own moments of inertia, both in mm.  ``voxel_size`` is that of
     these images and ``unit`` that of the reference, in which tolerances are given.  ``backend`` projects the grains,
     from ``placed``, their voxels in its memory (None: the images themselves).
@@ -126,7 +126,7 @@ class GrainArrays:
 
 
 def planar(grains: GrainArrays, geometry: Geometry) -> bool:
-    """Whether all is one slice: grains one voxel thick at one height, seen by rays of one row in their plane."""
+    """Whether all is one slice: grains one voxel thick at one height, projected by one row of rays in their plane."""
     if geometry.shape[0] != 1 or np.any(grains.shapes[:, 0] != 1 + 2 * PADDING):
         return False
     height = grains.centers[0, 2]
@@ -165,7 +165,7 @@ def _radius(grain: Grain) -> float:
 
 
 def _line_ends(array: Image) -> Float:
-    """Voxels (x y z indices) at either end of each line of voxels along x that holds some of the grain, ``(k, 3)``."""
+    """Voxels (x y z indices) at either end of each line of voxels along x with a part of the grain, ``(k, 3)``."""
     filled = array != 0
     z, y = np.nonzero(filled.any(axis=2))
     lines = filled[z, y]

@@ -95,6 +95,17 @@ def simulate_radiographs(
 
     Grains whose motion is unknown (NaN) are left out.
 
+    Parameters
+    ----------
+    grains : GrainSet
+        The grains of the reference state, with the background.
+    motions : Motions
+        One motion a grain, in the grains' order.
+    geometry : Geometry
+        Views to project to, in the sample frame.
+    projector : {"trilinear", "exact"}
+        The smooth image, sampled once a voxel, or the exact path through box-shaped voxels (Siddon).
+
     Returns
     -------
     (views, rows, columns) array

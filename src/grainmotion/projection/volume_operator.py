@@ -1,7 +1,7 @@
 """VolumeOperator: the line integrals A x of a whole volume and the adjoint Aᵀ y, block of views by block of views.
 
-Two walks compute the same sums.  `kernels.volume_projection_vertical` serves panels whose columns are parallel to the
-rotation axis and keeps the volume with z fastest; `kernels.volume_projection` serves any view, and the exact path.
+Two projectors compute the same sums.  `kernels.volume_projection_vertical` serves panels whose columns are parallel to
+the rotation axis and keeps the volume with z fastest; `kernels.volume_projection` serves any view, and the exact path.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from grainmotion.model.geometry import Geometry
 from grainmotion.model.volume import Volume
 
 MIN_VERTICAL_VIEWS = 16
-"""Views from which on it pays to lay the volume anew, z fastest."""
+"""Views from which on a copy of the volume with z fastest pays."""
 MAX_RAY_SLOPE = 1.0
 """Rise of a ray per length along its horizontal axis, up to which that axis is the dominant one."""
 
@@ -36,7 +36,7 @@ class VolumeOperator:
     grid : Volume
         Where the voxels are; its values are not used, its precision is.
     projector : {"trilinear", "exact"}
-        See `Projector`.
+        The smooth image, sampled once a voxel, or the exact path through box-shaped voxels.
     radius : float
         Radius of the upright cylinder around the grid's middle beyond which the volume is zero, voxels; 0 for none.
     """
@@ -48,7 +48,7 @@ class VolumeOperator:
 
     @cached_property
     def upright(self) -> bool:
-        """Whether the walk for upright panels serves: many views, columns along z, no ray steeper than 45°."""
+        """Whether the projector for upright detectors serves: many views, columns along z, no ray steeper than 45°."""
         if self.projector != "trilinear" or len(self.geometry) < MIN_VERTICAL_VIEWS:
             return False
         d, u, v = self.geometry.detector, self.geometry.u, self.geometry.v
@@ -63,30 +63,30 @@ class VolumeOperator:
             )
         return bool(np.all(np.abs(rays[..., 2]) <= MAX_RAY_SLOPE * np.abs(rays[..., :2]).max(axis=-1)))
 
-    # ------------------------------------------------------------------ the volume as the walks want it
+    # ------------------------------------------------------------------ layout of the volume
     def padded(self, array: Image) -> Image:
-        """A volume's ``[z, y, x]`` values with empty layers around, in the axis order of the walk (a copy)."""
+        """A volume's ``[z, y, x]`` values with empty layers around, in the axis order of the projector (a copy)."""
         padded = pad(array)
         return np.ascontiguousarray(padded.transpose(1, 2, 0)) if self.upright else padded
 
     def unpadded(self, image: Image) -> Image:
-        """The ``[z, y, x]`` values of a laid volume."""
+        """The ``[z, y, x]`` values of a padded volume."""
         inner = slice(PADDING, -PADDING)
         array = image.transpose(2, 0, 1) if self.upright else image
         return np.ascontiguousarray(array[inner, inner, inner])
 
     def by_height(self, image: Image) -> Image:
-        """A laid volume seen as ``[y, x, z]``, without a copy."""
+        """A padded volume seen as ``[y, x, z]``, without a copy."""
         return image if self.upright else image.transpose(1, 2, 0)
 
     def empty(self) -> Image:
-        """A laid volume of zeros."""
+        """A padded volume of zeros."""
         nz, ny, nx = (n + 2 * PADDING for n in self.grid.shape)
         return np.zeros((ny, nx, nz) if self.upright else (nz, ny, nx), self.grid.array.dtype)
 
     # ------------------------------------------------------------------ A and Aᵀ
     def forward(self, image: Image, views: NDArray[np.int64] | None = None) -> Image:
-        """A x of some views (default all) from a laid volume: line integrals ``(views, rows, columns)``."""
+        """A x of some views (default all) from a padded volume: line integrals ``(views, rows, columns)``."""
         vectors = self._vectors(views)
         out = np.empty((len(vectors), *self.geometry.shape), image.dtype)
         origin, h, cone = padded_origin(self.grid), self.grid.voxel_size, self.geometry.beam == "cone"
@@ -97,7 +97,7 @@ class VolumeOperator:
         return out
 
     def add_adjoint(self, images: Image, out: Image, views: NDArray[np.int64] | None = None) -> None:
-        """Add Aᵀ y of some views (default all) to a laid volume; its outermost layers are of no meaning then."""
+        """Add Aᵀ y of some views (default all) to a padded volume; its outermost layers are undefined then."""
         vectors = self._vectors(views)
         images = np.ascontiguousarray(images, out.dtype)
         origin, h, cone = padded_origin(self.grid), self.grid.voxel_size, self.geometry.beam == "cone"

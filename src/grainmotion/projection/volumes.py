@@ -8,7 +8,6 @@ from grainmotion.model.volume import Volume
 from grainmotion.projection.volume_operator import VolumeOperator
 
 
-# ---------------------------------------------------------------------- whole volumes
 def project(volume: Volume, geometry: Geometry, *, projector: Projector = "trilinear") -> Image:
     """Line integrals of a volume.
 
@@ -19,7 +18,7 @@ def project(volume: Volume, geometry: Geometry, *, projector: Projector = "trili
     geometry : Geometry
         Views to project to.
     projector : {"trilinear", "exact"}
-        See `Projector`.
+        The smooth image, sampled once a voxel, or the exact path through box-shaped voxels (Siddon).
 
     Returns
     -------
@@ -31,7 +30,24 @@ def project(volume: Volume, geometry: Geometry, *, projector: Projector = "trili
 
 
 def back_project(images: Image, geometry: Geometry, grid: Volume, *, projector: Projector = "trilinear") -> Volume:
-    """The exact adjoint of `project`: ⟨A x, y⟩ = ⟨x, Aᵀ y⟩; place and precision are those of ``grid``."""
+    """The exact adjoint of `project`: ⟨A x, y⟩ = ⟨x, Aᵀ y⟩.
+
+    Parameters
+    ----------
+    images : (views, rows, columns) array
+        Radiographs y.
+    geometry : Geometry
+        Their views.
+    grid : Volume
+        Where to project back; its values are not used, its precision is.
+    projector : {"trilinear", "exact"}
+        The projector A whose adjoint is taken.
+
+    Returns
+    -------
+    Volume
+        Aᵀ y on the grid, in the units of the images times mm.
+    """
     operator = VolumeOperator(geometry, grid, projector)
     image = operator.empty()
     operator.add_adjoint(images, image)

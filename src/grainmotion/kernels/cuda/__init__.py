@@ -1,5 +1,5 @@
-"""Kernels on an NVIDIA card: the walks of `kernels.ray_tracing` and `kernels.grain_projection`, one thread a ray.
+"""Kernels on an NVIDIA GPU: the ray tracing of `kernels.ray_tracing` and `kernels.grain_projection`, one thread a ray.
 
-Imported only where `device` has found numba-cuda.  Functions have the names, arguments and meaning of those of
-the CPU; what is large comes and goes as `DeviceArray`, an array that stays on the card.
+Imported only where numba-cuda is installed.  Functions have the names and the meaning of those of the CPU; large
+arrays come and go as `DeviceArray`, which stays in GPU memory.
 """

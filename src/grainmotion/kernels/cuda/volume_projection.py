@@ -88,7 +88,7 @@ def corrections(image, origin, voxel, views, cone, exact, radius, measured, vali
 
 
 def constrain(image, padding, radius, lowest):
-    """Zero a volume with z fastest's padding and what lies beyond its cylinder; raise the rest to ``lowest``."""
+    """Zero a volume's padding and what lies beyond its cylinder; raise the rest to ``lowest``."""
     _constrain[_blocks(image), THREADS](image.array.reshape(-1), *image.shape, padding, radius, lowest)
     image.changed()
 
@@ -179,9 +179,9 @@ def _residual(image, nz, ny, nx, origin, voxel, views, cone, exact, radius, meas
         length = chord(oy, oz, ox, dy * h, dz * h, dx * h, ny, nz, nx, radius)
         correction = 0.0
         if length > 0 and valid[i, r, c]:
-            told = measured[i, r, c]
-            difference = told - line_integral(image, (nz, ny, nx), (ox, oy, oz), (dx * h, dy * h, dz * h), exact)
-            misfit, norm = difference * difference, float64(told) * told
+            value = measured[i, r, c]
+            difference = value - line_integral(image, (nz, ny, nx), (ox, oy, oz), (dx * h, dy * h, dz * h), exact)
+            misfit, norm = difference * difference, float64(value) * value
             correction = step * difference / max(length, 4 * voxel)
         out[k, r, c] = correction
     parts = cuda.shared.array((2, THREADS), float64)
