@@ -1,10 +1,10 @@
-"""Work done at once, in this process: what a team asks of a cluster, without one."""
+"""An executor that runs every task at once in this process, for tests without a cluster."""
 
 import pickle
 
 
 class InlineExecutor:
-    """Each task's literals travel as they would, and its result is kept apart from what it was made of."""
+    """Literals and results are pickled, as they would be between processes."""
 
     def __init__(self, worker_count=2):
         self.done, self.worker_count = [], worker_count

@@ -41,7 +41,7 @@ VOXEL = GRAINS.voxel_size
 
 @pytest.fixture(autouse=True)
 def shared(monkeypatch):
-    """Workers walk samples however small."""
+    """Workers project samples however small."""
     monkeypatch.setattr("grainmotion.cluster.dask_backend.MIN_VOXELS_TO_SHARE", 0)
 
 

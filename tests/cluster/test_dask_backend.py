@@ -1,4 +1,4 @@
-"""Grains walked by others: what a device of workers gives is what the processor gives."""
+"""The Dask backend gives the results of the CPU bit by bit."""
 
 import gc
 from dataclasses import replace
@@ -35,7 +35,7 @@ PANELS = SCAN.line_integrals.shape
 
 @pytest.fixture(autouse=True)
 def shared(monkeypatch):
-    """Workers walk samples however small."""
+    """Workers project samples however small."""
     monkeypatch.setattr("grainmotion.cluster.dask_backend.MIN_VOXELS_TO_SHARE", 0)
 
 
@@ -79,7 +79,7 @@ def test_voxels_are_handed_out_once(workers):
     assert len(shared) == before
 
 
-def test_same_walks(both):
+def test_same_projections(both):
     _, many, patches, ((values, derivatives), (far_values, far_derivatives)) = both
     np.testing.assert_array_equal(np.asarray(far_values), values)
     np.testing.assert_array_equal(np.asarray(far_derivatives.derivatives), derivatives.derivatives)
@@ -114,7 +114,7 @@ def test_some_grains_in_another_order(workers):
     np.testing.assert_array_equal(np.asarray(far), here)
 
 
-def test_same_look(workers):
+def test_same_linearization(workers):
     """A whole evaluation, filtered, with its gradient; files of what nobody refers to are gone."""
     fit = MultistageFit.of(GRAINS, SCAN, TrackSettings())
     problem = StateProblem(fit.grains, replace(fit.target, sigma=2.0))
@@ -125,7 +125,7 @@ def test_same_look(workers):
     np.testing.assert_array_equal(there.hessian.toarray(), here.hessian.toarray())
 
 
-def test_same_turns_left_open(workers):
+def test_same_unconfirmed_rotations(workers):
     """Also of a ball, whose turns nothing confirms: its patches must be the same whoever lies in its piece."""
     grains = GrainSet(tuple(replace(g, volume=single(g.volume), fine=None) for g in grain_set(sphere=2).grains))
     fit = MultistageFit.of(grains, radiographs(grains, small_motions(grains)), TrackSettings())

@@ -22,7 +22,7 @@ QUICK = TrackSettings(search=False, fields=False, filters=(2.0, 0.7), iterations
 
 @pytest.fixture(autouse=True)
 def shared(monkeypatch):
-    """Workers walk samples however small."""
+    """Workers project samples however small."""
     monkeypatch.setattr("grainmotion.cluster.dask_backend.MIN_VOXELS_TO_SHARE", 0)
 
 
@@ -68,10 +68,10 @@ def equal(one, other):
 def test_same_bits_however_it_is_cut(alone, tmp_path, worker_count):
     grains, scan, one = alone
     assert np.ptp(one.translations) > VOXEL
-    crew = DaskBackend(InlineExecutor(worker_count), SharedStore(tmp_path / "shelf"))
-    equal(one, track(grains, scan, settings=QUICK, device=crew))
-    assert crew.executor.done.count("jvp") > 10 * worker_count
-    crew.store.close()
+    backend = DaskBackend(InlineExecutor(worker_count), SharedStore(tmp_path / "shelf"))
+    equal(one, track(grains, scan, settings=QUICK, device=backend))
+    assert backend.executor.done.count("jvp") > 10 * worker_count
+    backend.store.close()
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""The shelf: what is put there can be taken elsewhere, once for each array, and is gone at the end."""
+"""The shared store: what is put there can be loaded elsewhere, each array once, and is gone at the end."""
 
 import gc
 import pickle

@@ -1,4 +1,4 @@
-"""What workers do of a reconstruction: `reconstruction.slabs` as pure tasks, which Dask may do again, and files."""
+"""Tasks of a reconstruction: `reconstruction.slabs` as pure functions, which Dask may run again, and files."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from grainmotion.reconstruction.system import Views
 
 @dataclass(frozen=True, eq=False)
 class Update:
-    """What is asked of an update.
+    """An update of the volume by some views.
 
     Attributes
     ----------
     views : int array
     picks : list of int arrays
-        Where they are in each of the groups of views that are held together.
+        Their rows in each group of views that was read at once.
     step : float
         Relaxation over the column sums of these views.
     momentum : float
@@ -54,7 +54,7 @@ def rows_of(scan: Scan, rows: Rows) -> RadiographRows:
 
 
 def handed(rows: RadiographRows) -> RadiographRows:
-    """The same, for a worker that did not read them."""
+    """The same rows, copied to the worker that needs them."""
     return rows
 
 
@@ -64,7 +64,7 @@ def rough_of(scan: Scan, picks: Views, rows: Rows) -> Scan:
 
 
 def rough_piece(layout: Layout, parts: list[Scan], order: Views, piece: Piece) -> Image:
-    """A piece of a coarse start (see `coarser`), from all views of it in some other order."""
+    """A piece of a coarse start (see `coarse_start`), from all views of it in some other order."""
     with use_worker_threads():
         return coarse_start(joined(parts).select(order), layout, piece)
 
@@ -82,7 +82,7 @@ def joined(scans: list[Scan]) -> Scan:
 # ---------------------------------------------------------------------- slabs
 @dataclass(frozen=True, eq=False)
 class SlabState:
-    """A slab under way, and the two sums of squares of each row before the update that made it."""
+    """A slab during the reconstruction, and the two sums of squares of each row before its last update."""
 
     slab: Slab
     squares: Float | None = None
@@ -105,17 +105,17 @@ def _zeros(layout: Layout, number: int) -> Image:
     return np.zeros((end - first, *layout.shape[1:]), np.float32)
 
 
-def forward(kept: SlabState, views: Views) -> Strip:
+def forward(state: SlabState, views: Views) -> Strip:
     """Its line integrals in some views."""
     with use_worker_threads():
-        return slabs.forward(kept.slab, views)
+        return slabs.forward(state.slab, views)
 
 
 def advance(
-    layout: Layout, kept: SlabState, parts: list[Strip], groups: list[RadiographRows], update: Update
+    layout: Layout, state: SlabState, parts: list[Strip], groups: list[RadiographRows], update: Update
 ) -> SlabState:
-    """The slab after an update; the one given stays as it is, for its line integrals may be asked for again."""
-    slab, before = kept.slab, kept.slab.before
+    """The slab after an update; the one given is not changed, for its line integrals may be needed again."""
+    slab, before = state.slab, state.slab.before
     if update.momentum:
         before = pooled_copy(slab.image if before is None else before)
     slab = replace(slab, image=pooled_copy(slab.image), before=before)
@@ -139,36 +139,36 @@ def picked(groups: list[RadiographRows], picks: list[Views]) -> RadiographRows:
     return RadiographRows(groups[0].first, images, valid)
 
 
-def squares_of(kept: SlabState) -> Float:
+def squares_of(state: SlabState) -> Float:
     """The two sums of squares of each row before the last update."""
-    assert kept.squares is not None
-    return kept.squares
+    assert state.squares is not None
+    return state.squares
 
 
-# ---------------------------------------------------------------------- to storage and back
-_STORED: WeakValueDictionary[Path, SlabState] = WeakValueDictionary()  # what this process has stored and still holds
+# ---------------------------------------------------------------------- files
+_STORED: WeakValueDictionary[Path, SlabState] = WeakValueDictionary()  # stored by this process and still in its memory
 
 
-def store(kept: SlabState, path: Path) -> None:
-    """Put what a slab holds into a file."""
-    _STORED[path] = kept
+def store(state: SlabState, path: Path) -> None:
+    """Write a slab to a file."""
+    _STORED[path] = state
     with path.open("wb") as file:
-        for image in (kept.slab.image, kept.slab.before):
+        for image in (state.slab.image, state.slab.before):
             if image is not None:
                 np.save(file, image)
 
 
 def restored(layout: Layout, number: int, path: Path, momentum: float) -> SlabState:
-    """A slab that was stored, with or without momentum; from the file, unless this process holds it."""
-    kept = _STORED.get(path)
-    if kept is not None and (kept.slab.before is not None) == bool(momentum):
-        return replace(kept, squares=None)
+    """A slab that was stored, with or without momentum; read from the file unless it is in memory."""
+    state = _STORED.get(path)
+    if state is not None and (state.slab.before is not None) == bool(momentum):
+        return replace(state, squares=None)
     imaging = slabs.imaging_of(layout, number, _zeros(layout, number))
     with path.open("rb") as file:
         image, before = np.load(file), np.load(file) if momentum else None
     return SlabState(Slab(imaging, layout.footprints[number][0], image, before))
 
 
-def store_planes(kept: SlabState, path: Path) -> None:
-    """Put the planes as they were last constrained into a file, ``[z, y, x]``."""
-    np.save(path, np.ascontiguousarray(kept.slab.planes))
+def store_planes(state: SlabState, path: Path) -> None:
+    """Write the planes ``[z, y, x]`` as they were last constrained."""
+    np.save(path, np.ascontiguousarray(state.slab.planes))
