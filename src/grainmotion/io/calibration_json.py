@@ -19,17 +19,7 @@ from grainmotion.preprocessing.beam_hardening import Hardening
 
 
 def write_calibration(path: str | Path, calibration: Calibration | None, hardening: Hardening | None) -> None:
-    """Write a ``calibration.json``.
-
-    Parameters
-    ----------
-    path : path
-        The file to write.
-    calibration : Calibration or None
-        Corrections of the geometry; None if they were not estimated.
-    hardening : Hardening or None
-        Curve that undoes beam hardening; None if it was not estimated.
-    """
+    """Write a ``calibration.json``: corrections of the geometry, and the curve that undoes beam hardening."""
     geometry = curve = None
     if calibration is not None:
         rows = [
@@ -45,27 +35,7 @@ def write_calibration(path: str | Path, calibration: Calibration | None, hardeni
 
 
 def read_calibration(path: str | Path, geometry: Geometry) -> tuple[Calibration | None, Hardening | None]:
-    """Read a ``calibration.json``.
-
-    Parameters
-    ----------
-    path : path
-        The file.
-    geometry : Geometry
-        The nominal geometry of the scan that was calibrated; the corrections are applied to it.
-
-    Returns
-    -------
-    calibration : Calibration or None
-        With the corrected geometry.
-    hardening : Hardening or None
-        Curve that undoes beam hardening.
-
-    Raises
-    ------
-    InputError
-        If the file is missing or holds no calibration.
-    """
+    """Read a ``calibration.json``; the corrections are applied to ``geometry``, the nominal one of the scan."""
     path = checked_file(path)
     calibration = hardening = None
     try:

@@ -26,7 +26,7 @@ def checked_file(path: str | Path) -> Path:
 
 
 def checked_folder(path: str | Path) -> Path:
-    """The path, if it is or can become a folder with permission to write; nothing is made yet."""
+    """The path, if it is a folder with permission to write or one can be created there; it is not created yet."""
     path = Path(path)
     existing = next(p for p in (path, *path.absolute().parents) if p.exists())
     if not existing.is_dir():
@@ -40,7 +40,7 @@ def checked_folder(path: str | Path) -> Path:
 def atomic_write(path: str | Path) -> Iterator[Path]:
     """A temporary path beside ``path``, which replaces it when the block succeeds and is removed when it fails.
 
-    An interrupted run so never leaves half a file, nor damages an older one.
+    So an interrupted run neither leaves half a file nor damages an older one.
     """
     path = Path(path)
     try:
@@ -53,13 +53,9 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
     temporary = Path(name)
     try:
         yield temporary
-        temporary.chmod(0o666 & ~_umask())
+        mask = os.umask(0)  # the only way to read it is to set it
+        os.umask(mask)
+        temporary.chmod(0o666 & ~mask)
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

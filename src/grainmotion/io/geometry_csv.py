@@ -16,26 +16,10 @@ CSV_HEADER = ",".join(VIEW_COLUMNS)
 
 
 def read_geometry(path: str | Path, shape: tuple[int, int], beam: Beam = "cone") -> Geometry:
-    """Read the views of a scan.
+    """Read the views of a scan; other columns and lines that begin with ``#`` are ignored.
 
-    Parameters
-    ----------
-    path : path
-        CSV with a header; other columns and lines that begin with ``#`` are ignored.
-    shape : (int, int)
-        Rows and columns of the panel, which the file does not hold.
-    beam : {"cone", "parallel"}
-        Whether sx,sy,sz is the source's position (mm) or the rays' direction.
-
-    Returns
-    -------
-    Geometry
-        One view a row, mm, sample frame.
-
-    Raises
-    ------
-    InputError
-        If a column is missing or a row cannot be a view, with the row's number (1 for the first view).
+    The file does not hold the panel's ``shape`` (rows, columns), nor whether sx,sy,sz is the source's position or the
+    rays' direction (``beam``).  Errors name the row, 1 for the first view.
     """
     path = checked_file(path)
     try:
@@ -62,15 +46,7 @@ def read_geometry(path: str | Path, shape: tuple[int, int], beam: Beam = "cone")
 
 
 def write_geometry(path: str | Path, geometry: Geometry) -> None:
-    """Write the views of a scan so that `read_geometry` restores every digit.
-
-    Parameters
-    ----------
-    path : path
-        The file to write.
-    geometry : Geometry
-        The views; the panel's shape and the kind of beam are not in the file.
-    """
+    """Write the views of a scan, without the panel's shape and the beam; `read_geometry` restores every digit."""
     table = pd.DataFrame(geometry.vectors, columns=list(VIEW_COLUMNS))
     with atomic_write(path) as temporary:
         table.to_csv(temporary, index=False)

@@ -45,7 +45,7 @@ def read_dataset(path: str | Path, inner: str, chosen: Index | None = None) -> P
 
 @dataclass(frozen=True, eq=False)
 class NXtomo:
-    """The frames of an NXtomo file, found but not read yet.
+    """The frames of an NXtomo file, located but not read yet.
 
     Attributes
     ----------
@@ -90,7 +90,7 @@ class NXtomo:
 
 
 def read_nxtomo(path: str | Path) -> NXtomo:
-    """Find frames, image keys and angles in an NXtomo file.
+    """Locate frames, image keys and angles in an NXtomo file.
 
     The first group with ``instrument/detector`` that holds ``data`` and ``image_key`` is taken, as in
     ``entry/instrument/detector`` or ``entry1/tomo_entry/instrument/detector``.  Frames that
@@ -106,7 +106,7 @@ def read_nxtomo(path: str | Path) -> NXtomo:
         keys = np.asarray(detector["image_key"][()]).astype(np.int64).ravel()
         control = detector.get("image_key_control")
         if control is not None and control.shape == keys.shape:
-            keys = np.where((np.asarray(control[()]) == -1), 3, keys)
+            keys = np.where(np.asarray(control[()]) == -1, 3, keys)
         if data.ndim != 3 or len(keys) != len(data):
             fact = f"frames {data.shape} and {len(keys)} image keys do not match"
             raise InputError(str(path), fact, "give one image_key a frame")

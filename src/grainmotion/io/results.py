@@ -6,7 +6,7 @@ grain; attributes ``threshold``, 1/mm, and ``border``) and the group ``grains`` 
 
 ``motions.h5`` holds every field of `Motions` under its own name, in mm and **radians** as in Python (``motions.csv``
 is in degrees), and the group ``fit`` with gain, offset, the convergence curve and the other fields of `StateFit`.
-The attribute ``unit`` of a dataset says its unit.
+Each dataset with a unit names it in its attribute ``unit``.
 """
 
 from __future__ import annotations
@@ -70,17 +70,7 @@ class StoredReference:
 
 
 def write_reference(path: str | Path, reference: StoredReference, grains: GrainSet | None = None) -> None:
-    """Write a ``reference.h5``.
-
-    Parameters
-    ----------
-    path : path
-        The file to write.
-    reference : StoredReference
-        Volume, and labels if it is segmented.
-    grains : GrainSet, optional
-        The grains of the labels, for their table.
-    """
+    """Write a ``reference.h5``: the volume, its labels if it is segmented, and the table of ``grains`` if given."""
     with atomic_write(path) as temporary, h5py.File(temporary, "w") as file:
         volume = file.create_dataset("volume", data=reference.volume.array)
         volume.attrs.update(voxel_size=reference.volume.voxel_size, center=reference.volume.center, unit="1/mm")
@@ -99,18 +89,7 @@ def write_reference(path: str | Path, reference: StoredReference, grains: GrainS
 
 
 def read_reference(path: str | Path) -> StoredReference:
-    """Read a ``reference.h5``.
-
-    Parameters
-    ----------
-    path : path
-        The file.
-
-    Returns
-    -------
-    StoredReference
-        Without the table of grains, which follows from volume and labels.
-    """
+    """Read a ``reference.h5``, but for the table of grains, which follows from volume and labels."""
     with opened(path) as file:
         data = file["volume"]
         x, y, z = (float(c) for c in data.attrs["center"])
@@ -138,15 +117,7 @@ def grain_columns(grains: GrainSet, labels: NDArray[np.int32]) -> dict[str, NDAr
 
 
 def write_motions_h5(path: str | Path, motions: Motions) -> None:
-    """Write the motions of one state with covariances, reasons and the fit as a whole.
-
-    Parameters
-    ----------
-    path : path
-        The file to write.
-    motions : Motions
-        In mm and radians, as they are written.
-    """
+    """Write the motions of one state, mm and radians, with covariances, reasons and the fit as a whole."""
     text = h5py.string_dtype()
     with atomic_write(path) as temporary, h5py.File(temporary, "w") as file:
         for name, unit in _ARRAYS.items():
@@ -170,22 +141,12 @@ def write_motions_h5(path: str | Path, motions: Motions) -> None:
 
 
 def read_motions_h5(path: str | Path) -> Motions:
-    """Read a ``motions.h5``, of this version or an older one.
-
-    Parameters
-    ----------
-    path : path
-        The file.
-
-    Returns
-    -------
-    Motions
-        In mm and radians; what an older version did not write has its default.
-    """
+    """Read a ``motions.h5`` of this version or an older one; fields that an older one did not write have defaults."""
     with opened(path) as file:
         fit = file["fit"]
         costs = zip(fit["stage"].asstr()[()], fit["cost"][()])
         views, views_sd, background = (fit[name][()] if name in fit else None for name in _OPTIONAL)
+        polynomial = fit["polynomial"][()] if "polynomial" in fit else None
         return Motions(
             **{name: file[name][()] for name in _ARRAYS},
             statuses=np.array(file["statuses"].asstr()[()], dtype="<U20"),
@@ -194,7 +155,7 @@ def read_motions_h5(path: str | Path) -> Motions:
                 gain=float(fit.attrs["gain"]),
                 offset=float(fit.attrs["offset"]),
                 costs=tuple((str(stage), float(cost)) for stage, cost in costs),
-                response=_response(fit),
+                response=None if polynomial is None else Response(polynomial, fit["background_terms"][()]),
                 downweighted=float(fit.attrs.get("downweighted", 0.0)),
                 notes=tuple(str(n) for n in fit["notes"].asstr()[()]) if "notes" in fit else (),
                 view_corrections=None if views is None else ViewCorrections.of(views),
@@ -202,9 +163,3 @@ def read_motions_h5(path: str | Path) -> Motions:
                 background=background,
             ),
         )
-
-
-def _response(fit: h5py.Group) -> Response | None:
-    if "polynomial" not in fit:
-        return None
-    return Response(fit["polynomial"][()], fit["background_terms"][()])

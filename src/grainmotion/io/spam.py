@@ -51,29 +51,15 @@ RETURN_STATUS: dict[str, int] = {
 
 
 def write_ddic_tsv(path: str | Path, motions: Motions, grid: Volume, labels: NDArray[np.integer] | None = None) -> None:
-    """Write motions as spam's discrete-correlation TSV.
+    """Write motions as spam's discrete-correlation TSV, in voxels of ``grid``, the reference volume.
 
-    ``error`` is the residual in line-integral units, which is not spam's measure; ``PSCC`` (spam's
-    correlation coefficient), ``deltaPhiNorm`` and ``LabelDilate`` are 0.  Labels without a grain, and
-    grains without a motion, get NaN displacements, as in spam.
+    With ``labels`` (nz, ny, nx) each motion is stated about the label's own centre of mass (all voxels with equal
+    weight), which spam-ddic requires within 0.1 voxel when it starts from this file; without them, about the
+    attenuation-weighted centres of ``motions``.
 
-    Parameters
-    ----------
-    path : path
-        The file to write, usually ``grains-ddic.tsv``.
-    motions : Motions
-        The motions of one state, mm and radians.
-    grid : Volume
-        The reference volume, for its position and voxel size.
-    labels : (nz, ny, nx) integer array, optional
-        The labels on the grid.  With them, each motion is stated about the label's own centre of
-        mass (all voxels with equal weight), which spam-ddic requires within 0.1 voxel when it starts from
-        this file; without them, positions are the attenuation-weighted centres of ``motions``.
-
-    Raises
-    ------
-    InputError
-        If a label is below 1, or is missing from ``labels``.
+    ``error`` is the residual in line-integral units, which is not spam's measure; ``PSCC`` (spam's correlation
+    coefficient), ``deltaPhiNorm`` and ``LabelDilate`` are 0.  Labels without a grain, and grains without a motion, get
+    NaN displacements, as in spam.
     """
     if len(motions) and motions.labels.min() < 1:
         raise InputError("motions.label", f"label {motions.labels.min()}", "spam counts grains from 1; relabel them")
@@ -104,29 +90,12 @@ def write_ddic_tsv(path: str | Path, motions: Motions, grid: Volume, labels: NDA
 
 
 def read_ddic_tsv(path: str | Path, grid: Volume) -> Motions:
-    """Read spam's discrete-correlation TSV as motions, for instance as the ``initial`` of a state.
+    """Read the TSV of ``spam-ddic`` or `write_ddic_tsv`, in voxels of ``grid``, for instance as ``initial`` of a state.
 
-    Centres are the file's positions; `grainmotion.rotations.recenter` states the motions about other centres.
-    Where F strains, its rotation by polar decomposition is taken.  ``returnStatus`` 2 becomes ``converged``,
-    1 ``not-converged``, 0 or less ``not-fitted``.  Covariances are NaN; ``residuals`` are spam's ``error``
-    in its own units.
-
-    Parameters
-    ----------
-    path : path
-        The file, from ``spam-ddic`` or `write_ddic_tsv`.
-    grid : Volume
-        The volume that positions and displacements count voxels of, for its position and voxel size.
-
-    Returns
-    -------
-    Motions
-        One row a label that has a position; label 0 is dropped.
-
-    Raises
-    ------
-    InputError
-        If the file is missing, is no such table, or holds a grid of points (``spam-ldic``).
+    One row a label that has a position; label 0 is dropped.  Centres are the file's positions;
+    `grainmotion.rotations.recenter` states the motions about other centres.  Where F strains, its rotation by polar
+    decomposition is taken.  ``returnStatus`` 2 becomes ``converged``, 1 ``not-converged``, 0 or less ``not-fitted``.
+    Covariances are NaN; ``residuals`` are spam's ``error`` in its own units.
     """
     table = _read_table(checked_file(path))
     table = table[(table["Label"] > 0) & table[list(POSITION)].notna().all(axis=1)]

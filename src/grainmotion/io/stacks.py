@@ -36,7 +36,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Stack:
-    """Images whose files were found, but not read yet.
+    """Images whose files are located, but not read yet.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class Stack:
         return arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
 
     def _read_chosen(self, chosen: Index) -> Pixels:
-        """Read only the files that hold a chosen image, and of .npy and HDF5 only those images."""
+        """Read only the files that hold a chosen image; of .npy and HDF5, only those images."""
         owners = np.searchsorted(self._ends, chosen, side="right")
         arrays, order = [], []
         for k in np.unique(owners):
@@ -112,13 +112,7 @@ class Stack:
 
 
 def find_stack(spec: str | Path | Sequence[str | Path], folder: str | Path = ".") -> Stack:
-    """Find the files of a specification, whose relative paths start at ``folder``; pixels are not read.
-
-    Raises
-    ------
-    InputError
-        If no file matches, one is missing or empty, or its format is unknown.
-    """
+    """Locate the files of a specification, whose relative paths start at ``folder``; pixels are not read."""
     items = [spec] if isinstance(spec, str | Path) else list(spec)
     if not items:
         raise InputError("list of files", "it is empty", FORMATS)
@@ -163,7 +157,7 @@ def _info(part: Part) -> tuple[tuple[int, int, int], np.dtype]:
 
 
 def _read(part: Part, images: Index | None = None) -> Pixels:
-    """All images of a part, or those asked for; of .npy and HDF5 no others are read."""
+    """All images of a part, or some of them; of .npy and HDF5 no others are read."""
     if part.key is not None:
         return hdf5.read_nxtomo(part.path).read(part.key, images)
     if part.path.suffix.lower() in TIFF:

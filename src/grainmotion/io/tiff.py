@@ -23,22 +23,9 @@ def tiff_info(path: str | Path) -> tuple[tuple[int, int, int], np.dtype]:
 
 
 def read_tiff(path: str | Path) -> Pixels:
-    """Read a grey TIFF image or stack.
+    """Pixels ``(pages, rows, columns)`` of a grey TIFF image or stack, in the type of the file.
 
-    Parameters
-    ----------
-    path : path
-        The file.
-
-    Returns
-    -------
-    (pages, rows, columns) array
-        Pixels, in the type of the file; one page for a single image.
-
-    Raises
-    ------
-    InputError
-        If the file is missing, empty, truncated, in colour, or compressed in a way that cannot be read.
+    Raises an `InputError` if the file is missing, empty, truncated, in colour, or compressed by an unknown codec.
     """
     with _opened(path) as file:
         series = _only_series(path, file)
@@ -52,15 +39,7 @@ def read_tiff(path: str | Path) -> Pixels:
 
 
 def write_tiff(path: str | Path, array: Pixels) -> None:
-    """Write a grey TIFF image or stack.
-
-    Parameters
-    ----------
-    path : path
-        The file to write.
-    array : (rows, columns) or (pages, rows, columns) array
-        Pixels; integers, such as labels, are compressed.
-    """
+    """Write ``([pages,] rows, columns)`` pixels as a grey TIFF; integers, such as labels, are compressed."""
     axes = {2: "YX", 3: "ZYX"}[array.ndim]
     compression = "zlib" if np.issubdtype(array.dtype, np.integer) else None
     with atomic_write(path) as temporary:

@@ -37,20 +37,12 @@ def write_grains_vtp(path: str | Path, motions: Motions) -> None:
     ``status_code`` (see `STATUS_CODES`), ``reference_center`` (mm), ``displacement`` u (mm),
     ``rotation_vector_deg`` (degrees), ``rotation_matrix`` Ω (row-major tensor), ``sd_displacement`` (mm),
     ``sd_rotation_deg`` (degrees), ``displacement_covariance`` (tensor, mm²), ``residual`` (line-integral
-    units) and ``iterations``.  What was not measured is NaN: threshold on ``status_code`` before drawing glyphs.
-
-    Parameters
-    ----------
-    path : path
-        The file to write, usually ``grains.vtp``.
-    motions : Motions
-        The motions of one state, mm and radians.
+    units) and ``iterations``.  Missing values are NaN: threshold on ``status_code`` before drawing glyphs.
     """
     n = len(motions)
     points = np.where(np.isfinite(motions.translations), motions.centers + motions.translations, motions.centers)
-    variances = np.diagonal(motions.covariances, axis1=1, axis2=2)
     with np.errstate(invalid="ignore"):
-        sd = np.sqrt(variances)
+        sd = np.sqrt(np.diagonal(motions.covariances, axis1=1, axis2=2))
     data = {
         "label": motions.labels.astype("<i8"),
         "status_code": np.array([STATUS_CODES[str(s)] for s in motions.statuses], dtype="<i4"),
@@ -78,22 +70,7 @@ def write_grains_vtp(path: str | Path, motions: Motions) -> None:
 
 
 def write_image_vti(path: str | Path, volume: Volume, labels: NDArray[np.integer] | None = None) -> None:
-    """Write a volume, and its labels if given, as cells of a ``.vti`` image: one cell a voxel.
-
-    Parameters
-    ----------
-    path : path
-        The file to write, usually ``volume.vti``.
-    volume : Volume
-        Attenuation, 1/mm: the cell array ``attenuation``.
-    labels : (nz, ny, nx) integer array, optional
-        The cell array ``label``.
-
-    Raises
-    ------
-    InputError
-        If the labels' shape is not the volume's.
-    """
+    """Write a volume as a ``.vti`` image, one cell a voxel: ``attenuation`` (1/mm), and ``label`` if given."""
     data: dict[str, NDArray[np.generic]] = {"attenuation": volume.array.ravel()}
     if labels is not None:
         if labels.shape != volume.shape:
