@@ -43,11 +43,12 @@ test-spam: $(STAMP) $(SPAM)/.installed ## exchange files with a real spam in .ve
 test-all: $(STAMP) $(SPAM)/.installed ## run every test (needs chromium on the PATH)
 	$(BIN)/python -m pytest
 
-check: $(STAMP)  ## formatting, lint, types and import rules
+check: $(STAMP)  ## formatting, lint, types, import rules and public docstrings
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python docs/check_docstrings.py
 
 format: $(STAMP) ## format the code
 	$(BIN)/ruff format .
@@ -69,7 +70,7 @@ bench-history: $(STAMP) ## time kernels and stages and keep the CPU times in val
 		--benchmark-timer=time.process_time --benchmark-storage=$(HISTORY) --benchmark-autosave
 
 bench-compare: $(STAMP) ## compare the kept CPU times
-	$(BIN)/pytest-benchmark --storage=$(HISTORY) compare --group-by=fullname --columns=min,median --sort=name
+	$(BIN)/pytest-benchmark --storage=$(HISTORY) compare --group-by=name --columns=min,median --sort=name
 
 paper: $(STAMP)  ## rerun every result of the paper and write docs/paper.md (long)
 	$(BIN)/python -m validation.paper

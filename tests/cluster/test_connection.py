@@ -269,5 +269,6 @@ class TestWorkplace:
             ComputeConfig(workers=0)
 
     def test_nobody_but_this_process_needs_no_dask(self):
-        code = "import sys, grainmotion.cli.app; sys.exit(any(m in sys.modules for m in ('dask', 'distributed')))"
+        everything = "import grainmotion as gm, grainmotion.workflow.run; [getattr(gm, name) for name in gm.__all__]"
+        code = f"import sys; {everything}; sys.exit(any(m in sys.modules for m in ('dask', 'distributed')))"
         assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -35,7 +35,7 @@ MAX_STAGE_WORK = {
     "free, filter 6": (6, 315_000),
     "free, filter 2": (3, 126_000),
     "free, filter 0.7": (6, 495_000),
-    "judging the grains": (17, 1_352_000),
+    "classifying the grains": (17, 1_352_000),
 }
 MAX_WORK_SMALL = (38, 2_390_000)
 # The same grains shifted by 8 voxels together.
@@ -129,7 +129,7 @@ class TestCounts:
 class TestTracking:
     @pytest.mark.parametrize("stage", MAX_STAGE_WORK)
     def test_stages(self, stage):
-        counted = tracked("small").get(stage, RayWork())
+        counted = tracked("small")[stage]
         within(f"{stage}, calls", counted.calls, MAX_STAGE_WORK[stage][0])
         within(f"{stage}, planes", counted.sampled, MAX_STAGE_WORK[stage][1])
 

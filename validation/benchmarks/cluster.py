@@ -44,7 +44,7 @@ from grainmotion.projection.volumes import project
 from grainmotion.reconstruction.ordered_subsets import subsets
 from grainmotion.rotations import rotation_vector
 from grainmotion.segmentation.extraction import grains_from_labels
-from grainmotion.workflow import context
+from grainmotion.workflow import reference_stages
 from grainmotion.workflow.run import Until, run
 from validation.benchmarks.models.cluster import Network, Sample, reconstruction, tracking
 from validation.benchmarks.peers.environment import machine
@@ -216,7 +216,7 @@ def measure(path: Path, out: Path, workers: int) -> tuple[Took, list[Motions]]:
 def timed_cut() -> Iterator[list[float]]:
     """Seconds that it takes to cut the grains out of the volume; the finer voxels are the workers' work."""
     seconds: list[float] = []
-    function = context.grains_from_labels
+    function = reference_stages.extract_grains
 
     def cut(*args: Any, **kwargs: Any) -> Any:
         start = time.perf_counter()
@@ -225,11 +225,11 @@ def timed_cut() -> Iterator[list[float]]:
         finally:
             seconds.append(time.perf_counter() - start)
 
-    context.grains_from_labels = cut
+    reference_stages.extract_grains = cut
     try:
         yield seconds
     finally:
-        context.grains_from_labels = function
+        reference_stages.extract_grains = function
 
 
 def apart(ones: list[Motions], others: list[Motions]) -> float:

@@ -61,7 +61,7 @@ STAGES = {
     "free, filter 6": "wide filter",
     "free, filter 2": "last filters",
     "free, filter 0.7": "last filters",
-    "judging the grains": "judging",
+    "classifying the grains": "judging",
 }
 GROUPS = ("packing", "fields", "wide filter", "last filters", "judging", "other")
 EXTRAPOLATED = ((1e6, ACROSS), (1e6, 120))  # grains and voxels across, on paper; the latter fill a panel of 16 k
@@ -81,15 +81,15 @@ def counted() -> Iterator[dict[str, int]]:
         return run
 
     def rays(*arguments: Any) -> int:
-        jobs = arguments[13]
-        return int((jobs[:, 3] - jobs[:, 2]).sum())
+        lines = arguments[2].lines
+        return int((lines[:, 3] - lines[:, 2]).sum())
 
     kernels = {
         "project": counting(walks.project, "values", rays),
         "project_with_derivatives": counting(walks.project_with_derivatives, "slopes", rays),
     }
-    spread = counting(normal_equations.spread, "products", lambda *_: 1)
-    with mock.patch.multiple(walks, **kernels), mock.patch.object(normal_equations, "spread", spread):
+    jvp = counting(normal_equations.jvp, "products", lambda *_: 1)
+    with mock.patch.multiple(walks, **kernels), mock.patch.object(normal_equations, "jvp", jvp):
         yield counts
 
 

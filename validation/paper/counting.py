@@ -33,7 +33,7 @@ def counted() -> Iterator[Count]:
             begin = time.process_time()
             inner(*arguments)
             count.cpu += time.process_time() - begin
-            count.projections += len(arguments[11])  # ``boxes``, one a grain and view
+            count.projections += len(arguments[2].boxes)  # one a grain and view
 
         return counted_projection
 

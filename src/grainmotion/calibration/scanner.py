@@ -95,7 +95,7 @@ def _hardening(
     for name in HARDENING_ROUNDS:
         volume = reconstruct(curve.apply(scan), grid, settings.reconstruct, progress=prefixed(progress, name)).volume
         grains = _grains(volume, settings) if labels is None else labels
-        curve = calibrate_hardening(scan, volume, grains, how)
+        curve = calibrate_hardening(scan, volume, how, labels=grains)
         if curve.is_linear:
             break
     return curve

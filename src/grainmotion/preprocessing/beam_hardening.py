@@ -120,8 +120,9 @@ class Hardening:
 def calibrate_hardening(
     scan: Scan,
     volume: Volume,
-    labels: NDArray[np.integer] | None = None,
     settings: HardeningSettings | None = None,
+    *,
+    labels: NDArray[np.integer] | None = None,
 ) -> Hardening:
     """Fit the curve of beam hardening to a full scan and its first reconstruction.
 
@@ -131,11 +132,11 @@ def calibrate_hardening(
         As measured.
     volume : Volume
         Reconstructed from it, 1/mm.
+    settings : HardeningSettings, optional
+        Degree, threshold and number of views.
     labels : (nz, ny, nx) integer array, optional
         Grains.  Where given, a template with each grain at its own mean attenuation is compared with the one of
         connected pieces of material at their means, and the one that fits the radiographs better is used.
-    settings : HardeningSettings, optional
-        Degree, threshold and number of views.
 
     Returns
     -------
