@@ -42,13 +42,6 @@ def test_it_is_the_matrix(seen, product):
     np.testing.assert_allclose(product.diagonal(), matrix.diagonal(), rtol=1e-9)
 
 
-def test_both_passes_are_adjoint(seen):
-    rng = np.random.default_rng(1)
-    x, y = rng.normal(size=(N, 6)), rng.normal(size=seen.residual.shape)
-    (images,) = seen.jacobian.images(x[None])
-    assert np.vdot(images, y) == pytest.approx(np.vdot(x, seen.jacobian.gradient(y)), rel=1e-9)
-
-
 def test_a_prior_is_added_to_the_blocks(product):
     more = np.random.default_rng(2).normal(size=(N, 6, 6))
     more = more @ more.transpose(0, 2, 1)

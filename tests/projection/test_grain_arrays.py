@@ -1,11 +1,13 @@
-"""Packed grains: selecting, coarsening, and what counts as planar."""
+"""Grains as flat arrays: packing, selecting, coarsening, and what counts as planar."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+import three_lumps
 from few_grains import PANEL, VOXEL, grain_set
+from grainmotion.errors import InputError
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.pose import Pose
 from grainmotion.model.volume import Volume
@@ -97,3 +99,44 @@ class TestVoxels:
         for k, grain in enumerate(sample.grains):
             start, size = packed.starts[k], grain.volume.array.size
             np.testing.assert_array_equal(packed.images[start : start + size], grain.volume.array.ravel())
+
+
+class TestExtents:
+    """The planes between which a grain's voxels lie."""
+
+    def test_they_follow_the_grain_through_coarser_voxels_and_selection(self):
+        arrays = GrainArrays.of(three_lumps.three_grains())
+        chosen = arrays.select([2, 0, 2])
+        np.testing.assert_array_equal(chosen.extents, arrays.extents[[2, 0, 2]])
+        axes = arrays.extents[:, :, :3]
+        np.testing.assert_allclose(axes[:, 1] - axes[:, 0], 7 + 2 * 1.02, rtol=1e-6)
+        assert (arrays.coarsened(2).extents[:, 1, :3] < arrays.coarsened(2).shapes[:, ::-1] - 1).all()
+
+
+class TestOf:
+    def test_the_grains_one_after_the_other(self):
+        grains = three_lumps.three_grains()
+        arrays = GrainArrays.of(grains)
+        assert len(arrays) == 3
+        for k, grain in enumerate(grains.grains):
+            size = int(np.prod(arrays.shapes[k]))
+            mine = arrays.images[arrays.starts[k] : arrays.starts[k] + size].reshape(arrays.shapes[k])
+            np.testing.assert_array_equal(mine, grain.volume.array)
+            np.testing.assert_allclose(arrays.corners[k] + grain.center, grain.volume.origin)
+
+    def test_hulls_reach_the_outermost_voxels(self):
+        grains = three_lumps.three_grains()
+        for hull, grain in zip(GrainArrays.of(grains).hulls, grains.grains, strict=True):
+            z, y, x = np.nonzero(grain.volume.array)
+            low = grain.volume.origin + three_lumps.VOXEL * np.array([x.min(), y.min(), z.min()]) - grain.center
+            high = grain.volume.origin + three_lumps.VOXEL * np.array([x.max(), y.max(), z.max()]) - grain.center
+            np.testing.assert_allclose(hull.min(axis=0), low)
+            np.testing.assert_allclose(hull.max(axis=0), high)
+
+    def test_a_grain_of_too_many_voxels_is_refused(self, monkeypatch):
+        size = int(GrainArrays.of(three_lumps.three_grains()).shapes[0].prod())
+        monkeypatch.setattr("grainmotion.projection.grain_arrays.MAX_GRAIN_VOXELS", size)
+        GrainArrays.of(three_lumps.three_grains())
+        monkeypatch.setattr("grainmotion.projection.grain_arrays.MAX_GRAIN_VOXELS", size - 1)
+        with pytest.raises(InputError, match="coarser"):
+            GrainArrays.of(three_lumps.three_grains())
