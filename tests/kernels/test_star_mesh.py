@@ -1,0 +1,31 @@
+"""Point location in a star-shaped mesh: surface points in any direction, and the sign of distances."""
+
+import numpy as np
+
+from grainmotion.kernels import star_mesh
+from grainmotion.simulate import polyhedron
+from grainmotion.simulate.shapes import CUBE_CORNERS
+from grainmotion.simulate.signed_distance import locator
+
+CUBE, _ = locator(polyhedron(CUBE_CORNERS))  # of half edge 1
+TABLES = (CUBE.vertices, CUBE.faces, CUBE.planes, CUBE.across, CUBE.start)
+DIRECTIONS = np.random.default_rng(0).normal(size=(500, 3))
+
+
+def test_directions_have_cells_of_their_own_in_the_map():
+    cells = {star_mesh.cell(*d) for d in DIRECTIONS}
+    assert len(cells) > 400
+    assert all(0 <= k < star_mesh.MAP_CELLS for pair in cells for k in pair)
+    assert star_mesh.cell(*(5 * DIRECTIONS[0])) == star_mesh.cell(*DIRECTIONS[0])
+
+
+def test_surface_points_of_a_cube():
+    out = np.empty(DIRECTIONS.shape)
+    star_mesh.hits(DIRECTIONS, *TABLES, out)
+    np.testing.assert_allclose(out, DIRECTIONS / np.abs(DIRECTIONS).max(axis=1, keepdims=True), atol=1e-12)
+
+
+def test_distances_to_the_face_in_a_point_s_direction():
+    out = np.empty(len(DIRECTIONS))
+    star_mesh.distances(DIRECTIONS, *TABLES, out)
+    np.testing.assert_allclose(out, np.abs(DIRECTIONS).max(axis=1) - 1, atol=1e-12)
