@@ -24,6 +24,13 @@ def test_a_sample_lies_in_one_of_the_triangles_that_share_an_edge():
     assert np.abs(image).sum() == pytest.approx(80, abs=7)  # the hexagon's area, in samples
 
 
+def test_an_edge_crosses_a_row_at_the_same_bits_from_either_end():
+    for xa, ya, xb, yb in np.random.default_rng(0).uniform(-9, 9, (500, 4)):
+        row = (ya + yb) / 2
+        there, back = mesh_projection._crossing(xa, ya, xb, yb, row), mesh_projection._crossing(xb, yb, xa, ya, row)
+        assert there == back
+
+
 def test_the_path_between_two_faces_is_their_distance():
     image = np.zeros((14, 13))
     fan(1.5, image, 1.0)

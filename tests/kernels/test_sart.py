@@ -24,10 +24,13 @@ def test_a_ray_along_the_axis_or_beside_the_cylinder():
 
 
 def test_residuals_are_divided_by_the_length_of_the_ray():
-    """Parallel rays along x: pixels that are masked, and rays that miss the cylinder, count as zero."""
-    voxel = 0.5
+    """Parallel rays along x: pixels that are masked, and rays that miss the cylinder, count as zero.
+
+    The ray in column 30 grazes the cylinder, and counts as four voxels long.
+    """
+    voxel, pixel = 0.5, 0.39
     rows, columns = 2, 41
-    views = np.array([[1.0, 0, 0, 20, 0, 0, 0, voxel, 0, 0, 0, voxel]])
+    views = np.array([[1.0, 0, 0, 20, 0, 0, 0, pixel, 0, 0, 0, pixel]])
     rng = np.random.default_rng(0)
     images, measured = rng.uniform(size=(2, 1, rows, columns))
     valid = np.ones((1, rows, columns), bool)
@@ -36,8 +39,9 @@ def test_residuals_are_divided_by_the_length_of_the_ray():
     projected = images.copy()
     origin, size = np.full(3, -MIDDLE * voxel), (N, N, N)
     sart.compare(images, measured, valid, origin, voxel, size, RADIUS, views, False, 0, rows, squares)
-    away = voxel * (np.arange(columns) - 20)
+    away = pixel * (np.arange(columns) - 20)
     length = 2 * np.sqrt(np.maximum((RADIUS * voxel) ** 2 - away**2, 0))
+    assert 3 * voxel < length[30] < 4 * voxel
     counts = valid & (length > 0)
     expected = np.where(counts, (measured - projected) / np.maximum(length, 4 * voxel), 0)
     np.testing.assert_allclose(images, expected, atol=1e-12)
