@@ -68,7 +68,7 @@ class DatasetName(StrEnum):
 # ---------------------------------------------------------------------- the main job and its stages
 @add_command
 def run(paths: Paths, *, device: OnDevice = None, execution: Execution) -> None:
-    """Do the whole job; what is done already and unchanged is not done again."""
+    """Run all stages; those that are done already and unchanged are not repeated."""
     with console.progress(execution.quiet) as progress:
         result = gm.run(_read(paths.file, device), out=paths.out, progress=progress, workplace=_workplace(execution))
     console.print_stages(result, execution.quiet)
@@ -99,7 +99,7 @@ def track(paths: Paths, *, device: OnDevice = None, execution: Execution) -> Non
 
 @add_command
 def report(paths: Paths, execution: Execution) -> None:
-    """Write the report, after whatever it needs that is not done yet."""
+    """Write the report; stages that it needs and that are not done yet are done first."""
     result = _run_until("report", _read(paths.file), paths.out, execution)
     print(f"report: {result.report}")
 
@@ -112,7 +112,7 @@ def export(
     out: Out = None,
     quiet: Quiet = False,
 ) -> None:
-    """Write the motions for other software, after whatever it needs that is not done yet."""
+    """Write the motions for other software; stages that are not done yet are done first."""
     experiment = _read(file)
     wanted = sorted({*experiment.tables.output.exports, *(f.value for f in format)})
     output = experiment.tables.output.model_copy(update={"exports": wanted})
@@ -124,7 +124,7 @@ def export(
 
 @add_command
 def inspect(file: File) -> None:
-    """Describe the data and what they need, without doing any work."""
+    """Describe the input files and the memory that a run needs, without running it."""
     from grainmotion.experiment.inputs import find_inputs
     from grainmotion.experiment.inspection import inspect_inputs
 
@@ -163,7 +163,7 @@ def plan(
     seed: Seed = 0,
     quiet: Quiet = False,
 ) -> None:
-    """Predict precision and capture for 2, 3, 4, 6 views of a sample, and find the best angles."""
+    """Predict precision and capture range for 2, 3, 4, 6 views of a sample, and find the best angles."""
     from grainmotion.workflow.planning_run import plan_case, plan_experiment
 
     if (file is None) == (case is None):
@@ -219,12 +219,14 @@ def simulate(
 
 @add_command
 def demo(
-    folder: Annotated[Path, typer.Argument(metavar="[OUTDIR]", help="folder for it all")] = Path("grainmotion-demo"),
+    folder: Annotated[Path, typer.Argument(metavar="[OUTDIR]", help="folder for data and results")] = Path(
+        "grainmotion-demo"
+    ),
     seed: Seed = 0,
     device: OnDevice = None,
     quiet: Quiet = False,
 ) -> None:
-    """Simulate a small packing, do the whole job, and compare it with the truth."""
+    """Simulate a small packing, measure its motions, and compare them with the truth."""
     from grainmotion.cli.demo import run_demo
 
     with console.progress(quiet) as progress:

@@ -32,8 +32,8 @@ MAX_REASONS = 20  # grains whose reason is printed; the report has all
 def progress(quiet: bool) -> Iterator[Progress]:
     """A listener for ``progress``: a bar on a terminal, one line a step in a log, nothing if quiet.
 
-    It also sees to it that Ctrl-C, or a polite kill, ends the work: an exception that is raised inside
-    a compiler's or library's callback can be lost, and is then raised again at the next call.
+    It also makes Ctrl-C and SIGTERM end the work: an exception that is raised inside the callback of a compiler or
+    library can be lost, so it is raised again at the next report of progress.
     """
     stopped = threading.Event()
 
@@ -76,7 +76,7 @@ def _bar() -> Iterator[Progress]:
 
 
 def _log() -> Iterator[Progress]:
-    """The last message of each step: the one that carries its outcome."""
+    """Print the last message of each step, which carries its outcome."""
     last = [""]
 
     def step(message: str) -> str:
@@ -95,7 +95,7 @@ def _log() -> Iterator[Progress]:
 
 
 def print_stages(result: RunResult, quiet: bool) -> None:
-    """Print which stages a run did, and which it kept."""
+    """Print which stages a run did, and which it kept from an earlier run."""
     if not quiet:
         print(f"done: {', '.join(result.done) or 'nothing'}; kept: {', '.join(result.reused) or 'nothing'}")
 
@@ -138,8 +138,8 @@ def print_states(motions: dict[str, Motions]) -> None:
         others = ", ".join(f"{n} {status}" for status, n in zip(statuses, counts))
         u = np.linalg.norm(m.translations[m.ok], axis=1)
         w = np.rad2deg(np.linalg.norm(m.rotations[m.ok], axis=1))
-        middle = [f"{np.median(v):.4g}" if len(v) else "-" for v in (u, w)]
-        table.add_row(name, str(len(m)), str(int(m.ok.sum())), others or "-", *middle)
+        medians = [f"{np.median(v):.4g}" if len(v) else "-" for v in (u, w)]
+        table.add_row(name, str(len(m)), str(int(m.ok.sum())), others or "-", *medians)
     Console(width=None if sys.stdout.isatty() else 120).print(table)
     lines = [
         f"{name}, grain {label}: {reason or status}"
@@ -170,7 +170,7 @@ def print_plan(plan: Plan) -> None:
 
     console = Console(width=None if sys.stdout.isatty() else 180)
     table = Table("views", "set", "angles (deg)", "sd of u (voxel)", "(mm)", "sd of w (deg)")
-    for name in ("worst (voxel, deg)", "found again (diameters, deg)", "room across, along (mm)"):
+    for name in ("worst (voxel, deg)", "captured (diameters, deg)", "free across, along (mm)"):
         table.add_column(name)
     for s, row in zip(plan.sets, plan.angles_table().itertuples()):
         table.add_row(
@@ -188,5 +188,5 @@ def print_plan(plan: Plan) -> None:
     exposure = f"{plan.settings.photons:.4g} photons a pixel of open beam, model error {plan.settings.model_error:g}"
     print(f"sd of a component: medians over {len(plan.labels)} grains; worst: of any grain; {exposure}")
     diameter = f"a diameter is {np.median(plan.diameters):.4g} mm"
-    print(f"found again: every grain its own way up to so much, from a zero start ({CAPTURE_SOURCE}); {diameter}")
-    print("room: the sample may move so far across and along the axis before a shadow leaves the panel")
+    print(f"captured: largest random motions that converged from a zero start ({CAPTURE_SOURCE}); {diameter}")
+    print("free: how far the sample may move across and along the axis before a footprint leaves the panel")

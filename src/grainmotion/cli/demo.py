@@ -1,4 +1,4 @@
-"""Simulated experiments on disk, and the whole chain tried on one of them against its truth."""
+"""Simulated experiments on disk, and a run of one of them compared with its truth."""
 
 from __future__ import annotations
 
@@ -30,14 +30,7 @@ DEMO_STATES = (("shift", 4), ("random", 4))
 
 @dataclass(frozen=True, eq=False)
 class Demo:
-    """What the demo measured, and how far from the truth that is.
-
-    Attributes
-    ----------
-    result : RunResult
-    comparisons : dict of str to Comparison
-        By the name of the state.
-    """
+    """Result of the demo, and its comparison with the truth by the name of the state."""
 
     result: RunResult
     comparisons: dict[str, Comparison]
@@ -51,25 +44,12 @@ def write_case(
     *,
     progress: Progress | None = None,
 ) -> Path:
-    """Simulate an experiment and write it, with the truth of each state beside it.
+    """Simulate an experiment, write it with the truth of each state, and return the path of its file.
 
-    Parameters
-    ----------
-    folder : str or Path
-    case : str
-        ``small`` or ``paper`` (see `simulate.small` and `simulate.paper_scale`), or one of `simulate.HARD_CASES`.
-    seed : int
-        Of the packing, the motions and the noise.
-    states : sequence of (str, int)
-        Name of a motion of the case and number of views (2 or 4); the state is called ``NAME-VIEWS``.  A hard
-        case has one motion, and the states ``CASE-4`` and ``CASE-2``; where its true views are not those that
-        the experiment file names, they lie in ``STATE-true-views.csv``.
-    progress : callable, optional
-
-    Returns
-    -------
-    Path
-        The experiment file.
+    ``case`` is ``small`` or ``paper`` (see `simulate.small` and `simulate.paper_scale`), or one of
+    `simulate.HARD_CASES`.  Each of ``states`` is the name of a motion of the case and a number of views (2 or 4); the
+    state is called ``NAME-VIEWS``.  A hard case has one motion, and the states ``CASE-4`` and ``CASE-2``; where its
+    true views are not those of the experiment file, they are in ``STATE-true-views.csv``.
     """
     if case in simulate.HARD_CASES:
         return _write_hard_case(Path(folder), simulate.hard_case(case, seed, progress=progress), progress)
@@ -111,10 +91,7 @@ def _write_hard_case(folder: Path, hard: simulate.HardCase, progress: Progress |
 def run_demo(
     folder: str | Path, seed: int = 0, *, device: DeviceName = "auto", progress: Progress | None = None
 ) -> Demo:
-    """Simulate the small case, do its whole job, and compare every state with the truth.
-
-    A demo that is there already, whole or in part, is continued.
-    """
+    """Simulate the small case, measure its motions, and compare them with the truth; an earlier demo is continued."""
     folder = Path(folder)
     names = [f"{name}-{views}" for name, views in DEMO_STATES]
     files = ["experiment.toml", *(f"{name}-truth.csv" for name in names)]

@@ -1,6 +1,6 @@
-"""Options that commands share, and how a command is made of them.
+"""Options that commands share, and the decorator that makes a command of a function.
 
-What the commands do is imported inside them, so that ``--help`` loads nothing but this package.
+Commands import what they run inside their bodies, so that ``--help`` loads no numerical library.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Scheduler = Annotated[
     str | None, typer.Option("--scheduler", help="address of a Dask scheduler whose workers do the work")
 ]
 Workers = Annotated[int | None, typer.Option("--workers", help="processes of this machine that do the work")]
-OnDevice = Annotated[Device | None, typer.Option("--device", help="where rays are walked, instead of the file's own")]
+OnDevice = Annotated[Device | None, typer.Option("--device", help="where rays are traced, instead of the file's own")]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="of packing, motions and noise")]
 Photons = Annotated[float | None, typer.Option("--photons", help="a pixel of open beam; else the file's or case's own")]
 Views = Annotated[str | None, typer.Option("--views", help="numbers of views, as 2,3,4,6")]
@@ -41,7 +41,7 @@ class Paths:
 
 @dataclasses.dataclass(frozen=True)
 class Execution:
-    """How a run is shown, and who does its work."""
+    """Whether progress is shown, and which processes compute."""
 
     quiet: Quiet = False
     scheduler: Scheduler = None
@@ -50,24 +50,24 @@ class Execution:
 
 @dataclasses.dataclass(frozen=True)
 class PlanOptions:
-    """What of ``[plan]`` is given on the command line instead."""
+    """Settings of ``[plan]`` that the command line replaces."""
 
     photons: Photons = None
     views: Views = None
     step_deg: StepDeg = None
 
 
-RECORDS: tuple[type, ...] = (Paths, Execution, PlanOptions)
+OPTION_RECORDS: tuple[type, ...] = (Paths, Execution, PlanOptions)
 
 
 def command(app: typer.Typer, function: Callable[..., None]) -> Callable[..., None]:
     """Add a command to an application, under the name of its function.
 
-    The fields of `RECORDS` among its parameters are arguments and options of their own.  What the user gave wrong ends
-    in one line on standard error and exit code 2, Ctrl-C in exit code 130.
+    A parameter that is one of `OPTION_RECORDS` stands for its fields.  Wrong input ends in one line on standard error
+    and exit code 2, Ctrl-C in exit code 130.
     """
     hints = get_type_hints(function, include_extras=True)
-    records = {name: hint for name, hint in hints.items() if hint in RECORDS}
+    records = {name: hint for name, hint in hints.items() if hint in OPTION_RECORDS}
     parameters = []
     for parameter in inspect.signature(function).parameters.values():
         own = [parameter]

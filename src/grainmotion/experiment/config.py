@@ -175,7 +175,7 @@ class Experiment:
         return ReferenceSettings(self.tables.calibrate, self.tables.reconstruct, self.tables.segment)
 
     def on(self, device: DeviceName) -> Experiment:
-        """The same experiment, all of its work on a device."""
+        """The same experiment, with reconstruction and tracking on one device."""
         reconstruct = dataclasses.replace(self.tables.reconstruct, device=device)
         track = dataclasses.replace(self.tables.track, device=device)
         tables = self.tables.model_copy(update={"reconstruct": reconstruct, "track": track})
@@ -222,13 +222,13 @@ def _check_states(tables: ExperimentFile) -> None:
     names = [s.name.lower() for s in tables.states]
     for name in names:
         if name in RESERVED_STATE_NAMES:
-            raise InputError("states", f"a state cannot be called '{name}': its folder would meet a file", "rename it")
+            raise InputError("states", f"a state cannot be called '{name}': a result file has this name", "rename it")
         if names.count(name) > 1:
             raise InputError("states", f"the name '{name}' is given twice", "give each state its own name")
 
 
 def _inherited(data: Mapping[str, object]) -> dict[str, object]:
-    """The tables with what they take from others: tracking the projector, a state's circular scan the reference's."""
+    """Fill in inherited keys: the projector of ``[track]``, and the circular scan of a state from the reference's."""
     states = data.get("states", [])
     if not isinstance(states, list):
         raise InputError("states", "it is no list of tables", "write [[states]] with double brackets")

@@ -17,12 +17,12 @@ UNKNOWN_KEY = ("extra_forbidden", "unexpected_keyword_argument")  # of a table; 
 
 
 def input_error(error: ValidationError, schema: type[BaseModel], data: Mapping[str, object]) -> InputError:
-    """The first unknown key, else the first other error, of ``data`` that the ``schema`` refused."""
+    """An error that names the first unknown key, else the first invalid value, of ``data`` that ``schema`` refused."""
     errors = error.errors(include_url=False)
     first = next((e for e in errors if e["type"] in UNKNOWN_KEY), None)
-    if first is None:  # the choices of a union stand side by side: take the one that fits best
-        beside = errors[0]["loc"][:-1]
-        first = max((e for e in errors if e["loc"][: len(beside)] == beside), key=lambda e: len(e["loc"]))
+    if first is None:  # pydantic reports one error for each choice of a union: take the one furthest inside
+        table = errors[0]["loc"][:-1]
+        first = max((e for e in errors if e["loc"][: len(table)] == table), key=lambda e: len(e["loc"]))
     where, known = _place(first, schema.model_fields, data)
     if first["type"] in UNKNOWN_KEY:
         near = difflib.get_close_matches(str(first["loc"][-1]), known, n=1, cutoff=0.5)

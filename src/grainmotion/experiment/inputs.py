@@ -1,4 +1,4 @@
-"""Inputs of an experiment: all files located, their shapes and geometry checked, before any work begins."""
+"""Inputs of an experiment: files are located, their shapes and geometry checked, before any work begins."""
 
 from __future__ import annotations
 
@@ -53,16 +53,13 @@ class Inputs:
 
 
 def find_inputs(experiment: Experiment) -> Inputs:
-    """Find all files of an experiment and check headers, shapes and geometry; pixels are not read.
+    """Locate all files of an experiment and check headers, shapes and geometry; pixels are not read.
 
-    Raises
-    ------
-    InputError
-        If a file is missing or damaged, or files and keys contradict each other; the first case found.
+    The first file that is missing or damaged, or that contradicts another or a key, raises an `InputError`.
     """
     tables, folder = experiment.tables, experiment.folder
     for device in (tables.reconstruct.device, tables.track.device):
-        backend_of(device)
+        backend_of(device)  # raises if the device is missing
     volume = named_stack("reference.volume", tables.reference.volume, folder)
     labels = named_stack("reference.labels", tables.reference.labels, folder)
     calibrates = tables.calibrate.geometry not in (False, "auto") or tables.calibrate.hardening
@@ -94,10 +91,7 @@ def _start(folder: Path, initial: str, grid: Volume) -> Motions | None:
 
 
 def check_plausible(key: str, geometry: Geometry, grid: Volume) -> None:
-    """Refuse a geometry that cannot belong to the volume: other units, or a panel that the volume never projects on.
-
-    The volume is taken as the upright cylinder in its box.
-    """
+    """Refuse a geometry in other units than the volume's, or a panel that its upright cylinder never projects on."""
     units = "check that all lengths share one unit, mm: volume, pixel size and distances"
     circle = cylinder_circle(grid)
     top = np.array([0.0, 0.0, grid.voxel_size * grid.shape[0] / 2])
@@ -114,10 +108,10 @@ def check_plausible(key: str, geometry: Geometry, grid: Volume) -> None:
     extent = high - low
     widest = float(extent[:, 1].max())
     if widest > MAX_FOOTPRINT_PANEL_RATIO * geometry.shape[1]:
-        fact = f"the volume's shadow is {widest:.0f} pixels wide, the panel {geometry.shape[1]}"
+        fact = f"the volume's footprint is {widest:.0f} pixels wide, the panel {geometry.shape[1]}"
         raise InputError(f"{key}.geometry and volume", f"{fact}: the sample does not fit the field of view", units)
     if float(extent.max()) < 2:
-        raise InputError(f"{key}.geometry and volume", "the volume's shadow is less than 2 pixels wide", units)
+        raise InputError(f"{key}.geometry and volume", "the volume's footprint is less than 2 pixels wide", units)
     panel = np.array(geometry.shape) - 0.5
     off = (high < -0.5).any(axis=1) | (low > panel).any(axis=1)
     if off.any():
@@ -136,7 +130,7 @@ def cylinder_circle(grid: Volume) -> Float:
 
 
 def check_contrast(where: str, scan: Scan) -> None:
-    """Refuse a full scan of nothing: its mean radiograph is flat to within its own noise.
+    """Refuse a full scan whose mean radiograph is flat to within its noise.
 
     The noise is estimated from the difference between the means of every second view and of the others.
     """
@@ -147,7 +141,7 @@ def check_contrast(where: str, scan: Scan) -> None:
     mean, noise = (first + second) / 2, float((first - second).std()) / 2
     contrast = float(mean.max() - mean.min())
     if contrast < max(12 * noise, 1e-3):
-        fact = f"no grains found: the shadows vary by {contrast:.2g}, which is no more than noise"
+        fact = f"no grains found: the mean radiograph varies by {contrast:.2g}, which is no more than noise"
         raise InputError(where, fact, "check that these are the radiographs, and not flats")
 
 

@@ -21,69 +21,35 @@ BYTES_PER_VOXEL = 30  # float volume, labels, distances and the grown labels at 
 
 @dataclass(frozen=True)
 class ScanFacts:
-    """Facts about one scan.
+    """Facts about one scan."""
 
-    Attributes
-    ----------
-    key : str
-        "reference" or "states.NAME".
-    views, rows, columns : int
-        Number of radiographs, and of their rows and columns.
-    dtype, kind, beam : str
-        Number type of the files, what their pixels are, and the beam.
-    pixel_at_sample : float
-        Pixel size over the magnification at the volume's centre, mm.
-    magnification : float
-        At the volume's centre.
-    air : float
-        Median line integral of the two outermost columns.
-    highest : float
-        Highest line integral.
-    pixels : PixelReport
-        Numbers of bad pixels.
-    """
-
-    key: str
+    key: str  # "reference" or "states.NAME"
     views: int
     rows: int
     columns: int
-    dtype: str
-    kind: str
+    dtype: str  # number type of the files
+    kind: str  # what their pixels are, as in `ScanInput`
     beam: str
-    pixel_at_sample: float
-    magnification: float
-    air: float
-    highest: float
+    pixel_at_sample: float  # pixel size over the magnification, mm
+    magnification: float  # at the volume's centre
+    air: float  # median line integral of the two outermost columns
+    highest: float  # highest line integral
     pixels: PixelReport
 
 
 @dataclass(frozen=True)
 class Inspection:
-    """Facts about an experiment.
+    """Facts about an experiment."""
 
-    Attributes
-    ----------
-    scans : tuple of ScanFacts
-        The reference first, then the states.
-    volume_shape : (int, int, int)
-        Voxels along z, y, x.
-    voxel_size : float
-        Edge of a voxel, mm.
-    memory : float
-        Estimate of the peak, bytes.
-    warnings : tuple of str
-        Unusual facts, each with a remedy.
-    """
-
-    scans: tuple[ScanFacts, ...]
-    volume_shape: tuple[int, int, int]
-    voxel_size: float
-    memory: float
-    warnings: tuple[str, ...]
+    scans: tuple[ScanFacts, ...]  # the reference first
+    volume_shape: tuple[int, int, int]  # voxels along z, y, x
+    voxel_size: float  # mm
+    memory: float  # estimate of the peak, bytes
+    warnings: tuple[str, ...]  # unusual facts, each with a remedy
 
 
 def inspect_inputs(inputs: Inputs) -> Inspection:
-    """Read all radiographs once and report facts and warnings; raises the errors that a run would raise."""
+    """Read all radiographs once and report facts and warnings; errors are those of a run."""
     facts: list[ScanFacts] = []
     warnings: list[str] = []
     for source in (inputs.reference, *inputs.states):

@@ -1,4 +1,4 @@
-"""One scan of an experiment file: its files located, its geometry made, its pixels read as line integrals."""
+"""One scan of an experiment file: locates its files, makes its geometry, reads its pixels as line integrals."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class ScanInput:
 
     @property
     def settings(self) -> dict[str, object]:
-        """All that the line integrals depend on beside the content of the files, as plain data."""
+        """Whatever the line integrals depend on beside the content of the files, as plain data."""
         return {
             "kind": self.kind,
             "beam": self.geometry.beam,
@@ -84,7 +84,7 @@ class ScanInput:
         }
 
     def select(self, views: Index) -> ScanInput:
-        """The scan of fewer views: ``views`` counts the chosen ones, in the order wanted."""
+        """The scan of some of its views: indices into the views that it has, in any order."""
         chosen = views if self.views is None else self.views[views]
         return replace(self, views=chosen, geometry=self.geometry[views])
 
@@ -179,7 +179,7 @@ def _names(files: str | Path | Sequence[str | Path] | None) -> list[str] | None:
 def find_scan(
     key: str, table: ScanTable, reference: ReferenceTable, folder: Path, geometry: Geometry | None = None
 ) -> ScanInput:
-    """Find one scan; a key that its table leaves out is the reference's, the geometry the table's unless given."""
+    """Locate one scan; keys missing in its table are the reference's, and ``geometry`` replaces the table's."""
     radiographs = named_stack(f"{key}.radiographs", table.radiographs, folder)
     if radiographs is None:
         raise InputError(f"{key}.radiographs", "it is missing", "name the radiographs")

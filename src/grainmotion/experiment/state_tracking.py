@@ -1,4 +1,4 @@
-"""Errors of tracking in the words of the experiment file."""
+"""Errors of tracking, with the names of the experiment file."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from grainmotion.errors import InputError
 
 @contextmanager
 def errors_of_state(key: str, initial: str) -> Iterator[None]:
-    """Name the state in errors; ``initial`` is what the experiment file says of where its tracking starts."""
+    """Name the state, by its key, and the value of its key ``initial`` in errors of tracking."""
     try:
         yield
     except InputError as error:
