@@ -17,7 +17,7 @@ MIN_EXTENT_VOXELS = 20  # of a sample whose grains lie on one point
 
 
 def scenes(motions: Motions, voxel_size: float, max_grains: int) -> dict[str, object]:
-    """``grains``: markers at the centres; ``arrows``: a figure a kind of arrow; of at most ``max_grains`` grains."""
+    """Markers at the centres of at most ``max_grains`` grains, and a figure for each kind of arrow."""
     step = max(1, math.ceil(len(motions) / max(1, max_grains)))
     rows = np.arange(0, len(motions), step)
     u, degrees = motions.translations, np.rad2deg(motions.rotations)
@@ -71,13 +71,7 @@ def scene(starts: Float, vectors: Float, unit: str, voxel_size: float) -> dict[s
             "type": "scatter3d",
             "mode": "markers",
             **_xyz(centers[:1]),
-            "marker": {
-                "size": 0.1,
-                "color": [0.0] * len(centers[:1]),
-                "showscale": True,
-                "colorbar": bar,
-                **colour,
-            },
+            "marker": {"size": 0.1, "color": [0.0] * len(centers[:1]), "showscale": True, "colorbar": bar, **colour},
             "hoverinfo": "skip",
             "showlegend": False,
         },
@@ -122,7 +116,7 @@ def _grains(motions: Motions, shown: Index) -> list[dict[str, object]]:
 
 
 def _magnification(centers: Float, length: Float, voxel_size: float) -> float:
-    """A round number that makes the longest arrow about a fifth of the sample; 1 if that is near enough."""
+    """Round factor by which the longest arrow spans about a fifth of the sample; 1 if that is right within 2."""
     longest = float(length.max(initial=0))
     if longest == 0:
         return 1.0

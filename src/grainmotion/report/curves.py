@@ -74,7 +74,7 @@ def _svg(values: Float, parts: Sequence[tuple[str, int, int]], y_label: str, tit
 
 
 def _stages(costs: Sequence[tuple[str, float]]) -> list[tuple[str, int, int]]:
-    """Runs of one stage: its name, first and one-past-last iteration."""
+    """Name, first and one-past-last iteration of each stage."""
     starts = [i for i in range(len(costs)) if i == 0 or costs[i][0] != costs[i - 1][0]]
     ends = [*starts[1:], len(costs)]
     return [(costs[a][0], a, b) for a, b in zip(starts, ends)]

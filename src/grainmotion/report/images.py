@@ -24,7 +24,7 @@ PALETTES = {"grey": "gray", "diverging": "RdBu_r"}
 
 @dataclass(frozen=True)
 class Picture:
-    """An image of the page: its ``data:`` address, and what a reader who cannot see it is given."""
+    """An image of the page as a ``data:`` address, with a description for readers who cannot see it."""
 
     address: str
     description: str
@@ -137,8 +137,9 @@ def radiographs(state: StateReport, grey: GreyScale, diverging: GreyScale, pixel
         for name, stack, scale in (*stacks, ("residual", state.residual, diverging)):
             image, binned = shrink(stack[k][::-1] if state.first_row == "bottom" else stack[k], pixels)
             named.append((name, Picture(png(image, scale), f"{name}, {caption}")))
-        rms, whole = _rms(state.residual[k]), _rms(state.measured[k])
-        views.append(View(caption, tuple(named), rms, 100 * rms / whole if whole > 0 else None, binned))
+        rms, measured_rms = _rms(state.residual[k]), _rms(state.measured[k])
+        percent = 100 * rms / measured_rms if measured_rms > 0 else None
+        views.append(View(caption, tuple(named), rms, percent, binned))
     return views
 
 

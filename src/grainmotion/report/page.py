@@ -35,7 +35,7 @@ def write_report(path: str | Path, data: ReportData) -> None:
     path : path
         The file to write, usually ``report.html``; it is replaced once the new page is whole.
     data : ReportData
-        What to show.
+        Its content.
 
     Raises
     ------
@@ -47,7 +47,7 @@ def write_report(path: str | Path, data: ReportData) -> None:
 
 
 def _context(data: ReportData) -> dict[str, object]:
-    """What the templates show, by name."""
+    """Values of the templates by name."""
     count = max(1, len(data.states))
     radiographs = 3 * sum(len(state.views) for state in data.states)
     pixels = int(np.clip(MAX_PIXELS // max(1, radiographs), MIN_IMAGE_PIXELS, MAX_IMAGE_PIXELS))
@@ -97,7 +97,7 @@ def _state(state: StateReport, pixels: int, rows: int) -> Mapping[str, object]:
 
 
 def _environment() -> Environment:
-    """The templates: what is no `Markup` is escaped, a name without a value is an error."""
+    """The templates: all text but `Markup` is escaped, and an undefined name is an error."""
     environment = Environment(
         loader=PackageLoader("grainmotion.report"),
         autoescape=True,

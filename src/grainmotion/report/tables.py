@@ -129,7 +129,7 @@ def fit_facts(state: StateReport) -> Rows:
         shift, rotation_deg = np.linalg.norm(fit.background[:3]), np.rad2deg(np.linalg.norm(fit.background[3:]))
         facts.append(("background moved", f"{significant(float(shift))} mm, {significant(float(rotation_deg))}°"))
     if fit.downweighted:
-        facts.append(("shaded pixels counted less", f"{fit.downweighted:.2%}"))
+        facts.append(("pixels behind grains with less weight", f"{fit.downweighted:.2%}"))
     return tuple(facts)
 
 
@@ -154,7 +154,7 @@ def attention_groups(motions: Motions) -> list[Attention]:
 
 
 def grain_table(state: StateReport, max_rows: int) -> GrainTable:
-    """The table of at most ``max_rows`` grains, those to look at first if they are more."""
+    """The table of at most ``max_rows`` grains, those that did not converge first if there are more."""
     motions, table = state.motions, state.motions.to_table()
     order = np.arange(len(table))
     if len(table) > max_rows:
@@ -163,9 +163,8 @@ def grain_table(state: StateReport, max_rows: int) -> GrainTable:
     values = [_column(table[name].to_numpy()[order], name, decimals) for name in MOTION_COLUMNS[2:]]
     labels, statuses = (table[name].to_numpy()[order] for name in MOTION_COLUMNS[:2])
     reasons = [motions.reasons[i] for i in order]
-    return GrainTable(
-        COLUMN_GROUPS, tuple(zip(map(str, labels), map(str, statuses), zip(*values), reasons)), len(table)
-    )
+    rows = tuple(zip(map(str, labels), map(str, statuses), zip(*values), reasons))
+    return GrainTable(COLUMN_GROUPS, rows, len(table))
 
 
 def _column(values: np.ndarray, name: str, decimals: int) -> list[str]:
@@ -184,8 +183,6 @@ def _median(values: np.ndarray) -> float:
 
 
 def _enumerate(labels: list[int], max_labels: int = 40) -> str:
-    """The labels after the word grain, or the first of them and how many more there are."""
-    shown = ", ".join(map(str, labels[:max_labels])) + (
-        f" and {len(labels) - max_labels} more" if len(labels) > max_labels else ""
-    )
-    return f"grain {shown}" if len(labels) == 1 else f"grains {shown}"
+    """The labels as text, or the first of them and the number of the others."""
+    more = f" and {len(labels) - max_labels} more" if len(labels) > max_labels else ""
+    return f"grain{'s' * (len(labels) != 1)} {', '.join(map(str, labels[:max_labels]))}{more}"

@@ -1,1 +1,1 @@
-"""The order of a run, what it keeps and what it writes."""
+"""A run: its stages in order, their fingerprints, and the files that they write."""

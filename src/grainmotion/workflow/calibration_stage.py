@@ -1,4 +1,4 @@
-"""Calibration of the scanner as a stage of a run, and what is said of it."""
+"""Calibration of the scanner as a stage of a run, and its facts for the report."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ def calibrate_stage(context: RunContext) -> Callable[[], ScannerCalibration]:
 
 
 def corrected_source(source: ScanInput, scanner: ScannerCalibration) -> ScanInput:
-    """The files of a scan, to be read corrected by workers."""
+    """A scan whose files workers read with the calibration applied."""
     geometry = source.geometry if scanner.calibration is None else scanner.calibration.apply(source.geometry)
     return replace(source, geometry=geometry, hardening=scanner.hardening)
 
 
 def calibration_facts(scanner: ScannerCalibration) -> tuple[tuple[str, str], ...]:
-    """What the report says of a calibration, name and value."""
+    """Facts of a calibration for the report, name and value."""
     rows = []
     if scanner.calibration is not None:
         before, after = scanner.calibration.residuals

@@ -1,4 +1,4 @@
-"""One run under way: its inputs, which stages are done, and the radiographs, each read once."""
+"""State of a run: its inputs, its finished stages, and the radiographs, each read once."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ T = TypeVar("T")
 
 @dataclass(eq=False)
 class RunContext:
-    """One run under way; ``scanner`` gives the calibration that corrects all scans once it is known."""
+    """State of a run; ``scanner`` returns the calibration, which corrects all scans, once its stage is done."""
 
     experiment: Experiment
     inputs: Inputs
@@ -62,7 +62,7 @@ class RunContext:
 
     @cached_property
     def given_volume(self) -> Volume:
-        """The reference volume that other software made."""
+        """The reference volume made by other software."""
         stack, grid = self.inputs.volume, self.inputs.grid
         assert stack is not None
         try:
@@ -72,37 +72,37 @@ class RunContext:
 
     @cached_property
     def given_labels(self) -> NDArray[np.int32] | None:
-        """The grains that other software found, if any are given."""
+        """The labels made by other software, if any are given."""
         return None if self.inputs.labels is None else _read_labels(self.inputs.labels)
 
     @cached_property
     def tracking_backend(self) -> PatchBackend | None:
-        """The workers, if there are any; else the device of the settings tracks."""
+        """The workers, if there are any; None for the device of the settings."""
         return None if self.cluster is None else self.cluster.backend
 
-    def tell(self, message: str, done: int = 0, total: int = 1) -> None:
+    def notify(self, message: str, done: int = 0, total: int = 1) -> None:
         """Report progress, if there is a listener."""
         if self.progress is not None:
             self.progress(message, done, total)
 
     def complete(self, stage: Stage[T]) -> Callable[[], T]:
-        """Do a stage unless it is done; its result, which is read from its files only when it is asked for."""
+        """Run a stage unless it is done; returns a function that gives its result, read from its files if it was."""
         if self.cache.is_done(stage.name, stage.fingerprint):
             self.reused.append(stage.name)
             return functools.cache(stage.load)
         result = stage.run()
-        self.cache.strike(stage.name)
+        self.cache.discard(stage.name)
         stage.write(result)
-        self.cache.enter(stage.name, stage.fingerprint, stage.files)
+        self.cache.add(stage.name, stage.fingerprint, stage.files)
         self.done.append(stage.name)
         return lambda: result
 
     def measured(self, source: ScanInput) -> Scan:
-        """A scan as its files give it; how many pixels are masked is reported when it is read."""
+        """A scan as measured; the number of masked pixels is reported when it is read."""
         if source.key not in self._measured:
             self._measured[source.key], pixels = source.read()
             if pixels.bad:
-                self.tell(f"{source.key.removeprefix('states.')}: {pixels}", 1, 1)
+                self.notify(f"{source.key.removeprefix('states.')}: {pixels}", 1, 1)
         return self._measured[source.key]
 
     def radiographs(self, source: ScanInput) -> Scan:
@@ -113,13 +113,13 @@ class RunContext:
         return self._corrected[source.key]
 
     def forget(self, source: ScanInput) -> None:
-        """Let a scan go that nothing needs any more."""
+        """Drop a scan that is no longer needed."""
         self._measured.pop(source.key, None)
         self._corrected.pop(source.key, None)
 
 
 def load_result(read: Callable[[Path], T], path: Path) -> T:
-    """Read what an earlier run left in a file."""
+    """Read a result of an earlier run; an error says how to make it again."""
     try:
         return read(path)
     except InputError as error:
@@ -127,20 +127,20 @@ def load_result(read: Callable[[Path], T], path: Path) -> T:
 
 
 def check_inputs(context: RunContext, *, states: bool) -> None:
-    """Read all that is still to be used, so that what is wrong is reported before anything is written."""
+    """Read the inputs of all stages that are not done, so that errors are raised before anything is written."""
     prints, inputs, is_done = context.fingerprints, context.inputs, context.cache.is_done
     has_scanner = not prints.calibrates or is_done("calibrate", prints.calibrate)
     has_grains = is_done("segment", prints.segment)
     has_volume = inputs.volume is not None or has_grains or is_done("reconstruct", prints.reconstruct)
     if inputs.reference is not None and not (has_volume and has_scanner):
-        context.tell("reading the reference scan")
+        context.notify("reading the reference scan")
         scan = context.measured(inputs.reference)
         check_contrast(f"{inputs.reference.radiographs.spec} (reference.radiographs)", scan)
     if not (has_grains and has_scanner):
         _ = context.given_labels, inputs.volume is not None and context.given_volume
     for k, (table, source) in enumerate(context.states if states else []):
         if not is_done(f"{table.name}/track", prints.tracks[table.name]):
-            context.tell("checking the radiographs", k, len(context.states))
+            context.notify("checking the radiographs", k, len(context.states))
             context.measured(source)
 
 

@@ -1,4 +1,4 @@
-"""A simulated experiment on disk, as a user's would lie there, with its truth beside it.
+"""A simulated experiment written to disk as a measured one would be, with its truth beside it.
 
 FOLDER/experiment.toml
        reference/0000.tif …   reference.csv   flats/…   darks/…
@@ -23,7 +23,7 @@ from grainmotion.model.motions import Motions
 from grainmotion.model.volume import Volume
 from grainmotion.simulate.detector import Recording
 
-TOP = 65_535  # a count at the top of 16 bits is saturated
+MAX_COUNT = 65_535  # of a 16-bit detector; a pixel with this count is saturated
 _RESERVED = ("reference", "flats", "darks", "results")
 
 
@@ -37,29 +37,9 @@ def write_dataset(
 ) -> Path:
     """Write an experiment: 16-bit radiographs, geometry, ``experiment.toml``, and the truth of each state.
 
-    Parameters
-    ----------
-    folder : str or Path
-        Made if it does not exist.
-    reference : Recording
-        The full scan.  Its flats and darks serve all states.
-    states : mapping of str to (Recording, Motions)
-        Name, radiographs and true motions from the reference state, in loading order.
-    grid : Volume
-        The voxel grid to reconstruct on; its values do not matter.
-    initial : {"previous", "reference"}
-        Where the search for each state starts.
-
-    Returns
-    -------
-    Path
-        The experiment file, ready for ``grainmotion run``.
-
-    Raises
-    ------
-    InputError
-        If a state's name cannot be a folder, a folder to be written already holds files, or a state's
-        beam is not the reference's.
+    ``states`` holds, by name and in loading order, radiographs and true motions from the reference state; flats and
+    darks of the ``reference`` serve all of them.  ``grid`` is the one to reconstruct on, ``initial`` the key of each
+    state.  Returns the path of the experiment file.
     """
     folder = Path(folder)
     beam = reference.geometry.beam
@@ -87,7 +67,7 @@ def write_dataset(
 def _write_images(folder: Path, images: NDArray[np.float32]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for number, image in enumerate(images):
-        write_tiff(folder / f"{number:04d}.tif", np.clip(np.rint(image), 0, TOP).astype(np.uint16))
+        write_tiff(folder / f"{number:04d}.tif", np.clip(np.rint(image), 0, MAX_COUNT).astype(np.uint16))
 
 
 def _experiment(beam: str, states: list[str], grid: Volume, initial: str) -> str:
@@ -114,6 +94,6 @@ def _experiment(beam: str, states: list[str], grid: Volume, initial: str) -> str
             f'name = "{name}"',
             f'radiographs = "{name}/*.tif"',
             f'geometry = "{name}.csv"',
+            f'initial = "{initial}"',
         ]
-        lines += [f'initial = "{initial}"']
     return "\n".join([*lines, ""])

@@ -1,7 +1,7 @@
-"""Fingerprints of a run's stages: what each is made from, so that a stage is done again only if that changed.
+"""Fingerprints of a run's stages, hashes of their inputs, so that a stage is repeated only if those changed.
 
-They hold what the experiment file says, not what calibration corrects: the calibration's own fingerprint comes before
-the reconstruction's.  The device is left out, since all give the same results to rounding.
+The geometry enters as given, before calibration; the reconstruction's fingerprint includes the calibration's.  The
+device is left out, since all give the same results to rounding.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Settings = ScannerSettings | ReconstructSettings | SegmentSettings | TrackSettin
 
 @dataclass(frozen=True, eq=False)
 class Fingerprints:
-    """Of all stages of one experiment."""
+    """Fingerprints of all stages of one experiment."""
 
     experiment: Experiment
     inputs: Inputs
@@ -39,7 +39,7 @@ class Fingerprints:
 
     @cached_property
     def calibrate(self) -> str:
-        """Of the scanner's calibration."""
+        """Fingerprint of the scanner's calibration."""
         inputs, grid, tables = self.inputs, self.inputs.grid, self.experiment.tables
         assert inputs.reference is not None
         made = ["calibrate", _plain(tables.calibrate), grid.shape, grid.voxel_size, grid.center]
@@ -52,7 +52,7 @@ class Fingerprints:
 
     @cached_property
     def reconstruct(self) -> str:
-        """Of the reference volume."""
+        """Fingerprint of the reference volume."""
         inputs, grid = self.inputs, self.inputs.grid
         place = [grid.shape, grid.voxel_size, grid.center]
         if inputs.volume is not None:
@@ -64,7 +64,7 @@ class Fingerprints:
 
     @cached_property
     def segment(self) -> str:
-        """Of the grains."""
+        """Fingerprint of the labels and grains."""
         labels = self.inputs.labels
         if labels is not None:
             made = ["labels", [p.inner for p in labels.parts]]
@@ -73,7 +73,7 @@ class Fingerprints:
 
     @cached_property
     def tracks(self) -> dict[str, str]:
-        """Of each state's motions, by the state's name."""
+        """Fingerprints of the states' motions, by the state's name."""
         prints: dict[str, str] = {}
         previous, tables = "reference", self.experiment.tables
         for scan, table in zip(self.inputs.states, tables.states, strict=True):
@@ -88,20 +88,20 @@ class Fingerprints:
         return prints
 
     def after_segmentation(self, name: str) -> str:
-        """Of what is made from the grains alone."""
+        """Fingerprint of an output that depends on the grains alone."""
         return self.cache.fingerprint(name, (), [self.segment])
 
     def after_tracking(self, name: str, state: str) -> str:
-        """Of what is made from a state's motions."""
+        """Fingerprint of an output that depends on a state's motions."""
         return self.cache.fingerprint(name, (), [self.tracks[state]])
 
     @cached_property
     def report(self) -> str:
-        """Of the report on all states."""
+        """Fingerprint of the report on all states."""
         upstream = [self.segment, *self.tracks.values()]
         return self.cache.fingerprint(["report", list(self.tracks)], (), upstream)
 
 
 def _plain(settings: Settings) -> dict[str, object]:
-    """Settings as plain data, but for the device."""
+    """Settings as plain data, without the device."""
     return {key: value for key, value in dataclasses.asdict(settings).items() if key != "device"}

@@ -1,4 +1,4 @@
-"""What a run writes beside the motions: residual radiographs, the deformed volume, exports, the report."""
+"""Outputs of a run beside the motions: residual radiographs, the deformed volume, exports, the report."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ DEFORMED = ("rebuilt.tif", "rebuilt_labels.tif")
 
 @dataclass(frozen=True, eq=False)
 class Results:
-    """All that the report is made from; scans and motions go by the name of their state."""
+    """Data of the report; scans and motions by the name of their state."""
 
     experiment: Experiment
     inputs: Inputs
@@ -52,7 +52,7 @@ class Results:
 def write_outputs(
     context: RunContext, reference: Callable[[], SegmentedReference], tracked: Mapping[str, TrackedState]
 ) -> None:
-    """Write the reference's exports, then what follows from each state's motions."""
+    """Write the reference's exports, then the outputs of each state."""
     output, prints = context.tables.output, context.fingerprints
     for export in output.exports:
         files = [context.folder / file for file in REFERENCE_EXPORTS[export]]
@@ -73,9 +73,9 @@ def write_outputs(
 
 
 def _complete(context: RunContext, name: str, fingerprint: str, files: list[Path], write: Callable[[], None]) -> None:
-    """A stage whose result is its files alone."""
-    tell = partial(context.tell, name.replace("/", ": "))
-    context.complete(Stage(name, fingerprint, files, run=tell, write=lambda _: write(), load=lambda: None))
+    """Complete a stage that has no result but its files."""
+    run = partial(context.notify, name.replace("/", ": "))
+    context.complete(Stage(name, fingerprint, files, run=run, write=lambda _: write(), load=lambda: None))
 
 
 def _write_residuals(
@@ -138,16 +138,15 @@ def report_stage(
 
 
 def write_report(results: Results, comparisons: Mapping[str, Rows] | None = None) -> None:
-    """Write ``report.html``; ``comparisons`` are facts beside a state."""
-    experiment, reference = results.experiment, results.reference
-    beside = comparisons or {}
+    """Write ``report.html``, with facts of a comparison for the states that ``comparisons`` names."""
+    experiment, reference, comparisons = results.experiment, results.reference, comparisons or {}
     data = ReportData(
         title=experiment.path.stem if experiment.path.stem != "experiment" else experiment.folder.resolve().name,
         facts=(*_reference_facts(results.inputs, reference), *calibration_facts(results.scanner)),
         reconstruction_errors=reference.residuals,
         volume=reference.volume,
         labels=reference.labels,
-        states=tuple(_state_report(results, name, beside.get(name, ())) for name in results.motions),
+        states=tuple(_state_report(results, name, comparisons.get(name, ())) for name in results.motions),
     )
     report.write_report(results.folder / REPORT, data)
 

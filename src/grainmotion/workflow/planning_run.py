@@ -1,4 +1,4 @@
-"""Plans of experiments: the grains and views of an experiment file, or of a simulated case; what is written.
+"""Planning of an experiment file or a simulated case, and the files of a plan:
 
 PLAN/plan.csv    one row a grain and set of views: predicted sd, mm and degrees
 PLAN/angles.csv  one row a set of views: angles, medians over the grains, motions to expect
@@ -41,21 +41,9 @@ def plan_experiment(
     out: Path | None = None,
     progress: Progress | None = None,
 ) -> tuple[Plan, Path]:
-    """Plan the states of an experiment from its reference, reconstructing and segmenting as far as needed.
+    """Plan the states of an experiment from its reference, which is reconstructed and segmented unless that is done.
 
-    Parameters
-    ----------
-    experiment : Experiment
-    settings : PlanSettings, optional
-        By default its ``[plan]`` table.
-    out : Path, optional
-        Folder for results, by default ``[output] directory``; the plan goes to ``plan`` in it.
-    progress : callable, optional
-
-    Returns
-    -------
-    Plan, Path
-        The plan, and the folder that it was written to.
+    By default ``settings`` are ``[plan]`` and ``out`` is ``[output] directory``.  Returns the plan and its folder.
     """
     settings = settings or experiment.tables.plan
     views = _candidates(experiment, settings)
@@ -76,10 +64,7 @@ def plan_case(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> tuple[Plan, Path]:
-    """Plan from a simulated packing, whose grains are exact but for their voxels; see `plan_experiment`.
-
-    ``photons`` are by default those of the case, whatever the settings say.
-    """
+    """Plan from the exact voxels of a simulated packing; ``photons`` are by default the case's, not the settings'."""
     folder = checked_folder(out)
     made = (simulate.small if case == "small" else simulate.paper_scale)(seed, progress=progress)
     exposure = made.physics.photons if photons is None else photons
@@ -91,27 +76,22 @@ def plan_case(
     return _planned(grains, made.scanner.geometry(angles), settings, folder, progress)
 
 
-def write_plan(folder: str | Path, result: Plan) -> None:
-    """Write ``plan.csv``, ``angles.csv`` and ``plan.png`` to a folder."""
-    folder = Path(folder)
+def _planned(
+    grains: GrainSet, views: Geometry, settings: PlanSettings, out: Path, progress: Progress | None
+) -> tuple[Plan, Path]:
+    """Plan and write the files of the plan; returns it and its folder."""
+    result, folder = plan(grains, views, settings, progress=progress), out / PLAN_FOLDER
     with atomic_write(folder / "plan.csv") as path:
         result.to_table().to_csv(path, index=False, float_format="%.8g")
     with atomic_write(folder / "angles.csv") as path:
         result.angles_table().to_csv(path, index=False, float_format="%.6g")
     with atomic_write(folder / "plan.png") as path:
         plan_figure(result).savefig(path, dpi=130)
-
-
-def _planned(
-    grains: GrainSet, views: Geometry, settings: PlanSettings, out: Path, progress: Progress | None
-) -> tuple[Plan, Path]:
-    result = plan(grains, views, settings, progress=progress)
-    write_plan(out / PLAN_FOLDER, result)
-    return result, out / PLAN_FOLDER
+    return result, folder
 
 
 def _candidates(experiment: Experiment, settings: PlanSettings) -> Geometry:
-    """Views to choose from: a circular table turned to all candidate angles, or a scan's own views."""
+    """Views to choose from: a circular scan at all candidate angles, or the nearest of a scan's own views."""
     table, scan = _first_scan(experiment)
     described = table.geometry if table.geometry is not None else experiment.tables.reference.geometry
     if isinstance(described, Circular):
@@ -121,7 +101,7 @@ def _candidates(experiment: Experiment, settings: PlanSettings) -> Geometry:
 
 
 def _first_scan(experiment: Experiment) -> tuple[ScanTable, ScanInput]:
-    """The reference scan, or where only its volume is given the first state."""
+    """The reference scan or, where only a volume is given, the first state."""
     tables, inputs = experiment.tables, find_inputs(experiment)
     if inputs.reference is not None:
         return tables.reference, inputs.reference

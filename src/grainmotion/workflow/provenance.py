@@ -1,9 +1,8 @@
-"""Provenance: which stages of a run are done, and from what they were made.
+"""Provenance: which stages of a run are done, and from which inputs.
 
-A stage's fingerprint is a hash of its settings, of the content of its input files and of the
-fingerprints of the stages before it.  ``stages.json`` keeps one fingerprint a finished stage; a stage
-is struck out before its files are written and entered after, so that a killed run leaves no stage
-that looks finished and is not.
+A stage's fingerprint is a hash of its settings, of the content of its input files and of the fingerprints of the
+stages before it.  ``stages.json`` keeps the fingerprints of finished stages.  A stage is removed from it before its
+files are written and added afterwards, so that no unfinished stage looks finished after a run was killed.
 """
 
 from __future__ import annotations
@@ -25,23 +24,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, eq=False)
 class Stage(Generic[T]):
-    """One step of a run, whose result lies in files.
-
-    Attributes
-    ----------
-    name : str
-        As in ``stages.json``.
-    fingerprint : str
-        Hash of all that it is made from.
-    files : list of Path
-        What ``write`` writes.
-    run : callable
-        Does the work and returns its result.
-    write : callable
-        Writes a result to the files.
-    load : callable
-        Reads the result back from the files.
-    """
+    """One step of a run with a result of type T: ``run`` computes it, ``write`` saves it, ``load`` reads it back."""
 
     name: str
     fingerprint: str
@@ -63,16 +46,17 @@ class StageCache:
             self._stages = {n: (str(s["fingerprint"]), list(s["files"])) for n, s in kept["stages"].items()}
             self._hashes = {name: (int(s), int(t), str(h)) for name, (s, t, h) in kept["inputs"].items()}
         except (OSError, ValueError, KeyError, TypeError, AttributeError):
-            self._stages, self._hashes = {}, {}  # none, or none that can be read: every stage is done again
+            self._stages, self._hashes = {}, {}  # no file, or an unreadable one: every stage is repeated
 
     def fingerprint(self, settings: object, files: Iterable[Path] = (), upstream: Iterable[str] = ()) -> str:
-        """Hash of what a stage is made from; ``settings`` must be plain data, as JSON holds it."""
+        """Hash of a stage's inputs; ``settings`` must be plain data, as JSON holds it."""
         contents = [self._content(Path(f)) for f in files]
         made_from = [version("grainmotion"), settings, contents, list(upstream)]
-        return _digest(json.dumps(made_from, sort_keys=True, default=str).encode())
+        data = json.dumps(made_from, sort_keys=True, default=str).encode()
+        return hashlib.blake2b(data, digest_size=16).hexdigest()
 
     def is_done(self, stage: str, fingerprint: str) -> bool:
-        """Whether the stage was finished from just this, and its files are still there."""
+        """Whether the stage was finished with this fingerprint and its files still exist."""
         made_from, names = self._stages.get(stage, ("", []))
         return made_from == fingerprint and all((self.folder / name).is_file() for name in names)
 
@@ -80,13 +64,13 @@ class StageCache:
         """The files of a finished stage."""
         return [self.folder / name for name in self._stages[stage][1]]
 
-    def strike(self, stage: str) -> None:
-        """Declare a stage unfinished, before its files are touched."""
+    def discard(self, stage: str) -> None:
+        """Mark a stage as unfinished, before its files are touched."""
         if self._stages.pop(stage, None) is not None:
             self._save()
 
-    def enter(self, stage: str, fingerprint: str, files: Iterable[Path]) -> None:
-        """Declare a stage finished, after its files are in place."""
+    def add(self, stage: str, fingerprint: str, files: Iterable[Path]) -> None:
+        """Mark a stage as finished, after its files are in place."""
         names = [f.relative_to(self.folder).as_posix() for f in files]
         self._stages[stage] = fingerprint, names
         self._save()
@@ -110,7 +94,3 @@ class StageCache:
                 digest.update(block)
         self._hashes[name] = (status.st_size, status.st_mtime_ns, digest.hexdigest())
         return digest.hexdigest()
-
-
-def _digest(data: bytes) -> str:
-    return hashlib.blake2b(data, digest_size=16).hexdigest()

@@ -20,16 +20,16 @@ from grainmotion.segmentation.segment import Segmentation, segment
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """The reference state: its volume, where its grains are, and what its scan says of the scanner.
+    """The reference state: its volume, labels and grains, and the calibration of the scanner.
 
     Attributes
     ----------
     volume : Volume
         Attenuation, 1/mm.
     segmentation : Segmentation
-        Labels, threshold, and which grains the border of the field of view cuts.
+        Labels, threshold, and the grains cut by the border of the field of view.
     grains : GrainSet
-        What `track` takes.
+        The grains, for `track`.
     scanner : ScannerCalibration
         Corrections that hold for the later states too, see `correct`.
     residuals : tuple of float
@@ -79,20 +79,20 @@ class Reference:
             If the scan has too few views for what is to be calibrated, or no grain is found.
         """
         settings = settings or ReferenceSettings()
-        whole = None if labels is None else labels.astype(np.int32)
-        scanner = calibrate_scanner(scan, grid, settings, labels=whole, progress=progress)
+        given = None if labels is None else labels.astype(np.int32)
+        scanner = calibrate_scanner(scan, grid, settings, labels=given, progress=progress)
         step = prefixed(progress, "reconstruct")
         reconstruction = reconstruct(scanner.apply(scan), grid, settings.reconstruct, progress=step)
         volume = reconstruction.volume
-        if whole is None:
+        if given is None:
             segmentation = segment(volume, settings.segment, progress=prefixed(progress, "segment"))
         else:
-            segmentation = Segmentation.of(whole)
+            segmentation = Segmentation.of(given)
         grains = extract_grains(volume, segmentation, settings.segment)
         return cls(volume, segmentation, grains, scanner, reconstruction.residuals)
 
     def correct(self, scan: Scan) -> Scan:
-        """Correct radiographs of a later state by what the reference scan says of the scanner.
+        """Correct radiographs of a later state by the calibration of the scanner.
 
         Parameters
         ----------

@@ -19,13 +19,13 @@ from grainmotion.workflow.calibration_stage import corrected_source
 from grainmotion.workflow.context import RunContext, load_result
 from grainmotion.workflow.provenance import Stage
 
-CHECKPOINT = "reconstruction.h5"  # the volume until its grains are found; then both are in REFERENCE
+CHECKPOINT = "reconstruction.h5"  # the volume until it is segmented; then REFERENCE holds volume and labels
 REFERENCE = "reference.h5"
 
 
 @dataclass(eq=False)
 class SegmentedReference:
-    """A reference volume with its labels, and the grains, extracted when they are first asked for."""
+    """A reference volume with its labels, and its grains, extracted on first use."""
 
     stored: StoredReference
     settings: SegmentSettings
@@ -70,13 +70,13 @@ def segment_stage(context: RunContext, reference: Callable[[], StoredReference])
         labels, threshold, border = segmentation.labels, segmentation.threshold, segmentation.border
         whole = StoredReference(stored.volume, stored.residuals, labels, threshold, border)
         segmented = SegmentedReference(whole, settings, cut)
-        len(segmented.grains)  # extracted before the old result is struck out
+        len(segmented.grains)  # extract them now: if that fails, the old result is kept
         return segmented
 
     def write(segmented: SegmentedReference) -> None:
         write_reference(path, segmented.stored, segmented.grains)
         if context.inputs.volume is None:
-            context.cache.enter("reconstruct", context.fingerprints.reconstruct, [path])
+            context.cache.add("reconstruct", context.fingerprints.reconstruct, [path])
             (context.folder / CHECKPOINT).unlink(missing_ok=True)
 
     def load() -> SegmentedReference:

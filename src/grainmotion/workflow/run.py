@@ -3,10 +3,9 @@
     radiographs → calibrate → reconstruct → segment → grains → track state by state
                 → residuals, rebuilt, exports → report
 
-Everything is read and checked before anything is written.  Each stage's files are written whole, then entered in
-``stages.json`` with a fingerprint of all they were made from; a stage that stands there with the same fingerprint is
-not done again.  So a run that was stopped continues where it was, and a changed setting redoes what depends on it and
-nothing else.
+All inputs are read and checked before anything is written.  When a stage's files are complete, ``stages.json`` records
+a fingerprint of its inputs; a stage recorded with the same fingerprint is not repeated.  So a run that was stopped
+continues where it was, and a changed setting repeats only the stages that depend on it.
 """
 
 from __future__ import annotations
@@ -31,13 +30,13 @@ from grainmotion.workflow.tracking_stage import track_side_by_side, track_stage
 
 Until = Literal["reconstruct", "segment", "track", "report"]
 
-WRITTEN = {CALIBRATION, REFERENCE, CHECKPOINT, "motions.h5", RESIDUALS, *DEFORMED, *REFERENCE_EXPORTS["spam"]}
-"""Results that an input could be called, too."""
+RESULT_FILES = {CALIBRATION, REFERENCE, CHECKPOINT, "motions.h5", RESIDUALS, *DEFORMED, *REFERENCE_EXPORTS["spam"]}
+"""Names of results that an input in the same folder could also have."""
 
 
 @dataclass(frozen=True, eq=False)
 class RunResult:
-    """What a run left behind.
+    """Results of a run.
 
     Attributes
     ----------
@@ -46,9 +45,9 @@ class RunResult:
     motions : dict of str to Motions
         By the name of the state.
     done : tuple of str
-        Stages that this run worked on, in order.
+        Stages that this run did, in order.
     reused : tuple of str
-        Stages that were there already.
+        Stages that an earlier run had done.
     report : Path, optional
         The page on all states.
     """
@@ -68,30 +67,30 @@ def run(
     progress: Progress | None = None,
     workplace: ComputeConfig = LOCAL,
 ) -> RunResult:
-    """Do an experiment's whole job, or its stages up to ``until``.
+    """Run all stages of an experiment, or those up to ``until``.
 
     Parameters
     ----------
     experiment : Experiment
         A file read by `read_experiment`.
     out : Path, optional
-        Where results go; by default ``[output] directory``.
+        Folder of the results; by default ``[output] directory``.
     until : {"reconstruct", "segment", "track", "report"}
         The last stage to do.
     progress : callable, optional
         Called as ``progress(message, done, total)``.
     workplace : ComputeConfig, optional
-        Who computes: this process unless given otherwise.  The results do not depend on it.
+        Processes that compute; by default this one.  The results do not depend on it.
 
     Returns
     -------
     RunResult
-        The motions, and where all results are.
+        The motions, and the folder of all results.
 
     Raises
     ------
     InputError
-        If anything that was given cannot be used; nothing is written then.
+        If an input cannot be used; nothing is written then.
     BackendError
         If the device asked for cannot be used.
     """
@@ -120,11 +119,11 @@ def run(
 
 
 def _check_overwriting(inputs: Inputs, folder: Path) -> None:
-    """Refuse to write results over what was measured."""
+    """Refuse to write results over inputs."""
     scans = [s for s in (inputs.reference, *inputs.states) if s is not None]
     given = [f for s in scans for f in s.files] + [f for s in (inputs.volume, inputs.labels) if s for f in s.files]
     folders = {folder.resolve(), *(folder.resolve() / s.key.removeprefix("states.") for s in inputs.states)}
     for file in given:
-        if file.resolve().parent in folders and file.name in WRITTEN:
+        if file.resolve().parent in folders and file.name in RESULT_FILES:
             fact = f"{file} is an input and would be overwritten"
             raise InputError("output.directory", fact, "choose another folder for the results")

@@ -1,4 +1,4 @@
-"""The states of a run: which motions each starts from, and whether one process or several workers track it."""
+"""Tracking the states of a run: from which motions each starts, and whether one process or workers track it."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class TrackedState:
 def track_stage(
     context: RunContext, reference: Callable[[], SegmentedReference], name: str, tracked: Mapping[str, TrackedState]
 ) -> Stage[TrackedState]:
-    """One state, after those before it were ``tracked``."""
+    """The stage that tracks one state; ``tracked`` holds the states before it."""
     names = [table.name for table in context.tables.states]
     index = names.index(name)
     table, source = context.states[index]
@@ -48,7 +48,7 @@ def _track(
     source: ScanInput,
     start: Motions | None,
 ) -> TrackedState:
-    """One state, by this process or by all workers together."""
+    """Track one state, in this process or by all workers together."""
     grains, scan, settings = reference().grains, context.radiographs(source), context.tables.track
     progress, backend = prefixed(context.progress, table.name), context.tracking_backend
     with errors_of_state(source.key, table.initial):
@@ -57,7 +57,7 @@ def _track(
 
 
 def track_side_by_side(context: RunContext, reference: Callable[[], SegmentedReference]) -> dict[str, TrackedState]:
-    """Track states of a small sample at the same time, each by one worker, if several need not wait for another."""
+    """Track states of a small sample at the same time, each on one worker, if several do not depend on another."""
     cluster, states = context.cluster, list[State]()
     missing = {
         table.name: table
@@ -77,11 +77,11 @@ def track_side_by_side(context: RunContext, reference: Callable[[], SegmentedRef
     if sum(not isinstance(state.start, str) for state in states) < 2:
         return {}
     tracked: dict[str, TrackedState] = {}
-    context.tell("tracking states side by side", 0, len(states))
+    context.notify("tracking states side by side", 0, len(states))
     for name, motions in cluster.track(reference().grains, states, context.tables.track):
         run = functools.partial(TrackedState, motions)
         tracked[name] = context.complete(_stage(context, missing[name], run))()
-        context.tell(f"tracking states side by side: {name} done", len(tracked), len(states))
+        context.notify(f"tracking states side by side: {name} done", len(tracked), len(states))
     return tracked
 
 
