@@ -31,28 +31,16 @@ from .model.volume import Volume as Volume
 from .planning.plan import Plan as Plan
 from .planning.plan import PlanSettings as PlanSettings
 from .planning.plan import plan as plan
-from .preprocessing.beam_hardening import (
-    Hardening as Hardening,
-)
-from .preprocessing.beam_hardening import (
-    HardeningSettings as HardeningSettings,
-)
-from .preprocessing.beam_hardening import (
-    calibrate_hardening as calibrate_hardening,
-)
+from .preprocessing.beam_hardening import Hardening as Hardening
+from .preprocessing.beam_hardening import HardeningSettings as HardeningSettings
+from .preprocessing.beam_hardening import calibrate_hardening as calibrate_hardening
 from .preprocessing.flat_field import line_integrals_from_counts as line_integrals_from_counts
 from .projection.grains import simulate_radiographs as simulate_radiographs
 from .projection.volumes import back_project as back_project
 from .projection.volumes import project as project
-from .reconstruction.reconstruct import (
-    Reconstruction as Reconstruction,
-)
-from .reconstruction.reconstruct import (
-    ReconstructSettings as ReconstructSettings,
-)
-from .reconstruction.reconstruct import (
-    reconstruct as reconstruct,
-)
+from .reconstruction.reconstruct import Reconstruction as Reconstruction
+from .reconstruction.reconstruct import ReconstructSettings as ReconstructSettings
+from .reconstruction.reconstruct import reconstruct as reconstruct
 from .report.page import write_report as write_report
 from .segmentation.extraction import extract_grains as extract_grains
 from .segmentation.extraction import grains_from_labels as grains_from_labels

@@ -65,7 +65,7 @@ def motion_bounds(
 
     Returns
     -------
-    (n, 6, 6) float64 array
+    (n, 6, 6) array
         Covariances of (ux, uy, uz, δx, δy, δz), mm and radians, sample frame: a translation of each particle and a
         rotation by exp[δ]ₓ about its centre.  Infinite on the diagonal, and NaN beside it, for components
         that the radiographs do not determine.

@@ -23,7 +23,7 @@ from grainmotion.simulate.sample import Sample
 class Physics:
     """Beam and detector: how line integrals become counts.
 
-    All defaults but that of ``photons`` are those of a perfect detector.  Effects apply in this order: line integrals,
+    The defaults, but for ``photons``, are those of a perfect detector.  Effects apply in this order: line integrals,
     spectrum, average over the pixel, blur, the pixel's gain, Poisson noise, conversion to counts, dark level.
     """
 
@@ -186,9 +186,8 @@ def _levels(beam: ArrayLike, geometry: Geometry) -> Float:
     """Intensity of the beam of each view ``(views, 1, 1)``."""
     levels = np.asarray(beam, dtype=float)
     if levels.shape not in ((), (len(geometry),)) or not (np.isfinite(levels) & (levels > 0)).all():
-        raise InputError(
-            "beam", f"{beam!r} is not one intensity a view", f"give a number > 0, or {len(geometry)} of them"
-        )
+        fact = f"{beam!r} is not one intensity a view"
+        raise InputError("beam", fact, f"give a number > 0, or {len(geometry)} of them")
     return np.broadcast_to(levels, len(geometry))[:, None, None]
 
 

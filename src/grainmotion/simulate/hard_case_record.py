@@ -72,7 +72,7 @@ class HardCase:
             return getattr(self, _FORMER_FIELDS[name])
 
     def nominal_geometry(self, angles_deg: tuple[float, ...] | None = None) -> Geometry:
-        """The views as the tracker is given them.
+        """The views that the tracker is given.
 
         Parameters
         ----------
@@ -105,12 +105,12 @@ class HardCase:
         Geometry
             Misaligned views.
         """
-        every, each, z = self.misalignment, self.view_misalignment, self._draws(len(angles_deg), number)
+        mean, sd, draws = self.misalignment, self.view_misalignment, self._draws(len(angles_deg), number)
         return misaligned(
             self.nominal_geometry(angles_deg),
-            shift_pixels=np.array(every.shift_pixels) + each.shift_pixels * z[:, :2],
-            turn_deg=every.turn_deg + each.turn_deg * z[:, 2],
-            stage_deg=every.stage_deg + each.stage_deg * z[:, 3],
+            shift_pixels=np.array(mean.shift_pixels) + sd.shift_pixels * draws[:, :2],
+            turn_deg=mean.turn_deg + sd.turn_deg * draws[:, 2],
+            stage_deg=mean.stage_deg + sd.stage_deg * draws[:, 3],
         )
 
     def beam(self, views: int = len(FOUR_ANGLES_DEG), number: int = 1) -> Float:
@@ -175,7 +175,7 @@ class HardCase:
         return dataclasses.replace(recording, geometry=self.nominal_geometry(angles_deg))
 
     def _later_state(self, angles_deg: tuple[float, ...], number: int) -> tuple[Sample, Geometry, Physics, int, Float]:
-        """What `record` needs for the later state."""
+        """Arguments of `record` for the later state."""
         views, beam = self.true_geometry(angles_deg, number), self.beam(len(angles_deg), number)
         return self.later, views, self.case.physics, self.case.seed + 1000 * number, beam
 

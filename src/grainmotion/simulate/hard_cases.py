@@ -15,7 +15,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from scipy.optimize import brentq
 
-from grainmotion._typing import Float, Progress
+from grainmotion._typing import Progress
 from grainmotion.errors import InputError
 from grainmotion.model.motions import Motions, Status
 from grainmotion.rotations import rotation_matrix
@@ -75,7 +75,7 @@ class Setup:
 
 
 def _rigid(setup: Setup, case: Case) -> HardCase:
-    """A case without any difficulty: every grain moves as a rigid body."""
+    """A case without difficulties: every grain moves as a rigid body."""
     motions = case.motions[setup.motion]
     return HardCase(case, motions, case.sample.moved(motions))
 
@@ -176,11 +176,12 @@ def broken(setup: Setup) -> HardCase:
     normal /= np.linalg.norm(normal)
     halves = []
     for half, side in zip(fracture.broken(whole, normal), (1, -1), strict=True):
-        rotation = rotation_matrix(np.deg2rad(15.0) * _direction(rng))
+        axis = rng.normal(size=3)
+        rotation = rotation_matrix(np.deg2rad(15.0) * (axis / np.linalg.norm(axis)))
         halves.append(half.moved(rotation, half.center - rotation @ half.center + side * 3 * setup.voxel * normal))
     later = Sample((*moved.particles[:row], *halves, *moved.particles[row + 1 :]), moved.tube)
-    parted = _marked(motions, row, Status.NOT_CONVERGED, "it broke in two; the motion is the whole grain's before")
-    return HardCase(case, parted, later, broken=(row + 1,), facts={"apart": 6 * setup.voxel, "turn_deg": 15.0})
+    truth = _marked(motions, row, Status.NOT_CONVERGED, "it broke in two; the motion is the whole grain's before")
+    return HardCase(case, truth, later, broken=(row + 1,), facts={"apart": 6 * setup.voxel, "turn_deg": 15.0})
 
 
 def near_spherical(setup: Setup) -> HardCase:
@@ -201,7 +202,8 @@ def shear_band(setup: Setup) -> HardCase:
     sample = stones(scale, setup.seed, 20, setup.inclusion, setup.progress)
     case = case_of(sample, scale, setup.seed, DEFAULT_SNR)
     angle = setup.draws().uniform(0, 2 * np.pi)
-    normal, direction = (_rotated_about_z(v, angle) for v in ([0.0, 0.5, 1.0], [0.0, 1.0, -0.5]))
+    about_z = rotation_matrix([0.0, 0.0, angle])
+    normal, direction = about_z @ np.array([0.0, 0.5, 1.0]), about_z @ np.array([0.0, 1.0, -0.5])
     size = 6 * setup.voxel
     motions = motion_fields.shear_band(sample, size, scale.diameter * setup.voxel, normal=normal, direction=direction)
     return HardCase(case, motions, sample.moved(motions), facts={"slip": size})
@@ -214,27 +216,16 @@ class Recipe(NamedTuple):
     make: Callable[[Setup], HardCase]
 
 
-def _recipe(make: Callable[[Setup], HardCase]) -> Recipe:
-    """The summary of a case is the docstring of its function."""
-    return Recipe(" ".join((make.__doc__ or "").split()), make)
-
-
+# The name of a case is that of its function, with hyphens, and its summary is the function's docstring.
 HARD_CASES: Mapping[str, Recipe] = MappingProxyType(
     {
-        "noisy": _recipe(noisy),
-        "beam-hardening": _recipe(beam_hardening),
-        "blur": _recipe(blur),
-        "misaligned": _recipe(misaligned),
-        "misaligned-state": _recipe(misaligned_state),
-        "gain-drift": _recipe(gain_drift),
-        "gain-drift-views": _recipe(gain_drift_views),
-        "container": _recipe(container),
-        "missing": _recipe(missing),
-        "broken": _recipe(broken),
-        "near-spherical": _recipe(near_spherical),
-        "shear-band": _recipe(shear_band),
+        make.__name__.replace("_", "-"): Recipe(" ".join((make.__doc__ or "").split()), make)
+        for make in (
+            noisy, beam_hardening, blur, misaligned, misaligned_state, gain_drift, gain_drift_views, container, missing,
+            broken, near_spherical, shear_band,
+        )
     }
-)
+)  # fmt: skip
 
 
 def hard_case(
@@ -304,12 +295,3 @@ def _marked(motions: Motions, row: int, status: Status, reason: str) -> Motions:
         statuses=statuses,
         reasons=tuple(reasons),
     )
-
-
-def _direction(rng: np.random.Generator) -> Float:
-    vector = rng.normal(size=3)
-    return vector / np.linalg.norm(vector)
-
-
-def _rotated_about_z(vector: list[float], angle: float) -> Float:
-    return rotation_matrix([0.0, 0.0, angle]) @ np.array(vector)

@@ -65,7 +65,7 @@ def random(sample: Sample, max_translation: float, max_angle_deg: float, seed: i
     sample : Sample
         In the reference state.
     max_translation : float
-        Greatest *length* of a translation, mm.
+        Greatest length of a translation, mm.
     max_angle_deg : float
         Greatest angle, degrees.
     seed : int

@@ -34,7 +34,7 @@ class PackingSettings:
     ] = 1e-3
     drops: Annotated[int, Field(ge=1, description="random poses from which each particle falls")] = 6
     moves: Annotated[int, Field(ge=0, description="most random moves while a particle settles")] = 1500
-    sweeps: Annotated[int, Field(ge=0, description="times that all settle again once the last one lies")] = 2
+    sweeps: Annotated[int, Field(ge=0, description="times that all particles settle again after the last one")] = 2
 
 
 def pack(
@@ -45,7 +45,7 @@ def pack(
     Parameters
     ----------
     particles : sequence of Particle
-        At any place.
+        At any position.
     settings : PackingSettings
         The cylinder, and how long to settle.
     seed : int
@@ -70,11 +70,8 @@ def pack(
     bodies = stack(list(located))
     size = 2 * float(np.mean(bodies.radii))
     if bodies.radii.max() >= settings.radius:
-        raise InputError(
-            "packing radius",
-            f"{settings.radius} mm is not wider than a particle of radius {bodies.radii.max():.3g} mm",
-            "give a wider cylinder or smaller particles",
-        )
+        fact = f"{settings.radius} mm is not wider than a particle of radius {bodies.radii.max():.3g} mm"
+        raise InputError("packing radius", fact, "give a wider cylinder or smaller particles")
     n = len(particles)
     poses = Poses(np.zeros((n, 3)), np.tile(np.eye(3), (n, 1, 1)))
     rules = Rules(settings.radius, settings.gap * size, size)

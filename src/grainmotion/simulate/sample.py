@@ -94,11 +94,8 @@ class Tube:
 
     def __post_init__(self) -> None:
         if not 0 <= self.inner_radius < self.outer_radius:
-            raise InputError(
-                "tube",
-                f"inner radius {self.inner_radius} mm is not below outer radius {self.outer_radius} mm",
-                "give 0 <= inner_radius < outer_radius",
-            )
+            fact = f"inner radius {self.inner_radius} mm is not below outer radius {self.outer_radius} mm"
+            raise InputError("tube", fact, "give 0 <= inner_radius < outer_radius")
 
     @property
     def axes(self) -> Float:
@@ -182,7 +179,7 @@ def ellipsoid_particle(
     inclusion_attenuation: float | None = None,
     elongation: float = 1.3,
 ) -> Particle:
-    """A random ellipsoid at the origin, if asked with a smaller off-centre ellipsoid inside.
+    """A random ellipsoid at the origin, optionally with a smaller off-centre ellipsoid inside.
 
     Parameters
     ----------
@@ -217,25 +214,25 @@ def ellipsoid_particle(
 
 
 def inscribed(mesh: Mesh, rng: np.random.Generator) -> Ellipsoid:
-    """A random, off-centre ellipsoid inside a mesh, half to two thirds as wide as fits.
+    """A random, off-centre ellipsoid inside a mesh, about half as wide as the largest ball that fits.
 
     Parameters
     ----------
     mesh : Mesh
         The shape around it.
     rng : numpy.random.Generator
-        Source of its size, place and rotation.
+        Source of its size, position and rotation.
 
     Returns
     -------
     Ellipsoid
         Wholly inside the mesh.
     """
-    room = mesh.clearance
+    clearance = mesh.clearance
     axes = _random_rotation(rng)
     direction = rng.normal(size=3)
-    offset = room * rng.uniform(0.2, 0.35) * direction / np.linalg.norm(direction)
-    return Ellipsoid(mesh.star_point + offset, room * rng.uniform(0.45, 0.64, 3), axes)
+    offset = clearance * rng.uniform(0.2, 0.35) * direction / np.linalg.norm(direction)
+    return Ellipsoid(mesh.star_point + offset, clearance * rng.uniform(0.45, 0.64, 3), axes)
 
 
 def _random_rotation(rng: np.random.Generator) -> Float:

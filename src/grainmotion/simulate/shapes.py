@@ -46,7 +46,7 @@ class Mesh:
 
     @property
     def depth(self) -> float:
-        """Least distance from the star point to a face's plane, mm: from all points that near all faces are visible."""
+        """Least distance from the star point to a face's plane, mm: any nearer point sees the whole surface, too."""
         return float(face_planes(self.vertices - self.star_point, self.faces)[:, 3].min())
 
     @property

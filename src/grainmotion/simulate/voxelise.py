@@ -1,4 +1,4 @@
-"""Voxelisation of the exact sample, for testing what works on voxels."""
+"""Voxelisation of the exact sample, for tests of functions that work on voxels."""
 
 from __future__ import annotations
 
