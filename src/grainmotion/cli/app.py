@@ -154,7 +154,7 @@ def _run_until(until: Until, experiment: Experiment, out: Path | None, execution
 @add_command
 def plan(
     file: Annotated[
-        Path | None, typer.Argument(metavar="[FILE]", help="experiment file (TOML) with the reference")
+        Path | None, typer.Argument(metavar="FILE", help="experiment file (TOML) with the reference")
     ] = None,
     *,
     case: Annotated[CaseName | None, typer.Option("--case", help="a simulated packing instead of a file")] = None,
@@ -219,7 +219,7 @@ def simulate(
 
 @add_command
 def demo(
-    folder: Annotated[Path, typer.Argument(metavar="[OUTDIR]", help="folder for data and results")] = Path(
+    folder: Annotated[Path, typer.Argument(metavar="OUTDIR", help="folder for data and results")] = Path(
         "grainmotion-demo"
     ),
     seed: Seed = 0,

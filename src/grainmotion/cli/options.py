@@ -18,17 +18,15 @@ from grainmotion.backends.device import Device
 from grainmotion.errors import GrainmotionError
 
 File = Annotated[Path, typer.Argument(metavar="FILE", help="experiment file (TOML)")]
-Out = Annotated[Path | None, typer.Option("--out", help="folder for results, instead of the file's [output]")]
+Out = Annotated[Path | None, typer.Option("--out", help="folder for results, instead of the file's own")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="show no progress")]
-Scheduler = Annotated[
-    str | None, typer.Option("--scheduler", help="address of a Dask scheduler whose workers do the work")
-]
-Workers = Annotated[int | None, typer.Option("--workers", help="processes of this machine that do the work")]
+Scheduler = Annotated[str | None, typer.Option("--scheduler", help="address of a Dask scheduler whose workers compute")]
+Workers = Annotated[int | None, typer.Option("--workers", help="number of worker processes on this machine")]
 OnDevice = Annotated[Device | None, typer.Option("--device", help="where rays are traced, instead of the file's own")]
-Seed = Annotated[int, typer.Option("--seed", min=0, help="of packing, motions and noise")]
-Photons = Annotated[float | None, typer.Option("--photons", help="a pixel of open beam; else the file's or case's own")]
+Seed = Annotated[int, typer.Option("--seed", min=0, help="seed of packing, motions and noise")]
+Photons = Annotated[float | None, typer.Option("--photons", help="photons a pixel detects without the sample")]
 Views = Annotated[str | None, typer.Option("--views", help="numbers of views, as 2,3,4,6")]
-StepDeg = Annotated[float | None, typer.Option("--step-deg", help="between candidate angles, degrees")]
+StepDeg = Annotated[float | None, typer.Option("--step-deg", help="step between candidate angles, degrees")]
 
 
 @dataclasses.dataclass(frozen=True)

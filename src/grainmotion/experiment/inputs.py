@@ -28,28 +28,14 @@ MAX_FOOTPRINT_PANEL_RATIO = 10.0  # columns of the volume's footprint over those
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """The data that an experiment starts from.
+    """Inputs of an experiment."""
 
-    Attributes
-    ----------
-    reference : ScanInput, optional
-        The full scan; None if the volume is given.
-    states : tuple of ScanInput
-        The later states, in the order of the file.
-    starts : tuple of Motions or None
-        Initial motions of each state that names a file of them, mm and radians.
-    grid : Volume
-        Zeros on the grid of the reference volume.
-    volume, labels : Stack, optional
-        The reference volume (1/mm) and its labels, if they are given.
-    """
-
-    reference: ScanInput | None
-    states: tuple[ScanInput, ...]
-    starts: tuple[Motions | None, ...]
-    grid: Volume
-    volume: Stack | None = None
-    labels: Stack | None = None
+    reference: ScanInput | None  # the full scan; None if the volume is given
+    states: tuple[ScanInput, ...]  # in the order of the file
+    starts: tuple[Motions | None, ...]  # initial motions of each state that names a file of them
+    grid: Volume  # zeros on the grid of the reference volume
+    volume: Stack | None = None  # a reference volume made by other software, 1/mm
+    labels: Stack | None = None  # and labels
 
 
 def find_inputs(experiment: Experiment) -> Inputs:

@@ -30,39 +30,18 @@ from grainmotion.preprocessing.flat_field import (
 
 @dataclass(frozen=True, eq=False)
 class ScanInput:
-    """The files of one scan, located and checked, and how to read them.
+    """The files of one scan, located and checked, and how to read them."""
 
-    Attributes
-    ----------
-    key : str
-        "reference" or "states.NAME".
-    radiographs : Stack
-        Images of the sample.
-    flats, darks : Stack, optional
-        Images of the open beam and of no beam.
-    kind : {"counts", "transmission", "line-integrals"}
-    geometry : Geometry
-        Of the chosen views.
-    views : int array, optional
-        Which radiographs to use; None for all.
-    air : Air, optional
-        Where the radiographs show only air.
-    saturation : float, optional
-        Count from which a pixel is saturated.
-    hardening : Hardening, optional
-        Curve that undoes beam hardening; not part of the `settings`.
-    """
-
-    key: str
+    key: str  # "reference" or "states.NAME"
     radiographs: Stack
     flats: Stack | None
     darks: Stack | None
     kind: Kind
-    geometry: Geometry
-    views: Index | None = None
-    air: Air | None = None
-    saturation: float | None = None
-    hardening: Hardening | None = None
+    geometry: Geometry  # of the chosen views
+    views: Index | None = None  # which radiographs to use; None for all
+    air: Air | None = None  # where the radiographs show only air
+    saturation: float | None = None  # count from which a pixel is saturated
+    hardening: Hardening | None = None  # curve that undoes beam hardening; not part of the `settings`
 
     @property
     def files(self) -> tuple[Path, ...]:

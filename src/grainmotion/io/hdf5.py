@@ -45,27 +45,13 @@ def read_dataset(path: str | Path, inner: str, chosen: Index | None = None) -> P
 
 @dataclass(frozen=True, eq=False)
 class NXtomo:
-    """The frames of an NXtomo file, located but not read yet.
-
-    Attributes
-    ----------
-    path : Path
-    data : str
-        Path of the frames' dataset in the file.
-    keys : (frames,) int array
-        0 projection, 1 flat, 2 dark; frames of any other key are not used.
-    angles_deg : (frames,) float array
-        Rotation angle at each frame, degrees; NaN if the file has none.
-    shape : (int, int)
-        Rows and columns of a frame.
-    dtype : numpy.dtype
-    """
+    """The frames of an NXtomo file, located but not read yet."""
 
     path: Path
-    data: str
-    keys: Index
-    angles_deg: Float
-    shape: tuple[int, int]
+    data: str  # path of the frames' dataset in the file
+    keys: Index  # (frames,): 0 projection, 1 flat, 2 dark; frames of any other key are not used
+    angles_deg: Float  # (frames,): rotation angles; NaN if the file has none
+    shape: tuple[int, int]  # rows and columns of a frame
     dtype: np.dtype
 
     @property

@@ -46,27 +46,13 @@ _OPTIONAL = {
 
 @dataclass(frozen=True, eq=False)
 class StoredReference:
-    """The reference state: its volume and grains.
-
-    Attributes
-    ----------
-    volume : Volume
-        Attenuation, 1/mm.
-    residuals : tuple of float
-        Relative residual after each sweep of the reconstruction; empty if the volume was given.
-    labels : (nz, ny, nx) int32 array, optional
-        Grains; None until the volume is segmented.
-    threshold : float
-        Attenuation above which a voxel is grain, 1/mm; NaN if the labels were given.
-    border : tuple of int
-        Labels of the grains that touch the border of the field of view.
-    """
+    """The reference state: its volume (1/mm) and the labels of its grains."""
 
     volume: Volume
-    residuals: tuple[float, ...] = ()
-    labels: NDArray[np.int32] | None = None
-    threshold: float = float("nan")
-    border: tuple[int, ...] = ()
+    residuals: tuple[float, ...] = ()  # relative, after each sweep; empty if the volume was given
+    labels: NDArray[np.int32] | None = None  # (nz, ny, nx); None until the volume is segmented
+    threshold: float = float("nan")  # attenuation above which a voxel is grain, 1/mm; NaN if the labels were given
+    border: tuple[int, ...] = ()  # labels of the grains that touch the border of the field of view
 
 
 def write_reference(path: str | Path, reference: StoredReference, grains: GrainSet | None = None) -> None:

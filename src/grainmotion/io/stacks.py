@@ -36,18 +36,10 @@ class Part:
 
 @dataclass(frozen=True)
 class Stack:
-    """Images whose files are located, but not read yet.
+    """Images whose files are located, but not read yet."""
 
-    Attributes
-    ----------
-    spec : str
-        What the user wrote, for messages.
-    parts : tuple of Part
-        The files, in order.
-    """
-
-    spec: str
-    parts: tuple[Part, ...]
+    spec: str  # as the user wrote it, for messages
+    parts: tuple[Part, ...]  # the files, in order
 
     @property
     def files(self) -> tuple[Path, ...]:

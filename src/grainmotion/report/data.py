@@ -20,35 +20,18 @@ Rows = tuple[tuple[str, str], ...]
 class StateReport:
     """One later state.
 
-    Attributes
-    ----------
-    name : str
-        The state's name.
-    measured, simulated : (views, rows, columns) array
-        Line integrals, dimensionless; ``simulated`` with gain and offset applied.  NaN where a pixel
-        carries no weight.
-    motions : Motions
-        The measured motions, mm and radians.
-    voxel_size : float
-        Edge of a voxel, mm: lengths are also given in voxels.
-    residual : (views, rows, columns) array, optional
-        Measured − simulated; their difference if not given.
-    views : tuple of str, optional
-        Caption of each view, such as its angle; numbered if not given.
-    comparison : tuple of (str, str)
-        Facts of a comparison with another measurement or with the true motions, if there is one.
-    first_row : {"bottom", "top"}
-        Whether row 0 of the radiographs is their lowest (v along +z) or highest row; the page shows +z upwards.
+    Radiographs are line integrals ``(views, rows, columns)``, NaN where a pixel carries no weight, ``simulated`` with
+    gain and offset applied.  Row 0 is their lowest (v along +z) or highest row; the page shows +z upwards.
     """
 
     name: str
     measured: NDArray[np.floating]
     simulated: NDArray[np.floating]
     motions: Motions
-    voxel_size: float
-    residual: NDArray[np.floating] | None = None
-    views: tuple[str, ...] = ()
-    comparison: Rows = ()
+    voxel_size: float  # mm
+    residual: NDArray[np.floating] | None = None  # measured − simulated if not given
+    views: tuple[str, ...] = ()  # captions, such as angles; numbered if not given
+    comparison: Rows = ()  # with another measurement or with the truth
     first_row: Literal["bottom", "top"] = "bottom"
 
     def __post_init__(self) -> None:
@@ -73,30 +56,14 @@ class StateReport:
 
 @dataclass(frozen=True, eq=False)
 class ReportData:
-    """The data of one page.
-
-    Attributes
-    ----------
-    title : str
-        Heading of the page.
-    facts : tuple of (str, str)
-        Facts of the reference state: views, voxel size, threshold, number of grains...
-    reconstruction_errors : tuple of float
-        Relative residual ε = ‖b − Ax‖/‖b‖ after each iteration of the reconstruction; empty if none was run.
-    volume : Volume, optional
-        The reference volume, of which the page shows the central slices.
-    labels : (nz, ny, nx) integer array, optional
-        Its labels, 0 for none.
-    states : tuple of StateReport
-        In loading order.
-    """
+    """The data of one page."""
 
     title: str
-    facts: Rows = ()
-    reconstruction_errors: tuple[float, ...] = ()
-    volume: Volume | None = None
-    labels: NDArray[np.integer] | None = None
-    states: tuple[StateReport, ...] = ()
+    facts: Rows = ()  # of the reference state: views, voxel size, threshold, number of grains...
+    reconstruction_errors: tuple[float, ...] = ()  # ε = ‖b − Ax‖/‖b‖ after each iteration
+    volume: Volume | None = None  # the reference volume, of which the page shows the central slices
+    labels: NDArray[np.integer] | None = None  # its labels, 0 for no grain
+    states: tuple[StateReport, ...] = ()  # in loading order
 
     def __post_init__(self) -> None:
         if self.labels is not None and (self.volume is None or self.labels.shape != self.volume.shape):

@@ -36,27 +36,13 @@ RESULT_FILES = {CALIBRATION, REFERENCE, CHECKPOINT, "motions.h5", RESIDUALS, *DE
 
 @dataclass(frozen=True, eq=False)
 class RunResult:
-    """Results of a run.
-
-    Attributes
-    ----------
-    folder : Path
-        Where the results are.
-    motions : dict of str to Motions
-        By the name of the state.
-    done : tuple of str
-        Stages that this run did, in order.
-    reused : tuple of str
-        Stages that an earlier run had done.
-    report : Path, optional
-        The page on all states.
-    """
+    """Results of a run."""
 
     folder: Path
-    motions: dict[str, Motions]
-    done: tuple[str, ...]
-    reused: tuple[str, ...]
-    report: Path | None = None
+    motions: dict[str, Motions]  # by the name of the state
+    done: tuple[str, ...]  # stages that this run did, in order
+    reused: tuple[str, ...]  # stages that an earlier run had done
+    report: Path | None = None  # the page on all states
 
 
 def run(
