@@ -1,6 +1,6 @@
-"""Settings of all tests: random examples are the same in every run, and a slow machine is no failure."""
+"""Settings of all tests: hypothesis draws the same examples in every run and sets no time limit on them."""
 
 from hypothesis import settings
 
-settings.register_profile("steady", deadline=None, derandomize=True)
-settings.load_profile("steady")
+settings.register_profile("reproducible", deadline=None, derandomize=True)
+settings.load_profile("reproducible")

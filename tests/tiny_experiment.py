@@ -57,29 +57,29 @@ angles_deg = [10.0, 55.0, 100.0]
 
 
 def geometry(angles_deg: ArrayLike) -> Geometry:
-    """The scanner."""
+    """Views of the cone-beam scanner at the given angles."""
     return Geometry.cone(angles_deg, PANEL, 4 * VOXEL, source_to_axis=50, source_to_detector=200)
 
 
 def sample(shift: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Volume:
-    """Balls of 1/mm with soft surfaces, with an off-centre core of 2/mm."""
+    """Attenuation of the balls: 1/mm with soft surfaces, and an off-centre core of 2/mm."""
     z, y, x = np.meshgrid(*((np.arange(n) - (n - 1) / 2) * VOXEL for n in (28, 36, 36)), indexing="ij")
     array = np.zeros(x.shape)
     for bx, by, bz, radius in BALLS:
         for dx, r in ((0.0, radius), (0.3 * radius, 0.4 * radius)):
-            place = (x - bx - shift[0] - dx, y - by - shift[1] - dx / 2, z - bz - shift[2])
-            array += np.clip((r - np.sqrt(sum(p**2 for p in place))) / VOXEL + 0.5, 0, 1)
+            offset = (x - bx - shift[0] - dx, y - by - shift[1] - dx / 2, z - bz - shift[2])
+            array += np.clip((r - np.sqrt(sum(p**2 for p in offset))) / VOXEL + 0.5, 0, 1)
     return Volume(array, VOXEL)
 
 
 def counts(volume: Volume, views: Geometry) -> np.ndarray:
-    """What a camera of dark 100 and flat 50100 records."""
+    """Detector counts with noise, for a dark level of 100 and a flat level of 50100."""
     noise = np.random.default_rng(len(views)).normal(0, 30, (len(views), *PANEL))
     return np.round(100 + 50_000 * np.exp(-project(volume, views)) + noise).astype(np.uint16)
 
 
 def write_tiny(folder: Path, toml: str = TOML) -> Path:
-    """Write the experiment; returns the path of its TOML."""
+    """Write the experiment's files and return the path of its TOML."""
     (folder / "reference").mkdir(parents=True, exist_ok=True)
     views = geometry(np.arange(VIEWS) * 360 / VIEWS)
     write_geometry(folder / "reference.csv", views)

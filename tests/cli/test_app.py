@@ -1,4 +1,4 @@
-"""The commands: what they print, where they write, how they end."""
+"""Commands of `cli.app`: what they print, where they write, and their exit codes."""
 
 import contextlib
 import os
@@ -32,58 +32,59 @@ def invoke(*args):
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
-    """A whole run by the command, done once."""
+    """Path and output of one complete `run`, shared by the tests of this module."""
     path = write_tiny(tmp_path_factory.mktemp("cli") / "tiny")
     return path, invoke("run", path)
 
 
 @pytest.fixture
 def copied(finished, tmp_path):
+    """A copy of the finished run's folder, which a test may change."""
     shutil.copytree(finished[0].parent, tmp_path / "tiny")
     return tmp_path / "tiny" / "experiment.toml"
 
 
 class TestRun:
-    def test_says_what_it_did(self, finished):
+    def test_prints_residual_stages_and_report_path(self, finished):
         path, result = finished
         assert "ε = " in result.stdout
         assert "done: reconstruct, segment, one/track" in result.stdout
         assert f"report: {path.parent / 'results' / 'report.html'}" in result.stdout
         assert result.stderr == ""
 
-    def test_writes_beside_the_file(self, finished):
+    def test_results_are_written_beside_the_experiment_file(self, finished):
         motions = read_motions(finished[0].parent / "results" / "two" / "motions.csv")
         np.testing.assert_allclose(motions.translations, np.tile(SHIFTS["two"], (3, 1)), atol=0.02)
 
-    def test_quiet_and_again(self, copied):
+    def test_quiet_prints_the_report_path_only(self, copied):
         result = invoke("run", copied, "--quiet")
         assert "done" not in result.stdout
         assert "report: " in result.stdout
 
-    def test_out(self, copied, tmp_path):
+    def test_out_sets_the_results_folder(self, copied, tmp_path):
         shutil.move(copied.parent / "results", tmp_path / "elsewhere")
         result = invoke("run", copied, "--out", tmp_path / "elsewhere")
         assert "done: nothing" in result.stdout
         assert not (copied.parent / "results").exists()
 
     @pytest.mark.parametrize("command", ["reconstruct", "segment", "track", "report"])
-    def test_stages_find_themselves_done(self, copied, command):
+    def test_commands_of_single_stages_reuse_finished_stages(self, copied, command):
         assert "done: nothing; kept: reconstruct" in invoke(command, copied).stdout
 
 
 class TestDevice:
-    def test_another_device_redoes_nothing(self, copied):
+    def test_changing_the_device_reuses_finished_stages(self, copied):
         assert "done: nothing; kept: reconstruct" in invoke("run", copied, "--device", "cpu").stdout
 
-    def test_a_device_that_is_not_there_is_told_before_any_work(self, tmp_path, monkeypatch):
-        monkeypatch.setattr(device, "_cuda_problem", lambda: ("no card", "buy one"))
+    def test_unavailable_device_is_refused_before_any_work(self, tmp_path, monkeypatch):
+        monkeypatch.setattr(device, "_cuda_problem", lambda: ("no GPU", "install one"))
         result = CliRunner().invoke(app, ["run", str(write_tiny(tmp_path)), "--device", "cuda"])
         assert result.exit_code == 2
-        assert result.stderr == "error: device 'cuda': no card; buy one\n"
+        assert result.stderr == "error: device 'cuda': no GPU; install one\n"
         assert not (tmp_path / "results").exists()
 
-    def test_the_file_chooses_where_the_command_does_not(self, tmp_path, monkeypatch):
-        monkeypatch.setattr(device, "_cuda_problem", lambda: ("no card", "buy one"))
+    def test_device_of_the_experiment_file_is_the_default(self, tmp_path, monkeypatch):
+        monkeypatch.setattr(device, "_cuda_problem", lambda: ("no GPU", "install one"))
         path = write_tiny(tmp_path)
         path.write_text(path.read_text().replace("search = false", 'search = false\ndevice = "cuda"'))
         assert CliRunner().invoke(app, ["run", str(path)]).exit_code == 2
@@ -92,7 +93,7 @@ class TestDevice:
 
 
 class TestExport:
-    def test_vtk_and_spam(self, copied):
+    def test_exports_to_vtk_and_spam(self, copied):
         invoke("export", copied, "--format", "vtk", "--format", "spam")
         results = copied.parent / "results"
         for name in SHIFTS:
@@ -102,7 +103,7 @@ class TestExport:
         assert (results / "reference.vti").exists()
         assert read_tiff(results / "reference_labels.tif").max() == 3
 
-    def test_unknown_format(self, copied):
+    def test_unknown_format_is_refused(self, copied):
         result = CliRunner().invoke(app, ["export", str(copied), "--format", "dxf"])
         assert result.exit_code == 2
         assert "dxf" in result.stderr
@@ -116,7 +117,7 @@ class TestInspect:
             assert words in text
         assert not (tmp_path / "results").exists()
 
-    def test_warns(self, tmp_path):
+    def test_warns_of_dead_pixels_air_and_single_views(self, tmp_path):
         path = write_tiny(tmp_path)
         flats = read_tiff(tmp_path / "flats.tif")
         flats[:, 3, 4] = 0
@@ -129,26 +130,26 @@ class TestInspect:
         assert "states.two: one view" in text
 
 
-class TestEnds:
-    def test_help_and_version(self):
+class TestProcess:
+    def test_help_lists_the_commands_and_version_prints_it(self):
         text = invoke("--help").stdout
         for command in ("run", "reconstruct", "segment", "track", "report", "export", "inspect", "simulate", "demo"):
             assert command in text
         assert invoke("version").stdout.strip() == "0.1.0"
 
-    def test_interrupt_then_kill_then_finish(self, tmp_path):
-        """Ctrl-C and kill -9 at any place leave whole files, and the same command goes on."""
+    def test_run_continues_after_interrupt_and_after_kill(self, tmp_path):
+        """Ctrl-C and kill -9 leave complete files only, and the same command continues the run."""
         path = write_tiny(tmp_path)
         results = tmp_path / "results"
-        first = _started(path)
-        _wait(first, results / "reconstruction.h5", results / "reference.h5")
+        first = _start_run(path)
+        _wait_for_any(first, results / "reconstruction.h5", results / "reference.h5")
         first.send_signal(signal.SIGINT)
         _, errors = first.communicate()
         assert first.returncode == 130
         last = errors.strip().splitlines()[-1]
         assert last == "interrupted: finished stages are kept; the same command continues"
-        second = _started(path)
-        _wait(second, results / "one" / "motions.csv")
+        second = _start_run(path)
+        _wait_for_any(second, results / "one" / "motions.csv")
         second.kill()
         second.communicate()
         text = invoke("run", path).stdout
@@ -159,7 +160,7 @@ class TestEnds:
             np.testing.assert_allclose(motions.translations, np.tile(shift, (3, 1)), atol=0.02)
 
 
-def _started(path):
+def _start_run(path):
     environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
     return subprocess.Popen(
         [*COMMAND, "run", str(path)],
@@ -170,8 +171,8 @@ def _started(path):
     )
 
 
-def _wait(process, *paths):
-    """Until one of the files is there, however long it takes: a test that hangs is ended by pytest's own limit."""
+def _wait_for_any(process, *paths):
+    """Wait until one of the files exists; there is no time limit here, because pytest has its own."""
     while not any(p.exists() for p in paths):
         assert process.poll() is None, process.communicate()
         time.sleep(0.05)
@@ -179,19 +180,19 @@ def _wait(process, *paths):
 
 @pytest.fixture
 def default_sigint():
-    """Python's own SIGINT: a shell's background job ignores it, other tests may leave another."""
+    """Python's own SIGINT handler, which a shell's background jobs lack and which other tests may replace."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
 
 
 @pytest.mark.usefixtures("default_sigint")
-def test_an_interrupt_that_a_library_swallows_is_not_lost():
-    with console.progress(quiet=True) as listen:
+def test_interrupt_swallowed_by_a_library_is_raised_at_the_next_step():
+    with console.progress(quiet=True) as progress:
         with contextlib.suppress(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
         with pytest.raises(KeyboardInterrupt):
-            listen("next step", 1, 2)
+            progress("next step", 1, 2)
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
@@ -206,7 +207,7 @@ class TestSimulated:
         assert "already holds files" in again.stderr
 
     @pytest.mark.slow
-    def test_demo_reports_its_own_errors(self, tmp_path):
+    def test_demo_prints_errors_against_the_true_motions(self, tmp_path):
         text = invoke("demo", tmp_path / "demo").stdout
         rows = [line.split("│")[1:-1] for line in text.splitlines() if line.startswith("│")]
         assert [row[0].strip() for row in rows] == ["shift-4", "random-4"]

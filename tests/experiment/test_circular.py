@@ -1,4 +1,4 @@
-"""Circular scans: their angles, what a state inherits, imperfect set-ups, and the choice of views."""
+"""Geometry tables of circular scans: angles, settings that states inherit, misalignment, selected views."""
 
 import numpy as np
 import pytest
@@ -30,6 +30,7 @@ CONE = "source_to_axis = 50\nsource_to_detector = 200"
 class TestCircular:
     @pytest.fixture(autouse=True)
     def images(self, tmp_path):
+        """Four radiographs and a file of their angles."""
         np.save(tmp_path / "all.npy", np.ones((4, *PANEL), np.float32))
         (tmp_path / "angles.txt").write_text("# degrees\n0\n30.0\n60 # stage\n\n90\n")
 
@@ -42,19 +43,19 @@ class TestCircular:
             "first = 0\nlast = 90\ncount = 4",
         ],
     )
-    def test_angles(self, tmp_path, angles):
+    def test_angles_as_list_file_or_range(self, tmp_path, angles):
         inputs = inputs_of(tmp_path, CIRCULAR.format(beam=CONE, angles=angles))
         assert inputs.reference is not None
         expected = geometry([0, 30, 60, 90]).vectors
         np.testing.assert_allclose(inputs.reference.geometry.vectors, expected)
 
-    def test_state_takes_the_rest_from_the_reference_and_its_views(self, tmp_path):
+    def test_state_inherits_from_the_reference_and_selects_views(self, tmp_path):
         inputs = inputs_of(tmp_path, CIRCULAR.format(beam=CONE, angles="first=0\nlast=90\ncount=4"))
         np.testing.assert_allclose(inputs.states[0].geometry.vectors, geometry([5, 8]).vectors)
         scan, _ = inputs.states[0].read()
         assert len(scan) == 2
 
-    def test_imperfect_set_up(self, tmp_path):
+    def test_detector_and_axis_misalignment(self, tmp_path):
         extra = "detector_offset = [0.3, -0.1]\ndetector_tilts_deg = [1, 2, 3]\naxis_offset = 0.2\n"
         extra += 'axis_tilt_deg = [0.5, 0]\nfirst_row = "top"\nbeam = "parallel"'
         toml = CIRCULAR.format(beam=extra, angles="angles_deg = [0, 30, 60, 90]")
@@ -65,7 +66,7 @@ class TestCircular:
         np.testing.assert_allclose(inputs.reference.geometry.vectors, expected.vectors)
         assert inputs.states[0].geometry.beam == "parallel"
 
-    def test_grid_without_a_table_is_what_the_panel_sees(self, tmp_path):
+    def test_default_grid_covers_the_field_of_view(self, tmp_path):
         grid = inputs_of(tmp_path, CIRCULAR.format(beam=CONE, angles="first=0\nlast=90\ncount=4")).grid
         assert grid.shape == (28, 36, 36)
         assert grid.voxel_size == pytest.approx(0.1)
@@ -78,16 +79,16 @@ class TestCircular:
             ("angles_deg = [0, 30, 60, nan]", "reference.geometry.angles_deg"),
         ],
     )
-    def test_refused(self, tmp_path, angles, message):
+    def test_bad_angles_are_refused(self, tmp_path, angles, message):
         with pytest.raises(InputError, match=message):
             inputs_of(tmp_path, CIRCULAR.format(beam=CONE, angles=angles))
 
-    def test_bad_line_of_angles(self, tmp_path):
+    def test_bad_line_in_a_file_of_angles_is_refused(self, tmp_path):
         (tmp_path / "angles.txt").write_text("0\n30\nsixty\n90\n")
         with pytest.raises(InputError, match=r"angles\.txt: line 3 is 'sixty'"):
             inputs_of(tmp_path, CIRCULAR.format(beam=CONE, angles='angles_deg = "angles.txt"'))
 
-    def test_geometry_may_hold_the_chosen_views_alone(self, tmp_path):
+    def test_geometry_may_list_the_selected_views_only(self, tmp_path):
         toml = CIRCULAR.format(beam=CONE, angles="first=0\nlast=90\ncount=4")
         inputs = inputs_of(tmp_path, toml.replace("[5, 6, 7, 8]", "[5, 8]"))
         np.testing.assert_allclose(inputs.states[0].geometry.vectors, geometry([5, 8]).vectors)
@@ -95,13 +96,13 @@ class TestCircular:
             inputs_of(tmp_path, toml.replace("[5, 6, 7, 8]", "[5, 8, 9]"))
 
     @pytest.mark.parametrize(("views", "count"), [('"::2"', 2), ('"1:"', 3), ("[-1]", 1), ('"2"', 1)])
-    def test_views(self, tmp_path, views, count):
+    def test_views_as_slice_or_list(self, tmp_path, views, count):
         toml = CIRCULAR.format(beam=CONE, angles="first=0\nlast=90\ncount=4")
         state = inputs_of(tmp_path, toml.replace("[0, 3]", views)).states[0]
         assert len(state.geometry) == count
 
     @pytest.mark.parametrize("views", ['"a:b"', "[9]", '"9"', '"4:"', "[]"])
-    def test_views_refused(self, tmp_path, views):
+    def test_bad_views_are_refused(self, tmp_path, views):
         toml = CIRCULAR.format(beam=CONE, angles="first=0\nlast=90\ncount=4")
         with pytest.raises(InputError, match=r"states\.one\.views"):
             inputs_of(tmp_path, toml.replace("[0, 3]", views))

@@ -1,4 +1,4 @@
-"""The experiment file: what it holds, and what its tables inherit."""
+"""Reading experiment files: paths, settings of the stages, and values that states inherit."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ def tiny(tmp_path_factory):
     return write_tiny(tmp_path_factory.mktemp("tiny")).parent
 
 
-def test_paths_start_at_the_file(tiny):
+def test_paths_are_relative_to_the_experiment_file(tiny):
     experiment = read_experiment(tiny / "experiment.toml")
     assert experiment.output == tiny / "results"
     inputs = find_inputs(experiment)
@@ -23,7 +23,7 @@ def test_paths_start_at_the_file(tiny):
     assert inputs.grid.shape == (28, 36, 36)
 
 
-def test_stages_take_the_settings_of_the_verbs(tiny):
+def test_tables_of_stages_become_their_settings(tiny):
     tables = read_experiment(tiny / "experiment.toml").tables
     assert tables.reconstruct.sweeps == 3
     assert tables.track.search is False
@@ -40,7 +40,7 @@ def test_states_inherit_flats_darks_kind_and_beam(tiny):
     np.testing.assert_allclose(states[1].geometry.vectors, geometry([10.0, 55.0, 100.0]).vectors)
 
 
-def test_own_kind_needs_no_flats(tiny):
+def test_state_of_transmission_images_needs_no_flats(tiny):
     toml = TOML.replace('radiographs = "one.tif"', 'radiographs = "one.tif"\nkind = "transmission"')
     state = inputs_of(tiny, toml).states[0]
     assert (state.kind, state.flats) == ("transmission", None)

@@ -1,4 +1,4 @@
-"""What an experiment file is refused for: the key at fault and a remedy, unknown keys before wrong values."""
+"""Errors of experiment files: each names the key and a remedy; unknown keys are reported before wrong values."""
 
 import pytest
 from experiment_inputs import inputs_of
@@ -44,13 +44,13 @@ def tiny(tmp_path_factory):
         ("[reference]", "[reference", "malformed TOML"),
     ],
 )
-def test_refused(tiny, old, new, message):
+def test_error_names_the_key(tiny, old, new, message):
     assert old in TOML
     with pytest.raises(InputError, match=message):
         inputs_of(tiny, TOML.replace(old, new, 1))
 
 
-def test_reference_is_needed(tiny):
+def test_missing_reference_is_refused(tiny):
     with pytest.raises(InputError, match="reference: it is missing"):
         inputs_of(tiny, "[volume]\nvoxel_size = 0.1\n")
 
@@ -66,7 +66,7 @@ def test_reference_is_needed(tiny):
         ("[reference]", "states = 3\n[reference]", "states: it is no list of tables"),
     ],
 )
-def test_unknown_keys_come_first_and_name_the_nearest(tiny, old, new, message):
+def test_unknown_keys_are_reported_first_with_the_nearest_known_key(tiny, old, new, message):
     toml = TOML.replace(old, new, 1)
     toml = toml if "states = 3" not in new else toml[: toml.index("[[states]]")]
     with pytest.raises(InputError, match=message):

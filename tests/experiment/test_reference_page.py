@@ -1,4 +1,4 @@
-"""The page that lists every key is what the program knows."""
+"""The documentation page of all keys agrees with the schema of the experiment file."""
 
 import subprocess
 import sys
@@ -7,7 +7,7 @@ from pathlib import Path
 DOCS = Path(__file__).parents[2] / "docs"
 
 
-def test_page_is_up_to_date():
+def test_page_of_keys_is_up_to_date():
     done = subprocess.run(
         [sys.executable, DOCS / "write_experiment_reference.py", "--check"], capture_output=True, text=True, check=False
     )

@@ -1,4 +1,4 @@
-"""Scans read from files: an NXtomo file with all in it, and `read_scan` from Python."""
+"""Scans read from files: NXtomo files, which include flats, darks and angles, and `read_scan`."""
 
 import h5py
 import numpy as np
@@ -20,7 +20,7 @@ def tiny(tmp_path_factory):
 
 
 class TestNXtomo:
-    def test_one_file_brings_flats_darks_and_angles(self, tmp_path):
+    def test_one_file_provides_flats_darks_and_angles(self, tmp_path):
         frames = np.full((7, *PANEL), 1000, np.uint16)
         frames[0], frames[-1] = 10, 2000
         with h5py.File(tmp_path / "scan.nxs", "w") as file:
@@ -55,14 +55,14 @@ geometry = {{ angles_deg = [0, 90] }}
 
 
 class TestReadScan:
-    """The same scan from Python, without an experiment file."""
+    """Reading a scan from Python, without an experiment file."""
 
-    def test_is_the_scan_of_the_experiment(self, tiny):
+    def test_equals_the_scan_of_the_experiment(self, tiny):
         scan = read_scan(tiny / "one.tif", tiny / "one.csv", flats=tiny / "flats.tif", darks=tiny / "darks.tif")
         expected, _ = find_inputs(read_experiment(tiny / "experiment.toml")).states[0].read()
         np.testing.assert_array_equal(scan.line_integrals, expected.line_integrals)
 
-    def test_geometry_given_as_such_and_air(self, tiny):
+    def test_geometry_object_and_air_correction(self, tiny):
         files = {"flats": [tiny / "flats.tif"], "darks": str(tiny / "darks.tif")}
         scan = read_scan(tiny / "two.npy", geometry([10, 55, 100]), air=Air(margin=2), **files)
         assert abs(np.median(scan.line_integrals[:, :, :2])) < 1e-3
@@ -75,10 +75,10 @@ class TestReadScan:
             ({"kind": "photons"}, "kind: input should be 'counts', .* got 'photons'"),
         ],
     )
-    def test_refused(self, tiny, options, fact):
+    def test_bad_options_are_refused(self, tiny, options, fact):
         with pytest.raises(InputError, match=fact):
             read_scan(tiny / "one.tif", **{"geometry": tiny / "one.csv", **options})
 
-    def test_wrong_air_is_refused(self):
+    def test_bad_air_margin_is_refused(self):
         with pytest.raises(InputError, match=r"Air\.margin: .* greater than 0, got 0"):
             Air(margin=0)

@@ -1,4 +1,4 @@
-"""Motions of four grains, with what is hard to write: NaN, sentences with separators, letters beyond ASCII."""
+"""Motions of four grains with values that are hard to store: NaN, text with separators, non-ASCII characters."""
 
 import numpy as np
 

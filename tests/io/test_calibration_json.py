@@ -1,4 +1,4 @@
-"""calibration.json comes back as it was written."""
+"""Reading and writing calibration.json."""
 
 import json
 import math
@@ -24,7 +24,7 @@ CURVE = Hardening((1.0, 0.1, 0.0), 2.5, 0.003)
 
 @pytest.mark.parametrize("curve", [CURVE, None])
 @pytest.mark.parametrize("estimated", [ESTIMATED, None])
-def test_round_trip(tmp_path, estimated, curve):
+def test_calibration_round_trip(tmp_path, estimated, curve):
     path = tmp_path / "calibration.json"
     write_calibration(path, estimated, curve)
     if estimated is not None:
@@ -40,7 +40,7 @@ def test_round_trip(tmp_path, estimated, curve):
 
 
 @pytest.mark.parametrize("text", ["{", "{}", '{"geometry": {}, "hardening": null}', "[1]"])
-def test_other_files_are_refused(tmp_path, text):
+def test_files_without_a_calibration_are_refused(tmp_path, text):
     path = tmp_path / "calibration.json"
     path.write_text(text)
     with pytest.raises(InputError, match="holds no calibration"):

@@ -1,4 +1,4 @@
-"""Geometry as CSV: every digit comes back; errors name the file and the row."""
+"""Geometry as CSV: exact round trip; errors name the file and the row."""
 
 import numpy as np
 import pandas as pd
@@ -17,7 +17,7 @@ def geometry():
     return Geometry.cone(angles, (20, 30), 0.127, source_to_axis=100, source_to_detector=400, panel=panel)
 
 
-def test_round_trip(tmp_path, geometry):
+def test_exact_round_trip(tmp_path, geometry):
     write_geometry(tmp_path / "g.csv", geometry)
     assert (tmp_path / "g.csv").read_text().splitlines()[0] == "sx,sy,sz,dx,dy,dz,ux,uy,uz,vx,vy,vz"
     back = read_geometry(tmp_path / "g.csv", (20, 30))
@@ -26,11 +26,11 @@ def test_round_trip(tmp_path, geometry):
     assert read_geometry(tmp_path / "g.csv", (20, 30), "parallel").beam == "parallel"
 
 
-def test_any_order_of_columns_and_comments(tmp_path, geometry):
+def test_columns_in_any_order_and_comments_are_read(tmp_path, geometry):
     table = pd.DataFrame(geometry.vectors, columns=list("abcdefghijkl"))
     table.columns = ["sx", "sy", "sz", "dx", "dy", "dz", "ux", "uy", "uz", "vx", "vy", "vz"]
     table = table[table.columns[::-1]].assign(angle=[0.0, 33.3, 121.7])
-    (tmp_path / "g.csv").write_text("# from the bench\n" + table.to_csv(index=False).replace(",", " , "))
+    (tmp_path / "g.csv").write_text("# from the scanner\n" + table.to_csv(index=False).replace(",", " , "))
     back = read_geometry(tmp_path / "g.csv", (20, 30))
     np.testing.assert_allclose(back.vectors, geometry.vectors)
 
@@ -46,7 +46,7 @@ def test_any_order_of_columns_and_comments(tmp_path, geometry):
         (lambda t: t.assign(vx=t.ux, vy=t.uy, vz=t.uz), "u and v are parallel"),
     ],
 )
-def test_refused(tmp_path, geometry, change, fact):
+def test_bad_values_are_refused(tmp_path, geometry, change, fact):
     write_geometry(tmp_path / "g.csv", geometry)
     change(pd.read_csv(tmp_path / "g.csv")).to_csv(tmp_path / "g.csv", index=False)
     with pytest.raises(InputError, match=r"g\.csv.*" + fact):
@@ -54,7 +54,7 @@ def test_refused(tmp_path, geometry, change, fact):
 
 
 @pytest.mark.parametrize("text", ["", "no table", "sx,sy\n1,2,3\n4,5,6,7\n", "\x00\x01\x02"])
-def test_no_table_is_refused(tmp_path, text):
+def test_files_that_are_no_table_are_refused(tmp_path, text):
     (tmp_path / "g.csv").write_text(text)
     with pytest.raises(InputError, match=r"g\.csv"):
         read_geometry(tmp_path / "g.csv", (20, 30))

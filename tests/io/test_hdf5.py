@@ -1,4 +1,4 @@
-"""NXtomo files: frames by their keys, angles in degrees."""
+"""Reading NXtomo files: frames selected by image key, angles in degrees."""
 
 import h5py
 import numpy as np
@@ -10,7 +10,7 @@ from grainmotion.io.stacks import find_stack
 
 
 def nxtomo(path, *, unit="deg", entry="entry", control=True):
-    """Dark, flat, four projections of which one is for alignment, one invalid frame, flat."""
+    """Write dark, flat, four projections (one of them for alignment), an invalid frame and a flat."""
     frames = np.arange(8, dtype=np.uint16)[:, None, None] + np.zeros((8, 4, 5), np.uint16)
     keys = np.array([2, 1, 0, 0, 0, 3, 0, 1])
     angles = np.array([0, 0, 0, 30, 60, 70, 90, 90], float)
@@ -28,7 +28,7 @@ def nxtomo(path, *, unit="deg", entry="entry", control=True):
 class TestNXtomo:
     @pytest.mark.parametrize("entry", ["entry", "entry1/tomo_entry"])
     @pytest.mark.parametrize("unit", ["deg", "rad"])
-    def test_frames_by_key(self, tmp_path, entry, unit):
+    def test_frames_are_selected_by_image_key(self, tmp_path, entry, unit):
         file = read_nxtomo(nxtomo(tmp_path / "a.nxs", entry=entry, unit=unit))
         np.testing.assert_allclose(file.projection_angles_deg, [0, 30, 60])
         stack = find_stack("a.nxs", tmp_path)
@@ -37,7 +37,7 @@ class TestNXtomo:
         assert stack.frames(FLAT).read()[:, 0, 0].tolist() == [1, 7]
         assert stack.frames(DARK).read()[:, 0, 0].tolist() == [0]
 
-    def test_without_control_keys(self, tmp_path):
+    def test_without_control_keys_all_projections_are_read(self, tmp_path):
         file = read_nxtomo(nxtomo(tmp_path / "a.nxs", control=False))
         np.testing.assert_allclose(file.projection_angles_deg, [0, 30, 60, 90])
 

@@ -1,4 +1,4 @@
-"""Motions as CSV: mm and degrees, every digit comes back; errors name the file and the row."""
+"""Motions as CSV: mm and degrees, exact round trip; errors name the file and the row."""
 
 import example_motions
 import numpy as np
@@ -15,14 +15,14 @@ def motions_() -> Motions:
     return example_motions.motions()
 
 
-def test_just_the_columns_of_the_contract(tmp_path, motions):
+def test_header_is_the_documented_one(tmp_path, motions):
     write_motions(tmp_path / "m.csv", motions)
     assert (tmp_path / "m.csv").read_text().splitlines()[0] == (
         "label,status,x,y,z,ux,uy,uz,wx,wy,wz,sd_ux,sd_uy,sd_uz,sd_wx,sd_wy,sd_wz,residual,iterations"
     )
 
 
-def test_round_trip(tmp_path, motions):
+def test_exact_round_trip(tmp_path, motions):
     write_motions(tmp_path / "m.csv", motions)
     back = read_motions(tmp_path / "m.csv")
     pd.testing.assert_frame_equal(back.to_table(), motions.to_table(), check_exact=False, rtol=1e-14)
@@ -30,7 +30,7 @@ def test_round_trip(tmp_path, motions):
     pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "n.csv"), pd.read_csv(tmp_path / "m.csv"), rtol=1e-14)
 
 
-def test_is_in_mm_and_degrees(tmp_path, motions):
+def test_units_are_mm_and_degrees(tmp_path, motions):
     write_motions(tmp_path / "m.csv", motions)
     table = pd.read_csv(tmp_path / "m.csv")
     np.testing.assert_allclose(table["wx"], np.rad2deg(motions.rotations[:, 0]))
@@ -48,7 +48,7 @@ def test_is_in_mm_and_degrees(tmp_path, motions):
         (lambda t: t.assign(status="fine"), "fine"),
     ],
 )
-def test_refused(tmp_path, motions, change, fact):
+def test_bad_tables_are_refused(tmp_path, motions, change, fact):
     assert len(MOTION_COLUMNS) == 19
     change(motions.to_table()).to_csv(tmp_path / "m.csv", index=False)
     with pytest.raises(InputError, match=r"m\.csv.*" + fact):

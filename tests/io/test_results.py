@@ -1,4 +1,4 @@
-"""``reference.h5`` and ``motions.h5``: what is written comes back, and older files are read."""
+"""`reference.h5` and `motions.h5`: round trips, units, and files of older versions."""
 
 from dataclasses import replace
 
@@ -69,14 +69,14 @@ class TestMotionsFile:
             np.testing.assert_array_equal(file["fit/corrections"][:, 2], fit.view_corrections.angles)
         assert_same_fit(read_motions_h5(tmp_path / "m.h5").fit, fit)
 
-    def test_units_are_in_the_file(self, tmp_path, motions):
+    def test_units_are_stored_as_attributes(self, tmp_path, motions):
         write_motions_h5(tmp_path / "m.h5", replace(motions, fit=StateFit(background=np.zeros(6))))
         with h5py.File(tmp_path / "m.h5") as file:
             assert file["translations"].attrs["unit"] == "mm"
             assert file["rotations"].attrs["unit"] == "rad"
             assert file["fit/background"].attrs["unit"] == "mm, mm, mm, rad, rad, rad"
 
-    def test_a_file_of_the_first_version_is_read(self, tmp_path, motions):
+    def test_file_of_the_first_version_is_read(self, tmp_path, motions):
         write_motions_h5(tmp_path / "m.h5", motions)
         with h5py.File(tmp_path / "m.h5", "a") as file:
             del file["fit/notes"]
@@ -100,6 +100,6 @@ class TestReferenceFile:
         assert (back.residuals, back.threshold, back.border) == ((0.3, 0.1), 0.5, (2,))
         np.testing.assert_array_equal(back.labels, labels)
 
-    def test_volume_alone(self, tmp_path):
+    def test_volume_without_labels(self, tmp_path):
         write_reference(tmp_path / "r.h5", StoredReference(Volume.zeros((2, 2, 2), 1.0)))
         assert read_reference(tmp_path / "r.h5").labels is None

@@ -1,4 +1,4 @@
-"""Exchange with spam: our own round trip, and spam itself where the test is marked so."""
+"""Exchange of motions with spam: round trip of the TSV format, and tests marked `spam` that run spam itself."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def converged(labels: list[int], centers: np.ndarray, u: np.ndarray, degrees: np.ndarray) -> Motions:
+    """Converged motions with translations u (mm) and rotation vectors in degrees."""
     n = len(labels)
     return replace(
         Motions.identity(np.array(labels), centers),
@@ -46,7 +47,7 @@ def motions() -> Motions:
 
 
 class TestRoundTrip:
-    def test_everything_that_the_format_holds(self, tmp_path, motions):
+    def test_all_stored_values_are_read_back(self, tmp_path, motions):
         write_ddic_tsv(tmp_path / "a-ddic.tsv", motions, GRID)
         back = read_ddic_tsv(tmp_path / "a-ddic.tsv", GRID)
         np.testing.assert_array_equal(back.labels, motions.labels)
@@ -57,7 +58,7 @@ class TestRoundTrip:
         np.testing.assert_allclose(back.translations, motions.translations, atol=1e-8)
         np.testing.assert_allclose(back.matrices, motions.matrices, atol=1e-8)
 
-    def test_unknown_motions_and_statuses(self, tmp_path, motions):
+    def test_unknown_motions_become_not_fitted(self, tmp_path, motions):
         unknown = np.where(np.arange(3)[:, None] == 1, np.nan, motions.translations)
         statuses = np.array(["converged", "left-field", "not-converged"], dtype="<U20")
         write_ddic_tsv(tmp_path / "a.tsv", replace(motions, translations=unknown, statuses=statuses), GRID)
@@ -74,8 +75,8 @@ class TestRoundTrip:
 
 
 class TestFormat:
-    def test_one_row_a_label_from_zero_in_voxels_and_z_y_x(self, tmp_path):
-        """A grain at voxel (z, y, x) = (10, 20, 30) that goes 1, 2 and 3 voxels along z, y and x."""
+    def test_rows_by_label_in_voxels_and_zyx_order(self, tmp_path):
+        """A grain at voxel (z, y, x) = (10, 20, 30) that moves by 1, 2 and 3 voxels along z, y and x."""
         h = GRID.voxel_size
         center = GRID.origin + h * np.array([[30.0, 20.0, 10.0]])
         one = converged([2], center, h * np.array([[3.0, 2.0, 1.0]]), np.array([[0.0, 0.0, 90.0]]))
@@ -88,12 +89,12 @@ class TestFormat:
         assert rows[1]["returnStatus"] < 0
         expected = {"Zpos": 10, "Ypos": 20, "Xpos": 30, "Zdisp": 1, "Ydisp": 2, "Xdisp": 3, "returnStatus": 2}
         assert {key: rows[2][key] for key in expected} == pytest.approx(expected)
-        # A quarter turn about z carries x to y: F_yx = 1.
+        # A rotation by 90° about z takes x to y: F_yx = 1.
         assert rows[2]["Fyx"] == pytest.approx(1)
         assert rows[2]["Fxy"] == pytest.approx(-1)
         assert rows[2]["Fzz"] == pytest.approx(1)
 
-    def test_motions_are_carried_to_the_labels_own_centres(self, tmp_path, motions):
+    def test_motions_are_converted_to_the_centres_of_the_labels(self, tmp_path, motions):
         labels = np.zeros(GRID.shape, np.int32)
         for label, z in zip((2, 3, 6), (5, 20, 35)):
             labels[z : z + 6, 10:15, 20:24] = label
@@ -108,7 +109,7 @@ class TestFormat:
             atol=1e-7,
         )
 
-    def test_a_straining_gradient_gives_its_rotation(self, tmp_path, motions):
+    def test_rotation_of_a_deformation_gradient_with_strain(self, tmp_path, motions):
         write_ddic_tsv(tmp_path / "a.tsv", motions, GRID)
         lines = [line.split("\t") for line in (tmp_path / "a.tsv").read_text().splitlines()]
         stretch = np.diag([1.1, 0.95, 1.02])
@@ -121,7 +122,7 @@ class TestFormat:
 
 
 class TestBadInput:
-    def test_a_missing_file(self, tmp_path):
+    def test_missing_file_is_refused(self, tmp_path):
         with pytest.raises(InputError, match="no such file"):
             read_ddic_tsv(tmp_path / "none.tsv", GRID)
 
@@ -139,7 +140,7 @@ class TestBadInput:
             ("\x00\x01", "missing|no table"),
         ],
     )
-    def test_not_such_a_table(self, tmp_path, text, fact):
+    def test_other_tables_are_refused(self, tmp_path, text, fact):
         (tmp_path / "bad.tsv").write_text(text)
         if fact is None:  # a column that is not used may hold anything
             assert len(read_ddic_tsv(tmp_path / "bad.tsv", GRID)) == 1
@@ -148,11 +149,11 @@ class TestBadInput:
             read_ddic_tsv(tmp_path / "bad.tsv", GRID)
         assert "bad.tsv" in str(error.value)
 
-    def test_label_zero_is_spams_background(self, tmp_path):
+    def test_label_zero_is_refused(self, tmp_path):
         with pytest.raises(InputError, match="label 0"):
             write_ddic_tsv(tmp_path / "a.tsv", Motions.identity(np.array([0]), np.zeros((1, 3))), GRID)
 
-    def test_labels_that_lack_a_grain(self, tmp_path, motions):
+    def test_labels_without_a_grain_of_the_motions_are_refused(self, tmp_path, motions):
         with pytest.raises(InputError, match=r"\[2, 3, 6\]"):
             write_ddic_tsv(tmp_path / "a.tsv", motions, GRID, np.zeros(GRID.shape, int))
 
@@ -170,7 +171,7 @@ def spam_python() -> Path:
     return python
 
 
-def ask(python: Path, script: str, *arguments: object) -> dict:
+def run_in_spam(python: Path, script: str, *arguments: object) -> dict:
     """Run a script in spam's environment; its last line is JSON."""
     command = [str(python), "-c", script, *map(str, arguments)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=900)
@@ -180,18 +181,18 @@ def ask(python: Path, script: str, *arguments: object) -> dict:
 
 READ = """
 import json, sys, numpy, spam.deformation, spam.helpers
-found = spam.helpers.readCorrelationTSV(sys.argv[1], readError=True, verbose=False)
-vectors = [spam.deformation.decomposePhi(phi)["r"] for phi in found["PhiField"]]
+table = spam.helpers.readCorrelationTSV(sys.argv[1], readError=True, verbose=False)
+vectors = [spam.deformation.decomposePhi(phi)["r"] for phi in table["PhiField"]]
 keys = ("fieldCoords", "PhiField", "returnStatus", "iterations", "error")
-print(json.dumps({**{k: numpy.asarray(found[k]).tolist() for k in keys}, "r": numpy.array(vectors).tolist()}))
+print(json.dumps({**{k: numpy.asarray(table[k]).tolist() for k in keys}, "r": numpy.array(vectors).tolist()}))
 """
 
 MOVE = """
 import json, sys, numpy, tifffile, spam.helpers, spam.label
-found = spam.helpers.readCorrelationTSV(sys.argv[1], verbose=False)
+table = spam.helpers.readCorrelationTSV(sys.argv[1], verbose=False)
 labels = tifffile.imread(sys.argv[2])
 moved = spam.label.moveLabels(
-    labels, found["PhiField"], returnStatuses=found["returnStatus"], margin=12, nProcesses=1
+    labels, table["PhiField"], returnStatuses=table["returnStatus"], margin=12, nProcesses=1
 )
 tifffile.imwrite(sys.argv[3], moved)
 print(json.dumps({}))
@@ -218,32 +219,32 @@ class TestWithSpam:
     def test_spam_reads_the_same_motions(self, tmp_path, motions, spam_python):
         small = replace(motions, rotations=motions.rotations / 4)
         write_ddic_tsv(tmp_path / "a-ddic.tsv", small, GRID)
-        found = {k: np.array(v) for k, v in ask(spam_python, READ, tmp_path / "a-ddic.tsv").items()}
-        places = (small.centers - GRID.origin)[:, ::-1] / GRID.voxel_size
-        np.testing.assert_allclose(found["fieldCoords"][small.labels], places, atol=1e-7)
-        phi = found["PhiField"][small.labels]
+        read = {k: np.array(v) for k, v in run_in_spam(spam_python, READ, tmp_path / "a-ddic.tsv").items()}
+        voxels = (small.centers - GRID.origin)[:, ::-1] / GRID.voxel_size
+        np.testing.assert_allclose(read["fieldCoords"][small.labels], voxels, atol=1e-7)
+        phi = read["PhiField"][small.labels]
         np.testing.assert_allclose(phi[:, :3, 3], small.translations[:, ::-1] / GRID.voxel_size, atol=1e-7)
         np.testing.assert_allclose(phi[:, :3, :3], small.matrices[:, ::-1, ::-1], atol=1e-7)
         # Reversing the axes mirrors the frame: spam's rotation vector is minus ours, reversed.
-        np.testing.assert_allclose(found["r"][small.labels], -np.rad2deg(small.rotations)[:, ::-1], atol=1e-5)
-        np.testing.assert_array_equal(found["returnStatus"][small.labels], 2)
-        np.testing.assert_array_equal(found["iterations"][small.labels], small.iterations)
-        np.testing.assert_allclose(found["error"][small.labels], small.residuals, rtol=1e-7)
+        np.testing.assert_allclose(read["r"][small.labels], -np.rad2deg(small.rotations)[:, ::-1], atol=1e-5)
+        np.testing.assert_array_equal(read["returnStatus"][small.labels], 2)
+        np.testing.assert_array_equal(read["iterations"][small.labels], small.iterations)
+        np.testing.assert_allclose(read["error"][small.labels], small.residuals, rtol=1e-7)
 
-    def test_spam_moves_labels_where_rebuild_does(self, tmp_path, packing, spam_python):
+    def test_labels_moved_by_spam_overlap_those_of_rebuild(self, tmp_path, packing, spam_python):
         _, labels, motions = packing
         tifffile.imwrite(tmp_path / "labels.tif", labels.astype("<u4"))
         write_ddic_tsv(tmp_path / "a-ddic.tsv", motions, GRID, labels)
-        ask(spam_python, MOVE, tmp_path / "a-ddic.tsv", tmp_path / "labels.tif", tmp_path / "moved.tif")
+        run_in_spam(spam_python, MOVE, tmp_path / "a-ddic.tsv", tmp_path / "labels.tif", tmp_path / "moved.tif")
         theirs = tifffile.imread(tmp_path / "moved.tif")
         body = Volume((labels > 0).astype(np.float32), GRID.voxel_size, GRID.center)
-        _, ours = rebuild(grains_from_labels(body, labels, reach=0), _about(motions, body, labels), GRID)
+        _, ours = rebuild(grains_from_labels(body, labels, reach=0), about_centres_of(motions, body, labels), GRID)
         for label in (1, 2, 4):
             both, either = (theirs == label) & (ours == label), (theirs == label) | (ours == label)
             assert both.sum() / either.sum() > 0.97
 
-    def test_spam_ddic_starts_from_our_file_and_agrees(self, tmp_path, packing, spam_python):
-        """spam correlates reference and rebuilt volume, from our file disturbed, back to our motions."""
+    def test_spam_ddic_started_from_our_file_agrees(self, tmp_path, packing, spam_python):
+        """spam-ddic on reference and deformed volume, started 0.4 voxel away, converges to our motions."""
         volume, labels, motions = packing
         moved, _ = rebuild(grains_from_labels(volume, labels), motions, GRID)
         tifffile.imwrite(tmp_path / "reference.tif", volume.array)
@@ -256,16 +257,16 @@ class TestWithSpam:
         command += [tmp_path / name for name in ("reference.tif", "labels.tif", "moved.tif")]
         done = subprocess.run([str(c) for c in command], capture_output=True, text=True, timeout=900)
         assert (tmp_path / "spam-ddic.tsv").exists(), done.stdout + done.stderr
-        found = read_ddic_tsv(tmp_path / "spam-ddic.tsv", GRID)
-        np.testing.assert_array_equal(found.labels, motions.labels)
-        assert set(found.statuses) == {"converged"}
-        carried = recenter(found.matrices, found.translations, found.centers, motions.centers)
-        np.testing.assert_allclose(carried, motions.translations, atol=0.05 * GRID.voxel_size)
-        np.testing.assert_allclose(np.rad2deg(found.rotations), np.rad2deg(motions.rotations), atol=0.3)
+        correlated = read_ddic_tsv(tmp_path / "spam-ddic.tsv", GRID)
+        np.testing.assert_array_equal(correlated.labels, motions.labels)
+        assert set(correlated.statuses) == {"converged"}
+        translations = recenter(correlated.matrices, correlated.translations, correlated.centers, motions.centers)
+        np.testing.assert_allclose(translations, motions.translations, atol=0.05 * GRID.voxel_size)
+        np.testing.assert_allclose(np.rad2deg(correlated.rotations), np.rad2deg(motions.rotations), atol=0.3)
 
 
-def _about(motions: Motions, body: Volume, labels: np.ndarray) -> Motions:
-    """The same motions about the centres of uniform grains."""
+def about_centres_of(motions: Motions, body: Volume, labels: np.ndarray) -> Motions:
+    """The same motions about the centres of grains of uniform attenuation."""
     centers = grains_from_labels(body, labels, reach=0).centers
     moved = recenter(motions.matrices, motions.translations, motions.centers, centers)
     return replace(motions, centers=centers, translations=moved)

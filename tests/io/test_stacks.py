@@ -1,4 +1,4 @@
-"""Specs of image stacks: files, globs, lists, .npy, HDF5 datasets, NXtomo."""
+"""Image stacks specified as files, globs, lists, .npy, HDF5 datasets or NXtomo."""
 
 import h5py
 import numpy as np
@@ -26,14 +26,14 @@ def folder(tmp_path):
 
 
 @pytest.mark.parametrize("spec", ["stack.TIFF", "stack.npy", "data.h5::/scan/images", "data.h5::scan/images"])
-def test_one_file(folder, spec):
+def test_stack_in_one_file(folder, spec):
     stack = find_stack(spec, folder)
     assert stack.info() == (STACK.shape, np.dtype(np.uint16))
     np.testing.assert_array_equal(stack.read(), STACK)
     assert stack.read().dtype == np.uint16
 
 
-def test_glob_counts_numbers_as_numbers(folder):
+def test_glob_sorts_by_number(folder):
     np.testing.assert_array_equal(find_stack("proj_*.tif", folder / "a[1]").read(), STACK)
 
 
@@ -43,13 +43,13 @@ def test_list_keeps_its_order(folder):
 
 
 @pytest.mark.parametrize("spec", ["stack.TIFF", "stack.npy", "data.h5::scan/images", ["one.npy", "stack.npy"]])
-@pytest.mark.parametrize("chosen", [[7, 0, 3], [2], [0, 0, 5, 5]])
-def test_chosen_images(folder, spec, chosen):
-    stack, chosen = find_stack(spec, folder), np.array(chosen)
-    np.testing.assert_array_equal(stack.read(chosen), stack.read()[chosen])
+@pytest.mark.parametrize("indices", [[7, 0, 3], [2], [0, 0, 5, 5]])
+def test_selected_images(folder, spec, indices):
+    stack, indices = find_stack(spec, folder), np.array(indices)
+    np.testing.assert_array_equal(stack.read(indices), stack.read()[indices])
 
 
-def test_chosen_images_leave_other_files_alone(folder):
+def test_selected_images_of_a_folder(folder):
     stack = find_stack("proj_*.tif", folder / "a[1]")
     read = stack.read(np.array([2, 11]))
     np.testing.assert_array_equal(read, STACK[[2, 11]])
@@ -70,7 +70,7 @@ def test_chosen_images_leave_other_files_alone(folder):
         ("none.npy", "it holds no image"),
     ],
 )
-def test_refused(folder, spec, fact):
+def test_bad_specifications_are_refused(folder, spec, fact):
     (folder / "notes.txt").write_text("hello")
     np.save(folder / "small.npy", np.zeros((2, 2)))
     np.save(folder / "none.npy", np.zeros((0, 2, 2)))
@@ -80,7 +80,7 @@ def test_refused(folder, spec, fact):
 
 @pytest.mark.parametrize("name", ["stack.npy", "data.h5::/scan/images"])
 @pytest.mark.parametrize("share", [0.0, 0.01, 0.5, 0.99])
-def test_truncated_is_refused(folder, name, share):
+def test_truncated_file_is_refused(folder, name, share):
     path = folder / name.split("::")[0]
     whole = path.read_bytes()
     path.write_bytes(whole[: int(len(whole) * share)])

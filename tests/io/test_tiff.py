@@ -1,4 +1,4 @@
-"""TIFF files: what comes in comes out; what is cut short is refused, wherever the cut."""
+"""TIFF files: round trips, layouts of other writers, and refusal of damaged files."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from grainmotion.io.tiff import read_tiff, tiff_info, write_tiff
 STACK = np.random.default_rng(0).integers(0, 60_000, (5, 40, 30)).astype(np.uint16)
 
 
-def pages(path):
+def write_pages(path):
     with tifffile.TiffWriter(path) as writer:
         for page in STACK:
             writer.write(page, contiguous=False, metadata=None)
@@ -23,13 +23,13 @@ WRITERS = {
     "imagej": lambda p: tifffile.imwrite(p, STACK, imagej=True),
     "bigtiff": lambda p: tifffile.imwrite(p, STACK, bigtiff=True),
     "big-endian": lambda p: tifffile.imwrite(p, STACK, byteorder=">"),
-    "pages": pages,
+    "pages": write_pages,
 }
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.int32, np.float32])
 @pytest.mark.parametrize("shape", [(6, 5), (4, 6, 5)])
-def test_round_trip(tmp_path, dtype, shape):
+def test_exact_round_trip(tmp_path, dtype, shape):
     array = (np.arange(np.prod(shape)).reshape(shape) % 251).astype(dtype)
     write_tiff(tmp_path / "a.tif", array)
     back = read_tiff(tmp_path / "a.tif")
@@ -40,7 +40,7 @@ def test_round_trip(tmp_path, dtype, shape):
 
 
 @pytest.mark.parametrize("writer", WRITERS)
-def test_any_layout_is_read(tmp_path, writer):
+def test_layouts_of_other_writers_are_read(tmp_path, writer):
     WRITERS[writer](tmp_path / "a.tif")
     assert tiff_info(tmp_path / "a.tif")[0] == STACK.shape
     np.testing.assert_array_equal(read_tiff(tmp_path / "a.tif"), STACK)
@@ -48,7 +48,7 @@ def test_any_layout_is_read(tmp_path, writer):
 
 @pytest.mark.parametrize("writer", WRITERS)
 @pytest.mark.parametrize("share", [0.0005, 0.02, 0.2, 0.3, 0.5, 0.7, 0.9, 0.97])
-def test_truncated_is_refused_or_whole(tmp_path, writer, share):
+def test_truncated_file_is_refused(tmp_path, writer, share):
     path = tmp_path / "a.tif"
     WRITERS[writer](path)
     whole = path.read_bytes()
@@ -57,7 +57,7 @@ def test_truncated_is_refused_or_whole(tmp_path, writer, share):
         read_tiff(path)
 
 
-def test_other_files_are_refused(tmp_path):
+def test_files_that_are_no_tiff_are_refused(tmp_path):
     path = tmp_path / "a.tif"
     for content in (b"", b"II", b"not a TIFF file at all", b"II\x2a\x00\xff\xff\xff\xff"):
         path.write_bytes(content)
@@ -82,20 +82,20 @@ def test_colour_and_mixed_sizes_are_refused(tmp_path):
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 @pytest.mark.parametrize("views", [2, 3, 4, 5])
-def test_few_views_are_no_colours(tmp_path, views):
+def test_three_or_four_views_are_not_read_as_colours(tmp_path, views):
     """tifffile's default turns an array of three or four images into colour planes."""
     tifffile.imwrite(tmp_path / "a.tif", STACK[:views])
     np.testing.assert_array_equal(read_tiff(tmp_path / "a.tif"), STACK[:views])
 
 
-def test_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
+def test_interrupted_write_keeps_the_old_file(tmp_path, monkeypatch):
     path = tmp_path / "a.tif"
     write_tiff(path, STACK[0])
 
-    def stopped(*_args, **_options):
+    def interrupted(*_args, **_options):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(tifffile, "imwrite", stopped)
+    monkeypatch.setattr(tifffile, "imwrite", interrupted)
     with pytest.raises(KeyboardInterrupt):
         write_tiff(path, STACK[1])
     np.testing.assert_array_equal(read_tiff(path)[0], STACK[0])

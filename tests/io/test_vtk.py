@@ -1,4 +1,4 @@
-"""The files for ParaView, read back by VTK itself."""
+"""VTK files for ParaView, read back with VTK's own readers."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def motions(n: int = 5) -> Motions:
 
 
 def read(reader, path: Path):
-    """What VTK makes of a file; its complaints are errors."""
+    """The file as VTK reads it; VTK's warnings and errors fail the test."""
     problems = []
     reader.AddObserver("ErrorEvent", lambda *_: problems.append("error"))
     reader.AddObserver("WarningEvent", lambda *_: problems.append("warning"))
@@ -49,55 +49,55 @@ def read(reader, path: Path):
 
 
 class TestGrains:
-    def test_vtk_reads_every_field_back(self, tmp_path):
-        given = motions()
-        write_grains_vtp(tmp_path / "grains.vtp", given)
+    def test_every_field_is_read_back(self, tmp_path):
+        written = motions()
+        write_grains_vtp(tmp_path / "grains.vtp", written)
         data = read(vtkXMLPolyDataReader(), tmp_path / "grains.vtp")
         fields = {
             data.GetPointData().GetArrayName(i): vtk_to_numpy(data.GetPointData().GetArray(i))
             for i in range(data.GetPointData().GetNumberOfArrays())
         }
-        sd = np.sqrt(np.diagonal(given.covariances, axis1=1, axis2=2))
+        sd = np.sqrt(np.diagonal(written.covariances, axis1=1, axis2=2))
         expected = {
-            "label": given.labels,
+            "label": written.labels,
             "status_code": np.arange(5),
-            "reference_center": given.centers,
-            "displacement": given.translations,
-            "rotation_vector_deg": np.rad2deg(given.rotations),
+            "reference_center": written.centers,
+            "displacement": written.translations,
+            "rotation_vector_deg": np.rad2deg(written.rotations),
             "sd_displacement": sd[:, :3],
             "sd_rotation_deg": np.rad2deg(sd[:, 3:]),
-            "displacement_covariance": given.covariances[:, :3, :3].reshape(-1, 9),
-            "residual": given.residuals,
-            "iterations": given.iterations,
+            "displacement_covariance": written.covariances[:, :3, :3].reshape(-1, 9),
+            "residual": written.residuals,
+            "iterations": written.iterations,
         }
         assert set(fields) == {*expected, "rotation_matrix"}
         for name, values in expected.items():
             np.testing.assert_array_equal(fields[name], values, err_msg=name)
         matrices = fields["rotation_matrix"].reshape(-1, 3, 3)
-        np.testing.assert_allclose(matrices[:-1], rotation_matrix(given.rotations[:-1]), atol=1e-15)
+        np.testing.assert_allclose(matrices[:-1], rotation_matrix(written.rotations[:-1]), atol=1e-15)
         assert np.isnan(matrices[-1]).all()
 
-    def test_points_stand_at_the_current_centres(self, tmp_path):
-        given = motions()
-        write_grains_vtp(tmp_path / "grains.vtp", given)
+    def test_points_are_at_the_current_centres(self, tmp_path):
+        written = motions()
+        write_grains_vtp(tmp_path / "grains.vtp", written)
         data = read(vtkXMLPolyDataReader(), tmp_path / "grains.vtp")
         points = vtk_to_numpy(data.GetPoints().GetData())
-        np.testing.assert_array_equal(points[:-1], (given.centers + given.translations)[:-1])
-        np.testing.assert_array_equal(points[-1], given.centers[-1])
+        np.testing.assert_array_equal(points[:-1], (written.centers + written.translations)[:-1])
+        np.testing.assert_array_equal(points[-1], written.centers[-1])
         assert data.GetNumberOfVerts() == 5
 
-    def test_arrows_and_tensors_are_active(self, tmp_path):
+    def test_active_vectors_scalars_and_tensors(self, tmp_path):
         write_grains_vtp(tmp_path / "grains.vtp", motions())
         data = read(vtkXMLPolyDataReader(), tmp_path / "grains.vtp").GetPointData()
         assert data.GetVectors().GetName() == "displacement"
         assert data.GetScalars().GetName() == "status_code"
         assert data.GetTensors().GetName() == "rotation_matrix"
 
-    def test_no_grains(self, tmp_path):
+    def test_file_without_grains(self, tmp_path):
         write_grains_vtp(tmp_path / "none.vtp", Motions.identity(np.zeros(0, int), np.zeros((0, 3))))
         assert read(vtkXMLPolyDataReader(), tmp_path / "none.vtp").GetNumberOfPoints() == 0
 
-    def test_a_folder_that_cannot_be_made_is_a_clear_error(self, tmp_path):
+    def test_folder_that_cannot_be_created_is_refused(self, tmp_path):
         (tmp_path / "file").write_text("in the way")
         with pytest.raises(InputError, match="cannot be written"):
             write_grains_vtp(tmp_path / "file" / "grains.vtp", motions())
@@ -105,7 +105,7 @@ class TestGrains:
 
 class TestImage:
     @pytest.mark.parametrize("shape", [(3, 4, 5), (70, 80, 90)], ids=["one block", "several blocks"])
-    def test_vtk_reads_voxels_and_labels_back(self, tmp_path, shape):
+    def test_voxels_and_labels_are_read_back(self, tmp_path, shape):
         random = np.random.default_rng(2)
         volume = Volume(random.random(shape), 0.25, (1.0, -2.0, 3.5))
         labels = random.integers(0, 9, shape)
@@ -115,7 +115,7 @@ class TestImage:
         np.testing.assert_array_equal(vtk_to_numpy(cells.GetArray("attenuation")).reshape(shape), volume.array)
         np.testing.assert_array_equal(vtk_to_numpy(cells.GetArray("label")).reshape(shape), labels)
 
-    def test_voxels_lie_where_the_volume_says(self, tmp_path):
+    def test_voxels_are_at_the_positions_of_the_volume(self, tmp_path):
         volume = Volume.zeros((3, 4, 5), 0.25, (1.0, -2.0, 3.5))
         write_image_vti(tmp_path / "volume.vti", volume)
         image = read(vtkXMLImageDataReader(), tmp_path / "volume.vti")
@@ -125,7 +125,7 @@ class TestImage:
         cell = image.GetCell(0).GetBounds()
         np.testing.assert_allclose(np.reshape(cell, (3, 2)).mean(axis=1), volume.origin)
 
-    def test_labels_of_another_shape(self, tmp_path):
+    def test_labels_of_another_shape_are_refused(self, tmp_path):
         with pytest.raises(InputError, match="labels"):
             write_image_vti(tmp_path / "v.vti", Volume.zeros((3, 4, 5), 1.0), np.zeros((3, 4, 4), int))
         assert not list(tmp_path.iterdir())

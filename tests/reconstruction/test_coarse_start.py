@@ -1,4 +1,4 @@
-"""Coarse starts: in pieces they are what the whole's would be, and no ray of a piece misses a part of its path."""
+"""Coarse start in pieces: the same as that of the whole volume, and each ray of a piece stays in its planes."""
 
 from itertools import pairwise
 
@@ -26,23 +26,23 @@ GEOMETRIES = {
     ),
     "parallel, upside down": Geometry.parallel(ANGLES, (85, 40), 0.1, panel=DetectorAlignment(first_row="top")),
 }  # fmt: skip
-CLIMBING = GEOMETRIES["parallel, upside down"].vectors.copy()
-CLIMBING[:, 2] = 0.9
-STEEP = Geometry(CLIMBING, (85, 40), "parallel")
+INCLINED = GEOMETRIES["parallel, upside down"].vectors.copy()
+INCLINED[:, 2] = 0.9
+STEEP = Geometry(INCLINED, (85, 40), "parallel")
 
 
 @pytest.fixture(params=GEOMETRIES.values(), ids=GEOMETRIES.keys())
 def layout(request, monkeypatch):
-    return in_slabs(request.param, monkeypatch)
+    return layout_in_slabs(request.param, monkeypatch)
 
 
-def in_slabs(geometry, monkeypatch, shape=SHAPE):
+def layout_in_slabs(geometry, monkeypatch, shape=SHAPE):
     monkeypatch.setattr(slabs, "SLAB_PLANES", 20)
     return slabs.Layout.of(Volume.zeros(shape, VOXEL, (0.1, -0.1, 0.2)), geometry, ReconstructSettings())
 
 
-def stones(shape=SHAPE):
-    """Blobs of some voxels, which a grid twice as coarse can show."""
+def smooth_blobs(shape=SHAPE):
+    """Gaussian blobs of 3 voxels standard deviation, which a grid twice as coarse resolves."""
     rng, array = np.random.default_rng(0), np.zeros(shape, np.float32)
     z, y, x = np.indices(shape, sparse=True)
     for _ in range(40):
@@ -51,20 +51,20 @@ def stones(shape=SHAPE):
     return array
 
 
-def test_rows_of_a_piece_see_its_planes_alone(layout):
+def test_rows_of_a_piece_project_its_planes_only(layout):
     pieces = pieces_of(layout)
     assert len(pieces) >= 2
     rows = layout.geometry.shape[0] // 2
     panel = layout.geometry.window((0, 0), (2 * rows, layout.geometry.shape[1] // 2 * 2)).binned(2)
     coarse = tuple(-(-n // 2) for n in SHAPE)
-    inside = np.hypot(*(np.indices(coarse[1:]) - 7.0)) <= 7.5  # what counts of it
+    cylinder = np.hypot(*(np.indices(coarse[1:]) - 7.0)) <= 7.5  # cylinder that the constraint keeps
     for piece in pieces:
-        beyond = np.repeat(inside[None], coarse[0], axis=0).astype(np.float32)
-        beyond[slice(*piece.planes)] = 0
-        assert project(Volume(beyond, 2 * VOXEL, layout.center), panel)[:, slice(*piece.rows)].max() == 0
+        outside = np.repeat(cylinder[None], coarse[0], axis=0).astype(np.float32)
+        outside[slice(*piece.planes)] = 0
+        assert project(Volume(outside, 2 * VOXEL, layout.center), panel)[:, slice(*piece.rows)].max() == 0
 
 
-def test_pieces_hold_all_slabs_and_little_twice(layout):
+def test_pieces_cover_all_slabs_with_little_overlap(layout):
     pieces = pieces_of(layout)
     assert [k for piece in pieces for k in piece.slabs] == list(range(len(layout.slabs)))
     assert sum(b - a for a, b in (p.planes for p in pieces)) <= (1 + module.MAX_EXTRA_PLANES) * SHAPE[0] / 2
@@ -73,32 +73,32 @@ def test_pieces_hold_all_slabs_and_little_twice(layout):
         assert piece.planes[1] >= layout.slabs[piece.slabs[-1]][1] / 2
 
 
-def test_slabs_that_the_panel_does_not_see(monkeypatch):
-    """A grid taller than a panel of an odd number of rows: every piece has some row."""
-    monkeypatch.setattr(module, "MAX_EXTRA_PLANES", 2.0)  # however much twice
+def test_slabs_outside_the_field_of_view(monkeypatch):
+    """A grid taller than a detector with an odd number of rows: every piece has at least one row."""
+    monkeypatch.setattr(module, "MAX_EXTRA_PLANES", 2.0)  # any overlap is allowed
     panel = GEOMETRIES["parallel, upside down"].window((29, 0), (27, 40))
-    layout = in_slabs(panel, monkeypatch)
+    layout = layout_in_slabs(panel, monkeypatch)
     assert (26, 27) in layout.footprints
     assert all(0 <= first < end <= 13 for first, end in (piece.rows for piece in pieces_of(layout)))
-    images = project(Volume(stones(), VOXEL, layout.center), panel)
+    images = project(Volume(smooth_blobs(), VOXEL, layout.center), panel)
     settings = ReconstructSettings(method="accelerated")
-    found = reconstruct(Scan(images, panel), Volume.zeros(SHAPE, VOXEL, layout.center), settings).volume.array
-    seen = np.s_[30:50, 10:20, 10:20]
-    assert np.linalg.norm((found - stones())[seen]) < 0.1 * np.linalg.norm(stones()[seen])
+    reconstructed = reconstruct(Scan(images, panel), Volume.zeros(SHAPE, VOXEL, layout.center), settings).volume.array
+    visible = np.s_[30:50, 10:20, 10:20]
+    assert np.linalg.norm((reconstructed - smooth_blobs())[visible]) < 0.1 * np.linalg.norm(smooth_blobs()[visible])
 
 
-def test_steep_rays_are_of_one_piece(monkeypatch):
-    """It is the whole."""
-    (piece,) = pieces_of(in_slabs(STEEP, monkeypatch))
+def test_inclined_rays_need_one_piece(monkeypatch):
+    """The piece is the whole volume."""
+    (piece,) = pieces_of(layout_in_slabs(STEEP, monkeypatch))
     assert (piece.slabs, piece.rows, piece.planes) == (range(4), (0, 42), (0, 40))
 
 
-def test_pieces_give_what_the_whole_would(layout, monkeypatch):
-    """Up to the noise: with any number of slabs in a piece."""
-    array = stones()
+def test_pieces_equal_the_whole_volume(layout, monkeypatch):
+    """Errors of pieces exceed that of the whole volume by at most 2 %."""
+    array = smooth_blobs()
     images = project(Volume(array, VOXEL, layout.center), layout.geometry)
     scan = Scan(images, layout.geometry)
-    (whole,) = one = pieces_of_all(layout, monkeypatch)
+    (whole,) = one = whole_as_one_piece(layout, monkeypatch)
     assert len(pieces_of(layout)) > len(one)
     full = finer(coarse_start(binned_scan(scan, 2, rows=whole.rows), layout, whole), SHAPE)
     parts = [
@@ -108,22 +108,22 @@ def test_pieces_give_what_the_whole_would(layout, monkeypatch):
     ]
     y, x = np.indices(SHAPE[1:]) - 14.5
     cylinder = np.hypot(y, x) < 14
-    far = np.linalg.norm((full - array)[:, cylinder])
-    assert far < 0.2 * np.linalg.norm(array[:, cylinder])
-    assert np.linalg.norm((np.concatenate(parts) - array)[:, cylinder]) < 1.02 * far
+    error = np.linalg.norm((full - array)[:, cylinder])
+    assert error < 0.2 * np.linalg.norm(array[:, cylinder])
+    assert np.linalg.norm((np.concatenate(parts) - array)[:, cylinder]) < 1.02 * error
     assert [len(part) for part in parts] == [b - a for a, b in layout.slabs]
 
 
-def pieces_of_all(layout, monkeypatch):
-    """One piece of all slabs."""
+def whole_as_one_piece(layout, monkeypatch):
+    """A single piece with all slabs."""
     with monkeypatch.context() as patch:
         patch.setattr(module, "MAX_EXTRA_PLANES", -1)
         return pieces_of(layout)
 
 
 @pytest.mark.parametrize("shape", [(20, 8, 7), (21, 9, 8), (23, 7, 8)])
-def test_finer_of_some_planes(shape):
-    """Some fine planes, from the coarse ones around them, are those of the whole."""
+def test_interpolation_of_part_of_the_planes(shape):
+    """Fine planes interpolated from the coarse planes around them equal those of the whole volume."""
     array = np.random.default_rng(0).random([-(-n // 2) for n in shape], np.float32)
     whole = finer(array, shape)
     for first, end in pairwise((0, 3, 10, shape[0])):

@@ -1,4 +1,4 @@
-"""A small report to test on: two states, every status, names that try to break out of the page."""
+"""A small report for the tests: two states, every status, and names that contain markup."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from grainmotion.model.motions import Motions, StateFit, Status
 from grainmotion.model.volume import Volume
 from grainmotion.report import ReportData, StateReport
 
-EVIL = "</script><img src=x onerror=alert(1)> & $x$"
+MARKUP = "</script><img src=x onerror=alert(1)> & $x$"
 COSTS = (("whole sample $a$", 0.5), ("whole sample $a$", 0.2), ("all <grains>", 0.05), ("all <grains>", 0.02))
 
 
 def motions(n: int = 6) -> Motions:
-    """Grain 10 i + 1 each; one of every status, then converged; the fourth (left-field) has no motion."""
+    """Motions of grains 1, 11, 21, ...: one of every status, then converged; the left-field grain has no motion."""
     random = np.random.default_rng(3)
     arrays = {
         "translations": random.normal(size=(n, 3)),
@@ -26,7 +26,7 @@ def motions(n: int = 6) -> Motions:
     statuses[: min(5, n)] = [s.value for s in Status][: min(5, n)]
     for array in arrays.values():
         array[statuses == Status.LEFT_FIELD.value] = np.nan
-    reasons = tuple("" if s == Status.CONVERGED.value else f"{s}, because {EVIL}" for s in statuses)
+    reasons = tuple("" if s == Status.CONVERGED.value else f"{s}, because {MARKUP}" for s in statuses)
     return replace(
         Motions.identity(np.arange(n) * 10 + 1, random.normal(size=(n, 3)) * 5),
         **arrays,
@@ -39,6 +39,7 @@ def motions(n: int = 6) -> Motions:
 
 
 def state(name: str, n: int = 6, shape: tuple[int, int, int] = (2, 30, 20)) -> StateReport:
+    """A state with n grains and images of the given shape (views, rows, columns)."""
     random = np.random.default_rng(4)
     simulated = random.random(shape)
     measured = simulated + random.normal(size=shape) * 0.02
@@ -49,19 +50,20 @@ def state(name: str, n: int = 6, shape: tuple[int, int, int] = (2, 30, 20)) -> S
         simulated=simulated,
         motions=motions(n),
         voxel_size=0.112,
-        views=tuple(f"{90 * i}° {EVIL}" for i in range(shape[0])),
-        comparison=(("translation error", f"0.012 voxel {EVIL}"),),
+        views=tuple(f"{90 * i}° {MARKUP}" for i in range(shape[0])),
+        comparison=(("translation error", f"0.012 voxel {MARKUP}"),),
     )
 
 
 def data() -> ReportData:
+    """The whole report."""
     labels = np.zeros((9, 8, 7), np.int32)
     labels[2:7, 2:6, 2:5] = 3
     return ReportData(
-        title=f"Gravel {EVIL}",
-        facts=(("grains", "6"), (EVIL, EVIL)),
+        title=f"Gravel {MARKUP}",
+        facts=(("grains", "6"), (MARKUP, MARKUP)),
         reconstruction_errors=(0.3, 0.1, 0.05),
         volume=Volume(labels * 0.03, 0.112),
         labels=labels,
-        states=(state("step-01"), state(f"step-02 {EVIL}")),
+        states=(state("step-01"), state(f"step-02 {MARKUP}")),
     )

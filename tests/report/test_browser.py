@@ -1,4 +1,4 @@
-"""The page in a real browser: it runs without an error, sorts, enlarges and draws."""
+"""The report's page in Chromium: no script errors, sorting, enlarging images, drawing arrows."""
 
 from __future__ import annotations
 
@@ -51,8 +51,8 @@ window.addEventListener("load", () => setTimeout(() => {
 """
 
 
-def browse(page: Path, profile: Path) -> tuple[str, list[str]]:
-    """The page as Chromium leaves it, and what its console says."""
+def open_in_chromium(page: Path, profile: Path) -> tuple[str, list[str]]:
+    """The page's DOM after its scripts have run, and the lines of the console."""
     chromium = shutil.which("chromium")
     if chromium is None:
         pytest.fail("chromium is not on the PATH: install chromium (apt-get install chromium)")
@@ -62,51 +62,52 @@ def browse(page: Path, profile: Path) -> tuple[str, list[str]]:
 
 
 @pytest.fixture(scope="module")
-def visit(tmp_path_factory) -> tuple[dict[str, str], list[str]]:
-    """What the page shows after each click, and the console."""
+def clicked_page(tmp_path_factory) -> tuple[dict[str, str], list[str]]:
+    """Values on the page after each click, and the lines of the console."""
     folder = tmp_path_factory.mktemp("browser")
     write_report(folder / "report.html", example.data())
     text = (folder / "report.html").read_text(encoding="utf-8")
     (folder / "clicked.html").write_text(text.replace("</body>", CLICKS + "</body>"), encoding="utf-8")
-    dom, console = browse(folder / "clicked.html", folder / "profile")
+    dom, console = open_in_chromium(folder / "clicked.html", folder / "profile")
     body = re.search(r"<body([^>]*)>", dom)
     assert body is not None
     return dict(re.findall(r'data-([\w-]+)="([^"]*)"', body.group(1))), console
 
 
-def numbers(text: str) -> list[float]:
+def cell_numbers(text: str) -> list[float]:
+    """Numbers of the cells of a column; cells without a value are left out."""
     return [float(cell.replace("−", "-")) for cell in text.split(";") if cell != "–"]
 
 
 @pytest.mark.browser
 class TestInChromium:
-    def test_no_error(self, visit):
-        shown, console = visit
+    def test_console_has_no_errors(self, clicked_page):
+        shown, console = clicked_page
         assert shown, console
         assert not [line for line in console if re.search("Uncaught|Error|Refused|violates|Failed", line)]
 
-    def test_rows_open_by_label(self, visit):
-        assert visit[0]["open"] == "1;11;21;31;41;51"
+    def test_rows_are_first_sorted_by_label(self, clicked_page):
+        assert clicked_page[0]["open"] == "1;11;21;31;41;51"
 
-    def test_a_click_sorts_up_and_another_down(self, visit):
-        shown = visit[0]
-        up, down = numbers(shown["wx-up"]), numbers(shown["wx-down"])
+    def test_clicks_on_a_heading_sort_up_and_then_down(self, clicked_page):
+        shown = clicked_page[0]
+        up, down = cell_numbers(shown["wx-up"]), cell_numbers(shown["wx-down"])
         assert len(up) == len(down) == 5
         assert up == sorted(up)
         assert down == sorted(down, reverse=True)
         assert shown["wx-up"].endswith("–")
         assert shown["wx-down"].endswith("–")
 
-    def test_words_and_labels_sort_too(self, visit):
-        shown = visit[0]
+    def test_status_and_label_columns_are_sorted(self, clicked_page):
+        shown = clicked_page[0]
         assert shown["status"].split(";") == sorted(shown["status"].split(";"))
         assert shown["label"] == "1;11;21;31;41;51"
         assert shown["sorted"] == "ascending"
 
-    def test_a_view_enlarges_and_closes(self, visit):
-        assert visit[0]["zoomed"] == "3"
-        assert visit[0]["closed"] == "0"
+    def test_images_of_a_view_are_enlarged_and_closed(self, clicked_page):
+        assert clicked_page[0]["zoomed"] == "3"
+        assert clicked_page[0]["closed"] == "0"
 
-    def test_arrows_are_drawn(self, visit):
-        assert int(visit[0]["canvas"]) >= 1
-        assert visit[0]["note"].startswith("arrows ×")
+    def test_arrows_are_drawn(self, clicked_page):
+        assert int(clicked_page[0]["canvas"]) >= 1
+        assert clicked_page[0]["note"].startswith("arrows ×")

@@ -1,4 +1,4 @@
-"""The page: what it shows, that nothing escapes from it, and that it needs no network."""
+"""The report's HTML page: its content, escaping of text, and that it loads nothing from the network."""
 
 from __future__ import annotations
 
@@ -71,13 +71,14 @@ def page(source) -> Page:
     return Page(source)
 
 
-def written(tmp_path, data: ReportData) -> Page:
+def write_and_parse(tmp_path, data: ReportData) -> Page:
+    """Write the report and parse its page."""
     write_report(tmp_path / "report.html", data)
     return Page((tmp_path / "report.html").read_text(encoding="utf-8"))
 
 
 class TestContent:
-    def test_every_column_of_motions_csv_and_the_reasons(self, page):
+    def test_table_has_all_columns_of_motions_csv_and_the_reasons(self, page):
         grains = [table for table in page.tables if "label" in table[min(1, len(table) - 1)]]
         assert len(grains) == 2
         assert tuple(grains[0][1]) == (*MOTION_COLUMNS, "reason")
@@ -94,7 +95,7 @@ class TestContent:
                 else:
                     assert float(values[name].replace("−", "-")) == pytest.approx(grain[name], rel=0.05, abs=6e-4)
 
-    def test_headings_tell_units(self, page):
+    def test_headings_have_units(self, page):
         grains = next(table for table in page.tables if "label" in table[min(1, len(table) - 1)])
         assert "translation (mm)" in grains[0]
         assert "rotation vector (°)" in grains[0]
@@ -104,19 +105,19 @@ class TestContent:
         assert [header[i].replace("- ", "-") for i in range(2, 7)] == [s.value for s in Status]
         assert rows[0][:7] == ["step-01", "6", "2", "1", "1", "1", "1"]
 
-    def test_three_images_a_view(self, page):
+    def test_three_images_for_each_view(self, page):
         alts = [a["alt"] or "" for t, a in page.elements if t == "img"]
         for kind in ("measured", "simulated", "residual"):
             assert sum(alt.startswith(f"{kind}, ") for alt in alts) == 4
 
-    def test_curves(self, page):
+    def test_convergence_curves(self, page):
         assert page.count("svg") == 3
         assert sum("Convergence of the fit" in word for word in page.words) == 2
 
-    def test_grains_that_need_attention_come_with_their_reasons(self, page):
+    def test_grains_that_need_attention_are_listed_with_reasons(self, page):
         text = "".join(page.words)
         assert "Grains to look at:" in text
-        assert f"not-converged grain 11: not-converged, because {example.EVIL}" in text
+        assert f"not-converged grain 11: not-converged, because {example.MARKUP}" in text
 
     def test_versions_and_citation(self, page):
         text = "".join(page.words)
@@ -133,18 +134,18 @@ class TestContent:
         factor = float(arrows["note"].split("×")[1])
         motions = example.motions()
         tips = np.array([arrows["data"][1][axis] for axis in "xyz"]).T
-        known = np.isfinite(motions.translations).all(axis=1)
-        expected = motions.centers[known] + factor * motions.translations[known]
+        finite = np.isfinite(motions.translations).all(axis=1)
+        expected = motions.centers[finite] + factor * motions.translations[finite]
         np.testing.assert_allclose(tips, expected, rtol=1e-4, atol=1e-4)
 
 
 class TestSafety:
-    def test_nothing_that_the_user_wrote_becomes_markup(self, page):
+    def test_text_of_the_user_is_escaped(self, page):
         assert not any("onerror" in attributes for _, attributes in page.elements)
         assert page.count("img", src="x") == 0
         assert all("<img" not in script for script in page.scripts[:1])
 
-    def test_nothing_is_fetched(self, page):
+    def test_page_loads_nothing_from_the_network(self, page):
         for tag, attributes in page.elements:
             for name in ("src", "srcset", "data", "action", "poster"):
                 if attributes.get(name):
@@ -156,12 +157,12 @@ class TestSafety:
         assert policy.startswith("default-src 'none'")
         assert "http" not in policy
 
-    def test_styles_fetch_nothing(self, source):
+    def test_styles_load_nothing_from_the_network(self, source):
         for style in re.findall(r"<style.*?</style>", source, flags=re.DOTALL):
             assert "@import" not in style
             assert not re.search(r"url\((?!#)", style)
 
-    def test_an_older_report_survives_a_failure(self, tmp_path, monkeypatch):
+    def test_failed_write_keeps_the_old_report(self, tmp_path, monkeypatch):
         path = tmp_path / "report.html"
         path.write_text("older")
         monkeypatch.setattr("grainmotion.report.page._version", lambda package: 1 / 0)
@@ -174,31 +175,31 @@ class TestSafety:
 class TestSize:
     def test_large_radiographs_and_many_grains_stay_below_ten_megabytes(self, tmp_path):
         states = tuple(replace(example.state(f"s{i}", n=2600, shape=(4, 600, 500)), comparison=()) for i in range(2))
-        page = written(tmp_path, ReportData("large", states=states))
+        page = write_and_parse(tmp_path, ReportData("large", states=states))
         assert (tmp_path / "report.html").stat().st_size < 10e6
         text = "".join(page.words)
         assert "averaged over 3 × 3 pixels" in text
         assert "2500 of 2600 grains" in text
 
 
-class TestSparse:
-    def test_no_states(self, tmp_path):
-        assert "No later state" in "".join(written(tmp_path, ReportData("reference only")).words)
+class TestMissingData:
+    def test_report_without_states(self, tmp_path):
+        assert "No later state" in "".join(write_and_parse(tmp_path, ReportData("reference only")).words)
 
-    def test_a_state_without_grains_costs_or_values(self, tmp_path):
+    def test_state_without_grains_costs_or_finite_pixels(self, tmp_path):
         nothing = Motions.identity(np.zeros(0, int), np.zeros((0, 3)))
         images = np.full((1, 4, 5), np.nan)
-        page = written(tmp_path, ReportData("x", states=(StateReport("s", images, images, nothing, 0.1),)))
+        page = write_and_parse(tmp_path, ReportData("x", states=(StateReport("s", images, images, nothing, 0.1),)))
         assert "view 0" in "".join(page.words)
 
     def test_grains_that_were_not_fitted(self, tmp_path):
         still = Motions.identity(np.arange(1, 4), np.eye(3))
         images = np.zeros((1, 4, 5))
-        page = written(tmp_path, ReportData("x", states=(StateReport("s", images, images, still, 0.1),)))
+        page = write_and_parse(tmp_path, ReportData("x", states=(StateReport("s", images, images, still, 0.1),)))
         assert page.tables[0][1][1:7] == ["3", "0", "0", "0", "0", "3"]
 
     @pytest.mark.parametrize("costs", [(("a", 0.0),), (("a", float("nan")), ("b", 0.1)), (("a", 0.11), ("a", 0.1))])
-    def test_odd_convergence_curves(self, tmp_path, costs):
+    def test_convergence_curves_of_unusual_costs(self, tmp_path, costs):
         motions = example.motions()
         state = replace(example.state("s"), motions=replace(motions, fit=replace(motions.fit, costs=costs)))
-        assert written(tmp_path, ReportData("x", states=(state,))).count("svg") == 1
+        assert write_and_parse(tmp_path, ReportData("x", states=(state,))).count("svg") == 1

@@ -1,4 +1,4 @@
-"""Numbers of the page's tables."""
+"""Formatting of numbers in the report's tables."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The library gives what the command gives, to the last bit; README's example is that library."""
+"""The library gives the same results as the command, bit by bit, and the documented examples run."""
 
 import re
 import subprocess
@@ -14,30 +14,30 @@ from tiny_experiment import TOML, write_tiny
 
 COMMAND = [sys.executable, "-c", "from grainmotion.cli.app import main; main()"]
 README = Path(__file__).parents[2] / "README.md"
-PLAIN = TOML.replace("[reconstruct]", "[calibrate]\ngeometry = false\n\n[reconstruct]")
-CALIBRATED = TOML.replace("[reconstruct]", '[calibrate]\ngeometry = ["shift_u"]\nhardening = 2\n\n[reconstruct]')
-ODD_SEGMENTATION = 'threshold = 0.5\nreach = 1.0\nfiner = 1\nbackground = "moving"'
+WITHOUT_CALIBRATION = TOML.replace("[reconstruct]", "[calibrate]\ngeometry = false\n\n[reconstruct]")
+WITH_CALIBRATION = TOML.replace("[reconstruct]", '[calibrate]\ngeometry = ["shift_u"]\nhardening = 2\n\n[reconstruct]')
+OTHER_SEGMENTATION = 'threshold = 0.5\nreach = 1.0\nfiner = 1\nbackground = "moving"'
 CASES = {
-    "plain": PLAIN,
-    "calibrated": CALIBRATED.replace("pixel_size = 0.4\n", "pixel_size = 0.4\ndetector_offset = [-0.2, 0.0]\n"),
-    "segmented otherwise": PLAIN.replace("threshold = 0.5", ODD_SEGMENTATION),
+    "plain": WITHOUT_CALIBRATION,
+    "calibrated": WITH_CALIBRATION.replace("pixel_size = 0.4\n", "pixel_size = 0.4\ndetector_offset = [-0.2, 0.0]\n"),
+    "segmented otherwise": WITHOUT_CALIBRATION.replace("threshold = 0.5", OTHER_SEGMENTATION),
 }
 
 
 def by_library(folder, settings):
-    """The motions of both states in about ten lines, as README has them."""
+    """Reference and motions of both states by the calls that README shows."""
     beam = {"flats": folder / "flats.tif", "darks": folder / "darks.tif"}
     scan = gm.read_scan(folder / "reference" / "*.tif", folder / "reference.csv", **beam)
     reference = gm.Reference.from_scan(scan, gm.Volume.zeros((28, 36, 36), 0.1), settings.reference_settings)
     motions = [None]
     for name, table in zip(("one", "two"), settings.tables.states, strict=True):
         state = gm.read_scan(folder / table.radiographs[0], folder / f"{name}.csv", **beam)
-        start, how = motions[-1], settings.tables.track
-        motions.append(gm.track(reference.grains, reference.correct(state), start, how))
+        initial, track_settings = motions[-1], settings.tables.track
+        motions.append(gm.track(reference.grains, reference.correct(state), initial, track_settings))
     return reference, motions[1:]
 
 
-def equal(one, other):
+def assert_equal_motions(one, other):
     for name in ("labels", "centers", "translations", "rotations", "covariances", "residuals", "statuses"):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
     assert one.reasons == other.reasons
@@ -45,7 +45,7 @@ def equal(one, other):
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_motions_are_the_same_to_the_bit(tmp_path, case):
+def test_library_and_command_give_the_same_bits(tmp_path, case):
     path = write_tiny(tmp_path, CASES[case])
     settings = gm.read_experiment(path)
     from grainmotion.experiment.inputs import find_inputs
@@ -59,12 +59,12 @@ def test_motions_are_the_same_to_the_bit(tmp_path, case):
     np.testing.assert_array_equal(reference.segmentation.labels, stored.labels)
     assert (reference.segmentation.border, reference.residuals) == (stored.border, stored.residuals)
     assert (reference.scanner.calibration is None) == (case != "calibrated")
-    for name, found in zip(("one", "two"), motions, strict=True):
-        equal(read_motions_h5(tmp_path / "results" / name / "motions.h5"), found)
+    for name, motions_of_state in zip(("one", "two"), motions, strict=True):
+        assert_equal_motions(read_motions_h5(tmp_path / "results" / name / "motions.h5"), motions_of_state)
 
 
-def test_given_labels_take_the_place_of_a_segmentation(tmp_path):
-    settings = gm.read_experiment(write_tiny(tmp_path, PLAIN)).reference_settings
+def test_given_labels_replace_the_segmentation(tmp_path):
+    settings = gm.read_experiment(write_tiny(tmp_path, WITHOUT_CALIBRATION)).reference_settings
     beam = {"flats": tmp_path / "flats.tif", "darks": tmp_path / "darks.tif"}
     scan = gm.read_scan(tmp_path / "reference" / "*.tif", tmp_path / "reference.csv", **beam)
     grid, messages = gm.Volume.zeros((28, 36, 36), 0.1), []
@@ -84,7 +84,7 @@ def python_block(text):
 
 @pytest.mark.parametrize("source", ["README", "docstring"])
 def test_the_documented_example_runs(tmp_path, monkeypatch, source):
-    """With the files of a tiny experiment in the places that it names."""
+    """Run the example on the files of the tiny experiment, renamed as the example names them."""
     code = python_block(README.read_text() if source == "README" else gm.__doc__)
     assert len(code.strip().splitlines()) <= 10
     write_tiny(tmp_path)

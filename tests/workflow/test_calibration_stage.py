@@ -1,4 +1,4 @@
-"""A run whose machine is calibrated on the reference: states are corrected too, and nothing is done twice."""
+"""The calibration stage of a run: its results correct the reference and all states, and are reused."""
 
 import json
 import shutil
@@ -11,81 +11,81 @@ from grainmotion.errors import InputError
 from grainmotion.experiment.config import read_experiment
 from grainmotion.io.geometry_csv import write_geometry
 from grainmotion.io.motions_csv import read_motions
-from grainmotion.workflow import run as pipeline
+from grainmotion.workflow import run as workflow
 from tiny_experiment import SHIFTS, TOML, VIEWS, geometry, write_tiny
 
-OFF = 0.2  # mm, half a pixel: the panel's true shift, which the files do not tell
+DETECTOR_SHIFT = 0.2  # mm, half a pixel: true offset of the detector, which the given geometry lacks
 CALIBRATED = TOML.replace("[reconstruct]", '[calibrate]\ngeometry = ["shift_u"]\nhardening = 2\n\n[reconstruct]')
 
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
-    """A whole run of an experiment whose files tell a panel half a pixel off."""
-    toml = CALIBRATED.replace("pixel_size = 0.4\n", f"pixel_size = 0.4\ndetector_offset = [{-OFF}, 0.0]\n")
+    """A complete run of an experiment whose nominal geometry is half a pixel off."""
+    toml = CALIBRATED.replace("pixel_size = 0.4\n", f"pixel_size = 0.4\ndetector_offset = [{-DETECTOR_SHIFT}, 0.0]\n")
     path = write_tiny(tmp_path_factory.mktemp("calibrated") / "tiny", toml)
     for name, angles in (("reference", np.arange(VIEWS) * 360 / VIEWS), ("one", [0.0, 45.0, 90.0])):
-        write_geometry(path.parent / f"{name}.csv", corrected(geometry(angles), {"shift_u": -OFF}))
-    return path, pipeline.run(read_experiment(path))
+        write_geometry(path.parent / f"{name}.csv", corrected(geometry(angles), {"shift_u": -DETECTOR_SHIFT}))
+    return path, workflow.run(read_experiment(path))
 
 
 @pytest.fixture
 def copied(finished, tmp_path):
-    """The same run's folder, to be changed."""
+    """A copy of the finished run's folder, which a test may change."""
     shutil.copytree(finished[0].parent, tmp_path / "tiny")
     return tmp_path / "tiny" / "experiment.toml"
 
 
 class TestResults:
-    def test_calibration_comes_first(self, finished):
+    def test_calibration_is_the_first_stage(self, finished):
         assert finished[1].done[:3] == ("calibrate", "reconstruct", "segment")
 
-    def test_states_are_seen_by_the_true_panel(self, finished):
+    def test_motions_are_fitted_with_the_corrected_geometry(self, finished):
         for name, shift in SHIFTS.items():
             motions = read_motions(finished[0].parent / "results" / name / "motions.csv")
             np.testing.assert_allclose(motions.translations, np.tile(shift, (3, 1)), atol=0.02)
 
-    def test_what_was_found_is_written(self, finished):
-        found = json.loads((finished[0].parent / "results" / "calibration.json").read_text())
-        (shift,) = found["geometry"]["corrections"]
+    def test_estimates_are_written(self, finished):
+        stored = json.loads((finished[0].parent / "results" / "calibration.json").read_text())
+        (shift,) = stored["geometry"]["corrections"]
         assert (shift["name"], shift["unit"]) == ("shift_u", "mm")
-        assert shift["value"] == pytest.approx(OFF, abs=0.05 * 0.4)
+        assert shift["value"] == pytest.approx(DETECTOR_SHIFT, abs=0.05 * 0.4)
         assert 0 < shift["sd"] < 0.04
-        assert found["geometry"]["residual_after"] < found["geometry"]["residual_before"]
-        assert found["hardening"]["coefficients"] == [1.0]
+        assert stored["geometry"]["residual_after"] < stored["geometry"]["residual_before"]
+        assert stored["hardening"]["coefficients"] == [1.0]
 
-    def test_the_report_says_so(self, finished):
+    def test_report_shows_the_calibration(self, finished):
         text = finished[1].report.read_text()
         assert "Calibrated: shift_u" in text
         assert "no beam hardening" in text
 
 
 class TestResume:
-    def test_a_finished_run_does_nothing(self, copied):
-        result = pipeline.run(read_experiment(copied))
+    def test_finished_run_does_nothing(self, copied):
+        result = workflow.run(read_experiment(copied))
         assert result.done == ()
         assert result.reused[0] == "calibrate"
 
-    def test_a_lost_calibration_is_made_again_alone(self, copied):
+    def test_deleted_calibration_is_repeated_without_later_stages(self, copied):
         (copied.parent / "results" / "calibration.json").unlink()
-        result = pipeline.run(read_experiment(copied), until="segment")
+        result = workflow.run(read_experiment(copied), until="segment")
         assert result.done == ("calibrate",)
         assert set(result.reused) == {"reconstruct", "segment"}
 
-    def test_another_calibration_redoes_what_follows(self, copied):
+    def test_changed_calibration_repeats_later_stages(self, copied):
         copied.write_text(copied.read_text().replace("hardening = 2", "hardening = 0"))
-        result = pipeline.run(read_experiment(copied), until="segment")
+        result = workflow.run(read_experiment(copied), until="segment")
         assert result.done == ("calibrate", "reconstruct", "segment")
         assert json.loads((copied.parent / "results" / "calibration.json").read_text())["hardening"] is None
 
 
 class TestInput:
-    def test_a_given_volume_tells_nothing_of_the_machine(self, tmp_path):
+    def test_calibration_of_a_given_volume_is_refused(self, tmp_path):
         path = write_tiny(tmp_path, CALIBRATED.replace("[reference]", '[reference]\nvolume = "one.tif"'))
         with pytest.raises(InputError, match="calibrate"):
-            pipeline.run(read_experiment(path))
+            workflow.run(read_experiment(path))
 
     @pytest.mark.parametrize(("old", "new"), [('"shift_u"', '"shift_w"'), ("hardening = 2", "hardening = 1")])
-    def test_what_is_unknown_is_refused(self, tmp_path, old, new):
+    def test_unknown_corrections_and_orders_are_refused(self, tmp_path, old, new):
         path = tmp_path / "experiment.toml"
         path.write_text(CALIBRATED.replace(old, new))
         with pytest.raises(InputError, match="calibrate"):

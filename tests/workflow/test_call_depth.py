@@ -1,4 +1,4 @@
-"""How many functions of the package lie between the command `run` and the kernel that projects grains."""
+"""Depth of calls: number of functions of the package from the command `run` to the kernel that projects grains."""
 
 import sys
 
@@ -11,11 +11,11 @@ from tiny_experiment import write_tiny
 MAX_FRAMES = 12
 """In every fit, the command and the backend that calls the kernel included."""
 MAX_FRAMES_OF_TRIAL_ROTATIONS = 17
-"""Where rotations are tried out for their identifiability, once a state."""
+"""The same bound for trial rotations of the identifiability test, which is made once for each state."""
 
 
-def functions_above():
-    """Functions of the package that are running, from the command on."""
+def functions_on_the_stack():
+    """Names of the package's functions on the call stack, from the command inwards."""
     names, frame = [], sys._getframe(2)
     while frame is not None:
         module = frame.f_globals.get("__name__", "")
@@ -25,14 +25,14 @@ def functions_above():
     return names[: names.index("cli.app.run") + 1][::-1]
 
 
-def test_from_the_command_to_the_kernel(tmp_path, monkeypatch):
+def test_calls_from_the_command_to_the_kernel_are_few(tmp_path, monkeypatch):
     kernel, stacks = grain_projection.project_with_derivatives, set()
 
-    def watched(*arguments):
-        stacks.add(tuple(functions_above()))
+    def recorded(*arguments):
+        stacks.add(tuple(functions_on_the_stack()))
         return kernel(*arguments)
 
-    monkeypatch.setattr(grain_projection, "project_with_derivatives", watched)
+    monkeypatch.setattr(grain_projection, "project_with_derivatives", recorded)
     result = CliRunner().invoke(app.app, ["run", str(write_tiny(tmp_path)), "--quiet"])
     assert result.exit_code == 0, result.output
     fits = [stack for stack in stacks if "solvers.gauss_newton.gauss_newton" in stack]

@@ -30,15 +30,15 @@ def invoke(*args):
 
 
 @pytest.fixture(scope="module")
-def done(tmp_path_factory):
-    """A plan by the command, done once."""
+def planned(tmp_path_factory):
+    """Path of the experiment and output of one `plan` command, shared by the tests of this module."""
     path = write_tiny(tmp_path_factory.mktemp("plans"))
     return path, invoke(path, *OPTIONS, "--photons", "5000")
 
 
-class TestFromAFile:
-    def test_prints_and_writes(self, done):
-        path, result = done
+class TestExperimentFile:
+    def test_summary_is_printed_and_files_are_written(self, planned):
+        path, result = planned
         assert result.exit_code == 0, result.output
         folder = path.parent / "results" / "plan"
         assert f"plan: {folder}" in result.stdout
@@ -46,8 +46,8 @@ class TestFromAFile:
         assert {p.name for p in folder.iterdir()} == {"plan.csv", "angles.csv", "plan.png"}
         assert (folder / "plan.png").read_bytes().startswith(b"\x89PNG")
 
-    def test_tables(self, done):
-        folder = done[0].parent / "results" / "plan"
+    def test_tables_of_precision_and_angles(self, planned):
+        folder = planned[0].parent / "results" / "plan"
         table, angles = pd.read_csv(folder / "plan.csv"), pd.read_csv(folder / "angles.csv")
         assert tuple(table.columns) == PLAN_COLUMNS
         assert len(table) == 3 * 2 * 2
@@ -55,10 +55,10 @@ class TestFromAFile:
         assert list(angles["set"]) == ["best", "even", "best", "even"]
         assert angles["angles_deg"].iloc[1] == "0 90"
 
-    def test_no_state_is_touched(self, done):
-        assert not (done[0].parent / "results" / "one").exists()
+    def test_states_are_not_tracked(self, planned):
+        assert not (planned[0].parent / "results" / "one").exists()
 
-    def test_table_of_the_file(self, done, tmp_path):
+    def test_settings_of_the_plan_table(self, planned, tmp_path):
         path = write_tiny(tmp_path, TOML + "\n[plan]\nphotons = 1234\nviews = [2]\nstep_deg = 45\n")
         assert read_experiment(path).tables.plan.views == (2,)
         result = invoke(path, "--quiet", "--out", tmp_path / "elsewhere")
@@ -66,40 +66,40 @@ class TestFromAFile:
         assert (tmp_path / "elsewhere" / "plan" / "plan.csv").exists()
         assert not (tmp_path / "results").exists()
 
-    def test_circular_table_gives_any_angle(self, tmp_path):
-        """The reference's 40 views stand 9° apart; the plan's candidates are exact."""
+    def test_circular_scan_allows_any_angle(self, tmp_path):
+        """The reference has a view every 9°; candidate views are at multiples of 20° nevertheless."""
         toml = TOML.replace('geometry = "reference.csv"\n', "").replace("[volume]", CIRCULAR + "\n[volume]")
-        found, _ = plan_experiment(
+        plan, _ = plan_experiment(
             read_experiment(write_tiny(tmp_path, toml + "\n[plan]\nviews = [2]\nstep_deg = 20\n"))
         )
-        np.testing.assert_allclose(found.angles_deg, np.arange(18) * 20, atol=1e-5)
+        np.testing.assert_allclose(plan.angles_deg, np.arange(18) * 20, atol=1e-5)
 
-    def test_csv_gives_its_own_views(self, done, tmp_path):
+    def test_geometry_csv_limits_candidates_to_its_views(self, planned, tmp_path):
         path = write_tiny(tmp_path, TOML + "\n[plan]\nviews = [2]\nstep_deg = 20\n")
-        found, _ = plan_experiment(read_experiment(path), out=done[0].parent / "results")
-        assert len(found.angles_deg) == 18
-        np.testing.assert_allclose(found.angles_deg % 9, 0, atol=1e-5)
+        plan, _ = plan_experiment(read_experiment(path), out=planned[0].parent / "results")
+        assert len(plan.angles_deg) == 18
+        np.testing.assert_allclose(plan.angles_deg % 9, 0, atol=1e-5)
 
-    def test_given_volume_takes_the_geometry_of_a_state(self, done, tmp_path):
-        invoke_export(done[0])
-        results = done[0].parent / "results"
+    def test_given_volume_is_planned_with_the_geometry_of_a_state(self, planned, tmp_path):
+        export_reference(planned[0])
+        results = planned[0].parent / "results"
         lines = TOML.split("[volume]", 1)[1] + "\n[plan]\nviews = [2, 3]\nspread = 0.5\n"
         head = '[reference]\nvolume = "reference.tif"\nlabels = "reference_labels.tif"\nflats = "flats.tif"\n'
         path = write_tiny(tmp_path, head + 'darks = "darks.tif"\n[volume]' + lines)
         for name in ("reference.tif", "reference_labels.tif"):
             (tmp_path / name).write_bytes((results / name).read_bytes())
-        found, _ = plan_experiment(read_experiment(path))
-        assert len(found.labels) == read_tiff(results / "reference_labels.tif").max()
-        assert [len(s) for s in found.sets if s.kind == "best"] == [2, 3]
+        plan, _ = plan_experiment(read_experiment(path))
+        assert len(plan.labels) == read_tiff(results / "reference_labels.tif").max()
+        assert [len(s) for s in plan.sets if s.kind == "best"] == [2, 3]
 
 
-def invoke_export(path):
+def export_reference(path):
     result = CliRunner().invoke(app, ["export", str(path), "--format", "spam", "--quiet"])
     assert result.exit_code == 0, result.output
 
 
-class TestFromACase:
-    def test_small(self, tmp_path):
+class TestSimulatedCase:
+    def test_three_views_are_more_precise_than_two(self, tmp_path):
         result = invoke("--case", "small", "--out", tmp_path, *OPTIONS)
         assert result.exit_code == 0, result.output
         table = pd.read_csv(tmp_path / "plan" / "plan.csv")
@@ -121,7 +121,7 @@ class TestBadInput:
             (("--case", "small", "--step-deg", "0"), "--step-deg"),
         ],
     )
-    def test_ends_in_one_line(self, tmp_path, monkeypatch, arguments, words):
+    def test_error_is_one_line_and_nothing_is_written(self, tmp_path, monkeypatch, arguments, words):
         monkeypatch.chdir(tmp_path)
         result = invoke(*arguments)
         assert result.exit_code == 2
@@ -129,7 +129,7 @@ class TestBadInput:
         assert len(result.stderr.strip().splitlines()) == 1
         assert not list(tmp_path.iterdir())
 
-    def test_unknown_key(self, tmp_path):
+    def test_unknown_key_is_refused(self, tmp_path):
         result = invoke(write_tiny(tmp_path, TOML + "\n[plan]\nphoton = 3\n"))
         assert result.exit_code == 2
         assert "plan.photon: unknown key; did you mean 'photons'?" in result.stderr
