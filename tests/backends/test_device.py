@@ -1,4 +1,4 @@
-"""Which device is chosen, and what is said where it cannot be."""
+"""`backend_of`: choice of CPU or GPU, and errors where a GPU cannot be used."""
 
 from __future__ import annotations
 
@@ -14,43 +14,44 @@ from grainmotion.errors import BackendError
 
 
 @pytest.fixture
-def fresh():
-    """Forget what was found of the card, before and after."""
+def clear_gpu_check():
+    """Clear the cached result of the GPU's check, before and after the test."""
     device._cuda_problem.cache_clear()
     yield
     device._cuda_problem.cache_clear()
 
 
-def without_package(name: str) -> None:
+def package_not_installed(name: str) -> None:
+    """Replaces `find_spec` as if no package were installed."""
     return None
 
 
-def test_the_processor_needs_nothing(fresh, monkeypatch):
-    monkeypatch.setattr(device, "find_spec", without_package)
+def test_cpu_needs_no_package(clear_gpu_check, monkeypatch):
+    monkeypatch.setattr(device, "find_spec", package_not_installed)
     assert backend_of("cpu") == CPU
 
 
-def test_auto_without_the_package_is_the_processor(fresh, monkeypatch):
-    monkeypatch.setattr(device, "find_spec", without_package)
+def test_auto_without_the_package_is_the_cpu(clear_gpu_check, monkeypatch):
+    monkeypatch.setattr(device, "find_spec", package_not_installed)
     assert backend_of("auto") == CPU
 
 
-def test_cuda_without_the_package_names_the_extra(fresh, monkeypatch):
-    monkeypatch.setattr(device, "find_spec", without_package)
+def test_cuda_without_the_package_names_the_extra(clear_gpu_check, monkeypatch):
+    monkeypatch.setattr(device, "find_spec", package_not_installed)
     with pytest.raises(BackendError, match=r"numba-cuda is not installed; install grainmotion\[gpu\]"):
         backend_of("cuda")
 
 
-def test_cuda_without_a_card_names_the_driver(fresh):
+def test_cuda_without_a_gpu_names_the_driver(clear_gpu_check):
     cuda = pytest.importorskip("numba.cuda", reason="numba-cuda is not installed")
     if cuda.is_available():
-        pytest.skip("a card is there")
+        pytest.skip("a GPU is available")
     assert backend_of("auto") == CPU
     with pytest.raises(BackendError, match=r"no NVIDIA card can be used .* check the card and its driver"):
         backend_of("cuda")
 
 
-def test_a_card_that_fails_is_not_backend_of(fresh, monkeypatch):
+def test_gpu_that_fails_its_check_is_not_used(clear_gpu_check, monkeypatch):
     cuda = pytest.importorskip("numba.cuda", reason="numba-cuda is not installed")
 
     from grainmotion.kernels.cuda import device_array
@@ -66,7 +67,7 @@ def test_a_card_that_fails_is_not_backend_of(fresh, monkeypatch):
         backend_of("cuda")
 
 
-def test_a_device_is_named_as_in_settings():
+def test_device_equals_its_name_in_settings():
     assert Device("cuda") == "cuda"
     assert backend_of(Device.CPU) is backend_of("cpu")
 

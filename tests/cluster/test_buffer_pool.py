@@ -1,4 +1,4 @@
-"""Memory that goes round, and never while anybody looks at it."""
+"""`cluster.buffer_pool`: memory is used again, but not while an array or a view still refers to it."""
 
 import gc
 import pickle
@@ -10,55 +10,57 @@ from grainmotion.cluster import buffer_pool
 
 
 @pytest.fixture(autouse=True)
-def none_kept(monkeypatch):
+def empty_pool(monkeypatch):
+    """Start every test without free buffers."""
     monkeypatch.setattr(buffer_pool, "_FREE", [])
 
 
-def place(array):
+def address(array):
+    """Address of the array's first element."""
     return array.__array_interface__["data"][0]
 
 
-def test_a_copy():
+def test_copy_is_contiguous_writable_and_independent():
     array = np.arange(60.0, dtype=np.float32).reshape(3, 4, 5).transpose(2, 0, 1)
-    found = buffer_pool.pooled_copy(array)
-    np.testing.assert_array_equal(found, array)
-    assert found.dtype == array.dtype
-    assert found.flags.c_contiguous
-    assert found.flags.writeable
-    found[:] = 0
+    copy = buffer_pool.pooled_copy(array)
+    np.testing.assert_array_equal(copy, array)
+    assert copy.dtype == array.dtype
+    assert copy.flags.c_contiguous
+    assert copy.flags.writeable
+    copy[:] = 0
     assert array.any()
 
 
-def test_memory_serves_again():
-    found = buffer_pool.pooled_copy(np.ones(1000))
-    before = place(found)
-    del found
+def test_freed_memory_is_used_again():
+    first = buffer_pool.pooled_copy(np.ones(1000))
+    first_address = address(first)
+    del first
     gc.collect()
     again = buffer_pool.pooled_copy(np.zeros(900))
-    assert place(again) == before
+    assert address(again) == first_address
     assert not again.any()
 
 
-@pytest.mark.parametrize("look", [lambda a: a[5:], lambda a: a.reshape(10, 100).T, lambda a: pickle.PickleBuffer(a)])
-def test_not_while_somebody_looks(look):
-    found = buffer_pool.pooled_copy(np.ones(1000))
-    view, before = look(found), place(found)
-    del found
+@pytest.mark.parametrize("view_of", [lambda a: a[5:], lambda a: a.reshape(10, 100).T, lambda a: pickle.PickleBuffer(a)])
+def test_memory_is_not_used_again_while_a_view_exists(view_of):
+    copy = buffer_pool.pooled_copy(np.ones(1000))
+    view, copy_address = view_of(copy), address(copy)
+    del copy
     gc.collect()
-    assert place(buffer_pool.pooled_copy(np.zeros(1000))) != before
+    assert address(buffer_pool.pooled_copy(np.zeros(1000))) != copy_address
     assert np.asarray(view).all()
-    assert not buffer_pool._FREE or place(buffer_pool._FREE[0]) != before
+    assert not buffer_pool._FREE or address(buffer_pool._FREE[0]) != copy_address
 
 
-def test_little_is_kept_and_no_other_size_served():
+def test_few_buffers_are_kept_and_serve_similar_sizes_only():
     many = [buffer_pool.pooled_copy(np.ones(1000)) for _ in range(buffer_pool.MAX_FREE_BUFFERS + 2)]
     many.clear()
     gc.collect()
     assert len(buffer_pool._FREE) == buffer_pool.MAX_FREE_BUFFERS
-    kept = {place(k) for k in buffer_pool._FREE}
+    kept = {address(k) for k in buffer_pool._FREE}
     others = [
         buffer_pool.pooled_copy(np.ones(500)),
         buffer_pool.pooled_copy(np.ones(1001)),
-    ]  # held: else they come back, and push one out
-    assert not kept & {place(other) for other in others}
+    ]  # kept alive: freed, they would return to the pool and displace a buffer
+    assert not kept & {address(other) for other in others}
     assert len(buffer_pool._FREE) == buffer_pool.MAX_FREE_BUFFERS

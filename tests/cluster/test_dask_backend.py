@@ -19,60 +19,62 @@ from grainmotion.projection.grains import assemble, differentiate_in_place, proj
 from grainmotion.tracking.multistage import MultistageFit
 from grainmotion.tracking.track import TrackSettings, track
 from grainmotion.uncertainty.rotation_identifiability import unconfirmed_rotations
-from inline_work import InlineExecutor
+from inline_executor import InlineExecutor
 
 
 def single(volume):
+    """The volume in single precision."""
     return replace(volume, array=volume.array.astype(np.float32))
 
 
 GRAINS = GrainSet(tuple(replace(g, volume=single(g.volume), fine=single(g.fine)) for g in grain_set().grains))
-"""In single precision, as the pipeline's: of double numbers the order of sums shows in the last digit."""
+"""In single precision, as in a run: double precision shows the order of sums in the last digit."""
 SCAN = radiographs(GRAINS, small_motions(GRAINS))
-STILL = Pose(np.zeros((len(GRAINS), 3)), np.tile(np.eye(3), (len(GRAINS), 1, 1)))
-PANELS = SCAN.line_integrals.shape
+REST_POSE = Pose(np.zeros((len(GRAINS), 3)), np.tile(np.eye(3), (len(GRAINS), 1, 1)))
+IMAGES_SHAPE = SCAN.line_integrals.shape
 
 
 @pytest.fixture(autouse=True)
-def shared(monkeypatch):
-    """Workers project samples however small."""
+def always_shared(monkeypatch):
+    """Distribute grains to workers even for the small samples of these tests."""
     monkeypatch.setattr("grainmotion.cluster.dask_backend.MIN_VOXELS_TO_SHARE", 0)
 
 
 @pytest.fixture(params=[2, 3])
 def workers(tmp_path, request):
-    shelf = SharedStore(tmp_path)
-    yield DaskBackend(InlineExecutor(request.param), shelf)
-    shelf.close()
+    """A Dask backend of two or three workers, run in this process."""
+    store = SharedStore(tmp_path)
+    yield DaskBackend(InlineExecutor(request.param), store)
+    store.close()
 
 
 @pytest.fixture
 def both(workers):
-    """The grains here and with workers, and the derivatives of both."""
+    """Grains on the CPU and on workers, their patches, and the values and derivatives of both."""
     one = GrainArrays.of(GRAINS)
     many = one.on(workers)
-    patches = footprint_patches(one, STILL, SCAN.geometry, margin=2)
-    walk = [differentiate_in_place(g, STILL, SCAN.geometry, patches, "trilinear") for g in (one, many)]
-    return one, many, patches, walk
+    patches = footprint_patches(one, REST_POSE, SCAN.geometry, margin=2)
+    projected = [differentiate_in_place(g, REST_POSE, SCAN.geometry, patches, "trilinear") for g in (one, many)]
+    return one, many, patches, projected
 
 
-def test_every_grain_is_in_one_piece(workers):
-    held = GrainArrays.of(GRAINS).on(workers).placed
-    assert len(held.pieces) == workers.executor.worker_count
-    assert sum(map(len, held.pieces)) == len(GrainArrays.of(GRAINS).images)
+def test_voxels_are_divided_among_all_workers(workers):
+    placed = GrainArrays.of(GRAINS).on(workers).placed
+    assert len(placed.pieces) == workers.executor.worker_count
+    assert sum(map(len, placed.pieces)) == len(GrainArrays.of(GRAINS).images)
 
 
-def test_voxels_are_handed_out_once(workers):
-    """For all states, as long as as many workers are there; and not for longer than they live."""
+def test_voxels_are_distributed_once(workers):
+    """They are distributed again if the number of workers changes, and released with the grains."""
     one = GrainArrays.of(GRAINS)
-    held = one.on(workers).placed
-    assert one.on(workers).placed is held
+    placed = one.on(workers).placed
+    assert one.on(workers).placed is placed
     workers.executor.worker_count += 1
-    assert one.on(workers).placed is not held
+    assert one.on(workers).placed is not placed
     shared = workers.store.shared
     before = len(shared)
     other = one.coarsened(2)
-    assert other.on(workers).placed is not held
+    assert other.on(workers).placed is not placed
     assert len(shared) == before + 1
     del other
     gc.collect()
@@ -80,69 +82,70 @@ def test_voxels_are_handed_out_once(workers):
 
 
 def test_same_projections(both):
-    _, many, patches, ((values, derivatives), (far_values, far_derivatives)) = both
-    np.testing.assert_array_equal(np.asarray(far_values), values)
-    np.testing.assert_array_equal(np.asarray(far_derivatives.derivatives), derivatives.derivatives)
-    alone = project_in_place(many, STILL, SCAN.geometry, patches, "trilinear")
-    np.testing.assert_allclose(np.asarray(alone), values, atol=1e-6)
+    _, many, patches, ((values, jacobian), (worker_values, worker_jacobian)) = both
+    np.testing.assert_array_equal(np.asarray(worker_values), values)
+    np.testing.assert_array_equal(np.asarray(worker_jacobian.derivatives), jacobian.derivatives)
+    values_only = project_in_place(many, REST_POSE, SCAN.geometry, patches, "trilinear")
+    np.testing.assert_allclose(np.asarray(values_only), values, atol=1e-6)
     np.testing.assert_array_equal(
-        assemble(far_values, patches, SCAN.geometry, far_derivatives.backend), assemble(values, patches, SCAN.geometry)
+        assemble(worker_values, patches, SCAN.geometry, worker_jacobian.backend),
+        assemble(values, patches, SCAN.geometry),
     )
 
 
-def test_same_products(both):
-    _, _, _, ((_, here), (_, far)) = both
+def test_same_products_with_the_jacobian(both):
+    _, _, _, ((_, on_cpu), (_, on_workers)) = both
     n, rng = len(GRAINS), np.random.default_rng(0)
-    images = rng.random(PANELS, np.float32)
-    np.testing.assert_array_equal(far.gradient(images), here.gradient(images))
-    np.testing.assert_array_equal(normal_matrix(far).toarray(), normal_matrix(here).toarray())
+    images = rng.random(IMAGES_SHAPE, np.float32)
+    np.testing.assert_array_equal(on_workers.gradient(images), on_cpu.gradient(images))
+    np.testing.assert_array_equal(normal_matrix(on_workers).toarray(), normal_matrix(on_cpu).toarray())
     x = rng.random((2, n, 6))
-    np.testing.assert_array_equal(far.images(x), here.images(x))
-    one, many = (PatchNormalMatrix(d) for d in (here, far))
+    np.testing.assert_array_equal(on_workers.images(x), on_cpu.images(x))
+    one, many = (PatchNormalMatrix(d) for d in (on_cpu, on_workers))
     columns = x.reshape(2, -1).T
     np.testing.assert_array_equal(many @ columns, one @ columns)
     np.testing.assert_array_equal(many @ columns[:, 0], (one @ columns)[:, 0])
     np.testing.assert_array_equal(many.blocks(), one.blocks())
 
 
-def test_some_grains_in_another_order(workers):
+def test_selected_grains_in_another_order(workers):
     rows = [2, 0, 2]
     one, many = (g.select(rows) for g in (GrainArrays.of(GRAINS), GrainArrays.of(GRAINS).on(workers)))
-    pose = Pose(STILL.translations[rows], STILL.matrices[rows])
+    pose = Pose(REST_POSE.translations[rows], REST_POSE.matrices[rows])
     patches = footprint_patches(one, pose, SCAN.geometry)
-    here, far = (project_in_place(g, pose, SCAN.geometry, patches, "trilinear") for g in (one, many))
-    np.testing.assert_array_equal(np.asarray(far), here)
+    on_cpu, on_workers = (project_in_place(g, pose, SCAN.geometry, patches, "trilinear") for g in (one, many))
+    np.testing.assert_array_equal(np.asarray(on_workers), on_cpu)
 
 
 def test_same_linearization(workers):
-    """A whole evaluation, filtered, with its gradient; files of what nobody refers to are gone."""
+    """Cost, gradient and Hessian of a filtered evaluation."""
     fit = MultistageFit.of(GRAINS, SCAN, TrackSettings())
     problem = StateProblem(fit.grains, replace(fit.target, sigma=2.0))
-    far = replace(problem, grains=problem.grains.on(workers))
-    here, there = problem.linearize(STILL), far.linearize(STILL)
-    assert there.cost == here.cost
-    np.testing.assert_array_equal(there.gradient, here.gradient)
-    np.testing.assert_array_equal(there.hessian.toarray(), here.hessian.toarray())
+    on_workers = replace(problem, grains=problem.grains.on(workers))
+    expected, result = problem.linearize(REST_POSE), on_workers.linearize(REST_POSE)
+    assert result.cost == expected.cost
+    np.testing.assert_array_equal(result.gradient, expected.gradient)
+    np.testing.assert_array_equal(result.hessian.toarray(), expected.hessian.toarray())
 
 
 def test_same_unconfirmed_rotations(workers):
-    """Also of a ball, whose turns nothing confirms: its patches must be the same whoever lies in its piece."""
+    """Also for a ball, whose rotations are undetermined: its patches are the same beside any other grains."""
     grains = GrainSet(tuple(replace(g, volume=single(g.volume), fine=None) for g in grain_set(sphere=2).grains))
     fit = MultistageFit.of(grains, radiographs(grains, small_motions(grains)), TrackSettings())
     problem = StateProblem(fit.grains, replace(fit.target, sigma=0.7))
-    seen = problem.evaluate_with_derivatives(STILL)
-    far = replace(problem, grains=problem.grains.on(workers))
-    one = unconfirmed_rotations(problem, STILL, seen)
-    assert one[1].any()
-    np.testing.assert_array_equal(unconfirmed_rotations(far, STILL, seen), one)
+    evaluation = problem.evaluate_with_derivatives(REST_POSE)
+    on_workers = replace(problem, grains=problem.grains.on(workers))
+    expected = unconfirmed_rotations(problem, REST_POSE, evaluation)
+    assert expected[1].any()
+    np.testing.assert_array_equal(unconfirmed_rotations(on_workers, REST_POSE, evaluation), expected)
 
 
 @pytest.mark.parametrize("search", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_same_motions(workers, search):
     settings = TrackSettings(search=search, device="cpu")
-    one, many = track(GRAINS, SCAN, settings=settings), track(GRAINS, SCAN, settings=settings, device=workers)
-    np.testing.assert_array_equal(many.translations, one.translations)
-    np.testing.assert_array_equal(many.rotations, one.rotations)
-    np.testing.assert_array_equal(many.statuses, one.statuses)
-    np.testing.assert_array_equal(many.covariances, one.covariances)
+    expected, motions = track(GRAINS, SCAN, settings=settings), track(GRAINS, SCAN, settings=settings, device=workers)
+    np.testing.assert_array_equal(motions.translations, expected.translations)
+    np.testing.assert_array_equal(motions.rotations, expected.rotations)
+    np.testing.assert_array_equal(motions.statuses, expected.statuses)
+    np.testing.assert_array_equal(motions.covariances, expected.covariances)
     assert workers.executor.done.count("differentiate") > 4

@@ -1,4 +1,4 @@
-"""The scripts for SLURM and PBS: the jobs that they ask for, and that they run, with a queue's stand-in."""
+"""Example scripts for SLURM and PBS: the jobs they submit, and a run with a substitute for the queue."""
 
 import importlib.util
 import runpy
@@ -22,6 +22,7 @@ EXPECTED = {
 
 
 def load(name):
+    """Import the example script of this name."""
     spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
@@ -29,7 +30,7 @@ def load(name):
 
 
 @pytest.mark.parametrize("name", EXPECTED)
-def test_job(name):
+def test_job_script(name):
     with load(name).workers() as cluster:
         script = cluster.job_script()
     for line in [*EXPECTED[name], "source $HOME/grainmotion/bin/activate"]:
@@ -41,8 +42,8 @@ def test_job(name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", EXPECTED)
-def test_run(name, tmp_path, monkeypatch):
-    """A queue that starts at once what is submitted to it, on this machine."""
+def test_run_through_a_queue(name, tmp_path, monkeypatch):
+    """The substitute queue starts every submitted job at once on this computer."""
     commands = tmp_path / "bin"
     commands.mkdir()
     jobs = tmp_path / "jobs"
@@ -65,5 +66,5 @@ echo "job $!"
     (tmp_path / f"{name}.py").write_text(small.replace('local_directory="$TMPDIR"', f'local_directory="{tmp_path}"'))
     monkeypatch.setattr(sys, "argv", [name, str(toml)])
     runpy.run_path(str(tmp_path / f"{name}.py"), run_name="__main__")
-    assert jobs.is_file()  # it went by way of the queue
+    assert jobs.is_file()  # the job was submitted to the queue
     assert len(read_motions(toml.parent / "results" / "two" / "motions.csv")) == 3

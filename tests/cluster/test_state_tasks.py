@@ -1,4 +1,4 @@
-"""States side by side: what one process finds, whoever tracks them and in whatever order they are done."""
+"""States tracked concurrently: the motions of one process, in whatever order the states are finished."""
 
 from dataclasses import replace
 
@@ -23,7 +23,7 @@ from grainmotion.workflow.context import RunContext
 from grainmotion.workflow.provenance import StageCache
 from grainmotion.workflow.reference_stages import reconstruct_stage, segment_stage
 from grainmotion.workflow.run import run
-from inline_work import InlineExecutor
+from inline_executor import InlineExecutor
 from tiny_experiment import TOML, write_tiny
 
 STATE = """
@@ -36,8 +36,8 @@ initial = "{initial}"
 HEAD = TOML[: TOML.index("[[states]]")].replace("search = false", "search = false\niterations = 2")
 
 
-class Side:
-    """A cluster of this process alone; which states it is asked for, and from where each starts."""
+class RecordingCluster:
+    """A cluster inside this process that records the states it is given and where each starts."""
 
     backend, cut, shares = None, staticmethod(fine_grains), False
 
@@ -49,8 +49,8 @@ class Side:
 
     def track(self, grains, states, settings):
         self.asked.append({state.name: state.start for state in states})
-        found = list(track_distributed(InlineExecutor(), self.store, grains, states, settings))
-        return reversed(found)  # the last is there first
+        results = list(track_distributed(InlineExecutor(), self.store, grains, states, settings))
+        return reversed(results)  # the last state is finished first
 
 
 def tiny(folder, **initials):
@@ -61,7 +61,7 @@ def tiny(folder, **initials):
     return experiment
 
 
-def job_of(experiment, cluster):
+def context_of(experiment, cluster):
     folder = experiment.output
     return RunContext(experiment, find_inputs(experiment), folder, StageCache(folder), None, cluster=cluster)
 
@@ -76,108 +76,110 @@ def track_states(context):
     return {table.name: tracked[table.name].motions for table in context.tables.states}
 
 
-def by_one(experiment):
-    """What one process finds, elsewhere."""
-    return run(experiment, out=experiment.output.parent / "alone", until="track").motions
+def by_one_process(experiment):
+    """The motions that one process gives, written to another folder."""
+    return run(experiment, out=experiment.output.parent / "one-process", until="track").motions
 
 
-def same(found, other):
-    assert list(found) == list(other)
-    for name, motions in other.items():
-        np.testing.assert_array_equal(found[name].translations, motions.translations)
-        np.testing.assert_array_equal(found[name].rotations, motions.rotations)
-        np.testing.assert_array_equal(found[name].covariances, motions.covariances)
+def assert_same_motions(motions_by_state, expected):
+    assert list(motions_by_state) == list(expected)
+    for name, motions in expected.items():
+        np.testing.assert_array_equal(motions_by_state[name].translations, motions.translations)
+        np.testing.assert_array_equal(motions_by_state[name].rotations, motions.rotations)
+        np.testing.assert_array_equal(motions_by_state[name].covariances, motions.covariances)
 
 
-def test_states_that_need_not_wait(tmp_path):
-    """Two start at the reference, one after the first: it waits for that alone."""
+def test_independent_states_are_tracked_together(tmp_path):
+    """Two states start from the reference; the third waits for the first only."""
     experiment = tiny(tmp_path, a="reference", b="previous", c="reference")
-    side = Side(tmp_path / "shelf")
-    job = job_of(experiment, side)
-    found = track_states(job)
-    assert side.asked == [{"a": None, "b": "a", "c": None}]
-    same(found, by_one(experiment))
-    assert sorted(job.done) == ["a/track", "b/track", "c/track"]
-    again = job_of(experiment, side)
-    same(track_states(again), found)  # from the files
+    cluster = RecordingCluster(tmp_path / "store")
+    context = context_of(experiment, cluster)
+    motions = track_states(context)
+    assert cluster.asked == [{"a": None, "b": "a", "c": None}]
+    assert_same_motions(motions, by_one_process(experiment))
+    assert sorted(context.done) == ["a/track", "b/track", "c/track"]
+    again = context_of(experiment, cluster)
+    assert_same_motions(track_states(again), motions)  # loaded from the files
     assert (again.done, again.reused) == ([], ["a/track", "b/track", "c/track"])
-    assert len(side.asked) == 1
+    assert len(cluster.asked) == 1
 
 
-def test_one_after_the_other_where_each_waits_or_grains_are_many(tmp_path):
-    side = Side(tmp_path / "shelf")
-    track_states(job_of(tiny(tmp_path / "chain", a="previous", b="previous"), side))
-    side.shares = True
-    track_states(job_of(tiny(tmp_path / "many", a="reference", b="reference"), side))
-    assert not side.asked
+def test_chained_states_and_shared_samples_are_tracked_one_by_one(tmp_path):
+    cluster = RecordingCluster(tmp_path / "store")
+    track_states(context_of(tiny(tmp_path / "chain", a="previous", b="previous"), cluster))
+    cluster.shares = True
+    track_states(context_of(tiny(tmp_path / "many", a="reference", b="reference"), cluster))
+    assert not cluster.asked
 
 
-def test_what_is_there_is_not_done_again(tmp_path):
-    """A state whose predecessor is there starts from its file."""
+def test_finished_states_are_reused(tmp_path):
+    """A state whose predecessor is finished starts from the predecessor's file."""
     experiment = tiny(tmp_path, a="reference", b="previous", c="reference")
-    side = Side(tmp_path / "shelf")
-    first = track_states(job_of(experiment, None))
+    cluster = RecordingCluster(tmp_path / "store")
+    first = track_states(context_of(experiment, None))
     for name in ("b", "c"):
         (experiment.output / name / "motions.csv").unlink()
-    job = job_of(experiment, side)
-    same(track_states(job), first)
-    assert job.done == ["c/track", "b/track"]
-    (asked,) = side.asked
+    context = context_of(experiment, cluster)
+    assert_same_motions(track_states(context), first)
+    assert context.done == ["c/track", "b/track"]
+    (asked,) = cluster.asked
     assert isinstance(asked["b"], Motions)
     np.testing.assert_array_equal(asked["b"].translations, first["a"].translations)
 
 
-def test_an_error_names_the_state(tmp_path):
+def test_error_names_the_state(tmp_path):
     experiment = tiny(tmp_path, a="reference")
     scan, _ = find_inputs(experiment).states[0].read()
     wrong = Motions.identity(np.array([7, 7, 8]), np.zeros((3, 3)))
-    shelf, states = SharedStore(tmp_path / "shelf"), [State("a", scan, "wrong.csv", wrong)]
+    store, states = SharedStore(tmp_path / "store"), [State("a", scan, "wrong.csv", wrong)]
     with pytest.raises(InputError, match=r"states\.a\.initial \(wrong\.csv\)"):
-        list(track_distributed(InlineExecutor(), shelf, grain_set(), states, TrackSettings()))
+        list(track_distributed(InlineExecutor(), store, grain_set(), states, TrackSettings()))
 
 
-def test_the_sample_arrives_whole(tmp_path, monkeypatch):
-    """With its background, on the processor, its voxels end to end and in one file."""
+def test_sample_is_sent_with_background_in_one_file(tmp_path, monkeypatch):
+    """Tracking on a worker uses the CPU; voxels of all grains are contiguous in one stored file."""
     arrived = []
 
-    def told(grains, scan, start, settings, *, device):
+    def record(grains, scan, start, settings, *, device):
         arrived.append((grains, device))
         return Motions.identity(grains.labels, grains.centers)
 
-    monkeypatch.setattr("grainmotion.cluster.state_tasks.track", told)
-    laid = [replace(grain, fine=None) for grain in grain_set().grains]
-    store_contiguously(laid)
-    whole = GrainSet(tuple(laid), background=Volume(np.ones((40, 40, 40)), 0.1), background_moves=True)
+    monkeypatch.setattr("grainmotion.cluster.state_tasks.track", record)
+    contiguous = [replace(grain, fine=None) for grain in grain_set().grains]
+    store_contiguously(contiguous)
+    sample = GrainSet(tuple(contiguous), background=Volume(np.ones((40, 40, 40)), 0.1), background_moves=True)
     scan, _ = find_inputs(tiny(tmp_path, a="reference")).states[0].read()
-    shelf = SharedStore(tmp_path / "shelf")
-    list(track_distributed(InlineExecutor(), shelf, whole, [State("a", scan, "reference", None)], TrackSettings()))
+    store = SharedStore(tmp_path / "store")
+    list(track_distributed(InlineExecutor(), store, sample, [State("a", scan, "reference", None)], TrackSettings()))
     ((grains, device),) = arrived
     assert device == CPU
     assert grains.background_moves
-    np.testing.assert_array_equal(grains.background.array, whole.background.array)
-    for one, other in zip(grains.grains, laid, strict=True):
+    np.testing.assert_array_equal(grains.background.array, sample.background.array)
+    for one, other in zip(grains.grains, contiguous, strict=True):
         np.testing.assert_array_equal(one.volume.array, other.volume.array)
     assert len({id(grain.volume.array.base) for grain in grains.grains}) == 1
 
 
-def test_no_more_at_once_than_there_are_workers(tmp_path):
-    """A state that waits is passed over until the one it starts from is there."""
-    asked = []
+def test_waiting_states_are_passed_over(tmp_path):
+    """A state waits until the state it starts from is finished; others are tracked meanwhile."""
+    offered = []
 
-    class Busy(InlineExecutor):
+    class RecordingExecutor(InlineExecutor):
         def as_completed(self, more):
             first, second, third = more(), more(), more()
-            asked.append([name and name[0] for name in (first, second, third)])
+            offered.append([name and name[0] for name in (first, second, third)])
             yield second
-            asked.append([more(), more()])
+            offered.append([more(), more()])
             yield first
             after = more()
-            asked.append([after[0], more()])
+            offered.append([after[0], more()])
             yield after
 
     scan, _ = find_inputs(tiny(tmp_path, a="reference")).states[0].read()
     states = [State("a", scan, "reference", None), State("b", scan, "previous", "a")]
     states.append(State("c", scan, "reference", None))
-    found = track_distributed(Busy(), SharedStore(tmp_path / "shelf"), grain_set(), states, TrackSettings(search=False))
-    assert [name for name, _ in found] == ["c", "a", "b"]
-    assert asked == [["a", "c", None], [None, None], ["b", None]]
+    results = track_distributed(
+        RecordingExecutor(), SharedStore(tmp_path / "store"), grain_set(), states, TrackSettings(search=False)
+    )
+    assert [name for name, _ in results] == ["c", "a", "b"]
+    assert offered == [["a", "c", None], [None, None], ["b", None]]

@@ -1,4 +1,4 @@
-"""Package and home that cannot be written (a container, a service account) do not keep the program from running."""
+"""Cache of compiled kernels where neither package nor home can be written, as in containers or service accounts."""
 
 import os
 import shutil
@@ -12,22 +12,22 @@ import pytest
 import grainmotion
 from grainmotion.kernels import compilation
 
-NOWHERE = "/dev/null/nowhere"  # no folder can be made there, by nobody: root may write what is read-only
+NOWHERE = "/dev/null/nowhere"  # not even root can create a folder there
 
 
 @pytest.fixture(scope="module")
 def read_only(tmp_path_factory) -> Path:
-    """A copy of the package beside which no compiled code can be kept."""
+    """A copy of the package in which no __pycache__ folders can be created."""
     folder = tmp_path_factory.mktemp("read_only")
     copy = folder / "grainmotion"
     shutil.copytree(Path(grainmotion.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__"))
-    for room in [copy, *(p for p in copy.rglob("*") if p.is_dir())]:
-        (room / "__pycache__").write_text("a file, so that no folder of this name can be made")
+    for package_folder in [copy, *(p for p in copy.rglob("*") if p.is_dir())]:
+        (package_folder / "__pycache__").write_text("a file, so that no folder of this name can be made")
     return folder
 
 
-def homeless(package: Path, temporary: Path) -> dict[str, str]:
-    """The environment of a user without a home, for a copy of the package."""
+def without_home(package: Path, temporary: Path) -> dict[str, str]:
+    """Environment variables of a user without a home folder who runs this copy of the package."""
     kept = {k: v for k, v in os.environ.items() if k not in ("NUMBA_CACHE_DIR", "MPLCONFIGDIR")}
     return kept | {
         "HOME": NOWHERE, "XDG_CACHE_HOME": NOWHERE, "PYTHONPATH": str(package), "PYTHONDONTWRITEBYTECODE": "1",
@@ -35,23 +35,23 @@ def homeless(package: Path, temporary: Path) -> dict[str, str]:
     }  # fmt: skip
 
 
-def command(package: Path, temporary: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    """``grainmotion`` of a package, with a home that does not exist."""
+def run_command(package: Path, temporary: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run the command ``grainmotion`` of this copy of the package, without a home folder."""
     program = "import sys, grainmotion.cli.app as cli; sys.argv[0] = 'grainmotion'; cli.main()"
-    whole = [sys.executable, "-c", program, *words]
-    return subprocess.run(whole, env=homeless(package, temporary), capture_output=True, text=True)
+    command = [sys.executable, "-c", program, *arguments]
+    return subprocess.run(command, env=without_home(package, temporary), capture_output=True, text=True)
 
 
 def test_help_needs_no_kernels_and_prints_no_warning(read_only, tmp_path):
-    done = command(read_only, tmp_path, "--help")
+    done = run_command(read_only, tmp_path, "--help")
     assert done.returncode == 0
     assert "run" in done.stdout
     assert not done.stderr
 
 
 @pytest.mark.parametrize("words", [["inspect", "no-such.toml"], ["run", "no-such.toml"]])
-def test_commands_run_with_one_line_of_warning(read_only, tmp_path, words):
-    done = command(read_only, tmp_path, *words)
+def test_commands_print_one_line_of_warning(read_only, tmp_path, words):
+    done = run_command(read_only, tmp_path, *words)
     warning, error = done.stderr.splitlines()
     assert "compiled kernels cannot be kept" in warning
     assert str(tmp_path) in warning
@@ -59,13 +59,17 @@ def test_commands_run_with_one_line_of_warning(read_only, tmp_path, words):
     assert "no-such.toml" in error
 
 
-def test_kernels_are_kept_in_a_folder_of_the_user_alone(read_only, tmp_path):
+def test_kernels_are_cached_in_a_private_folder(read_only, tmp_path):
     program = (
         "import grainmotion, numpy as np; from grainmotion.kernels import filters;"
         "filters.filter_images(np.ones((1, 4, 4)), np.ones(2)); print(grainmotion.__file__)"
     )
     done = subprocess.run(
-        [sys.executable, "-c", program], env=homeless(read_only, tmp_path), capture_output=True, text=True, check=True
+        [sys.executable, "-c", program],
+        env=without_home(read_only, tmp_path),
+        capture_output=True,
+        text=True,
+        check=True,
     )
     assert done.stdout.strip().startswith(str(read_only))
     (folder,) = tmp_path.glob("grainmotion-kernels-*")
@@ -74,21 +78,21 @@ def test_kernels_are_kept_in_a_folder_of_the_user_alone(read_only, tmp_path):
 
 
 def refuse_caches(monkeypatch, allowed=()):
-    """Numba finds no folder, but for ``allowed`` ones."""
+    """Make every cache folder unusable except those in ``allowed``."""
     monkeypatch.setattr(compilation, "_can_be_kept", lambda: compilation.nb.config.CACHE_DIR in allowed)
     monkeypatch.setitem(vars(compilation.nb.config), "CACHE_DIR", "")
     monkeypatch.setitem(os.environ, "NUMBA_CACHE_DIR", "")
     monkeypatch.setitem(os.environ, "MPLCONFIGDIR", "")
 
 
-def test_without_any_folder_kernels_are_compiled_anew(monkeypatch, caplog):
+def test_kernels_are_compiled_in_memory_without_any_cache_folder(monkeypatch, caplog):
     refuse_caches(monkeypatch)
     assert not compilation.cache_available()
     assert "compiles them anew" in caplog.text
     assert not compilation.nb.config.CACHE_DIR
 
 
-def test_a_folder_of_ones_own_that_cannot_be_written_is_named(monkeypatch, caplog):
+def test_unwritable_cache_folder_of_the_user_is_named(monkeypatch, caplog):
     refuse_caches(monkeypatch, allowed=(compilation._temporary_folder(),))
     monkeypatch.setitem(vars(compilation.nb.config), "CACHE_DIR", NOWHERE)
     assert compilation.cache_available()
@@ -96,7 +100,7 @@ def test_a_folder_of_ones_own_that_cannot_be_written_is_named(monkeypatch, caplo
 
 
 @pytest.mark.skipif(os.name != "posix", reason="owners and modes of files are those of POSIX")
-def test_a_folder_that_others_can_write_is_not_trusted(monkeypatch, tmp_path):
+def test_folder_that_others_can_write_is_not_used(monkeypatch, tmp_path):
     monkeypatch.setattr(compilation.tempfile, "gettempdir", lambda: str(tmp_path))
     folder = Path(compilation._temporary_folder())
     folder.chmod(0o777)

@@ -1,4 +1,4 @@
-"""Gibbs sampling: scores and costs against a problem whose best candidate is given."""
+"""Kernel of Gibbs sampling: candidates and costs on a problem whose best candidate is known."""
 
 import numpy as np
 
@@ -18,6 +18,7 @@ def problem():
 
 
 def run(temperatures, images, rotation=0, move=12):
+    """Anneal from the given rotation and shift; returns cost, rotation and shift of the result."""
     images = images.copy()
     _, tables, energies, anchors = problem()
     steps = np.arange(-2.0, 3.0)
@@ -37,15 +38,15 @@ def run(temperatures, images, rotation=0, move=12):
     return cost, rotation_of[0], shifts[shift_of[0]]
 
 
-def test_at_temperature_zero_the_best_candidate_is_chosen():
+def test_best_candidate_is_chosen_at_temperature_zero():
     cost, rotation, shift = run([0.0], problem()[0])
     assert rotation == 2
     np.testing.assert_array_equal(shift, [1, -2, 0])
     assert cost == 0
 
 
-def test_the_returned_cost_is_that_of_the_returned_candidates():
-    """At a high temperature candidates are drawn at random; the best one and its cost are returned."""
+def test_returned_cost_belongs_to_the_returned_candidates():
+    """At a high temperature, where candidates are drawn nearly at random."""
     images, tables, _, anchors = problem()
     cost, rotation, shift = run([1e12] * 5, images)
     residual = images.astype(float).copy()

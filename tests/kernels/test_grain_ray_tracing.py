@@ -1,4 +1,4 @@
-"""Tracing of rays through a grain's voxels: planes that no ray needs to cross are skipped, and hold nothing."""
+"""Ray tracing through a grain: planes without filled voxels are skipped, and nothing else is."""
 
 from dataclasses import replace
 
@@ -21,14 +21,14 @@ def whole_box(arrays):
     """The same grains as if every voxel of their crops were filled."""
     faces = np.array([[np.zeros(3), shape[::-1] - 1] for shape in arrays.shapes])
     corners = np.stack(np.meshgrid(*[(0, 1)] * 3), -1).reshape(-1, 3)
-    spots = np.array([np.where(corners, high, low) for low, high in faces]) @ grain_ray_tracing.DIRECTIONS.T.astype(
+    positions = np.array([np.where(corners, high, low) for low, high in faces]) @ grain_ray_tracing.DIRECTIONS.T.astype(
         float
     )
-    return replace(arrays, extents=np.stack([spots.min(axis=1), spots.max(axis=1)], axis=1).astype(np.float32))
+    return replace(arrays, extents=np.stack([positions.min(axis=1), positions.max(axis=1)], axis=1).astype(np.float32))
 
 
 class TestExtents:
-    """Planes that no ray needs to cross are skipped, and only empty voxels lie there."""
+    """The extents of a grain restrict rays to its filled voxels."""
 
     @staticmethod
     def grain(kind, rng):
@@ -50,7 +50,7 @@ class TestExtents:
     @pytest.mark.parametrize("projector", ["trilinear", "exact"])
     @pytest.mark.parametrize("beam", ["cone", "parallel"])
     @pytest.mark.parametrize("kind", ["full", "few voxels", "one voxel", "plate", "oblique rod", "empty"])
-    def test_what_is_skipped_is_empty(self, kind, beam, projector):
+    def test_skipped_planes_are_empty(self, kind, beam, projector):
         rng = np.random.default_rng(3)
         angles = (0.0, 45.0, 90.0, 200.0)
         geometry = (

@@ -18,7 +18,7 @@ def test_rotation_matrices_are_those_of_the_package(vector):
     np.testing.assert_allclose(packing.rotation_of(np.array(vector)), rotation_matrix(vector), atol=1e-14)
 
 
-def test_a_ball_falls_to_the_floor_and_another_onto_it():
+def test_ball_falls_to_the_floor_and_another_onto_it():
     poses = Poses(np.array([[0.0, 0.0, 8.0], [0.0, 0.0, 8.0]]), np.tile(np.eye(3), (2, 1, 1)))
     heights = []
     for i in range(2):

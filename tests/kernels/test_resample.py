@@ -1,4 +1,4 @@
-"""Resampling: exact for linear images, zero outside, and labels of the largest sample."""
+"""Kernels of resampling: exact for linear images, zero outside, and labels of the largest sample."""
 
 import numpy as np
 
@@ -14,7 +14,7 @@ def ramp(shape):
     return (1 + 0.5 * x - 0.25 * y + 2 * z).astype(np.float32)
 
 
-def test_a_linear_image_is_resampled_exactly():
+def test_linear_image_is_resampled_exactly():
     total = np.zeros((5, 5, 5), np.float32)
     resample.add_moved(ramp((14, 14, 14)), ROTATION, OFFSET, np.zeros(3, np.int64), np.full(3, 5), total)
     z, y, x = np.indices(total.shape).reshape(3, -1)
@@ -25,13 +25,13 @@ def test_a_linear_image_is_resampled_exactly():
     np.testing.assert_allclose(total.ravel()[inside], expected[inside], rtol=1e-5)
 
 
-def test_the_image_falls_to_zero_over_one_voxel():
+def test_image_decreases_to_zero_over_one_voxel():
     source = np.ones((3, 3, 3), np.float32)
     values = [resample.sample(source, x, 1.0, 1.0) for x in (-1.0, -0.5, 0.0, 2.0, 2.5, 3.0)]
     np.testing.assert_allclose(values, [0, 0.5, 1, 1, 0.5, 0])
 
 
-def test_a_label_goes_to_the_largest_sample():
+def test_label_is_that_of_the_largest_sample():
     total, best, labels = (
         np.zeros((1, 1, 4), np.float32),
         np.zeros((1, 1, 4), np.float32),

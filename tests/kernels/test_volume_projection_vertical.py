@@ -1,4 +1,4 @@
-"""The projector for panels parallel to z computes the sums of the projector for any view, on volumes of every shape."""
+"""The projector for detectors parallel to z agrees with the projector for any view."""
 
 import numba
 import numpy as np
@@ -13,7 +13,7 @@ from volume_views import ANGLES, PANEL, SHAPE, UPRIGHT_PANELS, cone, project_any
 
 @pytest.mark.parametrize("name", UPRIGHT_PANELS)
 @pytest.mark.parametrize(("precision", "tolerance"), [(np.float32, 3e-6), (np.float64, 1e-7)])
-def test_it_computes_what_the_projector_for_any_view_does(name, precision, tolerance):
+def test_agrees_with_the_projector_for_any_view(name, precision, tolerance):
     geometry, body = UPRIGHT_PANELS[name], volume(precision)
     operator = VolumeOperator(geometry, body)
     assert operator.upright
@@ -23,7 +23,7 @@ def test_it_computes_what_the_projector_for_any_view_does(name, precision, toler
 
 
 @pytest.mark.parametrize("name", UPRIGHT_PANELS)
-def test_adjoint(name):
+def test_back_projection_is_the_adjoint(name):
     geometry, body = UPRIGHT_PANELS[name], volume(np.float64)
     operator = VolumeOperator(geometry, body)
     images = np.random.default_rng(1).normal(size=(len(geometry), *PANEL))
@@ -33,7 +33,7 @@ def test_adjoint(name):
     assert np.vdot(operator.unpadded(back), body.array) == pytest.approx(np.vdot(forward, images), rel=1e-6)
 
 
-def test_tall_panel():
+def test_detector_taller_than_the_volume():
     """Rows in several tiles, some of them above and below the volume."""
     rows = 2 * volume_projection_vertical.ROWS_AT_ONCE + 76
     tall = Geometry.cone(ANGLES, (rows, 3), 0.01, source_to_axis=20, source_to_detector=80)
@@ -47,8 +47,8 @@ def test_tall_panel():
 
 
 @pytest.mark.parametrize("beam", ["cone", "parallel"])
-def test_cylinder(beam):
-    """With a radius, what lies beyond its cylinder counts as zero, and the projector may pass over it."""
+def test_voxels_outside_the_cylinder_are_ignored(beam):
+    """With a radius, voxels outside the cylinder count as zero, and the projector may skip them."""
     geometry, body = UPRIGHT_PANELS[beam], volume()
     y, x = (np.arange(n) - (n - 1) / 2 for n in SHAPE[1:])
     inside = y[:, None] ** 2 + x**2 <= 5.0**2
@@ -63,7 +63,7 @@ def test_cylinder(beam):
     np.testing.assert_array_equal(operator.unpadded(narrow) * inside, operator.unpadded(wide) * inside)
 
 
-def test_the_same_whatever_the_threads():
+def test_result_does_not_depend_on_the_number_of_threads():
     operator = VolumeOperator(cone(), volume())
     images = np.random.default_rng(1).normal(size=(len(ANGLES), *PANEL)).astype(np.float32)
     results = []

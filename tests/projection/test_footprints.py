@@ -1,4 +1,4 @@
-"""Footprints of moving grains: which pixels are traced, and what is left out."""
+"""Footprints of moving grains on the detector: boxes of pixels to trace, and the visible fraction of grains."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ from three_lumps import PANEL, VOXEL, scanner, shifted, three_grains, unmoved
 
 
 class TestFootprints:
-    def test_every_pixel_behind_a_grain_is_traced(self):
+    def test_boxes_contain_every_pixel_behind_a_grain(self):
         """No pixel outside of a grain's box has a part of the grain in its ray."""
         grains = three_grains()
         arrays = GrainArrays.of(grains)
@@ -40,7 +40,7 @@ class TestFootprints:
                 ((_, _, r0, r1, c0, c1),) = patches.boxes[(patches.boxes[:, 0] == grain) & (patches.boxes[:, 1] == i)]
                 assert r0 <= rows.min() <= rows.max() < r1
                 assert c0 <= columns.min() <= columns.max() < c1
-                # and not many more
+                # and the box is not much larger
                 assert r1 - r0 <= rows.max() - rows.min() + 6
                 assert c1 - c0 <= columns.max() - columns.min() + 6
 
@@ -59,7 +59,7 @@ class TestFootprints:
             sizes = (b[:, 3] - b[:, 2]) * (b[:, 5] - b[:, 4])
             np.testing.assert_array_equal(patches.offsets, np.concatenate([[0], np.cumsum(sizes)]))
 
-    def test_a_margin_adds_empty_pixels_only(self):
+    def test_margin_adds_empty_pixels_only(self):
         arrays = GrainArrays.of(three_grains())
         pose, geometry = unmoved(arrays), scanner()
         bare, wide = footprint_patches(arrays, pose, geometry), footprint_patches(arrays, pose, geometry, 4)
@@ -88,7 +88,7 @@ class TestFootprints:
             assert derivatives.shape == (6, 0)
             assert not assemble(values, patches, geometry).any()
 
-    def test_partly_off_the_panel_is_a_part_of_the_larger_radiograph(self):
+    def test_radiograph_of_a_small_detector_is_a_crop_of_a_large_one(self):
         grains = three_grains()
         motions = Motions.identity(grains.labels, grains.centers)
         motions.translations[:] = 0.6, 0.3, 1.2
@@ -99,7 +99,7 @@ class TestFootprints:
         np.testing.assert_allclose(part, whole[:, 20:50, 20:64], atol=2e-6)
         assert whole[:, 50:].any()
 
-    def test_a_view_in_which_no_grain_is_visible(self):
+    def test_view_without_visible_grains_is_zero(self):
         grains = three_grains()
         away = scanner().vectors.copy()
         away[1, 3:6] += 40 * away[1, 9:12]

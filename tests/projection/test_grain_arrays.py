@@ -34,7 +34,7 @@ def slice_grains(height=0.0, thickness=1):
 
 
 class TestSelect:
-    def test_a_row_twice_is_the_grain_twice(self):
+    def test_row_selected_twice_counts_twice(self):
         views = Geometry.cone([0.0, 70.0], PANEL, 4 * VOXEL, source_to_axis=40, source_to_detector=160)
         once, twice = (radiographs(GRAINS.select(rows), views) for rows in ([1], [1, 1]))
         np.testing.assert_allclose(twice, 2 * once, rtol=1e-6)
@@ -44,8 +44,8 @@ class TestSelect:
 
 class TestCoarsened:
     @pytest.mark.parametrize("factor", [2, 3])
-    def test_the_radiographs_stay_where_they_are(self, factor):
-        """Mass is kept to rounding, the centroid to a hundredth of a pixel; only what is fine is lost."""
+    def test_coarse_radiographs_keep_mass_and_position(self, factor):
+        """Mass is kept to 0.5 %, the centroid to 0.02 pixel; only fine detail is lost."""
         views = Geometry.cone([0.0, 70.0], PANEL, 4 * VOXEL, source_to_axis=40, source_to_detector=160)
         coarse = GRAINS.coarsened(factor)
         assert coarse.voxel_size == pytest.approx(factor * VOXEL)
@@ -53,18 +53,18 @@ class TestCoarsened:
         np.testing.assert_allclose(blurred.sum(axis=(1, 2)), fine.sum(axis=(1, 2)), rtol=5e-3)
         for axis in (1, 2):
             index = np.arange(fine.shape[axis])
-            spots = [np.tensordot(i.sum(axis=3 - axis), index, (1, 0)) / i.sum(axis=(1, 2)) for i in (fine, blurred)]
-            np.testing.assert_allclose(spots[1], spots[0], atol=0.02)
+            centers = [np.tensordot(i.sum(axis=3 - axis), index, (1, 0)) / i.sum(axis=(1, 2)) for i in (fine, blurred)]
+            np.testing.assert_allclose(centers[1], centers[0], atol=0.02)
         assert np.abs(blurred - fine).max() < 0.35 * fine.max()
 
-    def test_by_one_is_itself(self):
+    def test_factor_one_returns_the_same_grains(self):
         assert GRAINS.coarsened(1) is GRAINS
 
 
 class TestPlanar:
     FLAT = Geometry.parallel([0.0, 30.0], (1, 40), 1.0)
 
-    def test_a_slice_seen_in_its_plane(self):
+    def test_one_slice_with_rays_in_its_plane(self):
         assert planar(slice_grains(), self.FLAT)
         fan = Geometry.cone([0.0, 30.0], (1, 40), 1.0, source_to_axis=100, source_to_detector=200)
         assert planar(slice_grains(), fan)
@@ -79,42 +79,42 @@ class TestPlanar:
         ],
         ids=["two slices", "beside the rays", "two rows", "rays that leave the plane"],
     )
-    def test_anything_else_is_not(self, grains, geometry):
+    def test_other_samples_are_not_planar(self, grains, geometry):
         assert not planar(grains, geometry)
 
 
 class TestVoxels:
-    def test_those_of_one_volume_are_not_copied(self):
-        """Cut grains lie end to end already, finer ones too: memory is that of the voxels."""
+    def test_contiguous_voxels_are_not_copied(self):
+        """Voxels of extracted grains are stored contiguously already, finer ones too."""
         sample = grain_set()
         for fine in (False, True):
-            packed = GrainArrays.of(sample, fine=fine)
+            arrays = GrainArrays.of(sample, fine=fine)
             volumes = [g.fine if fine else g.volume for g in sample.grains]
-            assert all(np.shares_memory(packed.images, v.array) for v in volumes)
-            np.testing.assert_array_equal(packed.images, np.concatenate([v.array.ravel() for v in volumes]))
+            assert all(np.shares_memory(arrays.images, v.array) for v in volumes)
+            np.testing.assert_array_equal(arrays.images, np.concatenate([v.array.ravel() for v in volumes]))
 
-    def test_others_are_put_together(self):
+    def test_separate_voxels_are_copied_into_one_array(self):
         sample = grain_set().without([1])
-        packed = GrainArrays.of(sample)
+        arrays = GrainArrays.of(sample)
         for k, grain in enumerate(sample.grains):
-            start, size = packed.starts[k], grain.volume.array.size
-            np.testing.assert_array_equal(packed.images[start : start + size], grain.volume.array.ravel())
+            start, size = arrays.starts[k], grain.volume.array.size
+            np.testing.assert_array_equal(arrays.images[start : start + size], grain.volume.array.ravel())
 
 
 class TestExtents:
     """The planes between which a grain's voxels lie."""
 
-    def test_they_follow_the_grain_through_coarser_voxels_and_selection(self):
+    def test_extents_of_selected_and_coarsened_grains(self):
         arrays = GrainArrays.of(three_lumps.three_grains())
-        chosen = arrays.select([2, 0, 2])
-        np.testing.assert_array_equal(chosen.extents, arrays.extents[[2, 0, 2]])
+        selected = arrays.select([2, 0, 2])
+        np.testing.assert_array_equal(selected.extents, arrays.extents[[2, 0, 2]])
         axes = arrays.extents[:, :, :3]
         np.testing.assert_allclose(axes[:, 1] - axes[:, 0], 7 + 2 * 1.02, rtol=1e-6)
         assert (arrays.coarsened(2).extents[:, 1, :3] < arrays.coarsened(2).shapes[:, ::-1] - 1).all()
 
 
 class TestOf:
-    def test_the_grains_one_after_the_other(self):
+    def test_voxels_of_grains_are_stored_one_after_the_other(self):
         grains = three_lumps.three_grains()
         arrays = GrainArrays.of(grains)
         assert len(arrays) == 3
@@ -133,7 +133,7 @@ class TestOf:
             np.testing.assert_allclose(hull.min(axis=0), low)
             np.testing.assert_allclose(hull.max(axis=0), high)
 
-    def test_a_grain_of_too_many_voxels_is_refused(self, monkeypatch):
+    def test_grain_with_too_many_voxels_is_refused(self, monkeypatch):
         size = int(GrainArrays.of(three_lumps.three_grains()).shapes[0].prod())
         monkeypatch.setattr("grainmotion.projection.grain_arrays.MAX_GRAIN_VOXELS", size)
         GrainArrays.of(three_lumps.three_grains())

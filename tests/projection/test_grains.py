@@ -1,4 +1,4 @@
-"""Radiographs of moving grains: motions that are unknown, of other labels or about other centres, and finer voxels."""
+"""`simulate_radiographs`: undetermined motions, other labels, other centres of rotation, and finer voxels."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from three_lumps import PANEL, scanner, three_grains
 
 
 class TestSimulatedRadiographs:
-    def test_unknown_motions_are_left_out(self):
+    def test_grains_without_a_motion_are_left_out(self):
         grains = three_grains()
         motions = Motions.identity(grains.labels, grains.centers)
         motions.translations[1] = np.nan
@@ -30,7 +30,7 @@ class TestSimulatedRadiographs:
         with pytest.raises(InputError, match="labels"):
             simulate_radiographs(grains, Motions.identity(grains.labels[:2], grains.centers[:2]), scanner())
 
-    def test_motions_about_other_centres_are_the_same_motions(self):
+    def test_centre_of_rotation_does_not_matter(self):
         grains = three_grains()
         motions = Motions.identity(grains.labels, grains.centers)
         motions.rotations[:], motions.translations[:] = 0.3, 0.1
@@ -40,8 +40,8 @@ class TestSimulatedRadiographs:
         one, other = (simulate_radiographs(grains, m, scanner()) for m in (motions, elsewhere))
         np.testing.assert_allclose(one, other, atol=2e-6)
 
-    def test_finer_voxels_are_of_the_same_grains(self):
-        """Grains have finer voxels by default: they are projected, and attenuate as much."""
+    def test_finer_voxels_are_projected_with_the_same_mass(self):
+        """Grains have finer voxels by default; the sum of their radiographs is the same."""
         unmoved = Motions.identity(three_grains().labels, three_grains().centers)
         coarse, fine = (simulate_radiographs(three_grains(finer, 3), unmoved, scanner()) for finer in (1, 2))
         assert np.abs(fine - coarse).max() > 1e-3
@@ -49,7 +49,7 @@ class TestSimulatedRadiographs:
         exact = [simulate_radiographs(three_grains(finer), unmoved, scanner(), projector="exact") for finer in (1, 2)]
         np.testing.assert_array_equal(*exact)
 
-    def test_single_precision_stacks_of_views(self):
+    def test_radiographs_are_in_single_precision(self):
         grains = three_grains()
         computed = simulate_radiographs(
             grains, Motions.identity(grains.labels, grains.centers), scanner((0.0, 1.0, 2.0))

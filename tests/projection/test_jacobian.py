@@ -1,4 +1,4 @@
-"""The Jacobian of radiographs by the grains' motions: adjoint products, blocks of JᵀJ, and columns that are images."""
+"""Jacobian of the radiographs with respect to the grains' motions: its products, columns and blocks of JᵀJ."""
 
 from dataclasses import replace
 
@@ -28,14 +28,14 @@ def jacobian():
     return computed
 
 
-def test_both_products_are_adjoint(jacobian):
+def test_gradient_is_the_adjoint_of_images(jacobian):
     rng = np.random.default_rng(1)
     x, y = rng.normal(size=(N, 6)), rng.normal(size=jacobian.patches.stack_shape)
     (images,) = jacobian.images(x[None])
     assert np.vdot(images, y) == pytest.approx(np.vdot(x, jacobian.gradient(y)), rel=1e-9)
 
 
-def test_a_column_is_the_image_of_its_derivative(jacobian):
+def test_column_is_the_image_of_one_derivative(jacobian):
     grain, k = 2, 4
     unit = np.zeros((1, N, 6))
     unit[0, grain, k] = 1
@@ -46,8 +46,8 @@ def test_a_column_is_the_image_of_its_derivative(jacobian):
     assert column.any()
 
 
-def test_blocks_are_those_of_the_dense_matrix(jacobian):
-    """J as a matrix, a column for each motion of each grain: its product with itself, block by block."""
+def test_gram_blocks_equal_those_of_the_dense_matrix(jacobian):
+    """J as a dense matrix with a column for each motion component of each grain."""
     dense = np.stack([image.ravel() for image in jacobian.images(np.eye(6 * N).reshape(-1, N, 6))], axis=1)
     boxes = jacobian.patches.boxes
     views_of = [{boxes[p, 1]: p for p in np.flatnonzero(boxes[:, 0] == g)} for g in range(N)]
@@ -58,7 +58,7 @@ def test_blocks_are_those_of_the_dense_matrix(jacobian):
         np.testing.assert_allclose(block, expected, atol=1e-9 * np.abs(dense.T @ dense).max())
 
 
-def test_a_copy_has_derivatives_of_its_own(jacobian):
+def test_copy_has_its_own_derivatives(jacobian):
     other = jacobian.copy()
     other.derivatives[:] = 0
     assert other.patches is jacobian.patches

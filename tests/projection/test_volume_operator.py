@@ -1,4 +1,4 @@
-"""The linear operator of a volume's projection: choice of the projector, padding, and parts of the views."""
+"""`VolumeOperator`: choice of the projector, padding, and projection of selected views."""
 
 import numpy as np
 import pytest
@@ -9,23 +9,23 @@ from grainmotion.projection.volume_operator import MIN_VERTICAL_VIEWS, VolumeOpe
 from volume_views import ANGLES, PANEL, UPRIGHT_PANELS, cone, project_any_view, volume
 
 
-def test_adjoint_adds_and_takes_some_views():
+def test_adjoint_of_selected_views_is_added():
     geometry, body = UPRIGHT_PANELS["cone"], volume(np.float64)
     operator, views = VolumeOperator(geometry, body), np.array([3, 17, 4])
     images = np.random.default_rng(1).normal(size=(3, *PANEL))
-    some, every = operator.empty(), np.zeros((len(geometry), *PANEL))
-    operator.add_adjoint(images, some, views)
-    operator.add_adjoint(images, some, views)
-    every[views] = 2 * images
+    selected, all_images = operator.empty(), np.zeros((len(geometry), *PANEL))
+    operator.add_adjoint(images, selected, views)
+    operator.add_adjoint(images, selected, views)
+    all_images[views] = 2 * images
     whole = operator.empty()
-    operator.add_adjoint(every, whole)
-    np.testing.assert_allclose(operator.unpadded(some), operator.unpadded(whole), atol=1e-12)
+    operator.add_adjoint(all_images, whole)
+    np.testing.assert_allclose(operator.unpadded(selected), operator.unpadded(whole), atol=1e-12)
     image = operator.padded(body.array)
     np.testing.assert_array_equal(operator.forward(image, views), operator.forward(image)[views])
 
 
-class TestChoice:
-    """The projector for panels parallel to z serves only views that it projects as the one for any view does."""
+class TestProjectorChoice:
+    """The projector for detectors parallel to z is used only where it agrees with the one for any view."""
 
     @pytest.mark.parametrize(
         "panel",
@@ -35,23 +35,23 @@ class TestChoice:
             DetectorAlignment(axis_tilt_deg=(0.1, 0)),
         ],
     )
-    def test_tilted_panels(self, panel):
+    def test_tilted_detector_or_axis(self, panel):
         operator = VolumeOperator(cone(panel), volume())
         assert not operator.upright
         computed = operator.forward(operator.padded(operator.grid.array))
         np.testing.assert_array_equal(computed, project_any_view(cone(panel), volume()))
 
-    def test_the_exact_path(self):
+    def test_exact_projector(self):
         assert not VolumeOperator(cone(), volume(), "exact").upright
 
-    def test_few_views(self):
+    def test_too_few_views(self):
         assert not VolumeOperator(cone()[: MIN_VERTICAL_VIEWS - 1], volume()).upright
 
     def test_rays_steeper_than_45_degrees(self):
         near = Geometry.cone(ANGLES, (200, 10), 0.4, source_to_axis=8, source_to_detector=32)
         assert not VolumeOperator(near, volume()).upright
 
-    def test_padding_and_back(self):
+    def test_unpadding_inverts_padding(self):
         for geometry in (cone(), cone(DetectorAlignment(tilts_deg=(1, 0, 0)))):
             operator = VolumeOperator(geometry, volume())
             padded = operator.padded(operator.grid.array)

@@ -26,5 +26,5 @@ class InlineExecutor:
         return pickle.loads(pickle.dumps(list(tasks)))
 
     def as_completed(self, more):
-        while (asked := more()) is not None:
-            yield pickle.loads(pickle.dumps(asked))
+        while (task := more()) is not None:
+            yield pickle.loads(pickle.dumps(task))

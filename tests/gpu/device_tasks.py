@@ -1,7 +1,7 @@
-"""The same small work on any device: run by the tests on the processor, and by a process of its own on the card.
+"""Small tasks that the tests run on the CPU and, in a separate process, on a GPU or its simulator.
 
-``python tests/gpu/work.py OUT NAME...`` does the named tasks on the card (CUDA's simulator, where the environment
-says so before numba is imported) and leaves what they return in OUT.
+``python tests/gpu/device_tasks.py OUT NAME...`` runs the named tasks with CUDA (with the simulator, if the
+environment selects it before numba is imported) and pickles their results to OUT.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ from grainmotion.tracking.track import TrackSettings, track
 
 VOXEL = 0.1
 SHAPE = (12, 11, 15)
-SPOTS = ((4.5, 5.0, 5.0), (10.0, 5.5, 6.0))  # x y z, voxels
+CENTERS = ((4.5, 5.0, 5.0), (10.0, 5.5, 6.0))  # (x, y, z) in voxels
 
 
 def geometry(views: int = 3, beam: str = "cone") -> Geometry:
-    """A panel on which the sample's shadow just fits; a pixel at the axis is a voxel."""
+    """Views whose detector just contains the sample; a pixel at the axis has the size of a voxel."""
     angles = np.linspace(0, 150, views)
     if beam == "parallel":
         return Geometry.parallel(angles, (16, 19), VOXEL)
@@ -49,10 +49,10 @@ def geometry(views: int = 3, beam: str = "cone") -> Geometry:
 
 
 def grains(precision: type = np.float32) -> GrainSet:
-    """Two lumps of about 6 voxels, textured."""
+    """Two textured grains with diameters of about 6 voxels."""
     z, y, x = np.mgrid[: SHAPE[0], : SHAPE[1], : SHAPE[2]].astype(float)
     both = []
-    for k, (x0, y0, z0) in enumerate(SPOTS):
+    for k, (x0, y0, z0) in enumerate(CENTERS):
         distance = np.sqrt((x - x0) ** 2 + ((y - y0) * (1.2 + 0.2 * k)) ** 2 + ((z - z0) / 1.1) ** 2)
         both.append(np.clip(3.3 - distance, 0, 1) * (1 + 0.3 * np.sin(1.3 * x + k) * np.cos(y - 0.7 * z)))
     labels = np.where(both[0] > both[1], 1, np.where(both[1] > 0, 2, 0))
@@ -60,35 +60,35 @@ def grains(precision: type = np.float32) -> GrainSet:
 
 
 def pose(count: int) -> Pose:
-    """Every grain moved and turned its own way."""
+    """Random translations and rotations of the grains."""
     rng = np.random.default_rng(3)
-    turns = rotation_matrix(rng.uniform(-0.4, 0.4, (count, 3)))
-    return Pose(VOXEL * rng.uniform(-0.8, 0.8, (count, 3)), turns)
+    rotations = rotation_matrix(rng.uniform(-0.4, 0.4, (count, 3)))
+    return Pose(VOXEL * rng.uniform(-0.8, 0.8, (count, 3)), rotations)
 
 
 def patches(device: Device, precision: type, projector: str) -> dict:
-    """Values, derivatives, filtered patches, radiographs, gradients and blocks of moved grains."""
-    packed = GrainArrays.of(grains(precision)).on(backend_of(device))
-    views, at, kernel = geometry(), pose(2), gaussian(1.0).astype(precision)
-    seen = footprint_patches(packed, at, views, margin=len(kernel) - 1)
+    """Patches of moved grains: values, derivatives, filtered ones, radiographs, gradients and normal matrix."""
+    arrays = GrainArrays.of(grains(precision)).on(backend_of(device))
+    views, moved, kernel = geometry(), pose(2), gaussian(1.0).astype(precision)
+    footprints = footprint_patches(arrays, moved, views, margin=len(kernel) - 1)
     rng = np.random.default_rng(5)
     images = rng.normal(size=(len(views), *views.shape)).astype(precision)
     valid = (rng.random(images.shape) > 0.1).astype(precision)
-    values, jacobian = differentiate_in_place(packed, at, views, seen, projector)
+    values, jacobian = differentiate_in_place(arrays, moved, views, footprints, projector)
     plain = np.array(jacobian.derivatives)
-    radiographs = assemble(values, seen, views, jacobian.backend)
-    again = jacobian.copy()
+    radiographs = assemble(values, footprints, views, jacobian.backend)
+    unfiltered = jacobian.copy()
     jacobian.filter(valid, kernel)
-    again.filter(valid, np.ones(1, precision))
-    (dots,) = jacobian.vjp([images])
+    unfiltered.filter(valid, np.ones(1, precision))
+    (gradients,) = jacobian.vjp([images])
     return {
-        "values alone": project_patches(packed, at, views, seen, projector),
+        "values alone": project_patches(arrays, moved, views, footprints, projector),
         "values": np.array(values),
         "derivatives": plain,
         "filtered": np.array(jacobian.derivatives),
-        "masked": np.array(again.derivatives),
+        "masked": np.array(unfiltered.derivatives),
         "radiographs": radiographs,
-        "gradients": dots,
+        "gradients": gradients,
         "spread": jacobian.images(rng.normal(size=(1, 2, 6)))[0],
         "product": PatchNormalMatrix(jacobian) @ rng.normal(size=12),
         "blocks": normal_matrix(jacobian).toarray(),
@@ -97,25 +97,25 @@ def patches(device: Device, precision: type, projector: str) -> dict:
 
 def linearized(device: Device, **options: object) -> dict:
     """The normal equations of a state."""
-    packed = GrainArrays.of(grains()).on(backend_of(device))
+    arrays = GrainArrays.of(grains()).on(backend_of(device))
     target = Target(scan(), np.zeros(scan().line_integrals.shape, np.float32), "trilinear", 0.8,
                     ResponseModel("global", "constant", 1), backend=backend_of(device), **options)  # fmt: skip
-    found = StateProblem(packed, target).linearize(pose(2))
+    linear = StateProblem(arrays, target).linearize(pose(2))
     return {
-        "cost": np.array(found.cost),
-        "gradient": found.gradient,
-        "hessian": found.hessian.toarray(),
-        "border": found.border,
-        "corner": found.corner,
+        "cost": np.array(linear.cost),
+        "gradient": linear.gradient,
+        "hessian": linear.hessian.toarray(),
+        "border": linear.border,
+        "corner": linear.corner,
     }
 
 
 def truth() -> Motions:
-    """Where the state's grains are."""
-    still, at = grains(), pose(2)
+    """True motions of the grains in the state."""
+    still, moved = grains(), pose(2)
     motions = Motions.identity(still.labels, still.centers)
     return dataclasses.replace(
-        motions, translations=0.5 * at.translations, rotations=0.25 * rotation_vector(at.matrices)
+        motions, translations=0.5 * moved.translations, rotations=0.25 * rotation_vector(moved.matrices)
     )
 
 
@@ -125,28 +125,28 @@ def scan(views: int = 3) -> Scan:
 
 
 def tracked(device: Device) -> dict:
-    """A whole state."""
+    """Motions of the tracked state."""
     settings = TrackSettings(
         device=device.value, filters=(0.0,), fields=False, search=False, gain="none", trend="none",
         view_corrections="never", iterations=4,
     )  # fmt: skip
-    found = track(grains(), scan(), settings=settings)
+    motions = track(grains(), scan(), settings=settings)
     return {
-        "translations": found.translations,
-        "rotations": found.rotations,
-        "covariances": found.covariances,
-        "statuses": np.array([str(s) for s in found.statuses]),
+        "translations": motions.translations,
+        "rotations": motions.rotations,
+        "covariances": motions.covariances,
+        "statuses": np.array([str(s) for s in motions.statuses]),
     }
 
 
 def volume_and_images(beam: str) -> tuple[np.ndarray, np.ndarray]:
-    """Voxels and pixels of `volume`."""
+    """Random volume and images for `volume`."""
     rng = np.random.default_rng(7)
     return rng.random((7, 9, 8)), rng.normal(size=(5, *small_panel(beam).shape))
 
 
 def volume(device: Device, projector: str = "trilinear", beam: str = "cone") -> dict:
-    """Line integrals of a whole volume and, added to it, the adjoint of images; in double precision."""
+    """Line integrals of a volume, and the volume plus the back-projection of images, in double precision."""
     array, images = volume_and_images(beam)
     grid, views = Volume(array, VOXEL, (0.03, 0.0, -0.02)), small_panel(beam)
     if device == Device.CPU:
@@ -155,14 +155,14 @@ def volume(device: Device, projector: str = "trilinear", beam: str = "cone") -> 
     from grainmotion.projection.volume_operator_cuda import CudaVolumeOperator
 
     operator = CudaVolumeOperator(views, grid, projector)
-    held = operator.padded(array)
-    forward = operator.forward(held)
-    operator.add_adjoint(images, held)
-    return {"forward": forward, "adjoint": operator.unpadded(held)}
+    on_device = operator.padded(array)
+    forward = operator.forward(on_device)
+    operator.add_adjoint(images, on_device)
+    return {"forward": forward, "adjoint": operator.unpadded(on_device)}
 
 
 def small_panel(beam: str) -> Geometry:
-    """Five views by a panel of 7 × 9 pixels, of which one is nearly along z for a parallel beam."""
+    """Five views with 7 × 9 pixels; with a parallel beam, one of them is nearly along z."""
     angles = np.linspace(0, 150, 5)
     if beam == "cone":
         return Geometry.cone(angles, (7, 9), 4 * VOXEL, source_to_axis=20, source_to_detector=80)
@@ -173,18 +173,18 @@ def small_panel(beam: str) -> Geometry:
 
 
 def reconstructed(device: Device, method: str) -> dict:
-    """A volume reconstructed from views with dead pixels, by two sweeps or by few subsets and a coarse start."""
+    """Reconstruction from views with masked pixels, by two sweeps or by a few subsets after a coarse start."""
     truth = Volume(np.random.default_rng(9).random((4, 5, 5)).astype(np.float32), VOXEL)
     views = Geometry.cone([0, 40, 95], (5, 6), 4 * VOXEL, source_to_axis=20, source_to_detector=80)
     valid = np.random.default_rng(1).random((3, 5, 6)) > 0.1
-    seen = Scan(project(truth, views), views, valid=valid)
+    measured = Scan(project(truth, views), views, valid=valid)
     settings = ReconstructSettings(method="sart", sweeps=2, tolerance=0.0, device=device.value)
     if method == "accelerated":
         settings = ReconstructSettings(method="accelerated", device=device.value)
     few = {"PHASES": ((3, 1, 1.5, 0.7), (1, 2, 1.0, 0.5)), "MIN_SUBSET_VIEWS": 2}
     with patch.multiple(ordered_subsets, **few), patch.object(coarse_start, "MIN_EXTENT", 4):
-        found = reconstruct(seen, Volume.zeros(truth.shape, VOXEL), settings)
-    return {"volume": found.volume.array, "residuals": np.array(found.residuals)}
+        result = reconstruct(measured, Volume.zeros(truth.shape, VOXEL), settings)
+    return {"volume": result.volume.array, "residuals": np.array(result.residuals)}
 
 
 TASKS = {
@@ -203,8 +203,8 @@ TASKS = {
 }
 
 
-def done(name: str, device: Device = Device.CPU) -> dict:
-    """What a task returns."""
+def run_task(name: str, device: Device = Device.CPU) -> dict:
+    """Result of a task: arrays by name."""
     return TASKS[name](device)
 
 
@@ -214,6 +214,6 @@ if __name__ == "__main__":
     results = {}
     for task in sys.argv[2:]:
         t = time.time()
-        results[task] = done(task, Device.CUDA)
+        results[task] = run_task(task, Device.CUDA)
         print(task, time.time() - t, file=sys.stderr)
     Path(sys.argv[1]).write_bytes(pickle.dumps(results))
