@@ -28,7 +28,7 @@ def dask():
     return DaskBackend
 
 
-def test_the_protocol_has_operations():
+def test_protocol_has_operations():
     assert {"project", "project_with_derivatives", "vjp", "jvp", "gram_blocks"} <= OPERATIONS.keys()
 
 

@@ -15,7 +15,7 @@ ARRAYS = GrainArrays.of(few_grains.smooth_grains())
 POSE = Pose(np.array([[0.03, -0.02, 0.01], [0.0, 0.05, -0.04]]), np.tile(np.eye(3), (2, 1, 1)))
 
 
-def test_voxels_and_patches_stay_where_they_are():
+def test_voxels_and_patches_are_not_copied():
     backend, placed = CPU.place_voxels(ARRAYS.images, ARRAYS.starts, ARRAYS.centers[:, 2], 1.0)
     assert backend is CPU
     assert placed is ARRAYS.images

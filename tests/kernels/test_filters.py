@@ -24,19 +24,19 @@ def test_images_beyond_the_edge_are_zero():
     np.testing.assert_allclose(filtered(images), expected, atol=1e-14)
 
 
-def test_the_filter_is_its_own_adjoint():
+def test_filter_is_its_own_adjoint():
     x, y = np.random.default_rng(1).normal(size=(2, 3, 7, 9))
     assert np.vdot(filtered(x), y) == pytest.approx(np.vdot(x, filtered(y)), rel=1e-12)
 
 
 @pytest.mark.parametrize(("row", "column", "mass"), [(4, 5, 1.0), (0, 5, 0.7), (4, 8, 0.7), (0, 0, 0.49)])
-def test_mass_is_kept_but_for_what_leaves_the_panel(row, column, mass):
+def test_mass_is_kept_except_for_what_leaves_the_panel(row, column, mass):
     images = np.zeros((1, 9, 9))
     images[0, row, column] = 1
     assert filtered(images).sum() == pytest.approx(mass)
 
 
-def test_a_kernel_wider_than_the_image():
+def test_kernel_wider_than_the_image():
     images = np.ones((1, 1, 2))
     np.testing.assert_allclose(filtered(images), np.full((1, 1, 2), 0.4 * (0.4 + 0.2)))
 

@@ -15,7 +15,7 @@ DIRECTIONS = footprints.OUTLINE_DIRECTIONS
 
 
 def extents(geometry, hull, position):
-    """Of one grain that is not rotated, ``(views, directions, 2)``."""
+    """Extents of one grain that is not rotated, ``(views, directions, 2)``."""
     frames = np.linalg.inv(np.stack([geometry.u, geometry.v, geometry.rays], axis=-1))
     origins = np.ascontiguousarray(geometry.source if geometry.beam == "cone" else geometry.detector)
     out = np.full((1, len(geometry), len(DIRECTIONS), 2), 7.0)
@@ -46,7 +46,7 @@ def test_a_point_behind_the_source_has_no_extents():
 
 
 def test_lines_are_the_pixels_of_a_disc():
-    """Between eight pairs of lines around a circle: every pixel of the disc, and few beside it."""
+    """Between eight pairs of lines around a circle: every pixel of the disc, and few others."""
     middle, radius = np.array([12.3, 20.6]), 7.5
     along = DIRECTIONS @ middle
     outline = np.stack([along - radius, along + radius], axis=-1)[None]

@@ -28,7 +28,7 @@ def integral(image, point, direction, exact):
     return ray_tracing.line_integral(image.ravel(), image.shape, tuple(point), tuple(direction), exact)
 
 
-def test_the_exact_path_through_a_constant_box_is_the_chord():
+def test_exact_integral_of_a_constant_box_is_the_chord_length():
     image = padded(np.full(SHAPE, 3.0))
     low, high = 1.5, np.array(SHAPE[::-1]) + 1.5  # faces of the filled voxels
     for point, direction in zip(*random_rays(), strict=True):
@@ -39,7 +39,7 @@ def test_the_exact_path_through_a_constant_box_is_the_chord():
 
 @both_projectors
 @pytest.mark.parametrize("axis", [0, 1, 2], ids="xyz")
-def test_a_ray_along_an_axis_through_voxel_centres_sums_their_line(axis, exact):
+def test_ray_along_an_axis_sums_a_line_of_voxels(axis, exact):
     array = np.random.default_rng(1).normal(size=SHAPE)
     point, direction = np.array([4.0, 5.0, 6.0]), np.eye(3)[axis] / VOXEL
     line = [4 - 2, 5 - 2, 6 - 2]
@@ -49,22 +49,22 @@ def test_a_ray_along_an_axis_through_voxel_centres_sums_their_line(axis, exact):
 
 
 @both_projectors
-def test_a_ray_backwards_has_the_same_integral(exact):
+def test_reversed_ray_has_the_same_integral(exact):
     image = padded(np.random.default_rng(2).normal(size=SHAPE))
     for point, direction in zip(*random_rays(50), strict=True):
-        there, back = (integral(image, point, sign * direction, exact) for sign in (1, -1))
-        assert back == pytest.approx(there, abs=1e-12)
+        forward, backward = (integral(image, point, sign * direction, exact) for sign in (1, -1))
+        assert backward == pytest.approx(forward, abs=1e-12)
 
 
 @both_projectors
-def test_a_ray_that_misses_the_image_has_none(exact):
+def test_ray_that_misses_the_image_has_zero_integral(exact):
     image = padded(np.ones(SHAPE))
     assert integral(image, (0.0, -20.0, 0.0), (1.0, 0.0, 0.0), exact) == 0
     assert integral(image, (0.0, -20.0, 0.0), (0.6, 0.8, 0.0), exact) == 0
 
 
 @pytest.mark.parametrize("cone", [True, False], ids=["cone", "parallel"])
-def test_the_ray_of_a_pixel(cone):
+def test_ray_of_a_pixel(cone):
     source, detector, u, v = [0.0, -30.0, 0.0], [1.0, 50.0, 2.0], [0.2, 0.0, 0.0], [0.0, 0.05, 0.3]
     first = source if cone else [0.0, 2.0, 0.5]
     ray = ray_tracing.pixel_ray(np.array([*first, *detector, *u, *v]), cone, -1.5, 4.0)

@@ -9,14 +9,14 @@ N, RADIUS = 21, 8.0
 MIDDLE = (N - 1) / 2
 
 
-@pytest.mark.parametrize("beside", [0.0, 3.0, 7.9])
-def test_the_chord_of_a_cylinder(beside):
-    half = np.sqrt(RADIUS**2 - beside**2)
-    assert sart.chord(MIDDLE, MIDDLE + beside, MIDDLE, 1.0, 0, 0, N, N, N, RADIUS) == pytest.approx(2 * half)
-    assert sart.chord(MIDDLE + beside, MIDDLE, MIDDLE, 0, 2.0, 0, N, N, N, RADIUS) == pytest.approx(half)
+@pytest.mark.parametrize("distance", [0.0, 3.0, 7.9])
+def test_chord_of_a_cylinder(distance):
+    half = np.sqrt(RADIUS**2 - distance**2)
+    assert sart.chord(MIDDLE, MIDDLE + distance, MIDDLE, 1.0, 0, 0, N, N, N, RADIUS) == pytest.approx(2 * half)
+    assert sart.chord(MIDDLE + distance, MIDDLE, MIDDLE, 0, 2.0, 0, N, N, N, RADIUS) == pytest.approx(half)
 
 
-def test_a_ray_along_the_axis_or_beside_the_cylinder():
+def test_ray_along_the_axis_or_beside_the_cylinder():
     assert sart.chord(MIDDLE, MIDDLE, 0, 0, 0, 1.0, N, N, N, RADIUS) == pytest.approx(N - 1, abs=0.01)
     assert sart.chord(0.5, 0.5, 0, 0, 0, 1.0, N, N, N, RADIUS) == 0
     assert sart.chord(MIDDLE, MIDDLE + 8.1, MIDDLE, 1.0, 0, 0, N, N, N, RADIUS) == 0
@@ -39,8 +39,8 @@ def test_residuals_are_divided_by_the_length_of_the_ray():
     projected = images.copy()
     origin, size = np.full(3, -MIDDLE * voxel), (N, N, N)
     sart.compare(images, measured, valid, origin, voxel, size, RADIUS, views, False, 0, rows, squares)
-    away = pixel * (np.arange(columns) - 20)
-    length = 2 * np.sqrt(np.maximum((RADIUS * voxel) ** 2 - away**2, 0))
+    distance = pixel * (np.arange(columns) - 20)
+    length = 2 * np.sqrt(np.maximum((RADIUS * voxel) ** 2 - distance**2, 0))
     assert 3 * voxel < length[30] < 4 * voxel
     counts = valid & (length > 0)
     expected = np.where(counts, (measured - projected) / np.maximum(length, 4 * voxel), 0)
@@ -56,14 +56,14 @@ def constrained(image):
     return np.where(inside & (x**2 + y**2 <= 4.0**2)[..., None], np.maximum(image, -0.1), 0)
 
 
-def test_constraints():
+def test_constraints_on_voxels():
     image = np.random.default_rng(1).normal(size=(13, 12, 9))
     expected = constrained(image)
     sart.constrain(image, 2, 4.0, -0.1)
     np.testing.assert_array_equal(image, expected)
 
 
-def test_extrapolation_goes_on_from_the_constrained_image():
+def test_extrapolation_starts_from_the_constrained_image():
     image, before = np.random.default_rng(2).normal(size=(2, 13, 12, 9))
     before = constrained(before)
     expected = constrained(image)

@@ -12,7 +12,7 @@ TABLES = (CUBE.vertices, CUBE.faces, CUBE.planes, CUBE.across, CUBE.start)
 DIRECTIONS = np.random.default_rng(0).normal(size=(500, 3))
 
 
-def test_directions_have_cells_of_their_own_in_the_map():
+def test_directions_are_spread_over_the_cells_of_the_map():
     cells = {star_mesh.cell(*d) for d in DIRECTIONS}
     assert len(cells) > 400
     assert all(0 <= k < star_mesh.MAP_CELLS for pair in cells for k in pair)
@@ -25,7 +25,7 @@ def test_surface_points_of_a_cube():
     np.testing.assert_allclose(out, DIRECTIONS / np.abs(DIRECTIONS).max(axis=1, keepdims=True), atol=1e-12)
 
 
-def test_distances_to_the_face_in_a_point_s_direction():
+def test_distances_to_the_face_in_the_direction_of_a_point():
     out = np.empty(len(DIRECTIONS))
     star_mesh.distances(DIRECTIONS, *TABLES, out)
     np.testing.assert_allclose(out, np.abs(DIRECTIONS).max(axis=1) - 1, atol=1e-12)

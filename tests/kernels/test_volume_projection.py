@@ -32,7 +32,7 @@ def dense(cone, exact):
 
 @pytest.mark.parametrize("exact", [False, True], ids=["trilinear", "exact"])
 @pytest.mark.parametrize("cone", [True, False], ids=["cone", "parallel"])
-def test_the_adjoint_is_the_transpose_and_adds(cone, exact):
+def test_adjoint_is_the_transpose_and_is_added(cone, exact):
     matrix = dense(cone, exact)
     assert (matrix.sum(axis=0) > 0).all()
     images = np.random.default_rng(0).normal(size=(3, *PANEL))
@@ -41,7 +41,7 @@ def test_the_adjoint_is_the_transpose_and_adds(cone, exact):
     np.testing.assert_allclose(out[2:-2, 2:-2, 2:-2].ravel() - 1, matrix.T @ images.ravel(), atol=1e-13)
 
 
-def test_the_adjoint_does_not_depend_on_the_number_of_threads():
+def test_adjoint_does_not_depend_on_the_number_of_threads():
     geometry, body = cone(), volume()
     images = np.random.default_rng(1).normal(size=(len(geometry), *geometry.shape)).astype(np.float32)
     results = []
