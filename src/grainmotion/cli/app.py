@@ -169,11 +169,11 @@ def plan(
     if (file is None) == (case is None):
         fact = "neither an experiment file nor --case is given" if case is None else "a file and --case are both given"
         raise InputError("plan", fact, "give one of them")
-    given = {**dataclasses.asdict(options), "views": _counts(options.views)}
-    given = {key: value for key, value in given.items() if value is not None}
+    changes = {**dataclasses.asdict(options), "views": _counts(options.views)}
+    changes = {key: value for key, value in changes.items() if value is not None}
     experiment = None if file is None else _read(file)
     try:
-        settings = dataclasses.replace(experiment.tables.plan if experiment else gm.PlanSettings(), **given)
+        settings = dataclasses.replace(experiment.tables.plan if experiment else gm.PlanSettings(), **changes)
     except InputError as error:
         option = f"--{error.where.rpartition('.')[2].replace('_', '-')}"
         raise InputError(option, error.fact, error.remedy) from error

@@ -56,18 +56,18 @@ def write_case(
     if case not in PLAIN_CASES:
         known = ", ".join([*PLAIN_CASES, *simulate.HARD_CASES])
         raise InputError("case", f"'{case}' is unknown", f"choose one of {known}")
-    made = PLAIN_CASES[case](seed, progress=progress)
+    simulated = PLAIN_CASES[case](seed, progress=progress)
     recordings = {}
     for number, (name, views) in enumerate(states, start=1):
         if progress is not None:
             progress("simulating radiographs", number - 1, len(states) + 1)
-        truth = made.motions[name]
-        later = made.state_counts(truth, simulate.LATER_ANGLES_DEG[views], number)
+        truth = simulated.motions[name]
+        later = simulated.state_counts(truth, simulate.LATER_ANGLES_DEG[views], number)
         recordings[f"{name}-{views}"] = (later, truth)
     if progress is not None:
         progress("simulating radiographs", len(states), len(states) + 1)
-    grid = made.scanner.grid
-    return write_dataset(folder, made.reference_counts(), recordings, grid, initial="reference")
+    grid = simulated.scanner.grid
+    return write_dataset(folder, simulated.reference_counts(), recordings, grid, initial="reference")
 
 
 def _write_hard_case(folder: Path, hard: simulate.HardCase, progress: Progress | None) -> Path:

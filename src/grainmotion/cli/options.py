@@ -68,10 +68,10 @@ def command(app: typer.Typer, function: Callable[..., None]) -> Callable[..., No
     records = {name: hint for name, hint in hints.items() if hint in OPTION_RECORDS}
     parameters = []
     for parameter in inspect.signature(function).parameters.values():
-        own = [parameter]
+        parts = [parameter]
         if parameter.name in records:
-            own = list(inspect.signature(records[parameter.name]).parameters.values())
-        for part in own:
+            parts = list(inspect.signature(records[parameter.name]).parameters.values())
+        for part in parts:
             annotation = get_type_hints(records.get(parameter.name, function), include_extras=True)[part.name]
             parameters.append(part.replace(annotation=annotation, kind=inspect.Parameter.KEYWORD_ONLY))
 

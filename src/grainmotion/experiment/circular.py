@@ -17,13 +17,13 @@ from grainmotion.model.geometry import Geometry
 
 def scan_angles_deg(table: Circular, folder: Path, nxtomo: NXtomo | None) -> Float:
     """Angles of the views, degrees: those of the table, else those of the NXtomo file."""
-    given = table.angles_deg
-    if isinstance(given, AngleRange):
-        return np.linspace(given.first, given.last, given.count)
-    if isinstance(given, str):
-        return _read_angles(checked_file(folder / given))
-    if given is not None:
-        return np.array(given, dtype=float)
+    angles = table.angles_deg
+    if isinstance(angles, AngleRange):
+        return np.linspace(angles.first, angles.last, angles.count)
+    if isinstance(angles, str):
+        return _read_angles(checked_file(folder / angles))
+    if angles is not None:
+        return np.array(angles, dtype=float)
     if table.first is not None and table.last is not None and table.count is not None:
         return np.linspace(table.first, table.last, table.count)
     if nxtomo is not None and np.isfinite(nxtomo.projection_angles_deg).all():

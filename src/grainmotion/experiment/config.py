@@ -236,11 +236,11 @@ def _inherited(data: Mapping[str, object]) -> dict[str, object]:
     reconstruct, track = data.get("reconstruct"), data.get("track", {})
     if isinstance(reconstruct, dict) and isinstance(track, dict) and "projector" in reconstruct:
         tables["track"] = {"projector": reconstruct["projector"], **track}
-    scan = _geometry(data.get("reference"))
-    if scan is not None:
-        common = {key: value for key, value in scan.items() if key not in ("angles_deg", "first", "last", "count")}
-        own = [_geometry(state) for state in states]
-        tables["states"] = [s if g is None else {**s, "geometry": {**common, **g}} for s, g in zip(states, own)]
+    circle = _geometry(data.get("reference"))
+    if circle is not None:
+        common = {key: value for key, value in circle.items() if key not in ("angles_deg", "first", "last", "count")}
+        circles = [_geometry(state) for state in states]
+        tables["states"] = [s if c is None else {**s, "geometry": {**common, **c}} for s, c in zip(states, circles)]
     return tables
 
 

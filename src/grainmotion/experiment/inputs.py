@@ -86,11 +86,11 @@ def check_plausible(key: str, geometry: Geometry, grid: Volume) -> None:
     if ratio > 0 and not 1 / MAX_VOXEL_PIXEL_RATIO < ratio < MAX_VOXEL_PIXEL_RATIO:
         fact = f"a voxel of {grid.voxel_size:.4g} mm is {ratio:.3g} times a pixel at the sample"
         raise InputError(f"{key}.geometry and volume.voxel_size", f"{fact}: wrong units?", units)
-    where = geometry.project_points(points)
-    if np.isnan(where).any():
-        view = int(np.argwhere(np.isnan(where))[0, 0])
+    pixels = geometry.project_points(points)
+    if np.isnan(pixels).any():
+        view = int(np.argwhere(np.isnan(pixels))[0, 0])
         raise InputError(f"{key}.geometry, view {view}", "the source lies in or behind the volume", units)
-    low, high = where.min(axis=1), where.max(axis=1)
+    low, high = pixels.min(axis=1), pixels.max(axis=1)
     extent = high - low
     widest = float(extent[:, 1].max())
     if widest > MAX_FOOTPRINT_PANEL_RATIO * geometry.shape[1]:
@@ -102,7 +102,7 @@ def check_plausible(key: str, geometry: Geometry, grid: Volume) -> None:
     off = (high < -0.5).any(axis=1) | (low > panel).any(axis=1)
     if off.any():
         view = int(np.argmax(off))
-        row, column = where[view].mean(axis=0)
+        row, column = pixels[view].mean(axis=0)
         fact = f"the sample never shadows the panel: its centre falls on row {row:.0f}, column {column:.0f}"
         remedy = f"check source, panel centre, u and v; the panel has {geometry.shape} rows and columns"
         raise InputError(f"{key}.geometry, view {view}", fact, remedy)
@@ -136,13 +136,13 @@ def _grid(experiment: Experiment, scan: ScanInput | None, volume: Stack | None) 
     table = experiment.tables.volume
     shape, voxel_size = table.shape, table.voxel_size
     if volume is not None:
-        given = volume.info()[0]
-        if shape is not None and tuple(shape) != given:
-            fact = f"{list(shape)}, but {volume.spec} (reference.volume) has {list(given)}"
+        volume_shape = volume.info()[0]
+        if shape is not None and tuple(shape) != volume_shape:
+            fact = f"{list(shape)}, but {volume.spec} (reference.volume) has {list(volume_shape)}"
             raise InputError("volume.shape", fact, "leave it out, or correct one of them")
         if voxel_size is None:
             raise InputError("volume.voxel_size", "it is missing", "give the voxel size of the volume, mm")
-        shape = given
+        shape = volume_shape
     elif scan is not None:
         rows, columns = scan.geometry.shape
         shape = shape or (rows, columns, columns)

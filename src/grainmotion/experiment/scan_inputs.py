@@ -118,7 +118,7 @@ def read_scan(
     kind : {"counts", "transmission", "line-integrals"}
         What the pixels of the radiographs are.
     beam : {"cone", "parallel"}
-        Of a geometry read from CSV.
+        Beam of a geometry read from CSV.
     air : Air, optional
         Where the radiographs show only air, ``Air(margin=8)`` or ``Air(region=(0, 20, 0, 20))``.
 
@@ -201,9 +201,9 @@ def _find_beam_images(frames: int, key: str, table: ScanTable, reference: Refere
     """Flats or darks: the scan's own files or those in its NXtomo file, else the reference's."""
     name = {FLAT: "flats", DARK: "darks"}[frames]
     for owner, scan in ((key, table), ("reference", reference)):
-        own = named_stack(f"{owner}.{name}", scan.flats if frames == FLAT else scan.darks, folder)
-        if own is not None:
-            return own
+        stack = named_stack(f"{owner}.{name}", scan.flats if frames == FLAT else scan.darks, folder)
+        if stack is not None:
+            return stack
         radiographs = named_stack(f"{owner}.radiographs", scan.radiographs, folder)
         nxtomo = None if radiographs is None else radiographs.nxtomo
         if radiographs is not None and nxtomo is not None and nxtomo.count(frames):

@@ -77,16 +77,16 @@ class Stack:
         owners = np.searchsorted(self._ends, chosen, side="right")
         arrays, order = [], []
         for k in np.unique(owners):
-            own = np.flatnonzero(owners == k)
+            members = np.flatnonzero(owners == k)
             start = self._ends[k - 1] if k > 0 else 0
-            arrays.append(_read(self.parts[k], chosen[own] - start))
-            order.append(own)
+            arrays.append(_read(self.parts[k], chosen[members] - start))
+            order.append(members)
         self._check_sizes([a.shape for a in arrays])
         if len(arrays) == 1:
             return arrays[0]
         images = np.empty((len(chosen), *arrays[0].shape[1:]), np.result_type(*arrays))
-        for own, array in zip(order, arrays, strict=True):
-            images[own] = array
+        for members, array in zip(order, arrays, strict=True):
+            images[members] = array
         return images
 
     @cached_property

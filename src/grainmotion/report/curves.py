@@ -86,14 +86,14 @@ def _drawable(values: Float) -> Float:
 
 
 def _set_scales(axes: Axes, values: Float) -> None:
-    shown = _drawable(values)
-    shown = shown[np.isfinite(shown)]
-    if shown.size:
+    positive = _drawable(values)
+    positive = positive[np.isfinite(positive)]
+    if positive.size:
         axes.set_yscale("log")
-        if shown.max() < 1.3 * shown.min():
-            middle = np.sqrt(shown.max() * shown.min())
+        if positive.max() < 1.3 * positive.min():
+            middle = np.sqrt(positive.max() * positive.min())
             axes.set_ylim(middle / 1.3, middle * 1.3)
-        narrow = shown.max() < 100 * shown.min()  # few decades: label 1, 2, 5 too
+        narrow = positive.max() < 100 * positive.min()  # few decades: label 1, 2, 5 too
         axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if narrow else (1.0,)))
         axes.yaxis.set_major_formatter(FormatStrFormatter("%g"))
         axes.yaxis.set_minor_formatter(NullFormatter())

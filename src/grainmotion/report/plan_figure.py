@@ -55,9 +55,9 @@ def _precision(axes: Axes, plan: Plan, *, rotation: bool) -> None:
             continue
         sd = [s.sd_rotation_deg if rotation else s.sd_translation / plan.voxel_size for s in sets]
         low, middle, high = np.maximum(np.percentile(sd, [10, 50, 90], axis=1), 1e-9)
-        place = np.array([len(s) for s in sets]) + shift
+        positions = np.array([len(s) for s in sets]) + shift
         axes.errorbar(
-            place, middle, (middle - low, high - middle), color=colour, marker=marker, ms=5, lw=1.6, capsize=3,
+            positions, middle, (middle - low, high - middle), color=colour, marker=marker, ms=5, lw=1.6, capsize=3,
             label=label,
         )  # fmt: skip
     axes.set_xlabel("number of views")

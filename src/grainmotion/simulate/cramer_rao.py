@@ -96,8 +96,8 @@ def _panel(sample: Sample, geometry: Geometry, physics: Physics, subsamples: int
     """Transmission of one view after the blur, and −∂T/∂p before it ``(rows, columns)``."""
     path = _paths(sample, geometry, subsamples)[0]
     shares, ratios = np.array(physics.spectrum, dtype=float).T
-    each = shares[:, None, None] / shares.sum() * np.exp(-ratios[:, None, None] * path)
-    return _blurred(each.sum(axis=0), physics.blur), (ratios[:, None, None] * each).sum(axis=0)
+    transmitted = shares[:, None, None] / shares.sum() * np.exp(-ratios[:, None, None] * path)
+    return _blurred(transmitted.sum(axis=0), physics.blur), (ratios[:, None, None] * transmitted).sum(axis=0)
 
 
 def _paths(sample: Sample, geometry: Geometry, subsamples: int) -> Float:

@@ -77,7 +77,7 @@ def record(sample: Sample, geometry: Geometry, physics: Physics, seed: int, beam
     sample, geometry, physics : Sample, Geometry, Physics
         The sample, the views, and the beam and detector.
     seed : int
-        Of the noise and of this state's drift; flats are taken before the beam drifts.
+        Seed of the noise and of this state's drift; flats are taken before the beam drifts.
     beam : float or (views,) array_like
         Intensity of the beam in each view over that of the flats, in addition to the drift.
 

@@ -106,7 +106,8 @@ def _half(mesh: Mesh, heights: Float, normal: Float) -> Mesh:
     rim = np.where(tip[:, None], np.stack([to_b, to_a], axis=1), np.stack([to_a, to_b], axis=1))
     cap = np.column_stack([rim, np.full(len(rim), n + len(cuts))])
     vertices = np.concatenate([mesh.vertices, cuts, mesh.star_point[None]])
-    every = np.concatenate([faces[count == 3], tips, bases, cap])
-    every = every[(every != np.roll(every, 1, axis=1)).all(axis=1)]  # a vertex in the plane leaves some without area
-    used, renamed = np.unique(every, return_inverse=True)
+    triangles = np.concatenate([faces[count == 3], tips, bases, cap])
+    # where a vertex lies in the plane, some triangles have no area: two of their corners are the same
+    triangles = triangles[(triangles != np.roll(triangles, 1, axis=1)).all(axis=1)]
+    used, renamed = np.unique(triangles, return_inverse=True)
     return Mesh(vertices[used], renamed.reshape(-1, 3).astype(np.int64), mesh.star_point + mesh.depth / 2 * normal)

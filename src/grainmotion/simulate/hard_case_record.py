@@ -39,7 +39,7 @@ class HardCase:
     name, summary : str
         Name in the registry, and a sentence.
     misalignment : Misalignment
-        Of all views of both states, against the nominal geometry.
+        Difference of all views of both states from the nominal geometry.
     view_misalignment : Misalignment
         Standard deviations of a further misalignment of each view of the later state.
     gain, gain_spread : float
@@ -124,7 +124,7 @@ class HardCase:
         Returns
         -------
         (views,) array
-            At least 0.1.
+            Intensities, at least 0.1.
         """
         return np.maximum(self.gain + self.gain_spread * self._draws(views, number)[:, 4], 0.1)
 

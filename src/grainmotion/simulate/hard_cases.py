@@ -145,8 +145,8 @@ def container(setup: Setup) -> HardCase:
     case = case_of(Sample(sample.particles, wall), setup.scale, setup.seed, DEFAULT_SNR)
     angle = setup.draws().uniform(0, 2 * np.pi)
     shift = 3 * setup.voxel * np.array([np.cos(angle), np.sin(angle), 0.0])
-    own = case.motions[setup.motion]
-    motions = dataclasses.replace(own, translations=own.translations + shift)
+    motions = case.motions[setup.motion]
+    motions = dataclasses.replace(motions, translations=motions.translations + shift)
     later = Sample(case.sample.moved(motions).particles, wall.moved(np.eye(3), shift))
     facts = {"tube_shift_x": float(shift[0]), "tube_shift_y": float(shift[1]), "norm_share": 0.1}
     return HardCase(case, motions, later, facts=facts)
@@ -171,11 +171,10 @@ def broken(setup: Setup) -> HardCase:
     row = int(rng.integers(len(case.sample)))
     motions = case.motions[setup.motion]
     moved = case.sample.moved(motions)
-    whole = moved.particles[row]
     normal = rng.normal(size=3) * [1.0, 1.0, 0.5]  # the halves part sideways rather than up
     normal /= np.linalg.norm(normal)
     halves = []
-    for half, side in zip(fracture.broken(whole, normal), (1, -1), strict=True):
+    for half, side in zip(fracture.broken(moved.particles[row], normal), (1, -1), strict=True):
         axis = rng.normal(size=3)
         rotation = rotation_matrix(np.deg2rad(15.0) * (axis / np.linalg.norm(axis)))
         halves.append(half.moved(rotation, half.center - rotation @ half.center + side * 3 * setup.voxel * normal))
@@ -244,7 +243,7 @@ def hard_case(
     name : str
         Key of the registry.
     seed : int
-        Of the packing, the motions, the noise, and whatever is random in the case.
+        Seed of the packing, the motions, the noise, and whatever is random in the case.
     scale : {"small", "paper"}
         The size of `small` or of `paper_scale`; ``shear-band`` has more grains and a wider panel.
     motion : {"unmoved", "shift", "random"}
@@ -273,8 +272,8 @@ def hard_case(
     if inclusion is not None and name in ("near-spherical", "broken"):
         raise InputError("inclusion", f"'{name}' takes none", "leave it out")
     recipe = HARD_CASES[name]
-    made = recipe.make(Setup(seed, scale, motion, inclusion, progress))
-    return dataclasses.replace(made, name=name, summary=recipe.summary)
+    case = recipe.make(Setup(seed, scale, motion, inclusion, progress))
+    return dataclasses.replace(case, name=name, summary=recipe.summary)
 
 
 # ---------------------------------------------------------------------- small parts

@@ -133,7 +133,7 @@ def shear_band(
     slip : float
         Displacement of one block with respect to the other, mm.
     thickness : float
-        Of the band, mm.
+        Thickness of the band, mm.
     normal, direction : (3,) array_like
         Normal of the band's plane, and direction of the slip in it; of any length.
     center : (3,) array_like

@@ -23,7 +23,7 @@ class Particle:
     shape : Mesh or Ellipsoid
         Its outer surface.
     attenuation : float
-        Of its bulk, 1/mm.
+        Attenuation of its bulk, 1/mm.
     inclusions : tuple of (Ellipsoid or Mesh, float)
         Shapes wholly inside it, none overlapping another, each with its attenuation in 1/mm.
     """

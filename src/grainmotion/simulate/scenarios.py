@@ -94,7 +94,7 @@ class Case:
     physics : Physics
         Beam and detector.
     seed : int
-        Of the noise.
+        Seed of the noise.
     motions : dict of str to Motions
         Ready-made motions by name: ``unmoved``, ``shift``, ``random``.
     """
@@ -185,7 +185,7 @@ def paper_scale(
     Parameters
     ----------
     seed : int
-        Of the stones, the packing, the motions and the noise.
+        Seed of the stones, the packing, the motions and the noise.
     n_grains : int
         Number of stones, 1 to 95.
     snr : float

@@ -204,7 +204,7 @@ def sphere(diameter: float, level: int = 4) -> Mesh:
     Parameters
     ----------
     diameter : float
-        Of the sphere that the vertices lie on, mm.
+        Diameter of the sphere that the vertices lie on, mm.
     level : int
         Subdivisions of the icosahedron, see `icosphere`.
 

@@ -57,7 +57,7 @@ class RunContext:
 
     @cached_property
     def fingerprints(self) -> Fingerprints:
-        """Of all stages."""
+        """Fingerprints of all stages."""
         return Fingerprints(self.experiment, self.inputs, self.cache)
 
     @cached_property

@@ -42,33 +42,33 @@ class Fingerprints:
         """Fingerprint of the scanner's calibration."""
         inputs, grid, tables = self.inputs, self.inputs.grid, self.experiment.tables
         assert inputs.reference is not None
-        made = ["calibrate", _plain(tables.calibrate), grid.shape, grid.voxel_size, grid.center]
-        made.append(inputs.reference.settings)
+        settings = ["calibrate", _plain(tables.calibrate), grid.shape, grid.voxel_size, grid.center]
+        settings.append(inputs.reference.settings)
         files = list(inputs.reference.files)
         if tables.calibrate.hardening:
-            made += [_plain(tables.reconstruct), _plain(tables.segment)]
+            settings += [_plain(tables.reconstruct), _plain(tables.segment)]
             files += [] if inputs.labels is None else inputs.labels.files
-        return self.cache.fingerprint(made, files)
+        return self.cache.fingerprint(settings, files)
 
     @cached_property
     def reconstruct(self) -> str:
         """Fingerprint of the reference volume."""
         inputs, grid = self.inputs, self.inputs.grid
-        place = [grid.shape, grid.voxel_size, grid.center]
+        grid_numbers = [grid.shape, grid.voxel_size, grid.center]
         if inputs.volume is not None:
             inner = [p.inner for p in inputs.volume.parts]
-            return self.cache.fingerprint(["volume", place, inner], inputs.volume.files)
+            return self.cache.fingerprint(["volume", grid_numbers, inner], inputs.volume.files)
         assert inputs.reference is not None
-        made = ["reconstruct", place, _plain(self.experiment.tables.reconstruct), inputs.reference.settings]
-        return self.cache.fingerprint(made, inputs.reference.files, [self.calibrate] if self.calibrates else [])
+        settings = ["reconstruct", grid_numbers, _plain(self.experiment.tables.reconstruct), inputs.reference.settings]
+        return self.cache.fingerprint(settings, inputs.reference.files, [self.calibrate] if self.calibrates else [])
 
     @cached_property
     def segment(self) -> str:
         """Fingerprint of the labels and grains."""
         labels = self.inputs.labels
         if labels is not None:
-            made = ["labels", [p.inner for p in labels.parts]]
-            return self.cache.fingerprint(made, labels.files, [self.reconstruct])
+            settings = ["labels", [p.inner for p in labels.parts]]
+            return self.cache.fingerprint(settings, labels.files, [self.reconstruct])
         return self.cache.fingerprint(["segment", _plain(self.experiment.tables.segment)], (), [self.reconstruct])
 
     @cached_property
@@ -83,8 +83,8 @@ class Fingerprints:
                 files.append(self.experiment.folder / table.initial)
             elif table.initial == "previous":
                 upstream.append(previous)
-            made = ["track", _plain(tables.track), scan.settings, named]
-            previous = prints[table.name] = self.cache.fingerprint(made, files, upstream)
+            settings = ["track", _plain(tables.track), scan.settings, named]
+            previous = prints[table.name] = self.cache.fingerprint(settings, files, upstream)
         return prints
 
     def after_segmentation(self, name: str) -> str:

@@ -66,14 +66,14 @@ def plan_case(
 ) -> tuple[Plan, Path]:
     """Plan from the exact voxels of a simulated packing; ``photons`` are by default the case's, not the settings'."""
     folder = checked_folder(out)
-    made = (simulate.small if case == "small" else simulate.paper_scale)(seed, progress=progress)
-    exposure = made.physics.photons if photons is None else photons
+    simulated = (simulate.small if case == "small" else simulate.paper_scale)(seed, progress=progress)
+    exposure = simulated.physics.photons if photons is None else photons
     settings = replace(settings or PlanSettings(), photons=exposure)
-    grid = made.scanner.grid
-    volume = simulate.attenuation_volume(made.sample, grid)
-    grains = grains_from_labels(volume, simulate.label_volume(made.sample, grid), finer=1)
+    grid = simulated.scanner.grid
+    volume = simulate.attenuation_volume(simulated.sample, grid)
+    grains = grains_from_labels(volume, simulate.label_volume(simulated.sample, grid), finer=1)
     angles = tuple(float(a) for a in candidate_angles("cone", settings))
-    return _planned(grains, made.scanner.geometry(angles), settings, folder, progress)
+    return _planned(grains, simulated.scanner.geometry(angles), settings, folder, progress)
 
 
 def _planned(

@@ -68,8 +68,8 @@ def segment_stage(context: RunContext, reference: Callable[[], StoredReference])
         else:
             segmentation = segment(stored.volume, settings, progress=prefixed(context.progress, "segment"))
         labels, threshold, border = segmentation.labels, segmentation.threshold, segmentation.border
-        whole = StoredReference(stored.volume, stored.residuals, labels, threshold, border)
-        segmented = SegmentedReference(whole, settings, cut)
+        stored = StoredReference(stored.volume, stored.residuals, labels, threshold, border)
+        segmented = SegmentedReference(stored, settings, cut)
         len(segmented.grains)  # extract them now: if that fails, the old result is kept
         return segmented
 

@@ -107,9 +107,9 @@ def run(
 def _check_overwriting(inputs: Inputs, folder: Path) -> None:
     """Refuse to write results over inputs."""
     scans = [s for s in (inputs.reference, *inputs.states) if s is not None]
-    given = [f for s in scans for f in s.files] + [f for s in (inputs.volume, inputs.labels) if s for f in s.files]
+    files = [f for s in scans for f in s.files] + [f for s in (inputs.volume, inputs.labels) if s for f in s.files]
     folders = {folder.resolve(), *(folder.resolve() / s.key.removeprefix("states.") for s in inputs.states)}
-    for file in given:
+    for file in files:
         if file.resolve().parent in folders and file.name in RESULT_FILES:
             fact = f"{file} is an input and would be overwritten"
             raise InputError("output.directory", fact, "choose another folder for the results")
