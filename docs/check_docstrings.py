@@ -1,8 +1,8 @@
 """Check that everything public has a numpydoc docstring: ``python docs/check_docstrings.py``, part of `make check`.
 
 Public is what `grainmotion` and `grainmotion.simulate` export, and the public methods of exported classes.  A function
-with parameters documents each of them; one that returns something says what; one that raises an error of ours itself
-says when.  A frozen record documents its fields as attributes.
+with parameters documents each of them; one that returns something says what; one that raises an error of the
+package itself says when.  A frozen record documents its fields as attributes.
 """
 
 from __future__ import annotations
@@ -27,42 +27,42 @@ def public() -> Iterator[tuple[str, Any]]:
     """Name and object of every public function, class and method."""
     for module in (grainmotion, grainmotion.simulate):
         for name in sorted(set(module.__all__) - {"simulate"}):
-            thing = getattr(module, name)
-            if not (inspect.isclass(thing) or inspect.isfunction(thing)):
+            item = getattr(module, name)
+            if not (inspect.isclass(item) or inspect.isfunction(item)):
                 continue
-            where = f"{thing.__module__}.{thing.__qualname__}"
-            yield where, thing
-            if inspect.isclass(thing):
-                for key, member in vars(thing).items():
+            where = f"{item.__module__}.{item.__qualname__}"
+            yield where, item
+            if inspect.isclass(item):
+                for key, member in vars(item).items():
                     if not key.startswith("_") and isinstance(member, property | classmethod | staticmethod) | (
                         inspect.isfunction(member)
                     ):
                         yield f"{where}.{key}", member
 
 
-def faults(where: str, thing: Any) -> list[str]:
-    """What the docstring of a public thing lacks."""
-    if inspect.isclass(thing):
-        doc = inspect.getdoc(thing) or ""
-        if not dataclasses.is_dataclass(thing):
+def faults(where: str, item: Any) -> list[str]:
+    """Messages on what the docstring of a public item lacks."""
+    if inspect.isclass(item):
+        doc = inspect.getdoc(item) or ""
+        if not dataclasses.is_dataclass(item):
             return [] if doc else ["it has no docstring"]
-        own = [f.name for f in dataclasses.fields(thing) if not f.name.startswith("_")]
-        settings = getattr(thing, "__pydantic_fields__", {})
+        own = [f.name for f in dataclasses.fields(item) if not f.name.startswith("_")]
+        settings = getattr(item, "__pydantic_fields__", {})
         described = [name for name, field in settings.items() if field.description]
         return [f"field {name} is not described" for name in own if name not in described and not _named(name, doc)]
-    if isinstance(thing, property):
-        return [] if thing.fget is not None and thing.fget.__doc__ else ["it has no docstring"]
-    function = thing.__func__ if isinstance(thing, classmethod | staticmethod) else thing
+    if isinstance(item, property):
+        return [] if item.fget is not None and item.fget.__doc__ else ["it has no docstring"]
+    function = item.__func__ if isinstance(item, classmethod | staticmethod) else item
     if not function.__doc__:
         return ["it has no docstring"]
-    found = [text for code, text in validate(where)["errors"] if code in CHECKS]
-    simple = len(inspect.signature(function).parameters) - (not isinstance(thing, staticmethod) and "." in where) == 0
+    messages = [text for code, text in validate(where)["errors"] if code in CHECKS]
+    simple = len(inspect.signature(function).parameters) - (not isinstance(item, staticmethod) and "." in where) == 0
     if simple:  # a method without parameters may say in its summary what it returns
-        found = [text for text in found if "Returns" not in text]
+        messages = [text for text in messages if "Returns" not in text]
     raises = re.findall(r"^\s+raise (\w+Error)\(", inspect.getsource(function), flags=re.MULTILINE)
     if raises and not FunctionDoc(function)["Raises"]:
-        found.append(f"it raises {raises[0]} and has no Raises section")
-    return found
+        messages.append(f"it raises {raises[0]} and has no Raises section")
+    return messages
 
 
 def _named(field: str, doc: str) -> bool:
@@ -73,14 +73,14 @@ def main() -> int:
     """Print what is missing; 1 if anything is."""
     lacking, count = {}, 0
     chosen = sys.argv[1:]
-    for where, thing in dict(public()).items():
+    for where, item in dict(public()).items():
         if chosen and not any(where.startswith(f"grainmotion.{name}") for name in chosen):
             continue
         count += 1
-        if found := faults(where, thing):
-            lacking[where] = found
-    for where, found in sorted(lacking.items()):
-        print(f"{where}: {'; '.join(found)}")
+        if messages := faults(where, item):
+            lacking[where] = messages
+    for where, messages in sorted(lacking.items()):
+        print(f"{where}: {'; '.join(messages)}")
     print(f"{count - len(lacking)} of {count} public functions, classes and methods are documented in full")
     return 1 if lacking else 0
 
