@@ -1,4 +1,4 @@
-"""Types that many modules name, and progress passed on."""
+"""Shared type aliases, and the progress of a part of the work."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Beam = Literal["cone", "parallel"]
 Projector = Literal["trilinear", "exact"]
 """``"trilinear"``: the smooth image, sampled once a voxel; ``"exact"``: the exact radiological path of boxes."""
 Progress = Callable[[str, int, int], None]
-"""Called with a message, what is done and the total."""
+"""Called with a message, the units of work done and their total."""
 
 
 def prefixed(progress: Progress | None, stage: str) -> Progress | None:

@@ -36,7 +36,7 @@ def validated(record: type[T]) -> type[T]:
 
 
 def _first_error(record: type, error: ValidationError) -> InputError:
-    """The first thing that pydantic refuses, as the package's own error."""
+    """The first of pydantic's errors, as the package's own."""
     first = error.errors(include_url=False)[0]
     cause = first.get("ctx", {}).get("error")
     if isinstance(cause, InputError):
@@ -48,7 +48,7 @@ def _first_error(record: type, error: ValidationError) -> InputError:
 
 
 def refusal(error: ErrorDetails) -> str:
-    """What pydantic refuses, with the value."""
+    """The message of one of pydantic's errors, with the value."""
     value = error["input"]
     given = f", got {value!r}" if isinstance(value, str | int | float | bool | list | tuple) else ""
     return error["msg"][0].lower() + error["msg"][1:] + given

@@ -41,8 +41,8 @@ def skew_matrix(vector: ArrayLike) -> Float:
 def apply_motion(matrix: ArrayLike, translation: ArrayLike, center: ArrayLike, points: ArrayLike) -> Float:
     """Carry points ``(..., 3)`` by one motion a row: x = Ω (X − c) + u + c."""
     c = np.asarray(center, dtype=float)
-    lever = np.asarray(points, dtype=float) - c
-    return np.einsum("...ij,...j->...i", np.asarray(matrix, dtype=float), lever) + translation + c
+    relative = np.asarray(points, dtype=float) - c
+    return np.einsum("...ij,...j->...i", np.asarray(matrix, dtype=float), relative) + translation + c
 
 
 def recenter(matrix: ArrayLike, translation: ArrayLike, old: ArrayLike, new: ArrayLike) -> Float:

@@ -6,11 +6,10 @@ even and odd views, and x(γ; b) a short SART of radiographs b in the geometry �
 
     r(γ) = [b_O − A_O(γ) x(γ; b_E),  b_E − A_E(γ) x(γ; b_O)]
 
-is the residual of each half of the views in a reconstruction of the other half.  Gauss–Newton minimises ‖r‖,
-with derivatives by central differences of r itself.  A correction that a change of the sample imitates
-therefore has no derivative, and is reported as not determined; no list of rules is needed.  Radiographs are
-binned to a few dozen columns, where a reconstruction costs little and a shift is determined to some hundredths
-of a pixel.
+is the residual of each half of the views in a reconstruction of the other half.  Gauss–Newton minimises ‖r‖, with
+derivatives by central differences of r itself.  A correction that a change of the sample imitates therefore has no
+derivative, and is reported as not determined; no list of rules is needed.  Radiographs are binned to a few dozen
+columns, where a reconstruction costs little and a shift is determined to some hundredths of a pixel.
 
 Each correction is expressed in the frame of a view's own panel, so that the same numbers correct any other scan
 of that scanner.  Golub and Pereyra (1973) for variable projection; figures in
@@ -42,7 +41,7 @@ from grainmotion.model.volume import Volume
 from grainmotion.preprocessing.binning import binning_factor
 
 SEARCHED: tuple[Parameter, ...] = ("shift_u", "axis_offset")
-"""Corrections of which the first one asked for is searched for a start."""
+"""Corrections whose initial value is searched for; only the first of them that is asked for."""
 COARSE_COLUMNS = (20, 40)
 """Columns of the radiographs in the search for a start, and in the first Gauss-Newton steps."""
 SEARCH_RANGE = 0.25
@@ -78,11 +77,7 @@ class CalibrateSettings:
 
 
 def calibrate(
-    scan: Scan,
-    grid: Volume,
-    settings: CalibrateSettings | None = None,
-    *,
-    progress: Progress | None = None,
+    scan: Scan, grid: Volume, settings: CalibrateSettings | None = None, *, progress: Progress | None = None
 ) -> Calibration:
     """Estimate how panel and axis depart from the nominal geometry of a full scan.
 
@@ -176,19 +171,19 @@ def _deviations(j: Float, r: Float, views: int) -> Float:
         part = j[:, kept] / sizes
         eigenvalues, vectors = np.linalg.eigh(part.T @ part)
         inverse = (vectors / np.maximum(eigenvalues, MIN_EIGENVALUE)) @ vectors.T
-        left = r - part @ (inverse @ (part.T @ r))
-        gradients = np.einsum("vpk,vp->vk", part.reshape(views, -1, len(kept)), left.reshape(views, -1))
+        remainder = r - part @ (inverse @ (part.T @ r))
+        gradients = np.einsum("vpk,vp->vk", part.reshape(views, -1, len(kept)), remainder.reshape(views, -1))
         noise = np.diag(inverse @ (gradients.T @ gradients) @ inverse)
-        here = np.sqrt(noise + (MODEL_ERROR_SHARE * np.linalg.norm(left)) ** 2 * np.diag(inverse)) / sizes
-        if here.max() < MAX_SD:
-            sd[kept] = here
+        deviations = np.sqrt(noise + (MODEL_ERROR_SHARE * np.linalg.norm(remainder)) ** 2 * np.diag(inverse)) / sizes
+        if deviations.max() < MAX_SD:
+            sd[kept] = deviations
             break
-        kept.pop(int(np.flatnonzero(here > 0.9 * here.max())[-1]))  # of two alike, the one asked for last
+        kept.pop(int(np.flatnonzero(deviations > 0.9 * deviations.max())[-1]))  # of equally bad ones the last
     return sd
 
 
 def _search(trial: Trial, values: Float) -> Float:
-    """A start: the best of evenly spaced shifts along u."""
+    """Initial values: the best of evenly spaced shifts along u."""
     index = next((k for k, name in enumerate(trial.names) if name in SEARCHED), None)
     if index is None:
         return values

@@ -20,13 +20,11 @@ PARAMETERS: tuple[Parameter, ...] = get_args(Parameter)
 DEFAULT_PARAMETERS: tuple[Parameter, ...] = ("shift_u", "turn", "axis_tilt")
 LENGTHS = ("shift_u", "shift_v", "axis_offset")
 SIGNIFICANT_SD = 3.0
-"""Standard deviations from which a correction is beyond doubt."""
+"""Standard deviations from which a correction is significant."""
 SIGNIFICANT_RESIDUAL = 0.97
-"""Share of the residual that must not be left where corrections are beyond doubt."""
-
-
+"""Corrections count as significant only if the residual falls below this share of what it was."""
 LARGEST_TILT = np.deg2rad(10.0)
-"""Largest pitch or yaw of one step, of which a parallel beam shows no effect."""
+"""Largest unit of pitch and yaw, radians: in a parallel beam they have no effect."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +80,7 @@ class Correction:
 
 @dataclass(frozen=True, config={"arbitrary_types_allowed": True})
 class Calibration:
-    """What a scan determines of its own geometry.
+    """Geometry of a scanner as estimated from a scan.
 
     Attributes
     ----------
@@ -130,7 +128,7 @@ class Calibration:
         return {c.name: c.in_unit[0] for c in self.corrections}
 
     def significant(self, nominal: Geometry) -> Calibration:
-        """Only those corrections that are beyond doubt, the others zero.
+        """Keep the significant corrections, and set the others to zero.
 
         Parameters
         ----------
@@ -172,7 +170,7 @@ class Calibration:
 
 
 def in_table_unit(name: str, amount: float) -> float:
-    """A length in mm as it is, an angle in degrees, to 12 decimals: `from_table_unit` then gives one number back."""
+    """A length in mm, or an angle in degrees rounded to 12 decimals, so that a file gives back the same number."""
     return amount if name in LENGTHS else round(float(np.rad2deg(amount)), 12)
 
 
@@ -191,8 +189,8 @@ def corrected(geometry: Geometry, amounts: Mapping[str, float]) -> Geometry:
         ``shift_u``, ``shift_v``: of the panel's centre along u and v, mm.  ``pitch``, ``turn``, ``yaw``: rotation
         vector of the panel about its centre, radians, about its u, the beam's normal incidence and their upward
         normal.  ``axis_offset``: of the axis along u, mm.  ``axis_tilt``: of the axis about u, radians; its tilt
-        about the beam is the panel's turn.  Of a perfect circular scan they are the numbers of `DetectorAlignment`,
-        but for the unit of angles.
+        about the beam has the effect of ``turn``.  For a circular scan they are the numbers of `DetectorAlignment`,
+        with angles in radians.
     """
     unknown = set(amounts) - set(PARAMETERS)
     if unknown:
@@ -203,11 +201,11 @@ def corrected(geometry: Geometry, amounts: Mapping[str, float]) -> Geometry:
     normal *= np.sign((normal * geometry.rays).sum(1, keepdims=True)) / np.linalg.norm(normal, axis=1, keepdims=True)
     rotations = rotation_matrix(x["pitch"] * along + x["turn"] * normal + x["yaw"] * np.cross(along, normal))
     u, v = (np.einsum("nij,nj->ni", rotations, step) for step in (geometry.u, geometry.v))
-    aside = -x["axis_offset"] * along
-    d = geometry.detector + aside
+    axis_shift = -x["axis_offset"] * along
+    d = geometry.detector + axis_shift
     for name, step in (("shift_u", u), ("shift_v", v)):
         d = d + x[name] * step / np.linalg.norm(step, axis=1, keepdims=True)
-    s = geometry.source + aside if geometry.beam == "cone" else geometry.source
+    s = geometry.source + axis_shift if geometry.beam == "cone" else geometry.source
     untilt = rotation_matrix(-x["axis_tilt"] * along)
     blocks = [np.einsum("nij,nj->ni", untilt, block) for block in (s, d, u, v)]
     return Geometry(np.concatenate(blocks, axis=1), geometry.shape, geometry.beam)

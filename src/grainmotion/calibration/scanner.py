@@ -18,7 +18,7 @@ from grainmotion.preprocessing.beam_hardening import Hardening, HardeningSetting
 from grainmotion.reconstruction.reconstruct import reconstruct
 from grainmotion.segmentation.segment import segment
 
-HARDENING_ROUNDS = ("hardening", "hardening, once more")  # the first template is itself of a hardened volume
+HARDENING_ROUNDS = ("hardening", "hardening, once more")  # the first template is of a volume not yet corrected
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,30 +63,26 @@ def calibrate_scanner(
     progress: Progress | None = None,
 ) -> ScannerCalibration:
     """Estimate what ``settings.calibrate`` asks for; ``labels`` are the grains if they were given."""
-    wanted = settings.calibrate
-    if not wanted.calibrates(len(scan)):
+    asked = settings.calibrate
+    if not asked.calibrates(len(scan)):
         return ScannerCalibration()
     calibration = hardening = None
-    if wanted.calibrates_geometry(len(scan)):
-        names = tuple(wanted.geometry) if isinstance(wanted.geometry, list) else DEFAULT_PARAMETERS
-        how = CalibrateSettings(parameters=names)
-        calibration = calibrate(scan, grid, how, progress=prefixed(progress, "calibrate"))
-        calibration = calibration.significant(scan.geometry) if wanted.geometry == "auto" else calibration
+    if asked.calibrates_geometry(len(scan)):
+        names = tuple(asked.geometry) if isinstance(asked.geometry, list) else DEFAULT_PARAMETERS
+        corrections = CalibrateSettings(parameters=names)
+        calibration = calibrate(scan, grid, corrections, progress=prefixed(progress, "calibrate"))
+        calibration = calibration.significant(scan.geometry) if asked.geometry == "auto" else calibration
         scan = replace(scan, geometry=calibration.geometry)
-    if wanted.hardening:
+    if asked.hardening:
         hardening = _hardening(scan, grid, settings, labels, progress)
     return ScannerCalibration(calibration, hardening)
 
 
 def _hardening(
-    scan: Scan,
-    grid: Volume,
-    settings: ReferenceSettings,
-    labels: NDArray[np.int32] | None,
-    progress: Progress | None,
+    scan: Scan, grid: Volume, settings: ReferenceSettings, labels: NDArray[np.int32] | None, progress: Progress | None
 ) -> Hardening:
     """The curve, from a reconstruction of the scan, then from one of the scan that the first curve linearised."""
-    how = HardeningSettings(
+    curve_settings = HardeningSettings(
         degree=settings.calibrate.hardening,
         threshold=settings.segment.threshold,
         projector=settings.reconstruct.projector,
@@ -95,7 +91,7 @@ def _hardening(
     for name in HARDENING_ROUNDS:
         volume = reconstruct(curve.apply(scan), grid, settings.reconstruct, progress=prefixed(progress, name)).volume
         grains = _grains(volume, settings) if labels is None else labels
-        curve = calibrate_hardening(scan, volume, how, labels=grains)
+        curve = calibrate_hardening(scan, volume, curve_settings, labels=grains)
         if curve.is_linear:
             break
     return curve
@@ -104,5 +100,5 @@ def _hardening(
 def _grains(volume: Volume, settings: ReferenceSettings) -> NDArray[np.int32] | None:
     try:
         return segment(volume, settings.segment).labels
-    except InputError:  # reported later, of the corrected volume
+    except InputError:  # the segmentation of the corrected volume will report it
         return None

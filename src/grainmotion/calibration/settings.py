@@ -12,8 +12,8 @@ from grainmotion.calibration.corrections import Parameter
 from grainmotion.reconstruction.settings import ReconstructSettings
 from grainmotion.segmentation.settings import SegmentSettings
 
-MIN_VIEWS_UNASKED = 60
-"""Views of a full scan from which "auto" calibrates its geometry: half of fewer contradicts the other half anyway."""
+MIN_AUTO_VIEWS = 60
+"""Views from which "auto" calibrates the geometry of a full scan: halves of fewer contradict each other anyway."""
 
 
 @validated
@@ -45,7 +45,7 @@ class ScannerSettings:
         bool
             False under "auto" if half of the views could not be checked against the other half.
         """
-        enough = self.geometry != "auto" or views >= MIN_VIEWS_UNASKED
+        enough = self.geometry != "auto" or views >= MIN_AUTO_VIEWS
         return bool((self.geometry and enough) or self.hardening)
 
     def calibrates_geometry(self, views: int) -> bool:

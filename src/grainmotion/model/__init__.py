@@ -1,1 +1,1 @@
-"""Records that the rest works on: geometry, volume, scan, grains, motions."""
+"""Records of the data: geometry, volume, scan, grains, motions."""

@@ -24,7 +24,7 @@ class DetectorAlignment:
         appear further left (at lower columns), a positive second one at lower rows.
     tilts_deg : (float, float, float)
         Rotation of the panel about its own centre, degrees, as a rotation vector in the frame of
-        θ = 0: about x (pitch), y (the beam: in-plane turn) and z (yaw).
+        θ = 0: about x (pitch), y (the beam: rotation in its plane) and z (yaw).
     axis_offset : float
         Distance along u (x at θ = 0) by which the rotation axis is off the line from the source to
         the panel's unshifted centre, mm.  A positive value makes features appear further right.
@@ -53,11 +53,12 @@ def circular_views(
     pixel_size: float,
     panel: DetectorAlignment | None,
     *,
-    moves: bool,
+    cone: bool,
 ) -> Float:
     """The 12-vectors of a circular scan.
 
-    ``start`` is the source of the view at 0° if ``moves``, else the direction of the rays; ``center`` is the panel's.
+    ``start`` is the source of the view at 0° of a ``cone`` beam, else the direction of the rays; ``center`` is that of
+    the panel.
     """
     panel = panel or DetectorAlignment()
     angles = np.atleast_1d(np.asarray(angles_deg, dtype=float))
@@ -74,7 +75,7 @@ def circular_views(
     center = center + (panel.offset[0] * u + panel.offset[1] * v) / pixel_size
     shift = np.array([-panel.axis_offset, 0.0, 0.0])
     untilt = rotation_matrix(np.deg2rad([*panel.axis_tilt_deg, 0.0])).T
-    blocks = [start + shift if moves else start, center + shift, u, v]
+    blocks = [start + shift if cone else start, center + shift, u, v]
     blocks = [untilt @ b for b in blocks]
     rotations = rotation_matrix(np.deg2rad(angles)[:, None] * np.array([0.0, 0.0, 1.0]))
     return np.concatenate([rotations @ b for b in blocks], axis=1)

@@ -17,7 +17,7 @@ from grainmotion.errors import InputError
 
 Trend = Literal["none", "constant", "linear", "quadratic"]
 TREND_TERMS: dict[Trend, int] = {"none": 0, "constant": 1, "linear": 3, "quadratic": 6}
-"""Terms of each background: 1; 1, x, y; 1, x, y, x², xy, y²."""
+"""Number of terms of each background: 1; 1, x, y; 1, x, y, x², xy, y²."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -82,7 +82,6 @@ class Geometry:
         object.__setattr__(self, "vectors", vectors)
         object.__setattr__(self, "shape", (rows, columns))
 
-    # ------------------------------------------------------------------ circular scans
     @classmethod
     def cone(
         cls,
@@ -127,7 +126,7 @@ class Geometry:
             )
         start = np.array([0.0, -source_to_axis, 0.0])
         center = np.array([0.0, source_to_detector - source_to_axis, 0.0])
-        return cls(circular_views(start, center, angles_deg, pixel_size, panel, moves=True), shape, "cone")
+        return cls(circular_views(start, center, angles_deg, pixel_size, panel, cone=True), shape, "cone")
 
     @classmethod
     def parallel(
@@ -152,9 +151,8 @@ class Geometry:
             One view an angle.
         """
         start = np.array([0.0, 1.0, 0.0])
-        return cls(circular_views(start, np.zeros(3), angles_deg, pixel_size, panel, moves=False), shape, "parallel")
+        return cls(circular_views(start, np.zeros(3), angles_deg, pixel_size, panel, cone=False), shape, "parallel")
 
-    # ------------------------------------------------------------------ access
     def __len__(self) -> int:
         return len(self.vectors)
 
@@ -252,11 +250,7 @@ class Geometry:
             t = np.where(t > 0, t, np.nan)
         hit = start + t[..., None] * ray - d[:, None]
         gram = np.stack(
-            [
-                np.stack([(u * u).sum(-1), (u * v).sum(-1)], -1),
-                np.stack([(u * v).sum(-1), (v * v).sum(-1)], -1),
-            ],
-            -2,
+            [np.stack([(u * u).sum(-1), (u * v).sum(-1)], -1), np.stack([(u * v).sum(-1), (v * v).sum(-1)], -1)], -2
         )
         right = np.stack([(hit * u[:, None]).sum(-1), (hit * v[:, None]).sum(-1)], -1)
         cr = np.linalg.solve(gram[:, None], right[..., None])[..., 0]
@@ -327,7 +321,6 @@ class Geometry:
         vectors[:, 6:12] *= factor
         return Geometry(vectors, (rows // factor, columns // factor), self.beam)
 
-    # ------------------------------------------------------------------ exchange
     def to_astra(self) -> AstraGeometry:
         """The projection geometry that ``astra.create_proj_geom`` makes of these views (copied)."""
         return {

@@ -57,7 +57,7 @@ class StateFit:
     background : (6,) array, optional
         Motion (u, ω) of the background about its centre of mass, mm and radians, if it could move.
     downweighted : float
-        Share of the shaded pixels to which a robust loss gave less weight.
+        Share of the pixels in the grains' footprints to which a robust loss gave less weight.
     notes : tuple of str
         Sentences on the state as a whole, such as refused options and unexplained attenuation.
     """
@@ -215,7 +215,7 @@ class Motions:
 
     def to_table(self) -> pd.DataFrame:
         """The table of ``motions.csv``: mm and degrees, one row a grain."""
-        import pandas as pd  # half a second that a fit does not need
+        import pandas as pd  # takes half a second, which a fit does not need
 
         sd = np.sqrt(np.diagonal(self.covariances, axis1=1, axis2=2)).copy()
         sd[:, 3:] = np.rad2deg(sd[:, 3:])

@@ -18,7 +18,7 @@ class ViewCorrections:
     shifts_pixels : (views, 2) array
         Shift of the panel along u and along v, pixels.
     angles : (views,) array
-        By which the stage turned too far, radians.
+        Excess rotation of the stage, radians.
     """
 
     shifts_pixels: Float
@@ -48,7 +48,7 @@ class NuisanceMotion:
 
     @classmethod
     def still(cls, views: int) -> NuisanceMotion:
-        """Nothing moved."""
+        """No motion."""
         return cls(ViewCorrections.of(np.zeros((views, 3))), np.zeros(3), np.eye(3))
 
 

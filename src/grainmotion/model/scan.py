@@ -86,9 +86,7 @@ def air_levels(
     rows, columns = scan.geometry.shape
     if (margin is None) == (region is None):
         raise InputError(
-            "air",
-            "give either margin or region",
-            "margin = columns at both sides, or region = [r0, r1, c0, c1]",
+            "air", "give either margin or region", "margin = columns at both sides, or region = [r0, r1, c0, c1]"
         )
     air = np.zeros((rows, columns), dtype=bool)
     if margin is not None:

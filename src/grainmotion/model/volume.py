@@ -41,7 +41,7 @@ class Volume:
     center: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        with np.errstate(over="ignore"):  # what single precision cannot hold becomes infinite, and is refused
+        with np.errstate(over="ignore"):  # larger values become infinite, which is refused below
             array = np.ascontiguousarray(self.array, dtype=precision_of(self.array))
         if array.ndim != 3 or array.size == 0:
             raise InputError("volume", f"shape {array.shape} is not (z, y, x)", "give a 3-D stack")
@@ -58,10 +58,7 @@ class Volume:
 
     @classmethod
     def zeros(
-        cls,
-        shape: tuple[int, int, int],
-        voxel_size: float,
-        center: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        cls, shape: tuple[int, int, int], voxel_size: float, center: tuple[float, float, float] = (0.0, 0.0, 0.0)
     ) -> Volume:
         """An empty volume: the grid on which to reconstruct.
 

@@ -1,9 +1,8 @@
 """Linearisation of beam hardening by a curve fitted to a scan and its reconstruction.
 
-A polychromatic beam is attenuated less and less with depth, so that the measured line integral b grows more
-slowly than the path.  The reprojection t of a template of the sample, in which all material, or each grain, has
-one attenuation, is proportional to the path.  Herman's linearisation (Physics in Medicine and Biology 24, 1979)
-is the fit
+A polychromatic beam is attenuated less and less with depth, so that the measured line integral b grows more slowly than
+the path.  The reprojection t of a template of the sample, in which all material, or each grain, has one attenuation, is
+proportional to the path.  Herman's linearisation (Physics in Medicine and Biology 24, 1979) is the fit
 
     t ≈ s g(b),   g(b) = b + c₂ b² + … + c_n bⁿ,   c_k ≥ 0,
 
@@ -36,7 +35,7 @@ JACKKNIFE_GROUPS = 8
 SIGNIFICANT_SD = 3.0
 """Standard deviations from which a departure from linear is significant."""
 MIN_DEPARTURE = 0.02
-"""Smallest departure that is taken for hardening, over the longest path: voxels at surfaces cause less."""
+"""Smallest relative departure on the longest path that counts as hardening: partly filled voxels cause less."""
 LONGEST_PERCENTILE = 99.5
 """Percentile of the line integrals that stands for the longest path."""
 MIN_PATH = 0.2

@@ -57,12 +57,7 @@ class PixelReport:
 
 
 def line_integrals_from_counts(
-    counts: ArrayLike,
-    flats: ArrayLike,
-    darks: ArrayLike | None,
-    geometry: Geometry,
-    *,
-    saturation: float | None = None,
+    counts: ArrayLike, flats: ArrayLike, darks: ArrayLike | None, geometry: Geometry, *, saturation: float | None = None
 ) -> tuple[Scan, PixelReport]:
     """Turn camera counts into line integrals.
 
@@ -154,7 +149,6 @@ def checked_line_integrals(images: ArrayLike, geometry: Geometry) -> tuple[Scan,
     return Scan(values, geometry), PixelReport(total=values.size)
 
 
-# ---------------------------------------------------------------------- checks and repair
 def _saturation_level(dtype: np.dtype, saturation: float | None) -> float | None:
     if saturation is not None:
         return saturation

@@ -1,4 +1,4 @@
-"""Initial volume from voxels and pixels twice as large: the long wavelengths for a sixteenth of a sweep.
+"""Initial volume on voxels and pixels twice as large: the long wavelengths at a sixteenth of the cost of a sweep.
 
 It is reconstructed in pieces of neighbouring slabs, by the process that holds these.  A piece extends beyond its
 slabs as far as the rays that cross them, so that no ray lacks a part of its path; only its slabs are used.  Where
@@ -69,7 +69,7 @@ def pieces_of(layout: Layout) -> tuple[Piece, ...]:
 
 
 def started(scan: Scan, grid: Volume, settings: ReconstructSettings) -> Iterate:
-    """A volume at the grid's own values if it has any, or at a coarse start."""
+    """A volume that starts at the grid's values if any is not zero, else at a coarse reconstruction."""
     iterate = new_iterate(scan, grid, settings)
     if not grid.array.any() and has_coarse_start(grid.shape, scan.geometry.shape):
         iterate.start_from(_starts(scan, Layout.of(grid, scan.geometry, settings)))
@@ -88,9 +88,9 @@ def coarse_start(rough: Scan, layout: Layout, piece: Piece) -> Image:
     (first, end), (x, y, z), size = piece.planes, layout.center, layout.voxel_size * COARSENING
     array = np.zeros((end - first, *(halved(n) for n in layout.shape[1:])), np.float32)
     z += size * ((first + end) - halved(layout.shape[0])) / 2
-    once = replace(layout.settings, method="sart", sweeps=1)
-    iterate = new_iterate(rough, Volume(array, size, (x, y, z)), once)
-    plain_sart(iterate, len(rough), once, None)
+    one_sweep = replace(layout.settings, method="sart", sweeps=1)
+    iterate = new_iterate(rough, Volume(array, size, (x, y, z)), one_sweep)
+    plain_sart(iterate, len(rough), one_sweep, None)
     return iterate.volume().array
 
 
@@ -143,10 +143,10 @@ def _crossed(layout: Layout, rows: Rows) -> tuple[float, float]:
     down, right = np.meshgrid(np.array(rows) - height / 2, SAMPLED_COLUMNS * width, indexing="ij")
     pixels = d + right.reshape(-1, 1) * u + down.reshape(-1, 1) * v
     start, ray = (s, pixels - s) if geometry.beam == "cone" else (pixels, np.broadcast_to(s, pixels.shape))
-    level, rise = start[..., :2] - layout.center[:2], ray[..., :2]
+    place, direction = start[..., :2] - layout.center[:2], ray[..., :2]  # in the horizontal plane
     with np.errstate(divide="ignore", invalid="ignore"):
-        nearest = -(level * rise).sum(-1) / (rise**2).sum(-1)  # point of the ray nearest to the axis
-        half_chord = layout.radius / np.linalg.norm(rise, axis=-1)
+        nearest = -(place * direction).sum(-1) / (direction**2).sum(-1)  # point of the ray nearest to the axis
+        half_chord = layout.radius / np.linalg.norm(direction, axis=-1)
         ends = nearest + half_chord * np.array([-1, 1]).reshape(2, 1, 1)  # where it enters and leaves the cylinder
         heights = start[..., 2] - layout.center[2] + ends * ray[..., 2]
     if not np.isfinite(heights).all():  # a ray along the axis

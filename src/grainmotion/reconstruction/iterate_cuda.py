@@ -1,4 +1,4 @@
-"""CudaIterate: a reconstruction under way on an NVIDIA GPU, with all that is large in its memory.
+"""CudaIterate: a volume during its reconstruction on an NVIDIA GPU, with all large arrays in the memory of the GPU.
 
 No update waits for the one before: the squares of its residual are summed on the GPU, and fetched when ε is reported.
 To be imported only where numba-cuda is installed.
@@ -26,7 +26,7 @@ from grainmotion.reconstruction.system import SumOfSquares, Views, column_sums, 
 
 @dataclass(frozen=True, eq=False)
 class PendingSum:
-    """Two sums of squares in GPU memory; added to each other they stay there until one is read."""
+    """Two sums of squares in GPU memory, to which others can be added; they are fetched when one is read."""
 
     parts: tuple[DeviceArray | Float, ...]
     __array_ufunc__ = None  # numpy leaves `array + PendingSum` to __radd__

@@ -19,10 +19,10 @@ from grainmotion.reconstruction.settings import ReconstructSettings
 from grainmotion.reconstruction.system import Iterate, SumOfSquares, Views, golden_order, relative
 
 DEFAULT_SWEEPS, DEFAULT_RELAXATION, DEFAULT_DECAY, DEFAULT_SWEEP_TOLERANCE = 6, 1.0, 0.5, 0.02
-"""Of plain SART, unless the settings give them."""
+"""For plain SART, where the settings give none."""
 MOMENTUM = 0.9
 MIN_SUBSET_VIEWS = 8
-"""Fewer views of a subset disagree too much for this momentum."""
+"""Least size of a subset: fewer views disagree too much for this momentum."""
 PHASES = ((44, 1, 1.5, 0.7), (8, 2, 1.0, 0.5))
 """Updates, size of their subsets over that of the first, relaxation at the start and at the end, phase by phase."""
 

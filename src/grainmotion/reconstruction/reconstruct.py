@@ -33,11 +33,7 @@ class Reconstruction:
 
 
 def reconstruct(
-    scan: Scan,
-    grid: Volume,
-    settings: ReconstructSettings | None = None,
-    *,
-    progress: Progress | None = None,
+    scan: Scan, grid: Volume, settings: ReconstructSettings | None = None, *, progress: Progress | None = None
 ) -> Reconstruction:
     """Reconstruct a scan.
 

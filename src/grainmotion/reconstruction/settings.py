@@ -49,12 +49,11 @@ class ReconstructSettings:
     non_negative: Annotated[bool, Field(description="keep attenuation at or above zero")] = True
     circular: Annotated[bool, Field(description="reconstruct inside the grid's upright inscribed cylinder only")] = True
     device: Annotated[
-        DeviceName,
-        Field(description="where rays are traced: CPU, NVIDIA GPU, or the GPU if there is one"),
+        DeviceName, Field(description="where rays are traced: CPU, NVIDIA GPU, or the GPU if there is one")
     ] = "auto"
 
     @model_validator(mode="after")
-    def _used(self) -> ReconstructSettings:
+    def _check_options(self) -> ReconstructSettings:
         given = [n for n in ("sweeps", "relaxation", "decay", "tolerance", "noise") if getattr(self, n) is not None]
         if given and self.method == "accelerated":
             raise ValueError(f'{", ".join(given)}: only plain SART takes this; set method = "sart", or leave it out')

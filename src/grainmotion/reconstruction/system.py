@@ -25,7 +25,6 @@ from grainmotion.reconstruction.settings import ReconstructSettings
 
 Views = NDArray[np.int64]
 
-
 SumOfSquares = Any
 """Σ(b − A x)² and Σb²: an array ``(2,)``, or one that is still being computed on a GPU or by workers.
 
@@ -87,24 +86,19 @@ class Imaging:
         """Radius of the grid's inscribed upright cylinder, voxels; 0 for none."""
         return cylinder_radius(self.grid, self.settings)
 
-    @property
-    def lowest(self) -> np.float32:
-        """The least attenuation that is allowed."""
-        return lower_limit(self.settings)
-
     def start(self) -> Image:
         """The grid's own values, padded."""
         return self.operator.padded(self.operator.grid.array)
 
     def constrain(self, image: Image) -> None:
         """Clip an image at zero, inside its cylinder, in place (see the settings)."""
-        sart.constrain(self.operator.by_height(image), PADDING, self.radius, self.lowest)
+        sart.constrain(self.operator.by_height(image), PADDING, self.radius, lower_limit(self.settings))
 
     def constrain_and_extrapolate(self, image: Image, before: Image, momentum: float) -> None:
         """Constrain an image x, leave x in ``before`` and x + momentum · (x − before) in ``image``."""
         sart.constrain_and_extrapolate(
-            self.operator.by_height(image), self.operator.by_height(before), PADDING, self.radius, self.lowest,
-            np.float32(momentum),
+            self.operator.by_height(image), self.operator.by_height(before), PADDING, self.radius,
+            lower_limit(self.settings), np.float32(momentum),
         )  # fmt: skip
 
 

@@ -19,13 +19,8 @@ from grainmotion.segmentation.label_refinement import Boxed, fine_grains
 from grainmotion.segmentation.segment import Segmentation
 from grainmotion.segmentation.settings import Background, SegmentSettings
 
-
-def packed_body(background: Volume) -> GrainArrays:
-    """A background as one body, which rotates about its centre of mass, cropped to its voxels."""
-    return GrainArrays.of(grains_from_labels(background, np.ones(background.shape, np.int8), reach=0))
-
-
 Cut = Callable[[Volume, NDArray[np.integer], list[Boxed], int, float], Iterable[Volume | None]]
+"""Upsamples grains, as `label_refinement.fine_grains`."""
 MIN_BACKGROUND_SHARE = 0.02
 """Share of all attenuation from which the background is kept."""
 MAX_REACH_WITH_BACKGROUND = 1.5
@@ -150,6 +145,11 @@ def grains_from_labels(
     if background != "ignore":
         body = Volume(np.where(grown > 0, 0, volume.array), volume.voxel_size, volume.center)
     return GrainSet(tuple(grains), body, background == "moving")
+
+
+def packed_body(background: Volume) -> GrainArrays:
+    """A background as one body, which rotates about its centre of mass, cropped to its voxels."""
+    return GrainArrays.of(grains_from_labels(background, np.ones(background.shape, np.int8), reach=0))
 
 
 def _background_share(volume: Volume, labels: NDArray[np.integer], grown: NDArray[np.integer]) -> float:

@@ -34,7 +34,7 @@ Fine = tuple[NDArray[np.floating], tuple[int, int, int]]
 
 
 def fine_grains(
-    volume: Volume, labels: NDArray[np.integer], wanted: list[Boxed], upsampling: int, reach: float
+    volume: Volume, labels: NDArray[np.integer], boxes: list[Boxed], upsampling: int, reach: float
 ) -> Iterator[Volume | None]:
     """Upsampled grains, one after the other.
 
@@ -44,7 +44,7 @@ def fine_grains(
         Attenuation, 1/mm.
     labels : (nz, ny, nx) int array
         0 for no grain.
-    wanted : list of (int, slices)
+    boxes : list of (int, slices)
         Labels of the grains and their bounding boxes.
     upsampling : int
         Edge of a voxel over that of an upsampled one.
@@ -56,7 +56,7 @@ def fine_grains(
     Volume or None
         Cropped to the grain, other voxels zero; None if the grain has no voxel.
     """
-    for label, box in wanted:
+    for label, box in boxes:
         around = surroundings(box, volume.shape, reach)
         grain = fine_cut(volume.array[around], np.ascontiguousarray(labels[around]), label, upsampling, reach)
         yield None if grain is None else placed(grain, volume, around, upsampling)
@@ -74,12 +74,12 @@ def fine_cut(
 ) -> Fine | None:
     """The upsampled grain in a crop; None if it has no voxel."""
     fine = upsampled(array, upsampling)
-    mine = refined_labels(fine, labels, upsampling, reach) == label
-    if not mine.any():
+    own = refined_labels(fine, labels, upsampling, reach) == label
+    if not own.any():
         return None
-    inner = ndimage.find_objects(mine.astype(np.int8))[0]
+    inner = ndimage.find_objects(own.astype(np.int8))[0]
     z, y, x = (int(s.start) for s in inner)
-    return np.where(mine[inner], fine[inner], 0), (z, y, x)
+    return np.where(own[inner], fine[inner], 0), (z, y, x)
 
 
 def placed(grain: Fine, volume: Volume, around: Box, upsampling: int) -> Volume:

@@ -121,6 +121,7 @@ class BasinGraph:
         return _numbered(first, sets)
 
 
-def _numbered(names: NDArray[np.int64], sets: DisjointSet) -> Ints:
-    """Labels ``(n + 1,)`` 0, 1 … in the order of the names that sets have under their roots."""
-    return np.asarray(relabel_sequential(names[[sets[i] for i in range(len(names))]])[0], np.int32)
+def _numbered(representatives: NDArray[np.int64], sets: DisjointSet) -> Ints:
+    """Labels ``(n + 1,)`` 0, 1 … of the sets, in the order of the basin that represents each (given for its root)."""
+    basins = representatives[[sets[i] for i in range(len(representatives))]]
+    return np.asarray(relabel_sequential(basins)[0], np.int32)

@@ -28,8 +28,7 @@ class SegmentSettings:
         int | None, Field(gt=0, description="smallest grain, voxels; 2 % of the median grain unless given")
     ] = None
     reach: Annotated[
-        float,
-        Field(ge=0, description="unlabelled attenuation up to this distance from a grain belongs to it, voxels"),
+        float, Field(ge=0, description="unlabelled attenuation up to this distance from a grain belongs to it, voxels")
     ] = 3.0
     background: Annotated[
         Background,
