@@ -1,1 +1,1 @@
-"""What is made of measured motions: errors against truth, deformed volumes, residual images."""
+"""Uses of measured motions: errors against truth, deformed volumes, residual images."""

@@ -57,7 +57,8 @@ def rebuild(grains: GrainSet, motions: Motions, grid: Volume) -> tuple[Volume, N
     total = np.zeros(grid.shape, np.float32)
     best = np.zeros(grid.shape, np.float32)
     labels = np.zeros(grid.shape, np.int32)
-    for i in np.flatnonzero(_movable(motions)):
+    finite = np.isfinite(motions.translations).all(axis=1) & np.isfinite(motions.rotations).all(axis=1)
+    for i in np.flatnonzero(finite & ~np.isin(motions.statuses, WITHOUT_MOTION)):
         grain = by_label[int(motions.labels[i])]
         rotation = rotation_matrix(motions.rotations[i])
         matrix, offset = _pull_back(grain.volume, grid, rotation, motions.translations[i], motions.centers[i])
@@ -81,11 +82,6 @@ def typical_attenuation(grain: Grain) -> float:
     values = np.sort(values).astype(float)
     mass = np.cumsum(values)
     return float(values[np.searchsorted(mass, mass[-1] / 2)])
-
-
-def _movable(motions: Motions) -> NDArray[np.bool_]:
-    finite = np.isfinite(motions.translations).all(axis=1) & np.isfinite(motions.rotations).all(axis=1)
-    return finite & ~np.isin(motions.statuses, WITHOUT_MOTION)
 
 
 def _pull_back(

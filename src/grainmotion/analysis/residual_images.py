@@ -22,18 +22,17 @@ def residual_images(grains: GrainSet, motions: Motions, scan: Scan, *, projector
     Grains with unknown motions are left out of what is simulated.
     """
     fit, views = motions.fit, len(scan)
-    around = NuisanceMotion.still(views)
+    nuisance = NuisanceMotion.still(views)
     if fit.view_corrections is not None:
-        around = NuisanceMotion(fit.view_corrections, around.translation, around.matrix)
+        nuisance = NuisanceMotion(fit.view_corrections, nuisance.translation, nuisance.matrix)
     if fit.background is not None:
-        around = NuisanceMotion(around.views, fit.background[:3], rotation_matrix(fit.background[3:]))
-    geometry = corrected_geometry(scan.geometry, around)
-    alone = GrainSet(grains.grains)
-    simulated = simulate_radiographs(alone, motions, geometry, projector=projector)
+        nuisance = NuisanceMotion(nuisance.views, fit.background[:3], rotation_matrix(fit.background[3:]))
+    geometry = corrected_geometry(scan.geometry, nuisance)
+    simulated = simulate_radiographs(GrainSet(grains.grains), motions, geometry, projector=projector)
     if grains.background is not None:
-        simulated += background_images(packed_body(grains.background), around, geometry, projector, False)[0]
+        simulated += background_images(packed_body(grains.background), nuisance, geometry, projector, False)[0]
     response = fit.response or Response(np.full((views, 1), fit.gain), np.full((views, 1), fit.offset))
-    left = scan.line_integrals - response.apply(simulated)
+    residual = scan.line_integrals - response.apply(simulated)
     if scan.valid is not None:
-        left[~scan.valid] = np.nan
-    return left
+        residual[~scan.valid] = np.nan
+    return residual

@@ -1,9 +1,8 @@
 """Errors of measured motions against true ones, grain by grain.
 
-Grains are paired by their centres in the reference state.  The two centres of a pair differ a little
-(a segmented grain is not quite the true one), so the true motion is evaluated at the *measured*
-centre before translations are subtracted:  u_true(c) = Ω (c − c_true) + u_true + c_true − c.
-The rotation error is the vector log(Ω_measured Ω_trueᵀ).
+Grains are paired by their centres in the reference state.  The two centres of a pair differ a little (a segmented grain
+is not quite the true one), so the true motion is evaluated at the *measured* centre before translations are subtracted:
+u_true(c) = Ω (c − c_true) + u_true + c_true − c.  The rotation error is the vector log(Ω_measured Ω_trueᵀ).
 """
 
 from __future__ import annotations

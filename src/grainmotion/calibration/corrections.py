@@ -80,7 +80,7 @@ class Correction:
 
 @dataclass(frozen=True, config={"arbitrary_types_allowed": True})
 class Calibration:
-    """Geometry of a scanner as estimated from a scan.
+    """Corrections of a scan's geometry, estimated from the scan itself.
 
     Attributes
     ----------

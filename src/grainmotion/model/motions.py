@@ -196,13 +196,13 @@ class Motions:
             The row of each label where there is one, else no motion, not fitted.
         """
         row_of = {int(label): row for row, label in enumerate(self.labels)}
-        known = np.array([int(label) in row_of for label in labels], dtype=bool)
-        rows = np.array([row_of[int(label)] for label in labels[known]], dtype=np.int64)
+        rows = np.array([row_of.get(int(label), -1) for label in labels], dtype=np.int64)
+        known = rows >= 0
         other = Motions.identity(labels, centers)
 
         def merged(own: NDArray[Value], new: NDArray[Value]) -> NDArray[Value]:
             new = new.copy()
-            new[known] = own[rows]
+            new[known] = own[rows[known]]
             return new
 
         return Motions(
@@ -210,7 +210,7 @@ class Motions:
             merged(self.rotations, other.rotations), merged(self.covariances, other.covariances),
             merged(self.statuses, other.statuses), merged(self.residuals, other.residuals),
             merged(self.iterations, other.iterations),
-            tuple(self.reasons[row_of[int(label)]] if int(label) in row_of else "" for label in labels), self.fit,
+            tuple(self.reasons[row] if row >= 0 else "" for row in rows), self.fit,
         )  # fmt: skip
 
     def to_table(self) -> pd.DataFrame:

@@ -21,7 +21,7 @@ from grainmotion.projection.grain_arrays import GrainArrays
 Derivatives = Literal["analytic", "differences"]
 
 EXPECTED_RESIDUAL_SHARE = 0.01
-"""Of the radiographs' rms: the residual that is expected at least, where nothing else says what to expect."""
+"""Smallest residual to expect, as a share of the radiographs' rms."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,8 +30,8 @@ class Target:
 
     ``fixed_background (views, rows, columns)`` are line integrals of the background where it did not move, and
     ``background`` is the body itself if it can move; ``sigma`` is the width of the Gaussian filter, pixels;
-    ``response_model`` and ``nuisance`` say which numbers of the response and which motions beside the grains' are
-    unknown; ``weights`` are those of pixels, None if equal; ``backend`` filters radiographs.
+    ``response_model`` and ``nuisance`` select the unknowns beside the grains' motions; ``weights`` are those of
+    pixels, None if equal; ``backend`` filters radiographs.
     """
 
     scan: Scan
@@ -74,7 +74,7 @@ class Target:
 
     @cached_property
     def expected_variance(self) -> float:
-        """Square of the residual that a pixel is at least expected to leave: the unit of the nuisance prior."""
+        """Smallest variance to expect of a pixel's residual: the unit of the nuisance prior."""
         return EXPECTED_RESIDUAL_SHARE**2 * float(np.mean(self.measured.astype(float) ** 2))
 
     @cached_property

@@ -35,9 +35,8 @@ class Evaluation:
 
     ``values (pixels,)`` are each grain's own line integrals in its ``patches``, in the memory of the grains' backend.
     Images are ``(views, rows, columns)``: ``residual`` r, ``simulated`` F w m(P), ``line_integrals`` P of all grains
-    and the background, and ``raw_residual`` b − m(P), neither weighted nor filtered and 0 where a pixel does not
-    count.  ``response`` is the best one at this pose, and ``response_columns`` are the images of its eliminated
-    unknowns.
+    and the background, and ``raw_residual`` b − m(P), neither weighted nor filtered and 0 where a pixel does not count.
+    ``response`` is the best one at this pose, and ``response_columns`` are the images of its eliminated unknowns.
     """
 
     patches: Patches
@@ -123,7 +122,7 @@ def _nuisance_columns(
 ) -> Columns:
     """Derivatives by the nuisance motions, from those of P by the grains' motions and by the background's."""
     nuisance = target.nuisance
-    slope = evaluation.response.derivative(evaluation.line_integrals)
+    response_derivative = evaluation.response.derivative(evaluation.line_integrals)
     columns = Columns()
     if nuisance.views:
         images = nuisance_motions.view_derivatives(evaluation.line_integrals, jacobian, grains, pose)
@@ -132,16 +131,16 @@ def _nuisance_columns(
                 target.background, pose.nuisance, by_background
             )
         for image in images:
-            columns.add(target.filtered(slope * image), shared=False)
+            columns.add(target.filtered(response_derivative * image), shared=False)
     for image in by_background if nuisance.background else []:
-        columns.add(target.filtered(slope * image), shared=True)
+        columns.add(target.filtered(response_derivative * image), shared=True)
     return columns
 
 
 def _best_response(target: Target, path: Image) -> tuple[Response, Image, Columns]:
     """The response that fits best at line integrals P, F w m(P), and the images of the eliminated unknowns.
 
-    A polynomial that is not monotone is no response: its degree is lowered until it is, the gain fixed last.
+    While its polynomial is not monotone, its degree is lowered; at last the gain is fixed.
     """
     plain = target.filtered(path)
     model, views = target.response_model, len(path)

@@ -23,7 +23,7 @@ UNKNOWNS_PER_VIEW = 3
 """Shift of the detector along u and along v (pixels), angle of the stage (radians)."""
 
 GAUGE_PRECISION = 1e6
-"""Times the prior's information: fixes the combinations of corrections that the sample's own motion imitates."""
+"""Precision, over the prior's, that fixes the combinations of corrections that the sample's own motion imitates."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,14 +101,14 @@ def retract(nuisance: NuisanceModel, at: NuisanceMotion, step: Float) -> Nuisanc
 
 
 def corrected_geometry(geometry: Geometry, at: NuisanceMotion | None) -> Geometry:
-    """The views with their corrections: panels shifted by pixels along u and v, stage turned by an angle."""
+    """The views with their corrections: panels shifted by pixels along u and v, stage rotated."""
     if at is None or not at.views.columns.any():
         return geometry
     shifts = at.views.shifts_pixels
     vectors = geometry.vectors.copy()
     vectors[:, 3:6] += shifts[:, :1] * geometry.u + shifts[:, 1:] * geometry.v
-    turns = rotation_matrix(at.views.angles[:, None] * np.array([0.0, 0.0, 1.0]))
-    blocks = np.einsum("vij,vkj->vki", turns, vectors.reshape(-1, 4, 3))
+    rotations = rotation_matrix(at.views.angles[:, None] * np.array([0.0, 0.0, 1.0]))
+    blocks = np.einsum("vij,vkj->vki", rotations, vectors.reshape(-1, 4, 3))
     return replace(geometry, vectors=blocks.reshape(-1, 12))
 
 
@@ -142,9 +142,8 @@ def background_images(
     background: GrainArrays, at: NuisanceMotion | None, geometry: Geometry, projector: Projector, differentiate: bool
 ) -> tuple[Image, list[Image]]:
     """Line integrals of the background ``(views, rows, columns)``, and their derivatives by its (u, δ) if asked."""
-    pose = Pose(np.zeros((1, 3)), np.eye(3)[None])
-    if at is not None:
-        pose = Pose(at.translation[None], at.matrix[None])
+    at = at or NuisanceMotion.still(len(geometry))
+    pose = Pose(at.translation[None], at.matrix[None])
     patches = footprint_patches(background, pose, geometry)
     if not differentiate:
         return assemble(project_patches(background, pose, geometry, patches, projector), patches, geometry), []

@@ -11,12 +11,7 @@ from grainmotion._typing import Float
 from grainmotion.model.pose import NuisanceMotion, Pose
 from grainmotion.objective import nuisance_motions
 from grainmotion.objective.data_term import Target
-from grainmotion.objective.evaluation import (
-    Evaluation,
-    LinearizedEvaluation,
-    evaluate,
-    evaluate_with_derivatives,
-)
+from grainmotion.objective.evaluation import Evaluation, LinearizedEvaluation, evaluate, evaluate_with_derivatives
 from grainmotion.objective.global_parameters import Columns
 from grainmotion.objective.normal_matrix import normal_of
 from grainmotion.objective.priors import MotionPrior, nuisance_prior
@@ -61,8 +56,8 @@ class StateProblem:
         jacobian, residual = evaluation.jacobian, evaluation.residual
         columns = evaluation.response_columns + evaluation.nuisance_columns
         hessian = normal_of(jacobian)
-        both = (Columns([residual], [True]) + columns).border(jacobian)
-        gradient, border, corner = -both[:, 0], np.ascontiguousarray(both[:, 1:]), columns.gram()
+        products = (Columns([residual], [True]) + columns).border(jacobian)
+        gradient, border, corner = -products[:, 0], np.ascontiguousarray(products[:, 1:]), columns.gram()
         nuisance_gradient = self._with_nuisance_prior(state, corner, -evaluation.nuisance_columns.dot(residual))
         if self.prior is not None:
             gradient = gradient + self.prior.gradient(state).ravel()
@@ -76,10 +71,10 @@ class StateProblem:
         Each parameter makes one image, so that m images are filtered instead of six patches a grain and view.
         """
         target, n, m = self.target, len(self.grains), basis.shape[1]
-        slope = evaluation.response.derivative(evaluation.line_integrals)
+        response_derivative = evaluation.response.derivative(evaluation.line_integrals)
         columns = Columns()
         for image in evaluation.jacobian.images(basis.T.reshape(m, n, 6)):
-            columns.add(target.filtered(slope * image), shared=True)
+            columns.add(target.filtered(response_derivative * image), shared=True)
         gram = (columns + evaluation.response_columns + evaluation.nuisance_columns).gram()
         hessian, border, corner = gram[:m, :m], gram[:m, m:], gram[m:, m:]
         gradient = -columns.dot(evaluation.residual)
@@ -124,15 +119,14 @@ class StateProblem:
         return np.asarray(self._surface_displacements(self._increments(state, step)[0]) / self.grains.unit)
 
     def _surface_displacements(self, increments: Float) -> Float:
-        """Upper bound ``(n,)``, mm, of what increments ``(n, 6)`` move each grain's surface by."""
+        """Upper bound ``(n,)`` of the displacement of each grain's surface by increments ``(n, 6)``, mm."""
         rotations = np.linalg.norm(increments[:, 3:], axis=1) * self.grains.radii
         return np.asarray(np.linalg.norm(increments[:, :3], axis=1) + rotations)
 
     def _increments(self, state: Pose, step: Float) -> tuple[Float, Float]:
         """Increments (u, δ) of the grains ``(n, 6)`` and of the nuisance motions, from a solver's step.
 
-        A free grain goes no further than its own diameter at once: one that the views hardly determine would be
-        flung away.
+        A free grain moves by its own diameter at most: steps are huge in directions that the views hardly determine.
         """
         free = len(self.target.nuisance.deviations(len(self.target.scan)))
         parameters, nuisance_step = step[: len(step) - free], step[len(step) - free :]

@@ -1,4 +1,4 @@
-"""Capture range: the motions from which tracking was measured to recover, and the room on the detector.
+"""Capture range: the motions from which tracking was measured to recover, and the free margin on the detector.
 
 The ranges are those of `docs/paper.md`, "Capture in three dimensions: 15 grains": touching gravel, noise of 1 %
 of the largest line integral, views evenly over 180°, default settings, zero start.

@@ -81,11 +81,6 @@ class Candidates:
         return Pose(np.zeros((n, 3)), np.tile(np.eye(3), (n, 1, 1)))
 
     @property
-    def is_planar(self) -> bool:
-        """Whether the sample is one slice."""
-        return planar(self.grain_arrays, self.geometry)
-
-    @property
     def prior(self) -> Float:
         """Information ``(n, 6)`` before any view: standard deviations of a diameter and a quarter turn."""
         radii = self.grain_arrays.radii[:, None]
@@ -94,7 +89,7 @@ class Candidates:
 
     @cached_property
     def attenuation(self) -> float:
-        """Mean attenuation of the grains, 1/mm: each voxel weighs as much as it attenuates."""
+        """Mean attenuation of the grains, weighted by attenuation, 1/mm."""
         images = self.grain_arrays.images
         return float(np.vdot(images, images) / images.sum(dtype=float))
 
@@ -109,7 +104,8 @@ class Candidates:
         image = assemble(values, patches, geometry).astype(float)
         if self.grains.background is not None:
             image += project(self.grains.background, geometry)
-        weights = self._weights(image)
+        model = self.settings.model_error * self.attenuation * self.grain_arrays.voxel_size
+        weights = 1 / (np.exp(image) / self.settings.photons + model**2)  # one over the variance of each pixel
         # In double precision, so that rounding in sums over pixels leaves the matrix positive definite.
         scaled = derivatives.astype(float)
         roots = np.sqrt(weights)[0]
@@ -120,12 +116,6 @@ class Candidates:
         border = np.stack([jacobian.gradient(column) for column in columns], axis=-1)
         corner = np.array([[np.vdot(a, b) for a in columns] for b in columns], dtype=float)
         return ViewInformation(normal_matrix(jacobian), border.reshape(-1, 2), corner)
-
-    def _weights(self, line_integrals: Float) -> Float:
-        """One over the variance of each pixel."""
-        model = self.settings.model_error * self.attenuation * self.grain_arrays.voxel_size
-        out: Float = 1 / (np.exp(line_integrals) / self.settings.photons + model**2)
-        return out
 
     def covariances(self, views: Sequence[int]) -> Float:
         """Covariances ``(n, 6, 6)`` of (u, δ) from a set of views, coupling between grains included.
@@ -150,8 +140,8 @@ class Candidates:
         return self.clean(out)
 
     def clean(self, covariances: Float) -> Float:
-        """The same with no variance of what a planar sample cannot do."""
-        if self.is_planar:
+        """The same without the variances of motions out of the plane of a planar sample."""
+        if planar(self.grain_arrays, self.geometry):
             covariances = covariances.copy()
             covariances[:, OUT_OF_PLANE, :] = covariances[:, :, OUT_OF_PLANE] = 0
         return covariances

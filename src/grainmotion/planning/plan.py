@@ -219,29 +219,29 @@ def plan(
     if counts[-1] > len(views):
         fact = f"{counts[-1]} views wanted of {len(views)} candidates"
         raise InputError("plan.views", fact, "ask for fewer views, or give a smaller plan.step_deg")
-    with threadpool_limits(limits=1, user_api="blas"):  # its matrices are small
+    with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small
         return _plan(Candidates(grains, views, settings), counts, progress)
 
 
 def _plan(candidates: Candidates, counts: list[int], progress: Progress | None) -> Plan:
     angles, packed = candidates.geometry.azimuths_deg, candidates.grain_arrays
-    chooser = ViewSelector.of(candidates, progress)
-    if not chooser.stacks.any():
+    selector = ViewSelector.of(candidates, progress)
+    if not selector.stacks.any():
         raise InputError("plan", "no candidate view sees a grain", "check the geometry and the volume's place")
-    pairs = chooser.pairs(progress)
-    best: tuple[int, ...] = chooser.best_pair(pairs)
+    pairs = selector.pairs(progress)
+    best: tuple[int, ...] = selector.best_pair(pairs)
     sets = []
     for count in range(2, counts[-1] + 1):
         if progress is not None:
             progress("choosing the angles", count - 2, counts[-1] - 1)
-        best = chooser.extend(best) if count > 2 else best
+        best = selector.extend(best) if count > 2 else best
         even = even_set(angles, count)
         if count in counts:
             sets += [_view_set("best", best, candidates, angles)]
             sets += [_view_set("even", even, candidates, angles)] if even is not None else []
     return Plan(
         candidates.grains.labels, candidates.grains.centers, 2 * packed.radii, packed.voxel_size, candidates.geometry,
-        angles, tuple(sets), pairs, chooser.coupled, candidates.settings,
+        angles, tuple(sets), pairs, selector.coupled, candidates.settings,
     )  # fmt: skip
 
 

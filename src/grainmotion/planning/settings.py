@@ -1,4 +1,4 @@
-"""How to plan."""
+"""Settings of `plan`."""
 
 from __future__ import annotations
 

@@ -58,7 +58,7 @@ def has_coarse_start(shape: tuple[int, ...], panel: tuple[int, int]) -> bool:
 
 
 def pieces_of(layout: Layout) -> tuple[Piece, ...]:
-    """As many pieces as have few planes in common; they follow from the grid and the views alone."""
+    """As many pieces as `MAX_EXTRA_PLANES` allows; they depend on the grid and the views alone."""
     number, planes = len(layout.slabs), halved(layout.shape[0])
     for count in range(number, 1, -1):
         ends = np.round(np.linspace(0, number, count + 1)).astype(int)

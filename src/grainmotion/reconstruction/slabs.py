@@ -181,7 +181,7 @@ class Corrections:
 def new_slab(layout: Layout, number: int, array: Image) -> Slab:
     """A slab of the values ``[z, y, x]`` of its planes."""
     imaging = imaging_of(layout, number, array)
-    return Slab(imaging, layout.footprints[number][0], imaging.start())
+    return Slab(imaging, layout.footprints[number][0], imaging.operator.padded(imaging.operator.grid.array))
 
 
 def slab_from(layout: Layout, number: int, array: Image, planes: Image) -> Slab:

@@ -86,10 +86,6 @@ class Imaging:
         """Radius of the grid's inscribed upright cylinder, voxels; 0 for none."""
         return cylinder_radius(self.grid, self.settings)
 
-    def start(self) -> Image:
-        """The grid's own values, padded."""
-        return self.operator.padded(self.operator.grid.array)
-
     def constrain(self, image: Image) -> None:
         """Clip an image at zero, inside its cylinder, in place (see the settings)."""
         sart.constrain(self.operator.by_height(image), PADDING, self.radius, lower_limit(self.settings))

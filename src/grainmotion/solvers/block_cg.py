@@ -43,6 +43,7 @@ Hessian = sparse.bsr_array | Float | NormalMatrix
 
 
 def is_small(hessian: Hessian) -> bool:
+    """Whether a dense factor is taken."""
     return hessian.shape[0] <= MAX_DENSE_UNKNOWNS
 
 

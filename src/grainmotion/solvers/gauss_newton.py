@@ -69,7 +69,7 @@ class Linearization:
         ½‖r‖² with the linear unknowns at their best.
     gradient : (N,) array
         g = Jᵀr.
-    hessian : (N, N) array, sparse matrix or Normal
+    hessian : (N, N) array, sparse matrix or NormalMatrix
         JᵀJ, in 6×6 blocks if it is no array.
     border : (N, m) array
         B = JᵀC; m may be 0.
@@ -219,8 +219,8 @@ def damped_step(at: Linearization, damping: float, forcing: float = DEFAULT_FORC
     across = solve(at.border)
     corner = _damped_corner(at, damping)
     complement = pseudo_inverse(corner - at.border.T @ across, like=np.diagonal(corner))
-    few = complement @ (at.border.T @ own - _full_border_gradient(at))
-    return np.concatenate([-(own + across @ few), few[len(few) - k :]])
+    border_step = complement @ (at.border.T @ own - _full_border_gradient(at))
+    return np.concatenate([-(own + across @ border_step), border_step[len(border_step) - k :]])
 
 
 def _full_border_gradient(at: Linearization) -> Float:
@@ -252,14 +252,14 @@ def _iterated_step(at: Linearization, damping: float, forcing: float) -> Float:
     iterations = MAX_CG_ITERATIONS_PER_STEP if forcing >= DEFAULT_FORCING else MAX_CG_ITERATIONS
     right = at.border @ (corner_inverse @ gradient) - at.gradient
     own = conjugate_gradients(product, blocks, right, forcing, iterations)
-    few = -corner_inverse @ (gradient + at.border.T @ own)
-    return np.concatenate([own, few[len(few) - len(at.border_gradient) :]])
+    border_step = -corner_inverse @ (gradient + at.border.T @ own)
+    return np.concatenate([own, border_step[len(border_step) - len(at.border_gradient) :]])
 
 
 def predicted_decrease(at: Linearization, step: Float, damping: float) -> float:
     """Decrease that the quadratic model predicts for a ``step`` of `damped_step`."""
-    own, few = step[: len(at.gradient)], step[len(at.gradient) :]
-    slope = float(at.gradient @ own) + float(at.border_gradient @ few)
+    own, rest = step[: len(at.gradient)], step[len(at.gradient) :]
+    along_gradient = float(at.gradient @ own) + float(at.border_gradient @ rest)
     metric = float(own @ (np.asarray(at.hessian.diagonal()) * own))
-    metric += float(few @ (np.diagonal(at.corner)[len(at.corner) - len(few) :] * few))
-    return 0.5 * (damping * metric - slope)
+    metric += float(rest @ (np.diagonal(at.corner)[len(at.corner) - len(rest) :] * rest))
+    return 0.5 * (damping * metric - along_gradient)

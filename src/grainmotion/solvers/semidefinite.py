@@ -73,11 +73,11 @@ def pseudo_inverse(matrices: Float, like: Float | None = None) -> Float:
     """
     _check(matrices)
     scale = unit_scale(np.diagonal(matrices, axis1=-2, axis2=-1) if like is None else like)
-    both = scale[..., :, None] * scale[..., None, :]
-    values, vectors = np.linalg.eigh(matrices * both)
+    scales = scale[..., :, None] * scale[..., None, :]
+    values, vectors = np.linalg.eigh(matrices * scales)
     resolved = values > RESOLVED_EIGENVALUE
     inverses = np.where(resolved, 1.0 / np.where(resolved, values, 1.0), 0.0)
-    return np.asarray(both * ((vectors * inverses[..., None, :]) @ np.swapaxes(vectors, -1, -2)))
+    return np.asarray(scales * ((vectors * inverses[..., None, :]) @ np.swapaxes(vectors, -1, -2)))
 
 
 def unresolved_information(matrices: Float) -> Float:

@@ -22,10 +22,8 @@ MOVED_BACKGROUND_CHI2 = 2.5
 dense tube that moved by 0.06 voxel, and as the square of the motion."""
 BACKGROUND_UNKNOWNS = 6
 FIXED_BACKGROUND_SD = 1e-6
-"""Of the prior's standard deviations: those that fix the background."""
-FIXED_BACKGROUND_NOTE = (
-    "the background was held where it was in the reference: the radiographs do not say that it moved"
-)
+"""Standard deviations that fix the background, over the prior's."""
+FIXED_BACKGROUND_NOTE = "the background was fixed where it was in the reference: the radiographs do not show a motion"
 
 
 def fixed_unless_moved(
@@ -53,6 +51,6 @@ def fixed_unless_moved(
 
 
 def correlated_pixels(target: Target) -> float:
-    """Pixels over which the filter correlates noise: sums of filtered squares count each of them so many times."""
+    """Effective number of pixels over which the filter correlates noise."""
     kernel = target.kernel.astype(float)
     return float(1.0 / (2 * (kernel**2).sum() - kernel[0] ** 2) ** 2)

@@ -133,12 +133,12 @@ def _verdict(fit: _GrainFit, covariance: Float, limits: tuple[float, float]) -> 
     if fit.disturbed:
         return Status.NOT_CONVERGED, (
             f"a neighbour fits badly, and its own residual {fit.residual:.3g} is large enough for that to have shifted "
-            "it; mend the neighbour first: its label, a nearer start, more views"
+            "it; correct the neighbour first: its label, a nearer start, more views"
         )
     names = poorly_determined(covariance, limits)
     if names:
         rotations = any(name.startswith("rotation") for name in names)
-        cause = "the views, or a shape as round as this, do not tell" if rotations else "the views do not tell"
+        cause = "the views, or so round a shape, do not determine it" if rotations else "the views do not determine it"
         return Status.POORLY_DETERMINED, (
             f"poorly determined: {', '.join(names)}; {cause}, take more views or other angles, or use the rest alone"
         )

@@ -39,9 +39,9 @@ SAME_PLACE_VOXELS = 0.2
 ATTEMPT_TOLERANCE = 0.01
 """Voxels: tolerance of attempts."""
 MAX_VAIN_ATTEMPTS = 2
-"""Attempts without a better end after which to give up, where a good fit is proof."""
+"""Attempts without improvement after which the search ends, where a good fit is proof."""
 MIN_GRAINS_FOR_FIELD = 8
-"""Twice the unknowns of a component of an affine field."""
+"""Grains to which an affine field is fitted, at least: twice the unknowns of each of its components."""
 FIELD_REFITS = 20
 """Reweighted solutions, after which the weights hardly change."""
 MIN_CONFIRMED_SHARE = 0.9
@@ -156,10 +156,9 @@ class _Placement:
 def affine_field_through(pose: Pose, grains: GrainArrays, field_pose: Pose) -> Pose:
     """All grains where an affine field puts them that fits most of a pose, with the rotations of ``field_pose``.
 
-    It serves every second of the narrow attempts, which planar samples alone have in number.  The smooth field that
-    brought the grains near is bent by the grains that it could not reach; once most grains are in their places, their
-    own field shows better where the others are to be sought.  Sums of distances, not of squares, are minimised (by
-    reweighting), so that grains in wrong places count little.  Few grains have no field of their own.
+    Every second narrow attempt searches around it.  The smooth field that brought the grains near is distorted by those
+    that it did not capture; once most grains are in their places, a field through them predicts the others better.
+    Distances, not squares, are summed and minimised (by reweighting), so that misplaced grains count little.
     """
     if len(grains) < MIN_GRAINS_FOR_FIELD:
         return field_pose

@@ -41,7 +41,7 @@ def starting_pose(grains: GrainSet, start: Motions | None) -> Pose:
     known = np.all(np.isfinite(np.hstack([translations, rotations])), axis=1)
     if not known.any():
         return pose
-    # The start's centres may differ from ours by what another segmentation cut off.
+    # The start may come from another segmentation, whose centres differ a little.
     matrices = rotation_matrix(np.where(known[:, None], rotations, 0.0))
     shifted = recenter(matrices, np.nan_to_num(translations), start.centers[order], grains.centers)
     return Pose(np.where(known[:, None], shifted, shifted[known].mean(axis=0)), matrices)
@@ -50,7 +50,7 @@ def starting_pose(grains: GrainSet, start: Motions | None) -> Pose:
 def initialise(fit: MultistageFit, pose: Pose, fields: list[Pose]) -> Pose:
     """The pose from which the free stages start well: after one of the smooth ``fields``, or after the given pose.
 
-    A smooth field that carries the sample far can mislead grains that moved little and each its own way.  So a first
+    A smooth field that moves the sample far can misplace grains that moved little, each in its own way.  So a first
     free stage starts from the last field; only if too many grains then fit badly, it starts from the earlier fields,
     the one body and the plain start as well, and the lowest cost counts.
     """

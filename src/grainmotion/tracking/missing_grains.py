@@ -1,6 +1,6 @@
 """Missing grains: those whose projection is not on the radiographs (fallen out, carried off the detector, or broken).
 
-Such a grain misleads the others: they move, and gain and offset bend, to make up for what it attenuates in the
+Such a grain disturbs the others: they move, and gain and offset change, to make up for attenuation that is in the
 simulation alone.  With P its line integrals and r the residual at unit gain,
 
     support = 1 + r·P / ‖P‖²
@@ -28,13 +28,12 @@ MIN_SUPPORT = 0.6
 MAX_SINGLE_SUSPECTS = 4
 """Suspects up to which each is left out alone."""
 MAX_GRAINS_ALL_TRIED = 16
-"""Grains up to which each is left out in turn when most are in doubt; beyond, one cannot carry all others away, and
-trials without it begin where the others are."""
+"""Largest sample of which each grain is left out in turn when most are in doubt; in a larger one a missing grain
+disturbs only its neighbours, and trials without it start from the poses reached."""
 MIN_PLAUSIBLE_GAIN, LACKING_GRAIN_SHARE = 0.4, 0.3
-"""Between this gain and 1 less so much of a grain's share of all attenuation, the fitted gain lacks one grain (a third
-of it at least, by what the others cover of it)."""
+"""A fitted gain between the first number and 1 − (second number)/n suggests that one of n grains is missing."""
 MISSING_MASS, BROKEN_SUPPORT, INTACT_MASS = 0.4, 0.4, (0.7, 1.3)
-"""Mass below which a grain is missing; support and mass of one whose matter is there in another shape."""
+"""Mass below which a grain is missing; support above which, and mass between which, it is there but broken."""
 MISSING_REASON = (
     "its shadow is not on the radiographs: the others fit better without it; check whether it is still there"
 )

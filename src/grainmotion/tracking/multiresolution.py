@@ -1,7 +1,7 @@
 """Radiographs of larger pixels and grains of larger voxels, for stages whose filter leaves nothing finer.
 
 Under a Gaussian filter of σ pixels rays σ apart hold as much information as rays one apart, at 1/σ² of their cost;
-voxels as large shorten the path along each ray alike.
+voxels as large save as much along each ray.
 """
 
 from __future__ import annotations

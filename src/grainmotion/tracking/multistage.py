@@ -32,10 +32,10 @@ INITIAL_STOPPING = Stopping(iterations=20, step=0.1, decrease=0.05)
 COARSE_STOPPING = Stopping(iterations=8, step=0.02, decrease=0.1, straggler_distance=1.0, forcing=0.1)
 """For stages that a narrower filter follows."""
 LIT_SHARE = 0.05
-"""Share of the largest line integral from which a pixel shows something."""
+"""Share of the largest line integral from which a pixel shows the sample."""
 DECREASE_PER_UNKNOWN, DEFAULT_TOLERANCE = 3e-3, 2e-3
-"""A decrease ends the last stage below so many times each unknown's share of the cost, at a tolerance of so many
-voxels; it goes with the tolerance squared."""
+"""Decrease of the cost, over one unknown's share of it, that ends the last stage at the default tolerance (voxels); it
+goes with the square of the tolerance."""
 STRAGGLER_VOXELS, MAX_STRAGGLER_SHARE = 0.1, 1e-3
 """No decrease ends the last stage while more than this share of the grains moves further than these voxels; those
 that still do are reported as moving."""
@@ -127,7 +127,7 @@ class MultistageFit:
             self.progress(message, min(done, self.expected_stages), self.expected_stages)
 
     def observer(self, target: Target, name: str) -> Callable[[float], None]:
-        """Begin a stage: what the solver calls with each cost, to be recorded and reported under the stage's name."""
+        """Begin a stage, and return the callback that records and reports each cost under the stage's name."""
         norm, stage = dot(target.measured, target.measured) or 1.0, self.stages_done
 
         def observe(cost: float) -> None:
@@ -139,13 +139,13 @@ class MultistageFit:
         return observe
 
     def coarse_stopping(self, tolerance: float | None = None) -> Stopping:
-        """When a stage ends that a narrower filter follows."""
+        """Stopping criteria of a stage that a narrower filter follows."""
         tolerance = self.settings.tolerance if tolerance is None else tolerance
         iterations = min(COARSE_STOPPING.iterations, self.settings.iterations)
         return replace(COARSE_STOPPING, iterations=iterations, step=max(tolerance, COARSE_STOPPING.step))
 
     def fine_stopping(self, tolerance: float | None = None) -> Stopping:
-        """When a last stage ends: no grain moves further than the tolerance, or all by little of their sd.
+        """Stopping criteria of a last stage: no grain moves further than the tolerance, or all by little of their sd.
 
         ½‖r‖² over the number of pixels is the decrease by one unknown that moves by its standard deviation.
         """
@@ -175,11 +175,11 @@ class MultistageFit:
 
 
 def lit_pixels(target: Target) -> int:
-    """Good pixels that show something."""
+    """Number of good pixels that show the sample."""
     images = np.abs(target.scan.line_integrals)
     return int(((images > LIT_SHARE * images.max(initial=0.0)) & (target.valid > 0)).sum())
 
 
 def pixels_per_unknown(grains: GrainArrays, target: Target) -> float:
-    """Good pixels that show something, over the number of unknowns."""
+    """Good pixels that show the sample, over the number of unknowns."""
     return lit_pixels(target) / ((3 if planar(grains, target.scan.geometry) else 6) * len(grains))

@@ -31,11 +31,11 @@ RESIDUAL_FILTER_RADII, PLACE_STEP_RADII, PLACE_MARGIN_RADII = 0.5, 0.5, 1.5
 """In grain radii: the width of the filter on residuals, the distance between the places that are tried, and how far
 they reach beyond the box of the grains' centres."""
 UNEXPLAINED_SHARE = 0.3
-"""Of a grain's line integrals: the unexplained ones that are reported."""
+"""Unexplained line integrals that are reported, as a share of a grain's."""
 MAX_NEW_GRAINS = 5
-"""Places reported."""
+"""Places reported at most."""
 SURPLUS_GAIN_SHARE = 0.3
-"""Of one grain's share of all attenuation: the fitted gain exceeds 1 by as much where a grain has appeared."""
+"""Excess of the fitted gain over 1 where a grain has appeared, over one grain's share of all attenuation."""
 MIN_DOUBTFUL_SHARE = 0.3
 """Share of grains that must be in doubt before a new grain is supposed."""
 
@@ -52,11 +52,11 @@ def unexplained_notes(problem: StateProblem, pose: Pose, evaluation: Evaluation)
 def unexplained_places(
     problem: StateProblem, pose: Pose, evaluation: Evaluation
 ) -> list[tuple[float, float, float, float]]:
-    """Those places, mm, x y z, and the share of a grain's line integrals that is unexplained there."""
+    """Places of unexplained attenuation (mm, x y z), and its line integrals there over those of a grain."""
     grains, geometry = problem.grains, problem.target.scan.geometry
     radius = float(np.median(grains.radii))
-    paths = misfits(problem, evaluation).rms_line_integrals
-    usual = float(np.nanmedian(paths)) if np.isfinite(paths).any() else 0.0
+    of_grains = misfits(problem, evaluation).rms_line_integrals
+    usual = float(np.nanmedian(of_grains)) if np.isfinite(of_grains).any() else 0.0
     if usual <= 0 or len(problem.target.scan) < 2:
         return []
     centers = grains.centers + pose.translations
@@ -91,7 +91,7 @@ def may_have_appeared(measured: Motions) -> bool:
 
 
 def place_of_new_grain(fit: MultistageFit, start: Pose) -> Float | None:
-    """Where most attenuation is unexplained once a smooth field has carried the grains, mm, x y z; None if nowhere."""
+    """Place of the most unexplained attenuation after the smooth fields, mm, x y z; None if there is none."""
     pose = smooth_fields(fit, start)[-1]
     problem = StateProblem(fit.grains, fit.filtered_target(fit.settings.filters[0]))
     places = unexplained_places(problem, pose, problem.evaluate(pose))
@@ -132,7 +132,7 @@ def without_last(measured: Motions) -> Motions:
     x, y, z = measured.centers[-1] + np.nan_to_num(measured.translations[-1])
     note = (
         f"a grain has appeared near x = {x:.3g}, y = {y:.3g}, z = {z:.3g}: a ball stands in for it so that it does "
-        "not shake the others; check the reference for it"
+        "not disturb the others; check the reference for it"
     )
     others = measured.for_grains(measured.labels[:-1], measured.centers[:-1])
     return replace(others, fit=replace(others.fit, notes=(*others.fit.notes, note)))

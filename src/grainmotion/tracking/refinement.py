@@ -66,7 +66,7 @@ def refine(fit: MultistageFit, field_pose: Pose, problem: StateProblem, solution
     problem, solution, misalignment, notes = _align_views(fit, problem, solution)
     problem, solution, downweighted = _reweight(fit, problem, solution)
     grain_covariances, nuisance_covariance, hessian = _covariances(problem, fit.grains, solution.state)
-    if misalignment.clearly:
+    if misalignment.significant:
         grain_covariances += common_motion(problem, solution.state, misalignment)
     weak, posterior = weak_directions(grain_covariances, problem.grains), grain_covariances
     if weak.flags.any():
@@ -92,10 +92,10 @@ def _align_views(
     if corrections == "never" or planar(problem.grains, problem.target.scan.geometry):
         return problem, solution, ViewMisalignment(), []
     misalignment = view_misalignment(problem, solution.state)
-    if corrections != "always" and not misalignment.clearly:
+    if corrections != "always" and not misalignment.significant:
         return problem, solution, misalignment, []
     refusal = alignment_refusal(problem, solution.state)
-    notes = [misalignment.note] * misalignment.clearly + [refusal] * bool(refusal)
+    notes = [misalignment.note] * misalignment.significant + [refusal] * bool(refusal)
     if not refusal:
         problem = with_view_poses(problem, solution.state)
         observe = fit.observer(problem.target, "poses of views")
@@ -118,7 +118,7 @@ def _reweight(
         problem = replace(problem, target=target)
         observe = fit.observer(problem.target, f"weights {k + 1}")
         solution = gauss_newton(problem, solution.state, fit.fine_stopping(), observe)
-    if settings.loss == "poisson":  # the radiographs again, with which all that follows compares
+    if settings.loss == "poisson":  # covariances and statuses need the radiographs again
         problem = replace(problem, target=replace(plain, weights=problem.target.weights, sigma=0.0))
     return problem, solution, downweighted
 

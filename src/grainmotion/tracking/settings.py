@@ -14,18 +14,12 @@ from grainmotion.objective.data_term import Derivatives
 from grainmotion.objective.response_parameters import Gain, ResponseModel
 from grainmotion.uncertainty.noise_model import Loss, Weights
 
-
-def _gain_name(gain: object) -> object:
-    """True and false by the names of what they mean."""
-    return {True: "global", False: "none"}[gain] if isinstance(gain, bool) else gain
-
-
 Corrections = Literal["never", "auto", "always"]
 
 
-def _corrections_name(corrections: object) -> object:
-    """True and false by the names of what they mean."""
-    return {True: "always", False: "never"}[corrections] if isinstance(corrections, bool) else corrections
+def _named(on: str, off: str) -> BeforeValidator:
+    """Accept true and false for the names of two options."""
+    return BeforeValidator(lambda value: {True: on, False: off}[value] if isinstance(value, bool) else value)
 
 
 @validated
@@ -41,8 +35,7 @@ class TrackSettings:
     filters: Annotated[
         tuple[float, ...],
         Field(
-            min_length=1,
-            description="Gaussian widths of the free stages in turn, pixels, for grains 45 pixels across",
+            min_length=1, description="Gaussian widths of the free stages in turn, pixels, for grains 45 pixels across"
         ),
     ] = (6.0, 2.0, 0.7)
     field_filter: Annotated[float, Field(ge=0, description="the same for the stages of one body and smooth field")] = (
@@ -56,7 +49,7 @@ class TrackSettings:
     ] = True
     gain: Annotated[
         Gain,
-        BeforeValidator(_gain_name),
+        _named(on="global", off="none"),
         Field(description="gain and offset (a, b of Eq. 22) to eliminate: none, one for all views, one a view"),
     ] = "global"
     trend: Annotated[
@@ -69,12 +62,11 @@ class TrackSettings:
         Weights, Field(description="of pixels: all alike, or by the estimated photon noise and model error")
     ] = "uniform"
     loss: Annotated[
-        Loss,
-        Field(description="least squares, Huber's loss against outliers, or the likelihood of Poisson counts"),
+        Loss, Field(description="least squares, Huber's loss against outliers, or the likelihood of Poisson counts")
     ] = "squares"
     view_corrections: Annotated[
         Corrections,
-        BeforeValidator(_corrections_name),
+        _named(on="always", off="never"),
         Field(
             description="estimate each view's own panel shift and stage angle: always, never, or once the views "
             "contradict each other; refused with a sentence where the views cannot determine them"

@@ -27,7 +27,7 @@ from grainmotion.rotations import rotation_matrix, rotation_vector
 from grainmotion.tracking.multiresolution import coarsened
 
 ANNEALING_FILTER = 0.7
-"""Pixels of the coarse radiographs."""
+"""Width of the Gaussian filter, pixels of the coarse radiographs."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class SearchRanges:
 
 
 MAX_CANDIDATES = 256, 512
-"""Rotations and shifts weighed at a visit, at most."""
+"""Rotations and shifts that are compared at a visit, at most."""
 MAX_TABLE_NUMBERS, MIN_TABLE_ROTATIONS = 2**27, 32
 """Numbers in the table of patches; rotations in it however many grains there are."""
 BALL_HULL_SCALE = 1.02

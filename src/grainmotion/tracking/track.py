@@ -120,7 +120,7 @@ def track_with_residual(
 
 @dataclass(frozen=True, eq=False)
 class _Job:
-    """What one attempt tracks, from where and how."""
+    """Input of one attempt."""
 
     grains: GrainSet
     scan: Scan
@@ -136,7 +136,7 @@ class _Job:
 
 @dataclass(frozen=True, eq=False)
 class _Attempt:
-    """Motions, how much of each grain's footprint the radiographs support ``(n,)``, and what is left of them."""
+    """Motions, how far the radiographs support each grain ``(n,)``, and the residual radiographs."""
 
     motions: Motions
     supports: Float
@@ -208,7 +208,7 @@ def _attempt(job: _Job) -> _Attempt:
 
 
 def _unsolved(grains: GrainSet, error: np.linalg.LinAlgError) -> Motions:
-    """No motion of any grain, and why."""
+    """Unknown motions of all grains, and the reason."""
     reason = f"the equations of this state could not be solved ({error}); please report it, with these radiographs"
     nothing = np.full((len(grains), 3), np.nan)
     still = Motions.identity(grains.labels, grains.centers)

@@ -1,7 +1,7 @@
 """View alignment: whether views are out of place, whether their poses can be identified, and what stays unknown.
 
 A correction of every view (its detector's shift along u and v, its stage's angle) is identifiable beside the grains'
-motions only in part: four combinations do what a motion of the whole sample does, and are taken as such.
+motions only in part: four combinations have the effect of a motion of the whole sample, and are attributed to that.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ MIN_VIEWS_FOR_ALIGNMENT = 3
 IMITATED_MOTIONS = (0, 1, 2, 5)
 """Motions of the whole sample that corrections of all views imitate: its translations, and its rotation about z."""
 MIN_SINGULAR_VALUE = 1e-6
-"""Of the largest: imitations that differ by less are one, as far as single precision shows."""
+"""Singular values below this share of the largest are zero within single precision."""
 IDENTIFIABLE_VARIANCE_RATIO = 4.0
 """A combination of corrections is identifiable if prior variance / posterior variance exceeds this."""
 CONTRADICTION_CHI2 = 15.0
-"""χ² over its degrees of freedom from which views contradict each other: 1 to 10 where they stand right, since
+"""χ² over its degrees of freedom from which views contradict each other: 1 to 10 where they are right, since
 residuals are not all noise, 500 and more where they are off by a third of a pixel."""
 MIN_MISALIGNMENT = 0.12
 """Pixels below which views are left alone: real residuals imitate 0.1 (`examples/savu`), and the part that cannot be
@@ -54,7 +54,7 @@ class ViewMisalignment:
     pixels_per_radian: float = 0.0
 
     @property
-    def clearly(self) -> bool:
+    def significant(self) -> bool:
         """Whether the views contradict each other by more than residuals explain."""
         largest = max(self.shift, self.angle * self.pixels_per_radian)
         return self.evidence > CONTRADICTION_CHI2 and largest > MIN_MISALIGNMENT
@@ -65,7 +65,7 @@ class ViewMisalignment:
         return (
             f"the views contradict each other as if out of place by {self.shift:.2f} pixel and "
             f"{np.rad2deg(self.angle):.2f} degree: check the geometry; what a motion of the whole sample imitates of "
-            "it cannot be told, and is in the standard deviations"
+            "it cannot be identified, and is in the standard deviations"
         )
 
 
@@ -93,12 +93,12 @@ def view_misalignment(problem: StateProblem, pose: Pose) -> ViewMisalignment:
 
 
 def _spread(values: Float, freedom: int) -> float:
-    """Standard deviation to reckon with from a few values, the larger the fewer they are."""
+    """Standard deviation of a few values, raised for their small number."""
     return float(np.sqrt((values**2).sum() / freedom * (freedom + 2) / freedom))
 
 
 def common_motion(problem: StateProblem, pose: Pose, misalignment: ViewMisalignment) -> Float:
-    """Covariances ``(n, 6, 6)`` of what misaligned views and a motion of the whole sample do alike."""
+    """Covariances ``(n, 6, 6)`` by the part of a misalignment that a motion of the whole sample imitates."""
     views = len(problem.target.scan)
     nuisance = problem.target.nuisance
     shift, angle = misalignment.shift / nuisance.view_shift_sd_pixels, misalignment.angle / nuisance.view_angle_sd
@@ -118,20 +118,20 @@ def alignment_refusal(problem: StateProblem, pose: Pose) -> str:
     views = len(problem.target.scan)
     if views < MIN_VIEWS_FOR_ALIGNMENT:
         return (
-            f"view corrections refused: {views} views cannot tell them from the sample's own motion; "
+            f"view corrections refused: {views} views do not distinguish them from the sample's motion; "
             f"take {MIN_VIEWS_FOR_ALIGNMENT} or more"
         )
     identifiable, count = identifiable_combinations(problem, pose)
     if identifiable < count:
         return (
             f"view corrections refused: of {count} combinations that no motion of the sample imitates only "
-            f"{identifiable} can be told; take more views, or views with more grains on them"
+            f"{identifiable} can be identified; take more views, or views with more grains on them"
         )
     return ""
 
 
 def with_view_poses(problem: StateProblem, pose: Pose) -> StateProblem:
-    """The same problem with poses of views unknown, but for what a motion of the whole sample does as well."""
+    """The same problem with unknown poses of views, without those that a motion of the whole sample imitates."""
     nuisance, combinations = replace(problem.target.nuisance, views=True), imitated_corrections(problem, pose)
     norms = np.linalg.norm(combinations, axis=0)
     gauge = np.linalg.qr(combinations[:, norms > 0] / norms[norms > 0])[0]  # motions that no view sees need no gauge
@@ -141,7 +141,7 @@ def with_view_poses(problem: StateProblem, pose: Pose) -> StateProblem:
 
 
 def imitated_corrections(problem: StateProblem, pose: Pose) -> Float:
-    """Corrections ``(3 views, 4)``, in the prior's deviations, that do what a unit of the sample's motions does."""
+    """Corrections ``(3 views, 4)``, in the prior's deviations, with the effect of a unit of the sample's motions."""
     nuisance = replace(problem.target.nuisance, views=True, background=False, gauge=None)
     trial = replace(problem, target=replace(problem.target, nuisance=nuisance))
     evaluation = trial.evaluate_with_derivatives(pose)
@@ -167,12 +167,12 @@ def identifiable_combinations(problem: StateProblem, pose: Pose) -> tuple[int, i
 
 def _explained(trial: StateProblem, pose: Pose, at: Linearization) -> tuple[float, Float]:
     """Twice the decrease of the cost by the nuisance unknowns, all motions being free, and their step."""
-    few = len(at.corner) - len(at.border_gradient)
-    without = replace(at, border=at.border[:, :few], corner=at.corner[:few, :few], border_gradient=np.zeros(0))
-    both, alone = damped_step(at, 0.0), damped_step(without, 0.0)
-    step = both[len(at.gradient) :]
+    k = len(at.corner) - len(at.border_gradient)  # unknowns of the response
+    without = replace(at, border=at.border[:, :k], corner=at.corner[:k, :k], border_gradient=np.zeros(0))
+    full_step, motion_step = damped_step(at, 0.0), damped_step(without, 0.0)
+    step = full_step[len(at.gradient) :]
     precisions, _ = nuisance_prior(trial.target, pose)
-    decrease = predicted_decrease(at, both, 0.0) - predicted_decrease(without, alone, 0.0)
+    decrease = predicted_decrease(at, full_step, 0.0) - predicted_decrease(without, motion_step, 0.0)
     return max(2 * decrease - float(step @ precisions @ step), 0.0), step
 
 
@@ -180,8 +180,8 @@ def _information(trial: StateProblem, pose: Pose, at: Linearization) -> Float:
     """Information on the nuisance unknowns with all motions free, without their prior."""
     precisions, _ = nuisance_prior(trial.target, pose)
     complement = at.corner - at.border.T @ inverse(at.hessian, 0.0)(at.border)
-    few = len(complement) - len(precisions)
-    own: Float = complement[few:, few:] - precisions
-    if few:
-        own = own - complement[few:, :few] @ pseudo_inverse(complement[:few, :few]) @ complement[:few, few:]
-    return own
+    k = len(complement) - len(precisions)  # unknowns of the response
+    information: Float = complement[k:, k:] - precisions
+    if k:
+        information = information - complement[k:, :k] @ pseudo_inverse(complement[:k, :k]) @ complement[:k, k:]
+    return information

@@ -28,15 +28,15 @@ from grainmotion.solvers.semidefinite import pseudo_inverse
 from grainmotion.uncertainty.noise_model import noise_model, open_beam
 
 MIN_RESIDUAL_SHARE = 2e-3
-"""Of the radiographs' rms: no residual is trusted to be smaller; no radiograph and no voxel image is better."""
+"""Smallest residual that is trusted, as a share of the radiographs' rms: voxel images are no better."""
 OUTLIER_SD = 4.0
 """Standard deviations to which residuals are cut when the model error is estimated."""
 STRUCTURE_FILTER = 2.0
 """Pixels: width of the filter that separates structure from noise in unexplained residuals."""
 NOISE_DRAWS, OWN_BLOCK_DRAWS = 16, 8.0
-"""Noises drawn for many grains, and the number of draws that the shape of a grain's own block counts for."""
+"""Realisations of noise for many grains, and how many of them the shape of a grain's own block counts for."""
 NOISE_SOLVE_TOLERANCE = 3e-3
-"""Relative residual to which each is solved."""
+"""Relative residual to which the equations of each realisation are solved."""
 MIN_REPORTED_EIGENVALUE = 1e-6
 """Eigenvalue of the scaled normal matrices up to which a direction is reported as undetermined: its standard deviation
 is 1,000 times the best one's.  The solver still steps along it, down to `semidefinite.RESOLVED_EIGENVALUE`."""
@@ -62,12 +62,13 @@ def exact_covariances(
     target: Target, evaluation: LinearizedEvaluation, columns: Columns, at: Linearization, variances: Float
 ) -> tuple[Float, Float]:
     """A⁻¹ M A⁻¹ of all grains together, and of the nuisance unknowns."""
-    own, both, few = propagated_noise(target, evaluation, columns, variances)
+    own, cross, of_columns = propagated_noise(target, evaluation, columns, variances)
     n, free = len(at.gradient) // 6, len(at.border_gradient)
-    hessian, noise, border, corner = (np.asarray(m) for m in (_dense(at.hessian), _dense(own), at.border, at.corner))
+    assert isinstance(at.hessian, sparse.bsr_array)
+    hessian, noise, border, corner = at.hessian.toarray(), own.toarray(), at.border, at.corner
     across = pseudo_inverse(corner) @ border.T
-    mixed = both @ across
-    noise = noise - mixed - mixed.T + across.T @ few @ across
+    mixed = cross @ across
+    noise = noise - mixed - mixed.T + across.T @ of_columns @ across
     inverse_a, undetermined = regular_inverse(hessian - border @ across)
     full = inverse_a @ noise @ inverse_a + float(np.mean(variances)) * undetermined
     grains = np.stack([full[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] for k in range(n)])
@@ -75,15 +76,15 @@ def exact_covariances(
         return grains, np.zeros((0, 0))
     across = inverse(at.hessian, 0.0)(border)
     inverse_a, _ = regular_inverse(corner - border.T @ across)
-    mixed = both.T @ across
-    full = inverse_a @ (few - mixed - mixed.T + across.T @ (own @ across)) @ inverse_a
+    mixed = cross.T @ across
+    full = inverse_a @ (of_columns - mixed - mixed.T + across.T @ (own @ across)) @ inverse_a
     return grains, full[-free:, -free:]
 
 
 def sampled_covariances(
     target: Target, evaluation: LinearizedEvaluation, columns: Columns, at: Linearization, variances: Float
 ) -> tuple[Float, Float]:
-    """The same from drawn noise.
+    """As `exact_covariances`, from realisations of the noise.
 
     With K draws, S their covariance of one grain and s G the inverse of its own block scaled to them, it is
     (K S + `OWN_BLOCK_DRAWS` s G) / (K + `OWN_BLOCK_DRAWS`): standard deviations are then right to some 10 %.
@@ -95,11 +96,11 @@ def sampled_covariances(
     for _ in range(NOISE_DRAWS):
         drawn = spreads * rng.standard_normal(spreads.shape)
         noise.add(target.filtered(drawn.astype(target.precision)), shared=True)
-    few = np.array([columns.dot(images) for images in noise.stacks]).T
-    right = noise.border(evaluation.jacobian) - at.border @ (corner_inverse @ few)
+    on_columns = np.array([columns.dot(images) for images in noise.stacks]).T
+    right = noise.border(evaluation.jacobian) - at.border @ (corner_inverse @ on_columns)
     errors = conjugate_gradients(product, blocks, right, NOISE_SOLVE_TOLERANCE)
     own = errors.T.reshape(NOISE_DRAWS, n, 6)
-    nuisance = (corner_inverse @ (few - at.border.T @ errors))[len(few) - free :].T
+    nuisance = (corner_inverse @ (on_columns - at.border.T @ errors))[len(on_columns) - free :].T
     informations = diagonal_blocks(at.hessian)
     alone, undetermined = zip(*(regular_inverse(block) for block in informations), strict=True)
     size: Float = (np.einsum("nij,knj->kni", informations, own) * own).sum(axis=(0, 2)) / (6 * NOISE_DRAWS)
@@ -107,10 +108,6 @@ def sampled_covariances(
     grains = np.einsum("kni,knj->nij", own, own) + OWN_BLOCK_DRAWS * shape
     grains = grains / (NOISE_DRAWS + OWN_BLOCK_DRAWS) + float(np.mean(variances)) * np.array(undetermined)
     return grains, nuisance.T @ nuisance / NOISE_DRAWS
-
-
-def _dense(matrix: Hessian) -> Float:
-    return matrix.toarray() if isinstance(matrix, sparse.bsr_array) else np.asarray(matrix)
 
 
 def pixel_variances(target: Target, evaluation: LinearizedEvaluation) -> Float:

@@ -48,8 +48,8 @@ class Misfits:
     @property
     def usual(self) -> float:
         """The misfit that grains of this sample have, as a share of their line integrals."""
-        known = self._in_crowd[np.isfinite(self._in_crowd)]
-        return min(float(np.median(known)), MAX_USUAL_MISFIT) if len(known) else 0.0
+        finite = self._in_crowd[np.isfinite(self._in_crowd)]
+        return min(float(np.median(finite)), MAX_USUAL_MISFIT) if len(finite) else 0.0
 
     @property
     def shares(self) -> Float:
@@ -112,7 +112,7 @@ def misfits(problem: StateProblem, evaluation: Evaluation) -> Misfits:
 
 
 def misregistered_grains(problem: StateProblem, pose: Pose) -> NDArray[np.bool_]:
-    """Grains that some view sees and that fit badly at a pose, pixel by pixel, ``(n,)``."""
+    """Misregistered grains at a pose that are on some radiograph, ``(n,)``."""
     evaluation = problem.evaluate(pose)
     return misfits(problem, evaluation).misregistered & (evaluation.patches.seen.mean(axis=1) > 0)
 
@@ -121,8 +121,8 @@ def response_corrected_scan(problem: StateProblem, pose: Pose) -> Scan:
     """The radiographs as a perfect detector would show them, so that one grain can be fitted alone."""
     evaluation, scan = problem.evaluate(pose), problem.target.scan
     gains = evaluation.response.polynomial[:, 0]
-    if not ((gains > 0.5) & (gains < 2)).all():  # no beam drifts so far: what was fitted is not a gain
+    if not ((gains > 0.5) & (gains < 2)).all():  # no beam drifts so far, so the fitted number is not a gain
         return scan
     path = evaluation.line_integrals
-    slope = np.maximum(evaluation.response.derivative(path), 0.1)
-    return replace(scan, line_integrals=path + evaluation.raw_residual / slope)
+    derivative = np.maximum(evaluation.response.derivative(path), 0.1)
+    return replace(scan, line_integrals=path + evaluation.raw_residual / derivative)

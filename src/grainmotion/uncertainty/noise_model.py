@@ -56,7 +56,7 @@ class NoiseModel:
         return self.photon_variance(modelled, beam) + self.even**2 + self.edge**2 * squared_gradient(modelled)
 
     def photon_variance(self, modelled: Image, beam: Image | float) -> Float:
-        """The photons' share of it."""
+        """The part of v that is due to photons."""
         return np.exp(np.clip(modelled, -MAX_LINE_INTEGRAL, MAX_LINE_INTEGRAL).astype(float)) / (
             self.photons * np.asarray(beam, float)
         )
@@ -75,8 +75,8 @@ def noise_model(target: Target, evaluation: Evaluation, clip: float = np.inf) ->
     columns = np.stack([np.ones(len(squares)), squared_gradient(modelled)[shaded]], axis=1)
     even = edge = 0.0
     for _ in range(VARIANCE_REFITS if np.isfinite(clip) else 1):
-        most = clip**2 * np.maximum(known + columns @ [even, edge], 1e-12)
-        even, edge = nnls(columns.T @ columns, columns.T @ (np.minimum(squares, most) - known))[0]
+        limit = clip**2 * np.maximum(known + columns @ [even, edge], 1e-12)
+        even, edge = nnls(columns.T @ columns, columns.T @ (np.minimum(squares, limit) - known))[0]
     return NoiseModel(photons, float(np.sqrt(even + white)), float(np.sqrt(edge)))
 
 
@@ -95,9 +95,9 @@ def noise_shares(raw: Image, unit: Float, good: NDArray[np.bool_]) -> tuple[floa
     edges = np.geomspace(units.min(), units.max() * (1 + 1e-9), NOISE_CLASSES + 1)
     place = np.clip(np.searchsorted(edges, units, side="right") - 1, 0, NOISE_CLASSES - 1)
     classes = [place == k for k in np.unique(place)]
-    rows = np.array([[units[mine].mean(), 1.0] for mine in classes])
-    values = np.array([np.median(squares[mine]) / MEDIAN_NORMAL_SQUARE for mine in classes])
-    roots = np.sqrt([mine.sum() for mine in classes])
+    rows = np.array([[units[members].mean(), 1.0] for members in classes])
+    values = np.array([np.median(squares[members]) / MEDIAN_NORMAL_SQUARE for members in classes])
+    roots = np.sqrt([members.sum() for members in classes])
     share = white = 0.0
     fitted = rows[:, 0]
     for _ in range(VARIANCE_REFITS):  # the error of a variance goes with the fitted one: a small class may show none
@@ -115,12 +115,12 @@ def noise_level(scan: Scan) -> float:
 
 
 def _second_differences(images: Image) -> Image:
-    """Along rows: smooth images leave nothing of themselves in them, and six times the variance of the noise."""
+    """Second differences along rows: zero of a smooth image, and of six times the variance of the noise."""
     return images[:, :, 2:] - 2 * images[:, :, 1:-1] + images[:, :, :-2]
 
 
 def shaded_pixels(target: Target, evaluation: Evaluation) -> NDArray[np.bool_]:
-    """Pixels that count and on which something is simulated."""
+    """Pixels that count and lie in a simulated footprint."""
     largest = max(float(evaluation.line_integrals.max(initial=0.0)), 1e-30)
     return (target.valid > 0) & (evaluation.line_integrals > SHADED_SHARE * largest)
 

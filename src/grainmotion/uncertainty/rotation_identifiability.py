@@ -41,11 +41,11 @@ TRIAL_RIM_SHIFT, MAX_TRIAL_ROTATION = 4.0, 0.5
 CONFIRMED_SHARE = 0.9
 """Confirmed share from which a rotation is identifiable."""
 UNCONFIRMED_SHARE, INCOHERENT_SHARE = 0.5, 0.3
-"""Confirmed share below which it is not; between the two it is not if it is less coherent than this."""
+"""A rotation is not identifiable below this confirmed share, nor below `CONFIRMED_SHARE` if less coherent than this."""
 GRAINS_PER_BATCH = 256
 """Grains treated together, so that memory does not grow with their number."""
 UNIFORM_ANGLE_VARIANCE = np.pi**2 / 3
-"""Variance of an angle of which nothing is known."""
+"""Variance of an angle that may have any value."""
 
 
 def unconfirmed_rotations(problem: StateProblem, pose: Pose, evaluation: Evaluation) -> Float:
@@ -60,7 +60,7 @@ def unconfirmed_rotations(problem: StateProblem, pose: Pose, evaluation: Evaluat
 
 @dataclass(frozen=True, eq=False)
 class _ProjectionSetup:
-    """How grains are projected; ``middle (3,)`` is that of all grains, so that a patch is the same in any batch."""
+    """How grains are projected; ``middle (3,)`` is the mean centre of all grains, so that batches do not matter."""
 
     geometry: Geometry
     projector: Projector
@@ -71,7 +71,7 @@ class _ProjectionSetup:
 def _unconfirmed_in_batches(
     grains: GrainArrays, pose: Pose, images: tuple[Image, ...], setup: _ProjectionSetup
 ) -> Float:
-    """The same of some grains, batch by batch."""
+    """`unconfirmed_rotations` of some grains, batch by batch."""
     n, (factor, residual) = len(grains), images
     batches = [np.arange(k, min(k + GRAINS_PER_BATCH, n)) for k in range(0, n, GRAINS_PER_BATCH)]
     return np.concatenate([_unconfirmed(grains, pose, factor, residual, setup, rows) for rows in batches])
@@ -80,23 +80,24 @@ def _unconfirmed_in_batches(
 def _unconfirmed(
     grains: GrainArrays, pose: Pose, factor: Image, residual: Image, setup: _ProjectionSetup, rows: NDArray[np.int64]
 ) -> Float:
-    """The same of ``rows``.  Rotations to one side confirm most grains; both sides are tried for the others."""
+    """Those of ``rows``.  Rotations to one side confirm most grains; both sides are tried for the others."""
     trials = _TrialRotations.of(grains, pose, factor, setup, rows)
     squares, dots = trials.changes_and_products(1, residual)
     with np.errstate(divide="ignore", invalid="ignore"):
-        clear = (1 - 2 * dots / squares >= CONFIRMED_SHARE).all(axis=1)
-    doubtful = np.nonzero(~clear)[0]
+        identifiable = (1 - 2 * dots / squares >= CONFIRMED_SHARE).all(axis=1)
+    doubtful = np.nonzero(~identifiable)[0]
     out = np.zeros((len(rows), 3, 3))
     if not len(doubtful):
         return out
-    both = _TrialRotations.of(grains, pose, factor, setup, rows[doubtful]) if len(doubtful) < len(rows) else trials
-    others = both.changes_and_products(-1, residual)
+    if len(doubtful) < len(rows):
+        trials = _TrialRotations.of(grains, pose, factor, setup, rows[doubtful])
+    others = trials.changes_and_products(-1, residual)
     squares, dots = squares[doubtful] + others[0], dots[doubtful] + others[1]
     with np.errstate(divide="ignore", invalid="ignore"):
         confirmed = 1 - 2 * dots / squares
-        coherent = squares / (2 * both.angles[:, None] ** 2 * both.information)
+        coherent = squares / (2 * trials.angles[:, None] ** 2 * trials.information)
     free = (confirmed < UNCONFIRMED_SHARE) | ((confirmed < CONFIRMED_SHARE) & (coherent < INCOHERENT_SHARE))
-    out[doubtful] = UNIFORM_ANGLE_VARIANCE * np.einsum("nia,na,nja->nij", both.axes, free.astype(float), both.axes)
+    out[doubtful] = UNIFORM_ANGLE_VARIANCE * np.einsum("nia,na,nja->nij", trials.axes, free.astype(float), trials.axes)
     return out
 
 
