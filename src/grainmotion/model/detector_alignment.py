@@ -57,8 +57,7 @@ def circular_views(
 ) -> Float:
     """The 12-vectors of a circular scan.
 
-    ``start`` is the source of the view at 0° of a ``cone`` beam, else the direction of the rays; ``center`` is that of
-    the panel.
+    ``start`` is the source at 0° of a ``cone`` beam, else the direction of the rays; ``center`` is the panel's.
     """
     panel = panel or DetectorAlignment()
     angles = np.atleast_1d(np.asarray(angles_deg, dtype=float))

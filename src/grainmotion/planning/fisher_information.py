@@ -147,7 +147,7 @@ class Candidates:
         return covariances
 
     def surface_sd(self, covariances: Float) -> Float:
-        """Root mean square displacement ``(n,)`` of each grain's surface, a component, mm.
+        """Root mean square displacement ``(n,)`` of each grain's surface per component, mm.
 
         A point y of a sphere of radius r moves by u + δ × y: on average over the sphere its mean square is
         tr cov(u) + ⅔ r² tr cov(δ), divided here by the three components.

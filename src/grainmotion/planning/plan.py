@@ -47,7 +47,7 @@ class ViewSet:
     covariances : (n, 6, 6) array
         Of (u, δ) of each grain, mm and radians.
     surface_sd : (n,) array
-        Predicted sd of each grain's surface, a component, mm.
+        Predicted sd of each grain's surface per component, mm.
     room : (2,) array
         How far the sample may move across and along the axis before a projection leaves the detector, mm.
     capture : Capture

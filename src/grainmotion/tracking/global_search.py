@@ -154,7 +154,7 @@ class _Placement:
 
 
 def affine_field_through(pose: Pose, grains: GrainArrays, field_pose: Pose) -> Pose:
-    """All grains where an affine field puts them that fits most of a pose, with the rotations of ``field_pose``.
+    """Translations by an affine field fitted robustly to a pose, with the rotations of ``field_pose``.
 
     Every second narrow attempt searches around it.  The smooth field that brought the grains near is distorted by those
     that it did not capture; once most grains are in their places, a field through them predicts the others better.

@@ -48,7 +48,7 @@ def starting_pose(grains: GrainSet, start: Motions | None) -> Pose:
 
 
 def initialise(fit: MultistageFit, pose: Pose, fields: list[Pose]) -> Pose:
-    """The pose from which the free stages start well: after one of the smooth ``fields``, or after the given pose.
+    """The pose from which the free stages start: the best after one of the smooth ``fields`` or the given pose.
 
     A smooth field that moves the sample far can misplace grains that moved little, each in its own way.  So a first
     free stage starts from the last field; only if too many grains then fit badly, it starts from the earlier fields,

@@ -100,7 +100,7 @@ class MultistageFit:
     def filtered_target(self, width: float, response_model: ResponseModel | None = None) -> Target:
         """The radiographs under a filter of ``width`` pixels, scaled to the grains but for widths below 1.
 
-        ``response_model`` says what of the response is unknown; by default what is while grains are far.
+        ``response_model`` are the unknowns of the response, by default those of early stages (`while_far`).
         """
         sigma = max(width * self.filter_scale, 0.7) if width >= 1 else width
         return replace(

@@ -136,7 +136,7 @@ def propagated_noise(
 def excess_factors(problem: StateProblem, evaluation: LinearizedEvaluation, variances: Float) -> Float:
     """Factor on each grain's covariance for residuals beyond the variances of its pixels, at least 1, ``(n,)``.
 
-    Residuals beyond the variances are no noise but a broken neighbour, hardening, or the like.  They are correlated
+    Residuals beyond the variances come from a broken neighbour, hardening, or the like.  They are correlated
     over as many pixels as a Gaussian filter preserves them, relative to what it preserves of noise.
     """
     valid = problem.target.valid

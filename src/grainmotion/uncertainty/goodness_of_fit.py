@@ -73,8 +73,8 @@ class Misfits:
     def misregistered_in_crowd(self) -> NDArray[np.bool_]:
         """Misregistered grains whose misfit is large beside all line integrals on their rays, too.
 
-        Early on no grain is in its place to a fraction of a voxel, and the misfits of all in a crowd can hide a
-        misregistered one, or look like one; this criterion shows whether they are near.
+        Early on all grains are off by fractions of a voxel, and the misfits of a crowd can hide or imitate a
+        misregistered grain; this criterion only shows whether all are near.
         """
         in_crowd = self._in_crowd
         return self.misregistered & (~np.isfinite(in_crowd) | (in_crowd > MISFIT_OVER_USUAL * MAX_USUAL_MISFIT))
