@@ -1,4 +1,4 @@
-"""Motions that come of a pose, as if the solver had ended there: for statuses and covariances."""
+"""Helpers that classify a given pose as if the solver had ended there: for tests of statuses and covariances."""
 
 import numpy as np
 
@@ -41,7 +41,7 @@ def problem_of(scan, grains=GRAINS, sigma=0.7, gain=True):
 
 
 def classified(scan, pose, grains=GRAINS, limits=LIMITS, settled=True, last_step=None, ambiguous=None, **target):
-    """The verdict on a pose, as if the solver had ended there."""
+    """Motions and statuses of a pose, as if the solver had ended there."""
     problem = problem_of(scan, grains, **target)
     at = problem.linearize(pose)
     step = np.zeros(6 * len(grains)) if last_step is None else last_step
@@ -51,9 +51,11 @@ def classified(scan, pose, grains=GRAINS, limits=LIMITS, settled=True, last_step
 
 
 def refined(problem, solution):
-    """A solution with its covariances, nothing held."""
+    """A solution with its covariances; no direction has a prior."""
     evaluation = problem.evaluate_with_derivatives(solution.state)
     hessian = normal_matrix(evaluation.jacobian)
-    known, _ = covariances(problem, solution.state, evaluation, hessian)
-    known[:, 3:, 3:] += unconfirmed_rotations(problem, solution.state, evaluation)
-    return RefinedFit(problem, solution, known, weak_directions(known, problem.grains).posterior())
+    covariance_blocks, _ = covariances(problem, solution.state, evaluation, hessian)
+    covariance_blocks[:, 3:, 3:] += unconfirmed_rotations(problem, solution.state, evaluation)
+    return RefinedFit(
+        problem, solution, covariance_blocks, weak_directions(covariance_blocks, problem.grains).posterior()
+    )

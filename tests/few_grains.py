@@ -1,4 +1,4 @@
-"""A few small grains and radiographs of them, by the package's own projector: for tests that measure no accuracy."""
+"""A few small grains and radiographs of them by the package's own projector, for tests that measure no accuracy."""
 
 from __future__ import annotations
 
@@ -35,24 +35,24 @@ def grain_set(count: int = 5, sphere: int | None = None, seed: int = 0, finer: i
     z, y, x = np.meshgrid(*((np.arange(n) - (n - 1) / 2) * VOXEL for n in (46, 44, 52)), indexing="ij")
     volume, labels = np.zeros(x.shape, np.float32), np.zeros(x.shape, np.int32)
     for label, place in enumerate(PLACES[:count], start=1):
-        p = np.stack([x - place[0], y - place[1], z - place[2]], axis=-1)
+        offsets = np.stack([x - place[0], y - place[1], z - place[2]], axis=-1)
         normals = rng.normal(size=(9, 3))
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         distances = rng.uniform(0.6, 1.0, 9) * RADIUS
-        ball = np.linalg.norm(p, axis=-1) - RADIUS
+        ball = np.linalg.norm(offsets, axis=-1) - RADIUS
         if label == sphere:
             outside, texture = ball, 1.0
         else:
-            outside = np.maximum((p @ normals.T - distances).max(axis=-1), ball)
-            texture = 1 + 0.8 * (np.linalg.norm(p - 0.3 * RADIUS * normals[0], axis=-1) < 0.3 * RADIUS)
-        mine = texture * np.clip(0.5 - outside / VOXEL, 0, 1)
-        labels[mine > volume] = label
-        volume = np.maximum(volume, mine)
+            outside = np.maximum((offsets @ normals.T - distances).max(axis=-1), ball)
+            texture = 1 + 0.8 * (np.linalg.norm(offsets - 0.3 * RADIUS * normals[0], axis=-1) < 0.3 * RADIUS)
+        attenuation = texture * np.clip(0.5 - outside / VOXEL, 0, 1)
+        labels[attenuation > volume] = label
+        volume = np.maximum(volume, attenuation)
     return grains_from_labels(Volume(volume, VOXEL), labels, reach=0, finer=finer)
 
 
 def blob(x0, y0, z0, a, b, c) -> np.ndarray:
-    """A smooth oblique body on a grid of its own: finite differences of its radiographs are near their derivatives."""
+    """A smooth oblique body on its own grid: finite differences of its radiographs are close to the derivatives."""
     z, y, x = np.mgrid[:46, :44, :52].astype(float)
     across = y - y0 - 0.3 * (x - x0)
     array = np.exp(-(((x - x0) / a) ** 2 + (across / b) ** 2 + ((z - z0) / c) ** 2) / 2)
@@ -60,7 +60,7 @@ def blob(x0, y0, z0, a, b, c) -> np.ndarray:
 
 
 def smooth_grains() -> GrainSet:
-    """Two lumps, one behind the other in some views."""
+    """Two smooth bodies, one behind the other in some views."""
     both = [blob(16, 20, 20, 3.5, 3, 3.5), blob(33, 24, 25, 3, 3.5, 3)]
     labels = np.where(both[0] > both[1], 1, np.where(both[1] > 0, 2, 0))
     return grains_from_labels(Volume(both[0] + both[1], VOXEL), labels, reach=0, finer=1)

@@ -1,4 +1,4 @@
-"""A block of many small grains and a state of it, by the package's own projector: for costs that grow with n."""
+"""A block of many small grains and radiographs of it, by the package's own projector: for tests of memory and work."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ def block(side: int, seed: int = 0) -> GrainSet:
     for label, corner in enumerate(np.ndindex(side, side, side), start=1):
         normals = rng.normal(size=(9, 3))
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        out = (np.stack([x, y, z], axis=-1) @ normals.T - rng.uniform(2.0, 3.2, 9)).max(axis=-1)
-        out = np.maximum(out, np.sqrt(x**2 + y**2 + z**2) - 3.4)
+        outside = (np.stack([x, y, z], axis=-1) @ normals.T - rng.uniform(2.0, 3.2, 9)).max(axis=-1)
+        outside = np.maximum(outside, np.sqrt(x**2 + y**2 + z**2) - 3.4)
         box = tuple(slice(2 + ACROSS * c, 2 + ACROSS * (c + 1)) for c in corner)
-        array[box] = np.clip(0.5 - out, 0, 1)
+        array[box] = np.clip(0.5 - outside, 0, 1)
         labels[box] = np.where(array[box] > 0, label, 0)
     return grains_from_labels(Volume(array, VOXEL), labels, reach=0, finer=1)
 

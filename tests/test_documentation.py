@@ -39,15 +39,15 @@ def modules() -> dict[str, Path]:
 @cache
 def definitions(path: Path) -> dict[str, set[str]]:
     """Names that a module defines at its top; of classes, the names in their body and of ``self``."""
-    found: dict[str, set[str]] = {}
+    names: dict[str, set[str]] = {}
     for node in ast.parse(path.read_text()).body:
         inner = set()
         if isinstance(node, ast.ClassDef):
             inner = {name for child in node.body for name in bound(child)}
             inner |= {n.attr for n in ast.walk(node) if isinstance(n, ast.Attribute) and isinstance(n.ctx, ast.Store)}
             inner |= {name for base in node.bases for name in inherited(base)}
-        found |= {name: inner for name in bound(node)}
-    return found
+        names |= {name: inner for name in bound(node)}
+    return names
 
 
 def inherited(base: ast.expr) -> set[str]:
@@ -89,15 +89,15 @@ def exists(name: str) -> bool:
             return True
         if head in inside and (not rest or rest in inside[head]):
             return True
-        for known in {module, module.rpartition(".")[2]} - {""}:
-            first, _, attribute = name.removeprefix(f"{known}.").partition(".")
-            if name.startswith(f"{known}.") and first in inside and (not attribute or attribute in inside[first]):
+        for prefix in {module, module.rpartition(".")[2]} - {""}:
+            first, _, attribute = name.removeprefix(f"{prefix}.").partition(".")
+            if name.startswith(f"{prefix}.") and first in inside and (not attribute or attribute in inside[first]):
                 return True
     return not rest and any(head in members for path in modules().values() for members in definitions(path).values())
 
 
 @pytest.mark.parametrize(
-    ("name", "known"),
+    ("name", "expected"),
     [
         ("tracking/multistage.py", True),
         ("tracking.track", True),
@@ -112,8 +112,8 @@ def exists(name: str) -> bool:
         ("nothing", False),
     ],
 )
-def test_names_are_resolved(name, known):
-    assert exists(name) is known
+def test_names_are_resolved(name, expected):
+    assert exists(name) is expected
 
 
 def test_architecture_names_what_exists():

@@ -1,4 +1,4 @@
-"""Errors: which class each is, how settings report a wrong value, and that all parts reach another process."""
+"""Errors: their base classes, how settings report a wrong value, and pickling."""
 
 import pickle
 
@@ -8,7 +8,7 @@ import grainmotion as gm
 
 
 @pytest.mark.parametrize(("kind", "builtin"), [(gm.InputError, ValueError), (gm.BackendError, RuntimeError)])
-def test_errors_are_also_the_builtin_kind_and_pickle_whole(kind, builtin):
+def test_errors_are_builtin_errors_too_and_keep_their_parts_when_pickled(kind, builtin):
     error = pickle.loads(pickle.dumps(kind("here", "fact", "remedy")))
     assert isinstance(error, builtin)
     assert isinstance(error, gm.GrainmotionError)
@@ -34,11 +34,11 @@ def test_a_wrong_setting_is_named(record, wrong, where):
     assert raised.value.where == where
 
 
-def test_a_wrong_setting_by_place_is_named():
+def test_a_wrong_positional_setting_is_named():
     with pytest.raises(gm.InputError, match=r"ReconstructSettings\.projector: .*got 'wavy'"):
         gm.ReconstructSettings("wavy")
 
 
-def test_a_record_keeps_its_own_sentence():
+def test_a_record_s_own_message_is_kept():
     with pytest.raises(gm.InputError, match="the first must be 1"):
         gm.Hardening((2.0,))

@@ -1,4 +1,4 @@
-"""Rigid motions obey the laws of their group."""
+"""Rotations and rigid motions (`grainmotion.rotations`): exponential, logarithm, composition, change of centre."""
 
 import numpy as np
 import pytest
@@ -33,14 +33,14 @@ class TestRotations:
         r = rotation_matrix(w)
         assert_close(r @ r.T, np.eye(3))
         assert np.linalg.det(r) == pytest.approx(1)
-        assert_close(r @ w, w)  # the axis stays
+        assert_close(r @ w, w)  # the axis is fixed
 
     @given(rotation_vectors)
     def test_log_undoes_exp(self, w):
         assert_close(rotation_vector(rotation_matrix(w)), w, 1e-9)
 
     @given(arrays(float, 3, elements=st.floats(-20, 20)))
-    def test_exp_undoes_log_for_any_turn(self, w):
+    def test_exp_undoes_log_for_any_rotation(self, w):
         r = rotation_matrix(w)
         assert np.linalg.norm(rotation_vector(r)) <= np.pi + 1e-12
         assert_close(rotation_matrix(rotation_vector(r)), r, 1e-7)
@@ -81,13 +81,13 @@ class TestRotations:
         assert rotation_matrix(np.zeros((0, 3))).shape == (0, 3, 3)
         assert rotation_vector(np.zeros((0, 3, 3))).shape == (0, 3)
 
-    def test_unknown_rotations_stay_unknown_and_alone(self):
+    def test_nan_rotations_stay_nan_and_affect_no_others(self):
         w = np.array([[0.1, 0.2, 0.3], [np.nan] * 3, [-1.0, 0.0, 0.5]])
         r = rotation_matrix(w)
         assert np.isnan(r[1]).all()
-        back = rotation_vector(r)
-        assert np.isnan(back[1]).all()
-        assert_close(back[[0, 2]], w[[0, 2]])
+        vectors_again = rotation_vector(r)
+        assert np.isnan(vectors_again[1]).all()
+        assert_close(vectors_again[[0, 2]], w[[0, 2]])
 
 
 class TestGroup:
@@ -99,8 +99,8 @@ class TestGroup:
 
     @given(motions, vectors, vectors)
     def test_inverse(self, a, center, point):
-        there = apply_motion(*a, center, point)
-        assert_close(apply_motion(*inverse(a), center, there), point, 1e-9)
+        moved = apply_motion(*a, center, point)
+        assert_close(apply_motion(*inverse(a), center, moved), point, 1e-9)
 
     @given(motions, vectors, vectors, vectors)
     def test_recentred_motion_is_the_same_motion(self, a, old, new, point):

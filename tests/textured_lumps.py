@@ -1,4 +1,4 @@
-"""Four textured lumps, radiographs of them and what is fitted to these: for tests of the objective."""
+"""Four textured grains, radiographs of them and their data term: for tests of the objective."""
 
 import numpy as np
 from scipy import ndimage
@@ -26,7 +26,7 @@ GEOMETRY = Geometry.cone([0.0, 55.0, 100.0], PANEL, 0.4, source_to_axis=30, sour
 
 
 def lumps():
-    """Four textured lumps; the last one is away from the others."""
+    """Four textured cubes; the last one is away from the others."""
     rng = np.random.default_rng(0)
     array = np.zeros((26, 12, 34), np.float32)
     labels = np.zeros(array.shape, np.int32)
@@ -37,7 +37,7 @@ def lumps():
 
 
 def smooth_lumps():
-    """Two long Gaussian lumps side by side, which no voxel's edge disturbs."""
+    """Two long Gaussian bodies side by side, smooth from voxel to voxel."""
     z, y, x = np.mgrid[:24, :20, :36].astype(float)
     left = 2 * np.exp(-(((x - 10) / 2.5) ** 2 + ((y - 10 - 0.3 * (x - 10)) / 1.8) ** 2 + ((z - 12) / 3) ** 2) / 2)
     right = 2 * np.exp(-(((x - 25) / 2) ** 2 + ((y - 9) / 2.5) ** 2 + ((z - 12 + 0.4 * (x - 25)) / 2) ** 2) / 2)

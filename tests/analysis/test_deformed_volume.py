@@ -1,4 +1,4 @@
-"""The rebuilt configuration: identity, conservation of mass, the motion's own place, labels."""
+"""Volume of the deformed configuration (`analysis.deformed_volume`): identity, mass, motions, labels."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def mass_center(volume: Volume) -> np.ndarray:
 
 
 class TestIdentity:
-    def test_a_grain_on_its_own_grid_comes_back_voxel_for_voxel(self, sample, still):
+    def test_an_unmoved_grain_on_its_own_grid_is_unchanged(self, sample, still):
         grain = sample.grains[0]
         alone = GrainSet((grain,))
         motions = Motions.identity(alone.labels, alone.centers)
@@ -88,12 +88,12 @@ class TestIdentity:
 class TestMotion:
     @pytest.mark.parametrize("rotation_deg", [(0, 0, 90), (25, -40, 10), (5, 170, 3)])
     def test_rotation_conserves_mass_and_centre(self, sample, still, grid, rotation_deg):
-        turned = replace(still, rotations=np.deg2rad([rotation_deg, rotation_deg]))
-        before, after = rebuild(sample, still, grid)[0], rebuild(sample, turned, grid)[0]
+        rotated = replace(still, rotations=np.deg2rad([rotation_deg, rotation_deg]))
+        before, after = rebuild(sample, still, grid)[0], rebuild(sample, rotated, grid)[0]
         assert after.array.sum() == pytest.approx(before.array.sum(), rel=1e-3)
         np.testing.assert_allclose(mass_center(after), mass_center(before), atol=2e-3 * H)
 
-    def test_a_moved_sphere_lands_where_the_motion_says(self, sample, grid):
+    def test_a_sphere_is_moved_to_its_place(self, sample, grid):
         sphere = GrainSet((sample.grains[1],))
         u = np.array([[-0.234, 0.311, -0.152]])
         motions = replace(
@@ -107,8 +107,8 @@ class TestMotion:
         np.testing.assert_allclose(mass_center(volume), expected, atol=5e-3 * H)
         np.testing.assert_allclose(positions(volume)[labels == 7].mean(0), expected, atol=0.05 * H)
 
-    def test_the_sense_of_rotation_is_the_right_hand(self, grid):
-        """A quarter turn about z carries a bar along x to a bar along y, its heavy +x end to +y."""
+    def test_rotations_are_right_handed(self, grid):
+        """A rotation by 90° about z moves a bar along x to y, with its denser +x end at +y."""
         bar = np.zeros((9, 9, 15), np.float32)
         bar[3:6, 3:6, 3:11] = 1
         bar[3:6, 3:6, 11] = 5
@@ -135,14 +135,14 @@ class TestLabels:
         np.testing.assert_array_equal(np.roll(before == 7, (1, -3), axis=(0, 1)), after == 7)
         assert after.dtype == np.int32
 
-    def test_the_larger_contribution_owns_a_shared_voxel(self, sample, still, grid):
-        """The denser sphere pushed into the ellipsoid keeps all of its own voxels."""
+    def test_a_shared_voxel_has_the_label_of_the_larger_contribution(self, sample, still, grid):
+        """The denser sphere overlaps the ellipsoid and keeps all of its voxels."""
         pushed = replace(still, translations=np.array([[0.0, 0.0, 0.0], [-0.5, 0.0, 0.0]]))
-        _, alone = rebuild(GrainSet(sample.grains[1:]), _rows(pushed, [1]), grid)
+        _, alone = rebuild(GrainSet(sample.grains[1:]), select_rows(pushed, [1]), grid)
         _, both = rebuild(sample, pushed, grid)
         np.testing.assert_array_equal(both == 7, alone == 7)
 
-    def test_a_dense_inclusion_and_a_halo_leave_the_typical_attenuation_alone(self):
+    def test_typical_attenuation_does_not_depend_on_an_inclusion_or_a_halo(self):
         array = np.zeros((12, 12, 12), np.float32)
         array[2:10, 2:10, 2:10] = 0.1
         array[3:9, 3:9, 3:9] = 1.0
@@ -150,11 +150,11 @@ class TestLabels:
         assert typical_attenuation(Grain(1, Volume(array, H), np.zeros(3))) == pytest.approx(1.0)
 
 
-class TestLeftOut:
+class TestOmittedGrains:
     @pytest.mark.parametrize("status", ["left-field", "not-fitted"])
     def test_by_status(self, sample, still, grid, status):
-        gone = replace(still, statuses=np.array([status, "converged"], dtype="<U20"))
-        _, labels = rebuild(sample, gone, grid)
+        motions = replace(still, statuses=np.array([status, "converged"], dtype="<U20"))
+        _, labels = rebuild(sample, motions, grid)
         assert set(np.unique(labels)) == {0, 7}
 
     @pytest.mark.parametrize("part", ["translations", "rotations"])
@@ -169,12 +169,12 @@ class TestLeftOut:
         assert set(np.unique(rebuild(sample, away, grid)[1])) == {0, 7}
 
     def test_an_unknown_label_is_an_error(self, sample, grid):
-        stranger = Motions.identity(np.array([99]), np.zeros((1, 3)))
+        other_motions = Motions.identity(np.array([99]), np.zeros((1, 3)))
         with pytest.raises(InputError, match=r"\[99\]"):
-            rebuild(sample, stranger, grid)
+            rebuild(sample, other_motions, grid)
 
 
-def _rows(motions: Motions, rows: list[int]) -> Motions:
+def select_rows(motions: Motions, rows: list[int]) -> Motions:
     parts = (
         "labels",
         "centers",

@@ -1,4 +1,4 @@
-"""What motions leave of radiographs: measured less what the model shows, with all that was found of the state."""
+"""Residual images (`analysis.residual_images`): measured minus simulated, with all fitted parameters of the state."""
 
 from dataclasses import replace
 
@@ -38,14 +38,14 @@ def fitted(**fit):
     return replace(TRUTH, fit=StateFit(**fit))
 
 
-class TestLeftover:
+class TestResidualImages:
     def test_gain_and_offset(self):
         images = 1.1 * simulate_radiographs(GRAINS, TRUTH, geometry()) + 0.03
-        found = residual_images(GRAINS, fitted(gain=1.1, offset=0.03), Scan(images + NOISE, geometry()))
-        np.testing.assert_allclose(found, NOISE, atol=1e-5)
+        residual = residual_images(GRAINS, fitted(gain=1.1, offset=0.03), Scan(images + NOISE, geometry()))
+        np.testing.assert_allclose(residual, NOISE, atol=1e-5)
 
-    def test_everything_at_once(self):
-        """Gains, backgrounds and hardening of each view, corrected views, and a wall that moved."""
+    def test_all_parameters_together(self):
+        """Gain, background and hardening of each view, corrected views, and a moved wall."""
         at = NuisanceMotion(ViewCorrections.of(CORRECTIONS), BACKGROUND[:3], rotation_matrix(BACKGROUND[3:]))
         views = corrected_geometry(geometry(), at)
         path = simulate_radiographs(GRAINS, TRUTH, views)
@@ -58,7 +58,7 @@ class TestLeftover:
             worse = replace(motions, fit=replace(motions.fit, **{name: None}))
             assert np.abs(residual_images(grains, worse, scan) - NOISE).max() > 0.05, name
 
-    def test_a_background_that_stays(self):
+    def test_a_fixed_background(self):
         grains = GrainSet(GRAINS.grains, wall())
         scan = Scan(simulate_radiographs(grains, TRUTH, geometry()) + NOISE, geometry())
         np.testing.assert_allclose(residual_images(grains, TRUTH, scan), NOISE, atol=1e-4)
@@ -66,28 +66,28 @@ class TestLeftover:
     def test_masked_pixels_are_nan(self):
         valid = np.random.default_rng(1).uniform(size=NOISE.shape) > 0.1
         scan = Scan(np.where(valid, simulate_radiographs(GRAINS, TRUTH, geometry()), 9), geometry(), valid)
-        found = residual_images(GRAINS, TRUTH, scan)
-        np.testing.assert_array_equal(np.isnan(found), ~valid)
-        assert np.nanmax(np.abs(found)) < 1e-5
+        residual = residual_images(GRAINS, TRUTH, scan)
+        np.testing.assert_array_equal(np.isnan(residual), ~valid)
+        assert np.nanmax(np.abs(residual)) < 1e-5
 
-    def test_unknown_grains_are_left_over(self):
+    def test_grains_without_a_motion_are_not_subtracted(self):
         scan = Scan(simulate_radiographs(GRAINS, TRUTH, geometry()), geometry())
-        lost = replace(TRUTH, translations=np.where([[False], [True], [False]], np.nan, TRUTH.translations))
+        without_motion = replace(TRUTH, translations=np.where([[False], [True], [False]], np.nan, TRUTH.translations))
         alone = GRAINS.without([0, 2])
-        own = replace(
+        own_motion = replace(
             TRUTH, labels=TRUTH.labels[1:2], centers=TRUTH.centers[1:2], translations=TRUTH.translations[1:2],
             rotations=TRUTH.rotations[1:2], covariances=TRUTH.covariances[1:2], statuses=TRUTH.statuses[1:2],
             residuals=TRUTH.residuals[1:2], iterations=TRUTH.iterations[1:2], reasons=("",),
         )  # fmt: skip
-        expected = simulate_radiographs(alone, own, geometry())
-        np.testing.assert_allclose(residual_images(GRAINS, lost, scan), expected, atol=1e-5)
+        expected = simulate_radiographs(alone, own_motion, geometry())
+        np.testing.assert_allclose(residual_images(GRAINS, without_motion, scan), expected, atol=1e-5)
 
     @pytest.mark.parametrize("projector", ["trilinear", "exact"])
-    def test_projector(self, projector):
+    def test_residual_is_zero_for_both_projectors(self, projector):
         scan = Scan(simulate_radiographs(GRAINS, TRUTH, geometry(), projector=projector), geometry())
         np.testing.assert_allclose(residual_images(GRAINS, TRUTH, scan, projector=projector), 0, atol=1e-6)
 
-    def test_the_scan_is_left_alone(self):
+    def test_the_scan_is_not_changed(self):
         valid = np.random.default_rng(1).uniform(size=NOISE.shape) > 0.1
         scan = Scan(np.abs(NOISE), geometry(), valid)
         before = scan.line_integrals.copy()

@@ -1,4 +1,4 @@
-"""compare: errors of composed motions, pairing, failures."""
+"""Comparison with true motions (`analysis.validation`): errors of composed motions, pairing, failures."""
 
 import dataclasses
 
@@ -63,17 +63,19 @@ def test_same_motion_about_another_centre_has_no_error(truth):
 
 def test_error_is_the_motion_composed_after_the_true_one(truth):
     rng = np.random.default_rng(2)
-    wrong_turn, wrong_shift = 0.02 * rng.normal(size=(27, 3)), 0.01 * rng.normal(size=(27, 3))
+    rotation_errors, shift_errors = 0.02 * rng.normal(size=(27, 3)), 0.01 * rng.normal(size=(27, 3))
     measured = make(
-        truth.centers, truth.translations + wrong_shift, rotation_vector(rotation_matrix(wrong_turn) @ truth.matrices)
+        truth.centers,
+        truth.translations + shift_errors,
+        rotation_vector(rotation_matrix(rotation_errors) @ truth.matrices),
     )
     result = compare(measured, truth, 0.1)
-    assert np.allclose(result.rotation_errors_deg, np.rad2deg(wrong_turn))
-    assert np.allclose(result.translation_errors, wrong_shift)
-    assert result.translation_rms_voxels == pytest.approx(np.sqrt((wrong_shift**2).mean()) / 0.1)
+    assert np.allclose(result.rotation_errors_deg, np.rad2deg(rotation_errors))
+    assert np.allclose(result.translation_errors, shift_errors)
+    assert result.translation_rms_voxels == pytest.approx(np.sqrt((shift_errors**2).mean()) / 0.1)
 
 
-def test_pairs_are_found_whatever_the_order_and_labels(truth):
+def test_grains_are_paired_independent_of_order_and_labels(truth):
     order = np.random.default_rng(3).permutation(27)
     measured = make(truth.centers[order], truth.translations[order], truth.rotations[order], labels=np.arange(100, 127))
     result = compare(measured, truth, 0.1)
@@ -95,7 +97,7 @@ def test_missing_and_spurious_grains_are_counted(truth):
     assert result.translation_rms < 1e-12
 
 
-def test_failures_are_lost_far_off_or_not_converged(truth):
+def test_failures_are_large_errors_or_not_converged(truth):
     translations, rotations = truth.translations.copy(), truth.rotations.copy()
     translations[0, 0] += 0.11  # 1.1 voxels
     translations[1, 0] += 0.09
@@ -110,7 +112,7 @@ def test_failures_are_lost_far_off_or_not_converged(truth):
     assert np.flatnonzero(strict.failed).tolist() == [0, 1, 3]
 
 
-def test_nothing_measured_is_all_missing(truth):
+def test_without_measured_grains_all_are_missing(truth):
     result = compare(subset(truth, []), truth, 0.1)
     assert result.missing == result.failures == 27
     assert np.isnan(result.translation_rms)

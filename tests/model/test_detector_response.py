@@ -1,4 +1,4 @@
-"""The detector's response: what it shows of a line integral, and how steeply."""
+"""The detector's response (`model.detector_response`): values, derivative, monotonicity, refused shapes."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def response(degree=3, terms=6):
 class TestApply:
     @pytest.mark.parametrize("degree", [1, 2, 4])
     @pytest.mark.parametrize("terms", [0, 1, 3, 6])
-    def test_against_the_sum_itself(self, degree, terms):
+    def test_equals_the_sum_of_its_terms(self, degree, terms):
         p, m = paths(), response(degree, terms)
         y, x = np.meshgrid(np.linspace(-1, 1, 5), np.linspace(-1, 1, 7), indexing="ij")
         expected = sum(m.polynomial[:, k, None, None] * p ** (k + 1) for k in range(degree))
@@ -36,7 +36,7 @@ class TestApply:
         assert (Response.identity(3).gain, Response.identity(3).offset) == (1.0, 0.0)
 
     @pytest.mark.parametrize("dtype", [np.float32, np.float64])
-    def test_precision_is_that_of_the_radiographs_and_these_stay(self, dtype):
+    def test_result_has_the_precision_of_the_input_which_is_not_changed(self, dtype):
         p = paths(dtype)
         before = p.copy()
         assert response().apply(p).dtype == response().derivative(p).dtype == dtype
@@ -48,31 +48,31 @@ class TestApply:
         assert m.offset == pytest.approx(0.2)
 
 
-class TestSlope:
+class TestDerivative:
     @pytest.mark.parametrize("degree", [1, 2, 3, 4])
-    def test_finite_differences(self, degree):
+    def test_equals_finite_differences(self, degree):
         p, m, step = paths(), response(degree), 1e-5
         np.testing.assert_allclose(m.derivative(p), (m.apply(p + step) - m.apply(p - step)) / (2 * step), atol=1e-7)
 
 
 class TestMonotone:
-    def test_where_the_curve_bends_back(self):
+    def test_curve_is_not_monotone_beyond_its_maximum(self):
         """p − p²/5 rises to p = 2.5 and falls beyond."""
         m = Response(np.array([[1.0, 0.0], [1.0, -0.2]]), np.zeros((2, 0)))
         assert m.is_monotone(2.4)
         assert not m.is_monotone(2.6)
 
-    def test_one_view_is_enough_to_spoil_it(self):
+    def test_one_view_that_is_not_monotone_suffices(self):
         assert not Response(np.array([[1.0], [-0.1]]), np.zeros((2, 0))).is_monotone(1.0)
 
-    def test_nothing_simulated(self):
+    def test_monotone_on_an_empty_range(self):
         assert Response.identity(2).is_monotone(0.0)
         assert Response.identity(2).is_monotone(-1.0)
 
 
 class TestTerms:
     @pytest.mark.parametrize("count", TREND_TERMS.values())
-    def test_counts_and_corners(self, count):
+    def test_number_of_terms_and_values_at_a_corner(self, count):
         terms = trend_terms((4, 6), count)
         assert len(terms) == count
         assert [t[-1, 0] for t in terms] == [1, -1, 1, 1, -1, 1][:count]

@@ -1,4 +1,4 @@
-"""Where points of the sample fall on the panel, sign by sign."""
+"""Geometry (`model.geometry`): where points of the sample project on the panel, with every sign; refused input."""
 
 import numpy as np
 import pytest
@@ -23,35 +23,35 @@ def circular(beam="cone", angles=(0.0,), shape=SHAPE, panel=None, pixel=PIXEL):
     )
 
 
-def spot(geometry, point, view=0):
-    """Row and column at which a point falls."""
+def projected(geometry, point, view=0):
+    """Row and column to which a point projects."""
     return geometry.project_points(point)[view, 0]
 
 
-class TestPerfectSetUp:
+class TestPerfectAlignment:
     @pytest.mark.parametrize("beam", BEAMS)
     @pytest.mark.parametrize("shape", [(40, 60), (41, 61), (41, 60), (1, 1)], ids=str)
-    def test_the_axis_falls_on_the_geometric_centre(self, beam, shape):
+    def test_the_axis_projects_to_the_panel_s_centre(self, beam, shape):
         """Between two pixels when their number is even, on one when it is odd."""
         geometry = circular(beam, [0.0, 77.0], shape)
         np.testing.assert_allclose(
             geometry.project_points([0, 0, 0])[:, 0], [((shape[0] - 1) / 2, (shape[1] - 1) / 2)] * 2
         )
-        # the same said by the pixels themselves: they lie evenly about the panel's centre
+        # the same from the positions of the pixels: their mean is the panel's centre
         pixels = geometry.pixel_positions(1)
         assert pixels.shape == (*shape, 3)
         np.testing.assert_allclose(pixels.mean(axis=(0, 1)), geometry.vectors[1, 3:6], atol=1e-9)
 
     @pytest.mark.parametrize(("beam", "magnification"), [("cone", MAGNIFICATION), ("parallel", 1.0)])
-    def test_x_shows_as_columns_and_z_as_rows_magnified(self, beam, magnification):
+    def test_x_is_along_columns_and_z_along_rows_magnified(self, beam, magnification):
         geometry = circular(beam)
-        np.testing.assert_allclose(spot(geometry, [1, 0, 0]) - MIDDLE, [0, magnification / PIXEL])
-        np.testing.assert_allclose(spot(geometry, [0, 0, 1]) - MIDDLE, [magnification / PIXEL, 0])
+        np.testing.assert_allclose(projected(geometry, [1, 0, 0]) - MIDDLE, [0, magnification / PIXEL])
+        np.testing.assert_allclose(projected(geometry, [0, 0, 1]) - MIDDLE, [magnification / PIXEL, 0])
         assert geometry.pixel_at([0, 0, 0]) == pytest.approx(PIXEL / magnification)
 
     def test_a_point_nearer_to_the_source_is_magnified_more(self):
         geometry = circular()
-        np.testing.assert_allclose(spot(geometry, [1, -20, 0]) - MIDDLE, [0, 400 / 80 / PIXEL])
+        np.testing.assert_allclose(projected(geometry, [1, -20, 0]) - MIDDLE, [0, 400 / 80 / PIXEL])
         assert geometry.pixel_at([0, -20, 0]) == pytest.approx(PIXEL * 80 / 400)
 
     def test_a_point_on_the_right_comes_nearer_to_the_source_as_the_angle_grows(self):
@@ -62,50 +62,50 @@ class TestPerfectSetUp:
         assert columns[0] > columns[1] > columns[2] == pytest.approx(MIDDLE[1])
 
     @pytest.mark.parametrize("beam", BEAMS)
-    def test_a_turn_of_the_views_is_the_opposite_turn_of_the_sample(self, beam):
+    def test_rotating_the_views_is_rotating_the_sample_backwards(self, beam):
         points = np.random.default_rng(0).uniform(-8, 8, (20, 3))
-        turned = points @ rotation_matrix([0, 0, np.deg2rad(-37)]).T
-        seen = circular(beam, [37.0]).project_points(points)
-        np.testing.assert_allclose(seen, circular(beam, [0.0]).project_points(turned))
+        rotated = points @ rotation_matrix([0, 0, np.deg2rad(-37)]).T
+        pixels = circular(beam, [37.0]).project_points(points)
+        np.testing.assert_allclose(pixels, circular(beam, [0.0]).project_points(rotated))
 
     @pytest.mark.parametrize("beam", BEAMS)
-    def test_half_a_turn_mirrors_the_axis_plane(self, beam):
-        seen = circular(beam, [0.0, 180.0]).project_points([[3, 0, 2]])[:, 0]
-        np.testing.assert_allclose(seen[0] - MIDDLE, (seen[1] - MIDDLE) * [1, -1])
+    def test_a_rotation_by_180_degrees_mirrors_the_columns(self, beam):
+        pixels = circular(beam, [0.0, 180.0]).project_points([[3, 0, 2]])[:, 0]
+        np.testing.assert_allclose(pixels[0] - MIDDLE, (pixels[1] - MIDDLE) * [1, -1])
 
 
-class TestPanel:
-    """Each departure from the perfect set-up, as the move of a feature on the radiograph."""
+class TestDetectorAlignment:
+    """Each misalignment, as the displacement of a feature on the radiograph."""
 
     @pytest.mark.parametrize("beam", BEAMS)
     def test_offset_moves_features_to_lower_columns_and_rows(self, beam):
-        moved = spot(circular(beam, panel=DetectorAlignment(offset=(1.5, -2.0))), [0, 0, 0]) - MIDDLE
+        moved = projected(circular(beam, panel=DetectorAlignment(offset=(1.5, -2.0))), [0, 0, 0]) - MIDDLE
         np.testing.assert_allclose(moved, [2.0 / PIXEL, -1.5 / PIXEL], atol=1e-12)
 
     def test_offset_follows_the_rows_when_they_run_down(self):
-        moved = spot(circular(panel=DetectorAlignment(offset=(0, 2.0), first_row="top")), [0, 0, 0]) - MIDDLE
+        moved = projected(circular(panel=DetectorAlignment(offset=(0, 2.0), first_row="top")), [0, 0, 0]) - MIDDLE
         np.testing.assert_allclose(moved, [-2.0 / PIXEL, 0], atol=1e-12)
 
     @pytest.mark.parametrize("beam", BEAMS)
     def test_first_row(self, beam):
-        assert spot(circular(beam), [0, 0, 1])[0] > MIDDLE[0]
+        assert projected(circular(beam), [0, 0, 1])[0] > MIDDLE[0]
         top = circular(beam, panel=DetectorAlignment(first_row="top"))
-        assert spot(top, [0, 0, 1])[0] < MIDDLE[0]
-        np.testing.assert_allclose(spot(top, [1, 0, 0]), spot(circular(beam), [1, 0, 0]))
+        assert projected(top, [0, 0, 1])[0] < MIDDLE[0]
+        np.testing.assert_allclose(projected(top, [1, 0, 0]), projected(circular(beam), [1, 0, 0]))
 
     def test_pitch_brings_the_upper_edge_nearer_to_the_source(self):
-        """A positive turn about x tips z towards −y: features above the centre move closer to it, below away."""
+        """A positive rotation about x tips z towards −y: features above the centre approach it."""
         geometry = circular(panel=DetectorAlignment(tilts_deg=(10.0, 0, 0)))
         upper, lower = geometry.pixel_positions(0)[[-1, 0], 30]
         assert upper[1] < lower[1]  # row 39 is the upper one; it is nearer to the source
-        above, below = spot(geometry, [0, 0, 2]) - MIDDLE, MIDDLE - spot(geometry, [0, 0, -2])
+        above, below = projected(geometry, [0, 0, 2]) - MIDDLE, MIDDLE - projected(geometry, [0, 0, -2])
         assert 0 < above[0] < below[0]
 
-    def test_in_plane_turn(self):
-        """A positive turn about the beam (+y) moves +x to −z on the panel: features to the right show higher."""
+    def test_in_plane_rotation(self):
+        """A positive rotation about the beam (+y) moves +x to −z: features to the right appear higher."""
         geometry = circular(panel=DetectorAlignment(tilts_deg=(0, 5.0, 0)))
         assert geometry.vectors[0, 8] < 0
-        right = spot(geometry, [2, 0, 0]) - MIDDLE
+        right = projected(geometry, [2, 0, 0]) - MIDDLE
         angle = np.deg2rad(5)
         np.testing.assert_allclose(right, 2 * MAGNIFICATION / PIXEL * np.array([np.sin(angle), np.cos(angle)]))
 
@@ -113,7 +113,7 @@ class TestPanel:
         geometry = circular(panel=DetectorAlignment(tilts_deg=(0, 0, 10.0)))
         left, right = geometry.pixel_positions(0)[20, [0, -1]]
         assert right[1] > left[1]
-        to_the_right, to_the_left = spot(geometry, [2, 0, 0]) - MIDDLE, MIDDLE - spot(geometry, [-2, 0, 0])
+        to_the_right, to_the_left = projected(geometry, [2, 0, 0]) - MIDDLE, MIDDLE - projected(geometry, [-2, 0, 0])
         assert to_the_right[1] > to_the_left[1] > 0
 
     @pytest.mark.parametrize(("beam", "magnification"), [("cone", MAGNIFICATION), ("parallel", 1.0)])
@@ -122,21 +122,21 @@ class TestPanel:
         moved = geometry.project_points([0, 0, 0])[:, 0] - MIDDLE
         np.testing.assert_allclose(moved, [[0, 0.7 * magnification / PIXEL]] * 3, atol=1e-9)
 
-    def test_axis_tilt_leans_the_axis_on_the_radiograph(self):
-        """About y (the beam) by a positive angle, z leans to +x: points higher on the axis show further right."""
+    def test_axis_tilt_about_the_beam_tilts_the_axis_on_the_radiograph(self):
+        """A positive angle about y (the beam) tilts z to +x: the axis appears further right at the top."""
         geometry = circular(angles=[0.0, 110.0], panel=DetectorAlignment(axis_tilt_deg=(0.0, 3.0)))
         low, middle, high = (geometry.project_points([0, 0, z])[:, 0] - MIDDLE for z in (-3, 0, 3))
         np.testing.assert_allclose(middle, 0, atol=1e-9)
-        slope = np.tan(np.deg2rad(3))
-        for leaning in (high, -low):  # at every angle: the axis is what does not move
-            np.testing.assert_allclose(leaning[:, 1] / leaning[:, 0], slope)
-            assert (leaning[:, 1] > 0).all()
+        tangent = np.tan(np.deg2rad(3))
+        for offset in (high, -low):  # the same at every angle, because the axis does not move
+            np.testing.assert_allclose(offset[:, 1] / offset[:, 0], tangent)
+            assert (offset[:, 1] > 0).all()
 
-    def test_axis_tilt_about_x_leans_the_axis_towards_the_source(self):
+    def test_axis_tilt_about_x_tilts_the_axis_towards_the_source(self):
         geometry = circular(panel=DetectorAlignment(axis_tilt_deg=(4.0, 0.0)))
-        high, low = spot(geometry, [0, 0, 3]) - MIDDLE, MIDDLE - spot(geometry, [0, 0, -3])
+        high, low = projected(geometry, [0, 0, 3]) - MIDDLE, MIDDLE - projected(geometry, [0, 0, -3])
         assert high[1] == pytest.approx(0)
-        assert high[0] > low[0] > 0  # +z leans to −y, nearer to the source, and is magnified more
+        assert high[0] > low[0] > 0  # +z tilts to −y, nearer to the source, and is magnified more
 
     @pytest.mark.parametrize("name", ["Top", "upper", ""])
     def test_unknown_first_row_is_refused(self, name):
@@ -144,8 +144,8 @@ class TestPanel:
             DetectorAlignment(first_row=name)
 
 
-class TestImperfectSetUpByHand:
-    """All departures at once, against a plain ray–plane intersection in the laboratory frame."""
+class TestMisalignedByHand:
+    """All misalignments at once, against a ray–plane intersection in the laboratory frame."""
 
     PANEL = DetectorAlignment(
         offset=(1.3, -0.8), tilts_deg=(2.0, -3.0, 5.0), axis_offset=0.6, axis_tilt_deg=(1.5, -2.5), first_row="top"
@@ -153,7 +153,7 @@ class TestImperfectSetUpByHand:
 
     @staticmethod
     def rotation(vector_deg):
-        """Rodrigues' formula written out."""
+        """Rodrigues' formula."""
         w = np.deg2rad(np.asarray(vector_deg, dtype=float))
         angle = np.linalg.norm(w)
         k = w / angle
@@ -161,11 +161,11 @@ class TestImperfectSetUpByHand:
         return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
 
     def by_hand(self, beam, angle, point):
-        """The sample turns on its axis by −θ, then stands on a leaning, offset axis; source and panel are fixed."""
+        """The sample rotates by −θ, then is tilted and offset with the axis; source and panel are fixed."""
         point = self.rotation([0, 0, -angle]) @ point
         point = self.rotation([1.5, -2.5, 0]) @ point + [0.6, 0, 0]
-        turn = self.rotation([2.0, -3.0, 5.0])
-        u, v = turn @ [PIXEL, 0, 0], turn @ [0, 0, -PIXEL]
+        rotation = self.rotation([2.0, -3.0, 5.0])
+        u, v = rotation @ [PIXEL, 0, 0], rotation @ [0, 0, -PIXEL]
         distance = SOURCE_TO_DETECTOR - SOURCE_TO_AXIS if beam == "cone" else 0.0
         center = np.array([0, distance, 0]) + 1.3 * u / PIXEL - 0.8 * v / PIXEL
         source = np.array([0, -SOURCE_TO_AXIS, 0])
@@ -179,39 +179,39 @@ class TestImperfectSetUpByHand:
         angles = [20.0, 143.0, -71.0]
         geometry = circular(beam, angles, panel=self.PANEL)
         points = np.random.default_rng(2).uniform(-4, 4, (6, 3))
-        seen = geometry.project_points(points)
-        assert seen.shape == (3, 6, 2)
+        pixels = geometry.project_points(points)
+        assert pixels.shape == (3, 6, 2)
         for i, angle in enumerate(angles):
             for k, point in enumerate(points):
-                np.testing.assert_allclose(seen[i, k], self.by_hand(beam, angle, point), atol=1e-9)
+                np.testing.assert_allclose(pixels[i, k], self.by_hand(beam, angle, point), atol=1e-9)
 
     @pytest.mark.parametrize("beam", BEAMS)
     def test_pixels_project_onto_themselves(self, beam):
         geometry = circular(beam, [0.0, 200.0], panel=self.PANEL)
         pixels = geometry.pixel_positions(1)
-        if beam == "cone":  # anywhere along the ray
+        if beam == "cone":  # any point on the ray
             pixels = 0.3 * pixels + 0.7 * geometry.vectors[1, :3]
         rows, columns = np.mgrid[:40, :60]
-        seen = geometry.project_points(pixels)[1].reshape(40, 60, 2)
-        np.testing.assert_allclose(seen, np.stack([rows, columns], -1), atol=1e-9)
+        projected_pixels = geometry.project_points(pixels)[1].reshape(40, 60, 2)
+        np.testing.assert_allclose(projected_pixels, np.stack([rows, columns], -1), atol=1e-9)
 
     def test_skewed_and_anisotropic_pixels(self):
-        """Nothing asks u and v to be orthogonal or of one length."""
+        """u and v need be neither orthogonal nor of one length."""
         row = [0, -100, 0, 3, 300, 2, 0.5, 0.01, 0.02, 0.1, 0, 0.25]
         geometry = Geometry(np.array([row]), (7, 9))
         rows, columns = np.mgrid[:7, :9]
-        seen = geometry.project_points(geometry.pixel_positions(0))[0].reshape(7, 9, 2)
-        np.testing.assert_allclose(seen, np.stack([rows, columns], -1), atol=1e-9)
+        projected_pixels = geometry.project_points(geometry.pixel_positions(0))[0].reshape(7, 9, 2)
+        np.testing.assert_allclose(projected_pixels, np.stack([rows, columns], -1), atol=1e-9)
         np.testing.assert_allclose(geometry.pixel_sizes, [[np.hypot(0.1, 0.25), np.linalg.norm([0.5, 0.01, 0.02])]])
 
 
-class TestPoints:
-    def test_behind_the_source_is_nan_and_only_there(self):
-        seen = circular().project_points([[0, -99.0, 0], [0, -100.0, 0], [0, -101.0, 0]])[0]
-        assert np.isfinite(seen[0]).all()
-        assert np.isnan(seen[1:]).all()
+class TestProjectPoints:
+    def test_only_points_behind_the_source_are_nan(self):
+        pixels = circular().project_points([[0, -99.0, 0], [0, -100.0, 0], [0, -101.0, 0]])[0]
+        assert np.isfinite(pixels[0]).all()
+        assert np.isnan(pixels[1:]).all()
 
-    def test_a_parallel_beam_has_no_behind(self):
+    def test_in_a_parallel_beam_every_point_projects(self):
         assert np.isfinite(circular("parallel").project_points([[0, -1e6, 0], [0, 1e6, 0]])).all()
 
     def test_ray_direction_may_have_any_length_and_sign(self):
@@ -225,7 +225,7 @@ class TestPoints:
 
 
 class TestAstra:
-    """ASTRA's ``geom_2vec`` writes out these formulae for its ``cone`` and ``parallel3d`` geometries."""
+    """The formulae by which ASTRA's ``geom_2vec`` converts its ``cone`` and ``parallel3d`` geometries."""
 
     ANGLES = np.deg2rad([0.0, 17.0, 90.0, 201.0])
 
@@ -259,7 +259,7 @@ class TestAstra:
 
     @pytest.mark.parametrize(("beam", "kind"), [("cone", "cone_vec"), ("parallel", "parallel3d_vec")])
     def test_round_trip(self, beam, kind):
-        geometry = circular(beam, [1.0, 2.0], panel=TestImperfectSetUpByHand.PANEL)
+        geometry = circular(beam, [1.0, 2.0], panel=TestMisalignedByHand.PANEL)
         given = geometry.to_astra()
         assert (given["type"], given["DetectorRowCount"], given["DetectorColCount"]) == (kind, *SHAPE)
         back = Geometry.from_astra(given)
@@ -275,7 +275,7 @@ class TestAstra:
 
 class TestParts:
     @pytest.mark.parametrize("beam", BEAMS)
-    def test_are_the_columns_of_the_vectors(self, beam):
+    def test_parts_are_the_columns_of_the_vectors(self, beam):
         geometry = circular(beam, [0.0, 50.0])
         parts = (geometry.source, geometry.detector, geometry.u, geometry.v)
         np.testing.assert_array_equal(np.hstack(parts), geometry.vectors)
@@ -307,7 +307,7 @@ class TestSelection:
 
 
 def changed(**columns):
-    """A good row with some of its numbers replaced."""
+    """A valid row with some of its numbers replaced."""
     row = np.array([0.0, -100, 0, 0, 300, 0, 0.5, 0, 0, 0, 0, 0.5])
     names = ("sx", "sy", "sz", "dx", "dy", "dz", "ux", "uy", "uz", "vx", "vy", "vz")
     for name, value in columns.items():
@@ -355,7 +355,7 @@ class TestRefused:
             Geometry(changed(), SHAPE, "fan")
 
     @pytest.mark.parametrize(("axis", "detector"), [(100, 100), (500, 400), (0, 400), (-1, 400), (np.nan, 400)])
-    def test_distances(self, axis, detector):
+    def test_impossible_distances(self, axis, detector):
         with pytest.raises(InputError, match="is not between 0 and source_to_detector"):
             Geometry.cone([0.0], SHAPE, PIXEL, source_to_axis=axis, source_to_detector=detector)
 
@@ -377,7 +377,7 @@ class TestRefused:
             circular(beam, [])
 
     @pytest.mark.parametrize("field", [{"offset": (np.nan, 0)}, {"axis_offset": np.inf}, {"tilts_deg": (0, np.nan, 0)}])
-    def test_panel_of_nan(self, field):
+    def test_alignment_with_nan(self, field):
         with pytest.raises(InputError, match="NaN"):
             circular(panel=DetectorAlignment(**field))
 
@@ -391,19 +391,19 @@ class TestWindowAndBinning:
 
     @pytest.mark.parametrize("beam", BEAMS)
     @pytest.mark.parametrize(("first", "shape"), [((3, 5), (10, 11)), ((-4, -7), (51, 80))], ids=["cut", "widened"])
-    def test_a_window_counts_its_pixels_from_its_own_first(self, beam, first, shape):
+    def test_pixels_of_a_window_are_counted_from_its_first(self, beam, first, shape):
         whole = circular(beam, [10.0, 80.0], panel=DetectorAlignment(offset=(0.4, -0.2), tilts_deg=(1.0, 2.0, 3.0)))
         part = whole.window(first, shape)
         assert part.shape == shape
         np.testing.assert_allclose(part.project_points(self.POINTS), whole.project_points(self.POINTS) - first)
 
     @pytest.mark.parametrize("beam", BEAMS)
-    def test_a_bin_lies_in_the_middle_of_its_pixels(self, beam):
+    def test_a_binned_pixel_is_at_the_mean_of_its_pixels(self, beam):
         whole = circular(beam, [10.0, 80.0], panel=DetectorAlignment(offset=(0.4, -0.2)))
         binned = whole.binned(4)
         assert binned.shape == (10, 15)
         np.testing.assert_allclose(binned.project_points(self.POINTS), (whole.project_points(self.POINTS) - 1.5) / 4)
 
-    def test_pixels_that_do_not_divide(self):
+    def test_a_factor_that_does_not_divide_the_panel(self):
         with pytest.raises(InputError, match="divide by 7"):
             circular().binned(7)

@@ -1,4 +1,4 @@
-"""GrainSet: which grains belong together."""
+"""GrainSet (`model.grains`): its arrays, removing grains, refused sets."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ def grain(label, voxel_size=0.1):
     return Grain(label, Volume.zeros((5, 5, 5), voxel_size), np.full(3, float(label)))
 
 
-def test_arrays():
+def test_labels_centers_voxel_size_and_precision():
     grains = GrainSet((grain(3), grain(7)))
     np.testing.assert_array_equal(grains.labels, [3, 7])
     np.testing.assert_array_equal(grains.centers, [[3, 3, 3], [7, 7, 7]])
@@ -20,7 +20,7 @@ def test_arrays():
     assert grains.precision == np.float32
 
 
-def test_without():
+def test_without_removes_grains():
     grains = GrainSet((grain(3), grain(7)))
     np.testing.assert_array_equal(grains.without([0]).labels, [7])
     np.testing.assert_array_equal(grains.without([]).labels, [3, 7])
@@ -28,16 +28,16 @@ def test_without():
         grains.without([0, 1])
 
 
-def test_empty():
+def test_an_empty_set_is_refused():
     with pytest.raises(InputError, match="no grain"):
         GrainSet(())
 
 
-def test_voxel_sizes_differ():
+def test_different_voxel_sizes_are_refused():
     with pytest.raises(InputError, match=r"voxel size.*0\.2"):
         GrainSet((grain(1), grain(2, 0.2)))
 
 
-def test_labels_twice():
+def test_a_repeated_label_is_refused():
     with pytest.raises(InputError, match="label 4 is there twice"):
         GrainSet((grain(4), grain(4)))

@@ -1,4 +1,4 @@
-"""The table of results: exact columns, degrees at the surface, everything comes back."""
+"""Motions (`model.motions`): the table's columns and units, round trip, statuses, refused shapes."""
 
 import dataclasses
 
@@ -38,7 +38,7 @@ class TestTable:
             "label,status,x,y,z,ux,uy,uz,wx,wy,wz,sd_ux,sd_uy,sd_uz,sd_wx,sd_wy,sd_wz,residual,iterations"
         )
 
-    def test_units_and_places(self, measured):
+    def test_table_is_in_mm_and_degrees(self, measured):
         table = measured.to_table()
         np.testing.assert_array_equal(table[["x", "y", "z"]], measured.centers)
         np.testing.assert_array_equal(table[["ux", "uy", "uz"]], measured.translations)
@@ -49,17 +49,17 @@ class TestTable:
         np.testing.assert_array_equal(table["iterations"], np.arange(N))
 
     def test_round_trip(self, measured):
-        back = Motions.from_table(measured.to_table())
+        read = Motions.from_table(measured.to_table())
         for name in ("labels", "centers", "translations", "statuses", "residuals", "iterations"):
-            np.testing.assert_array_equal(getattr(back, name), getattr(measured, name))
-        np.testing.assert_allclose(back.rotations, measured.rotations, rtol=1e-15)
+            np.testing.assert_array_equal(getattr(read, name), getattr(measured, name))
+        np.testing.assert_allclose(read.rotations, measured.rotations, rtol=1e-15)
         np.testing.assert_allclose(
-            np.diagonal(back.covariances, axis1=1, axis2=2), np.diagonal(measured.covariances, axis1=1, axis2=2)
+            np.diagonal(read.covariances, axis1=1, axis2=2), np.diagonal(measured.covariances, axis1=1, axis2=2)
         )
-        again = back.to_table()
-        assert (again.dtypes == measured.to_table().dtypes).all()
+        table = read.to_table()
+        assert (table.dtypes == measured.to_table().dtypes).all()
 
-    def test_columns_in_any_order_and_others_beside(self, measured):
+    def test_other_column_orders_and_additional_columns_are_read(self, measured):
         table = measured.to_table()
         shuffled = table[table.columns[::-1]].assign(remark="x")
         np.testing.assert_array_equal(Motions.from_table(shuffled).translations, measured.translations)
@@ -68,12 +68,12 @@ class TestTable:
         with pytest.raises(InputError, match=r"state\.csv: columns \['uy', 'sd_wz'\] are missing"):
             Motions.from_table(measured.to_table().drop(columns=["uy", "sd_wz"]), "state.csv")
 
-    def test_unknown_status(self, measured):
+    def test_an_unknown_status_is_refused(self, measured):
         with pytest.raises(InputError, match=r"motions\.status: \['fine'\] unknown"):
             Motions.from_table(measured.to_table().assign(status="fine"))
 
 
-class TestNoun:
+class TestMotions:
     def test_identity(self):
         start = Motions.identity(np.array([1, 2]), np.ones((2, 3)))
         assert len(start) == 2
@@ -82,18 +82,18 @@ class TestNoun:
         assert np.isnan(start.covariances).all()
         assert set(start.statuses) == {"not-fitted"}
 
-    def test_no_grains_at_all(self):
+    def test_no_grains(self):
         empty = Motions.identity(np.zeros(0, np.int64), np.zeros((0, 3)))
         assert len(Motions.from_table(empty.to_table())) == 0
         assert empty.matrices.shape == (0, 3, 3)
 
-    def test_ok_are_the_converged(self, measured):
+    def test_ok_is_true_for_converged_grains(self, measured):
         np.testing.assert_array_equal(measured.ok, [True, False, False, False, False])
 
-    def test_matrices(self, measured):
+    def test_matrices_are_those_of_the_rotation_vectors(self, measured):
         np.testing.assert_allclose(measured.matrices[1], rotation_matrix(measured.rotations[1]))
 
-    def test_statuses_are_written_as_the_design_says(self):
+    def test_words_of_the_statuses(self):
         assert [s.value for s in Status] == [
             "converged", "not-converged", "poorly-determined", "left-field", "not-fitted",
         ]  # fmt: skip

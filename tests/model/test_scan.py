@@ -1,4 +1,4 @@
-"""Scan: air and noise."""
+"""Scan (`model.scan`): attenuation of air and signal-to-noise ratio."""
 
 import numpy as np
 import pytest
@@ -40,23 +40,23 @@ class TestAir:
     @pytest.mark.parametrize(
         "choice", [{}, {"margin": 2, "region": (0, 1, 0, 1)}, {"margin": 5}, {"region": (0, 8, 0, 2)}]
     )
-    def test_refused(self, choice):
+    def test_no_two_or_impossible_regions_are_refused(self, choice):
         with pytest.raises(InputError):
             normalize_air(self.scan(), **choice)
 
 
 class TestSnr:
-    def test_of_known_noise(self):
+    def test_snr_of_given_noise(self):
         rng = np.random.default_rng(1)
         signal = np.ones((4, 60, 60))
         geometry = parallel(4, (60, 60))
         a, b = (Scan(signal + rng.normal(0, 0.02, signal.shape), geometry) for _ in range(2))
         assert snr(a, b) == pytest.approx(50, rel=0.03)
 
-    def test_without_noise_is_infinite(self):
+    def test_snr_without_noise_is_infinite(self):
         scan = Scan(np.ones((1, *SHAPE)), parallel(1))
         assert snr(scan, scan) == float("inf")
 
-    def test_other_shape_is_refused(self):
+    def test_scans_of_different_shapes_are_refused(self):
         with pytest.raises(InputError, match="differ"):
             snr(Scan(np.ones((1, *SHAPE)), parallel(1)), Scan(np.ones((2, *SHAPE)), parallel(2)))

@@ -1,4 +1,4 @@
-"""A volume checks itself and knows its place."""
+"""Volume (`model.volume`): position of its voxels, precision, refused input."""
 
 import numpy as np
 import pytest
@@ -7,23 +7,23 @@ from grainmotion.errors import InputError
 from grainmotion.model.volume import Volume
 
 
-class TestPlace:
+class TestPosition:
     def test_origin_is_the_centre_of_the_first_voxel(self):
         volume = Volume.zeros((2, 3, 4), 0.5, (10.0, 20.0, 30.0))
         np.testing.assert_allclose(volume.origin, [10 - 0.75, 20 - 0.5, 30 - 0.25])
 
     @pytest.mark.parametrize("shape", [(1, 1, 1), (4, 5, 6), (7, 2, 3)])
-    def test_first_and_last_voxel_lie_evenly_about_the_centre(self, shape):
+    def test_first_and_last_voxel_are_symmetric_about_the_centre(self, shape):
         volume = Volume.zeros(shape, 0.3, (1.0, -2.0, 3.0))
         last = volume.origin + 0.3 * (np.array(shape[::-1]) - 1)
         np.testing.assert_allclose((volume.origin + last) / 2, volume.center)
 
-    def test_one_voxel_sits_at_the_centre(self):
+    def test_a_single_voxel_is_at_the_centre(self):
         np.testing.assert_array_equal(Volume.zeros((1, 1, 1), 0.5, (1, 2, 3)).origin, [1, 2, 3])
 
 
 class TestArray:
-    def test_single_precision_and_contiguous_whatever_is_given(self):
+    def test_integers_become_contiguous_single_precision(self):
         given = np.arange(24, dtype=np.int16).reshape(4, 3, 2).T
         volume = Volume(given, 1)
         assert volume.array.dtype == np.float32
@@ -56,7 +56,7 @@ class TestRefused:
         with pytest.raises(InputError, match="NaN or infinite voxels"):
             Volume(array, 1.0)
 
-    def test_voxels_that_single_precision_cannot_hold(self):
+    def test_voxels_beyond_single_precision(self):
         with pytest.raises(InputError, match="NaN or infinite voxels"):
             Volume(np.full((2, 2, 2), 10**39, dtype=object), 1.0)
 

@@ -1,4 +1,4 @@
-"""The Gaussian filter and masked pixels."""
+"""The data term (`objective.data_term`): Gaussian filter and masked pixels."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from textured_lumps import by_scipy, mask, measured, target
 
 class TestFilter:
     @pytest.mark.parametrize("sigma", [0.3, 0.7, 2.0, 6.0, 40.0])
-    def test_kernel(self, sigma):
+    def test_kernel_is_normalised_and_has_its_width(self, sigma):
         half = gaussian(sigma)
         whole = np.concatenate([half[:0:-1], half]).astype(float)
         assert whole.sum() == pytest.approx(1, abs=1e-6)
@@ -18,7 +18,7 @@ class TestFilter:
             k = np.arange(len(whole)) - len(half) + 1
             assert np.sqrt((whole * k**2).sum()) == pytest.approx(sigma, rel=0.02)
 
-    def test_no_filter(self):
+    def test_sigma_zero_filters_nothing(self):
         np.testing.assert_array_equal(gaussian(0), [1])
         images = measured(noise=0.1)
         np.testing.assert_array_equal(target().filtered(images), images)
@@ -28,13 +28,13 @@ class TestFilter:
         images = measured(noise=0.1)
         images[1] = 0
         images[1, 0, 0] = images[1, -1, -1] = 1  # corners
-        found = target(sigma).filtered(images)
-        np.testing.assert_allclose(found, by_scipy(images, gaussian(sigma)), atol=2e-6)
-        assert found is not images
+        filtered = target(sigma).filtered(images)
+        np.testing.assert_allclose(filtered, by_scipy(images, gaussian(sigma)), atol=2e-6)
+        assert filtered is not images
 
     def test_masked_pixels_count_as_zero_before_the_filter(self):
         valid = mask()
         images = measured(noise=0.1)
-        absurd = np.where(valid, images, 1e6).astype(np.float32)
-        found = target(1.5, valid=valid).filtered(absurd)
-        np.testing.assert_allclose(found, by_scipy(np.where(valid, images, 0), gaussian(1.5)), atol=2e-6)
+        spoiled = np.where(valid, images, 1e6).astype(np.float32)
+        filtered = target(1.5, valid=valid).filtered(spoiled)
+        np.testing.assert_allclose(filtered, by_scipy(np.where(valid, images, 0), gaussian(1.5)), atol=2e-6)

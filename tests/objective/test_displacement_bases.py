@@ -1,4 +1,4 @@
-"""Bases that tie the grains' motions together: what they can say, and that rotations belong to displacements."""
+"""Displacement bases (`objective.displacement_bases`): the motions they represent."""
 
 from types import SimpleNamespace
 
@@ -16,88 +16,88 @@ BASES = {
 }
 
 
-class Places(SimpleNamespace):
-    """What a basis asks of the grains."""
+class GrainCenters(SimpleNamespace):
+    """The attributes of grains that a basis uses."""
 
     def __len__(self):
         return len(self.centers)
 
 
 def scattered(n=25, seed=0):
-    """Grains at random places, moved and turned already, in a box that is longer along z."""
+    """Grains at random positions with random poses, in a box that is longer along z."""
     rng = np.random.default_rng(seed)
-    grains = Places(centers=rng.uniform(-1, 1, (n, 3)) * [2, 3, 6] + [4, 5, 6], voxel_size=0.1)
+    grains = GrainCenters(centers=rng.uniform(-1, 1, (n, 3)) * [2, 3, 6] + [4, 5, 6], voxel_size=0.1)
     return grains, Pose(rng.normal(size=(n, 3)) * 0.3, rotation_matrix(rng.normal(size=(n, 3))))
 
 
-def places(grains, pose):
+def moved_centers(grains, pose):
     x = grains.centers + pose.translations
     return x, x - x.mean(axis=0)
 
 
 def fitted(basis, grains, pose, increments):
-    """The increments (n, 6) nearest to some that the basis can say."""
+    """The increments (n, 6) of the basis that are closest to the given ones."""
     tie = basis(grains, pose)
     return (tie @ np.linalg.lstsq(tie, increments.ravel(), rcond=None)[0]).reshape(-1, 6)
 
 
 @pytest.mark.parametrize("name", BASES)
-class TestEvery:
+class TestEveryBasis:
     def test_size_and_rank(self, name):
         basis, m = BASES[name]
         tie = basis(*scattered())
         assert tie.shape == (150, m)
         assert np.linalg.matrix_rank(tie) == m
-        # parameters are of one scale, so that damping treats them alike
+        # parameters have one scale, so that damping treats them equally
         norms = np.linalg.norm(tie[:, :3], axis=0)
         assert norms.max() < 1e3
 
-    def test_moves_the_whole_sample_along(self, name):
+    def test_represents_translations_of_the_sample(self, name):
         grains, pose = scattered()
         shift = np.tile([0.1, -0.2, 0.3, 0, 0, 0], (25, 1))
         np.testing.assert_allclose(fitted(BASES[name][0], grains, pose, shift), shift, atol=1e-10)
 
-    def test_turns_the_whole_sample(self, name):
-        """A small turn of the whole sample carries places and turns grains by the same vector."""
+    def test_represents_rotations_of_the_sample(self, name):
+        """A small rotation of the sample moves the centres and rotates every grain by the same vector."""
         grains, pose = scattered()
         w = np.array([0.3, -0.2, 0.5])
-        x, seen = places(grains, pose)
-        turn = np.concatenate([np.cross(w, seen), np.tile(w, (25, 1))], axis=1)
-        np.testing.assert_allclose(fitted(BASES[name][0], grains, pose, turn), turn, atol=1e-10)
+        x, centered = moved_centers(grains, pose)
+        rotation = np.concatenate([np.cross(w, centered), np.tile(w, (25, 1))], axis=1)
+        np.testing.assert_allclose(fitted(BASES[name][0], grains, pose, rotation), rotation, atol=1e-10)
         # and about any other point
         about = np.concatenate([np.cross(w, x), np.tile(w, (25, 1))], axis=1)
         np.testing.assert_allclose(fitted(BASES[name][0], grains, pose, about), about, atol=1e-9)
 
-    def test_one_grain_and_coincident_grains_do_not_blow_up(self, name):
+    def test_basis_of_one_grain_is_finite(self, name):
         grains, pose = scattered(1)
         assert np.isfinite(BASES[name][0](grains, pose)).all()
 
 
 class TestAffine:
-    def test_any_gradient_and_its_skew_part(self):
+    def test_represents_any_gradient_with_rotations_of_its_skew_part(self):
         grains, pose = scattered()
         A = np.random.default_rng(1).normal(size=(3, 3))
-        _, x = places(grains, pose)
+        _, x = moved_centers(grains, pose)
         skew = (A - A.T) / 2
         w = np.array([skew[2, 1], skew[0, 2], skew[1, 0]])
         strain = np.concatenate([x @ A.T, np.tile(w, (25, 1))], axis=1)
         for basis in (displacement_bases.affine, displacement_bases.quadratic):
             np.testing.assert_allclose(fitted(basis, grains, pose, strain), strain, atol=1e-9)
 
-    def test_a_rigid_body_cannot_strain(self):
+    def test_rigid_basis_represents_no_strain(self):
         grains, pose = scattered()
-        _, x = places(grains, pose)
+        _, x = moved_centers(grains, pose)
         stretch = np.concatenate([x * [1, 0, 0], np.zeros((25, 3))], axis=1)
         assert np.abs(fitted(displacement_bases.rigid, grains, pose, stretch) - stretch).max() > 0.5
 
 
 class TestQuadratic:
-    def test_any_quadratic_field_with_half_its_curl(self):
+    def test_represents_any_quadratic_field_with_rotations_of_half_its_curl(self):
         """The rotations are half the curl of the displacements, taken by finite differences here."""
         grains, pose = scattered()
         rng = np.random.default_rng(2)
         a, A, Q = rng.normal(size=3), rng.normal(size=(3, 3)), 0.1 * rng.normal(size=(3, 3, 3))
-        _, x = places(grains, pose)
+        _, x = moved_centers(grains, pose)
 
         def field(p):
             return a + p @ A.T + np.einsum("kij,ni,nj->nk", Q, p, p)

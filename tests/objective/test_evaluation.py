@@ -1,4 +1,4 @@
-"""Gain and offset at a pose, and poses or radiographs that show nothing."""
+"""Evaluating a pose (`objective.residual`): gain and offset, and radiographs without a visible grain or valid pixel."""
 
 from dataclasses import replace
 
@@ -15,8 +15,8 @@ from grainmotion.uncertainty.goodness_of_fit import misfits
 from textured_lumps import GEOMETRY, GRAINS, PANEL, POSE, mask, measured, target
 
 
-class TestNothingToSee:
-    """No view sees any grain, or no pixel counts: zeros, no error."""
+class TestNothingVisible:
+    """No grain is visible or no pixel valid: derivatives are zero, and nothing is raised."""
 
     @pytest.mark.parametrize("gain", [False, True])
     def test_all_grains_off_the_panel(self, gain):
@@ -26,9 +26,9 @@ class TestNothingToSee:
         assert np.isfinite(at.cost)
         assert not at.gradient.any()
         assert at.hessian.nnz == 0
-        seen = problem.evaluate_with_derivatives(away)
-        assert (seen.response.gain, seen.response.offset) == (1.0, 0.0)
-        assert misfits(problem, seen).misregistered.all()
+        evaluation = problem.evaluate_with_derivatives(away)
+        assert (evaluation.response.gain, evaluation.response.offset) == (1.0, 0.0)
+        assert misfits(problem, evaluation).misregistered.all()
 
     @pytest.mark.parametrize("gain", [False, True])
     def test_all_pixels_invalid(self, gain):
@@ -38,7 +38,7 @@ class TestNothingToSee:
         assert not at.gradient.any()
         assert misfits(problem, problem.evaluate_with_derivatives(POSE)).misregistered.all()
 
-    def test_one_empty_view(self):
+    def test_a_masked_view_does_not_count(self):
         valid = np.ones((3, *PANEL), bool)
         valid[1] = False
         at = StateProblem(GRAINS, target(1.0, valid=valid)).linearize(POSE)
@@ -52,23 +52,23 @@ class TestNothingToSee:
 class TestGain:
     @pytest.mark.parametrize(("gain", "offset"), [(1.0, 0.0), (1.1, 0.0), (0.9, 0.05), (1.3, -0.2)])
     @pytest.mark.parametrize("sigma", [0.0, 2.0])
-    def test_planted_ones_are_found(self, gain, offset, sigma):
+    def test_simulated_gain_and_offset_are_estimated(self, gain, offset, sigma):
         problem = StateProblem(GRAINS, target(sigma, True, mask(), measured(gain, offset)))
-        seen = problem.evaluate_with_derivatives(POSE)
-        assert seen.response.gain == pytest.approx(gain, abs=1e-5)
-        assert seen.response.offset == pytest.approx(offset, abs=1e-5)
+        evaluation = problem.evaluate_with_derivatives(POSE)
+        assert evaluation.response.gain == pytest.approx(gain, abs=1e-5)
+        assert evaluation.response.offset == pytest.approx(offset, abs=1e-5)
         assert problem.linearize(POSE).cost < 1e-6
 
-    def test_degenerate(self):
-        """Where nothing is simulated nothing is fitted; an even radiograph is fitted, whatever its parts."""
+    def test_degenerate_images(self):
+        """Without a simulated image nothing is fitted; a uniform one is, though gain and offset are not unique."""
         ones = np.ones((1, 4, 4), np.float32)
-        nothing, _ = fit_response(GAIN_AND_OFFSET, Columns([0 * ones, ones], [True, True]), 3 * ones, 1)
-        assert (nothing.gain, nothing.offset) == (1.0, 0.0)
-        even, more = fit_response(GAIN_AND_OFFSET, Columns([2 * ones, ones], [True, True]), ones, 1)
-        np.testing.assert_allclose(more, ones, rtol=1e-6)
-        assert np.isfinite([even.gain, even.offset]).all()
+        identity, _ = fit_response(GAIN_AND_OFFSET, Columns([0 * ones, ones], [True, True]), 3 * ones, 1)
+        assert (identity.gain, identity.offset) == (1.0, 0.0)
+        uniform, fitted = fit_response(GAIN_AND_OFFSET, Columns([2 * ones, ones], [True, True]), ones, 1)
+        np.testing.assert_allclose(fitted, ones, rtol=1e-6)
+        assert np.isfinite([uniform.gain, uniform.offset]).all()
 
-    def test_the_cost_cannot_rise_by_eliminating(self):
+    def test_eliminating_gain_and_offset_lowers_the_cost(self):
         images = measured(1.07, 0.02, 0.05)
         with_gain = StateProblem(GRAINS, target(1.0, True, images=images)).linearize(POSE).cost
         without = StateProblem(GRAINS, target(1.0, False, images=images)).linearize(POSE).cost

@@ -1,4 +1,4 @@
-"""Unknowns of a state as a whole as images: their products against dense matrices."""
+"""Global parameters as image columns (`objective.global_parameters`): products, against dense matrices."""
 
 import numpy as np
 import pytest
@@ -37,7 +37,7 @@ def dense(columns):
 
 
 def patches(grains: int) -> Patches:
-    """Patches of the first three of some grains in three views."""
+    """Patches in three views of the first three grains of a set."""
     rng = np.random.default_rng(2)
     corners = rng.integers(0, 5, (8, 2))
     sizes = rng.integers(1, 5, (8, 2))
@@ -50,7 +50,7 @@ def patches(grains: int) -> Patches:
 
 class TestProducts:
     @every_kind
-    def test_gram(self, kind):
+    def test_gram_matrix(self, kind):
         C = dense(columns(kind))
         np.testing.assert_allclose(columns(kind).gram(), C.T @ C, rtol=1e-4, atol=1e-4)
 
@@ -61,14 +61,18 @@ class TestProducts:
 
     @every_kind
     def test_border(self, kind):
-        four = patches(4)
-        slopes = np.random.default_rng(3).normal(size=(6, four.offsets[-1])).astype(np.float32)
+        patches_of_four = patches(4)
+        derivatives = np.random.default_rng(3).normal(size=(6, patches_of_four.offsets[-1])).astype(np.float32)
         J = np.zeros((VIEWS, *PANEL, 4, 6))  # the fourth grain has no patch
-        for p, (grain, view, r0, r1, c0, c1) in enumerate(four.boxes):
-            patch = slopes[:, four.offsets[p] : four.offsets[p + 1]].reshape(6, r1 - r0, c1 - c0)
+        for p, (grain, view, r0, r1, c0, c1) in enumerate(patches_of_four.boxes):
+            patch = derivatives[:, patches_of_four.offsets[p] : patches_of_four.offsets[p + 1]].reshape(
+                6, r1 - r0, c1 - c0
+            )
             J[view, r0:r1, c0:c1, grain] += patch.transpose(1, 2, 0)
         expected = J.reshape(-1, 24).T @ dense(columns(kind))
-        np.testing.assert_allclose(columns(kind).border(PatchJacobian(slopes, four)), expected, atol=1e-4)
+        np.testing.assert_allclose(
+            columns(kind).border(PatchJacobian(derivatives, patches_of_four)), expected, atol=1e-4
+        )
 
     @every_kind
     def test_combine(self, kind):
@@ -76,7 +80,7 @@ class TestProducts:
         coefficients = np.random.default_rng(4).normal(size=len(c.owners))
         np.testing.assert_allclose(c.combine(coefficients).ravel(), dense(c) @ coefficients, atol=1e-5)
 
-    def test_owners_and_sums(self):
+    def test_owners_of_sums_of_columns(self):
         one, other = columns((True, False)), columns((False,), 5)
         np.testing.assert_array_equal(one.owners, [0, 1, 1, 1])
         both = one + other
@@ -84,15 +88,15 @@ class TestProducts:
         assert len(one.stacks) == 2  # a sum changes neither
         np.testing.assert_allclose(both.gram()[:4, :4], one.gram())
 
-    def test_none(self):
-        nothing = Columns()
-        assert nothing.gram().shape == (0, 0)
-        assert nothing.dot(np.zeros((VIEWS, *PANEL))).shape == (0,)
-        assert nothing.border(PatchJacobian(np.zeros((6, patches(3).offsets[-1])), patches(3))).shape == (18, 0)
+    def test_without_columns(self):
+        no_columns = Columns()
+        assert no_columns.gram().shape == (0, 0)
+        assert no_columns.dot(np.zeros((VIEWS, *PANEL))).shape == (0,)
+        assert no_columns.border(PatchJacobian(np.zeros((6, patches(3).offsets[-1])), patches(3))).shape == (18, 0)
 
 
-def test_dots_of_single_numbers_are_added_up_in_double():
-    """Small next to large: single sums would lose what the small ones add up to."""
+def test_products_of_single_precision_are_summed_in_double():
+    """Many small terms and a large one: sums in single precision would lose the small ones."""
     a, b = np.full((2, 100, 100), 1e-4, np.float32), np.ones((2, 100, 100), np.float32)
     a[0, 0, 0] = 1e4
     assert dot(a, b) == pytest.approx(1e4 + 1.9999, rel=1e-9)

@@ -1,4 +1,4 @@
-"""The normal matrix as a product: the same numbers as its blocks, without them."""
+"""The normal matrix as a product (`objective.normal_matrix`), against its explicit blocks."""
 
 from dataclasses import replace
 
@@ -21,7 +21,7 @@ N = len(GRAINS)
 
 
 @pytest.fixture(scope="module")
-def seen():
+def evaluation():
     scan = Scan(np.zeros((len(VIEWS), *VIEWS.shape)), VIEWS)
     grains = replace(GRAINS, images=GRAINS.images.astype(float))
     problem = StateProblem(grains, Target(scan, np.zeros(scan.line_integrals.shape), "trilinear", 1.5))
@@ -29,12 +29,12 @@ def seen():
 
 
 @pytest.fixture(scope="module")
-def product(seen):
-    return PatchNormalMatrix(seen.jacobian)
+def product(evaluation):
+    return PatchNormalMatrix(evaluation.jacobian)
 
 
-def test_it_is_the_matrix(seen, product):
-    matrix = normal_matrix(seen.jacobian)
+def test_product_equals_the_matrix(evaluation, product):
+    matrix = normal_matrix(evaluation.jacobian)
     assert matrix.toarray().shape == product.shape
     for x in np.random.default_rng(0).normal(size=(3, 6 * N)):
         np.testing.assert_allclose(product @ x, matrix @ x, rtol=1e-9, atol=1e-12)
@@ -43,25 +43,25 @@ def test_it_is_the_matrix(seen, product):
 
 
 def test_a_prior_is_added_to_the_blocks(product):
-    more = np.random.default_rng(2).normal(size=(N, 6, 6))
-    more = more @ more.transpose(0, 2, 1)
+    prior = np.random.default_rng(2).normal(size=(N, 6, 6))
+    prior = prior @ prior.transpose(0, 2, 1)
     x = np.random.default_rng(3).normal(size=6 * N)
-    held = product.lifted(more).lifted(more)
-    expected = product @ x + 2 * np.einsum("nij,nj->ni", more, x.reshape(N, 6)).ravel()
-    np.testing.assert_allclose(held @ x, expected)
-    np.testing.assert_allclose(held.blocks(), product.blocks() + 2 * more)
+    with_prior = product.lifted(prior).lifted(prior)
+    expected = product @ x + 2 * np.einsum("nij,nj->ni", prior, x.reshape(N, 6)).ravel()
+    np.testing.assert_allclose(with_prior @ x, expected)
+    np.testing.assert_allclose(with_prior.blocks(), product.blocks() + 2 * prior)
 
 
-def test_a_grain_without_a_patch_has_zero_rows(seen, product):
-    kept = seen.patches.boxes[:, 0] != 1
-    rows = np.concatenate([np.full(d, k) for d, k in zip(np.diff(seen.patches.offsets), kept, strict=True)])
-    patches = replace(seen.patches, boxes=seen.patches.boxes[kept], jobs=seen.patches.jobs[:0])
-    without = PatchNormalMatrix(PatchJacobian(seen.jacobian.derivatives[:, rows], patches))
+def test_a_grain_without_a_patch_has_zero_rows(evaluation, product):
+    kept = evaluation.patches.boxes[:, 0] != 1
+    rows = np.concatenate([np.full(d, k) for d, k in zip(np.diff(evaluation.patches.offsets), kept, strict=True)])
+    patches = replace(evaluation.patches, boxes=evaluation.patches.boxes[kept], jobs=evaluation.patches.jobs[:0])
+    without = PatchNormalMatrix(PatchJacobian(evaluation.jacobian.derivatives[:, rows], patches))
     assert not without.blocks()[1].any()
     assert not (without @ np.ones(6 * N)).reshape(N, 6)[1].any()
 
 
-def test_few_grains_have_blocks_and_many_a_product(seen, monkeypatch):
-    assert not isinstance(normal_of(seen.jacobian), PatchNormalMatrix)
+def test_many_grains_get_a_product_instead_of_blocks(evaluation, monkeypatch):
+    assert not isinstance(normal_of(evaluation.jacobian), PatchNormalMatrix)
     monkeypatch.setattr("grainmotion.objective.normal_matrix.MAX_DENSE_UNKNOWNS", 6 * N - 1)
-    assert isinstance(normal_of(seen.jacobian), PatchNormalMatrix)
+    assert isinstance(normal_of(evaluation.jacobian), PatchNormalMatrix)

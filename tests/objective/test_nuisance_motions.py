@@ -1,4 +1,4 @@
-"""What moves beside the grains: derivative images against re-projection, and the geometry that goes with them."""
+"""Nuisance motions (`objective.nuisance_motions`): views and background, their derivatives against re-projection."""
 
 from dataclasses import replace
 
@@ -29,8 +29,8 @@ from grainmotion.rotations import rotation_matrix
 from grainmotion.segmentation.extraction import packed_body
 
 
-def lump():
-    """A background off the axis."""
+def background_body():
+    """A background body off the axis."""
     return Volume(blob(19, 27, 21, 6, 4, 6), VOXEL)
 
 
@@ -42,13 +42,13 @@ every_beam = pytest.mark.parametrize("views", BEAMS.values(), ids=BEAMS.keys())
 
 
 def radiographs(views, at=None, pose=POSE):
-    there = corrected_geometry(views, at)
-    patches = footprint_patches(PACKED, pose, there)
-    return assemble(project_patches(PACKED, pose, there, patches, "trilinear"), patches, there)
+    corrected = corrected_geometry(views, at)
+    patches = footprint_patches(PACKED, pose, corrected)
+    return assemble(project_patches(PACKED, pose, corrected, patches, "trilinear"), patches, corrected)
 
 
-def only(view, column, size):
-    """One correction of one view."""
+def one_correction(view, column, size):
+    """A correction of one component of one view."""
     columns = np.zeros((VIEWS, 3))
     columns[view, column] = size
     return replace(NuisanceMotion.still(VIEWS), views=ViewCorrections.of(columns))
@@ -57,38 +57,42 @@ def only(view, column, size):
 class TestViews:
     @every_beam
     @pytest.mark.parametrize(("column", "step"), [(0, 0.25), (1, 0.25), (2, 2e-4)], ids=["u", "v", "angle"])
-    def test_images_are_the_slopes_of_radiographs(self, views, column, step):
+    def test_derivatives_equal_finite_differences_of_radiographs(self, views, column, step):
         patches = footprint_patches(PACKED, POSE, views)
         path, jacobian = differentiate_in_place(PACKED, POSE, views, patches, "trilinear")
         path = assemble(path, patches, views)
-        found = view_derivatives(path, jacobian, PACKED, POSE)[column]
+        derivatives = view_derivatives(path, jacobian, PACKED, POSE)[column]
         difference = np.stack(
             [
-                (radiographs(views, only(k, column, step)) - radiographs(views, only(k, column, -step)))[k] / (2 * step)
+                (
+                    radiographs(views, one_correction(k, column, step))
+                    - radiographs(views, one_correction(k, column, -step))
+                )[k]
+                / (2 * step)
                 for k in range(VIEWS)
             ]
         )
-        for one, other in zip(found, difference, strict=True):
+        for one, other in zip(derivatives, difference, strict=True):
             assert np.linalg.norm(one - other) < (0.01 if column == 2 else 0.07) * np.linalg.norm(other)
 
-    def test_one_views_correction_is_no_other_views_business(self):
-        change = radiographs(BEAMS["cone"], only(2, 0, 0.5)) - radiographs(BEAMS["cone"])
+    def test_a_correction_of_one_view_changes_no_other(self):
+        change = radiographs(BEAMS["cone"], one_correction(2, 0, 0.5)) - radiographs(BEAMS["cone"])
         assert np.abs(change[2]).max() > 0.01
         assert not change[[0, 1, 3]].any()
 
-    def test_at_corrected_views_too(self):
-        """Derivatives of a problem whose views are corrected already."""
+    def test_derivatives_at_corrected_views(self):
+        """Derivatives by the angle of views that are corrected already."""
         at = NuisanceMotion(ViewCorrections.of(np.array([[1.5, -2, 0.03]] * VIEWS)), np.zeros(3), np.eye(3))
-        there = corrected_geometry(BEAMS["cone"], at)
-        patches = footprint_patches(PACKED, POSE, there)
-        path, jacobian = differentiate_in_place(PACKED, POSE, there, patches, "trilinear")
-        turned = view_derivatives(assemble(path, patches, there), jacobian, PACKED, POSE)[2]
+        corrected = corrected_geometry(BEAMS["cone"], at)
+        patches = footprint_patches(PACKED, POSE, corrected)
+        path, jacobian = differentiate_in_place(PACKED, POSE, corrected, patches, "trilinear")
+        by_angle = view_derivatives(assemble(path, patches, corrected), jacobian, PACKED, POSE)[2]
         ends = []
         for sign in (1, -1):
             views = replace(at.views, angles=at.views.angles + sign * 2e-4)
             ends.append(radiographs(BEAMS["cone"], NuisanceMotion(views, at.translation, at.matrix)))
         difference = (ends[0] - ends[1]) / 4e-4
-        assert np.linalg.norm(turned - difference) < 0.01 * np.linalg.norm(difference)
+        assert np.linalg.norm(by_angle - difference) < 0.01 * np.linalg.norm(difference)
 
 
 class TestCorrectedGeometry:
@@ -99,39 +103,39 @@ class TestCorrectedGeometry:
         np.testing.assert_allclose(radiographs(views, at)[:, 2:, :-3], expected, atol=1e-4)
 
     @every_beam
-    def test_the_stages_angle_turns_the_views(self, views):
-        """A correction by the angle between two views makes one of the other."""
-        at = only(0, 2, np.deg2rad(50.0))
+    def test_a_correction_of_the_angle_rotates_the_view(self, views):
+        """A correction by the angle between two views turns one into the other."""
+        at = one_correction(0, 2, np.deg2rad(50.0))
         np.testing.assert_allclose(corrected_geometry(views, at).vectors[0], views.vectors[1], atol=1e-9)
         np.testing.assert_array_equal(corrected_geometry(views, at).vectors[1:], views.vectors[1:])
 
-    def test_nothing_moved(self):
+    def test_without_motion_the_geometry_is_the_same(self):
         assert corrected_geometry(BEAMS["cone"], None) is BEAMS["cone"]
         assert corrected_geometry(BEAMS["cone"], NuisanceMotion.still(VIEWS)) is BEAMS["cone"]
 
-    def test_the_given_one_is_left_alone(self):
+    def test_the_given_geometry_is_not_changed(self):
         before = BEAMS["cone"].vectors.copy()
-        corrected_geometry(BEAMS["cone"], only(0, 0, 1.0))
+        corrected_geometry(BEAMS["cone"], one_correction(0, 0, 1.0))
         np.testing.assert_array_equal(BEAMS["cone"].vectors, before)
 
 
-class TestBody:
+class TestBackground:
     AT = replace(
         NuisanceMotion.still(VIEWS), translation=np.array([0.2, -0.1, 0.15]), matrix=rotation_matrix([0.1, -0.2, 0.3])
     )
 
-    def test_at_rest_it_is_the_volumes_projection(self):
-        images, none = background_images(packed_body(lump()), None, BEAMS["cone"], "trilinear", False)
-        np.testing.assert_allclose(images, project(lump(), BEAMS["cone"]), atol=1e-4)
-        assert none == []
+    def test_an_unmoved_background_has_the_projection_of_its_volume(self):
+        images, derivatives = background_images(packed_body(background_body()), None, BEAMS["cone"], "trilinear", False)
+        np.testing.assert_allclose(images, project(background_body(), BEAMS["cone"]), atol=1e-4)
+        assert derivatives == []
 
-    def test_derivatives_are_the_slopes_of_radiographs(self):
-        body = packed_body(lump())
+    def test_derivatives_equal_finite_differences_of_radiographs(self):
+        body = packed_body(background_body())
         nuisance = NuisanceModel(background=True)
-        images, slopes = background_images(body, self.AT, BEAMS["cone"], "trilinear", True)
+        images, derivatives = background_images(body, self.AT, BEAMS["cone"], "trilinear", True)
         plain, _ = background_images(body, self.AT, BEAMS["cone"], "trilinear", False)
         np.testing.assert_allclose(images, plain, atol=1e-12)
-        for k, slope in enumerate(slopes):
+        for k, derivative in enumerate(derivatives):
             step = 1e-3 * np.eye(6)[k]
             ends = [
                 background_images(body, retract(nuisance, self.AT, sign * step), BEAMS["cone"], "trilinear", False)[0]
@@ -139,40 +143,42 @@ class TestBody:
             ]
             difference = (ends[0] - ends[1]) / 2e-3
             assert np.abs(difference).max() > 0.01
-            assert np.linalg.norm(slope - difference) < 0.01 * np.linalg.norm(difference)
+            assert np.linalg.norm(derivative - difference) < 0.01 * np.linalg.norm(difference)
 
-    def test_turns_about_its_centre_of_mass(self):
-        """A turn alone leaves the centroid of a parallel shadow where it is."""
+    def test_rotates_about_its_centre_of_mass(self):
+        """A rotation alone leaves the centroid of a parallel projection where it is."""
         at = replace(self.AT, translation=np.zeros(3))
-        body = packed_body(lump())
-        spots = []
+        body = packed_body(background_body())
+        centroids = []
         for pose in (None, at):
             images, _ = background_images(body, pose, BEAMS["parallel"], "trilinear", False)
             mass = images.sum(axis=(1, 2))
-            spots.append([(images * k).sum(axis=(1, 2)) / mass for k in np.mgrid[:52, :64]])
-        np.testing.assert_allclose(spots[0], spots[1], atol=0.02)
+            centroids.append([(images * k).sum(axis=(1, 2)) / mass for k in np.mgrid[:52, :64]])
+        np.testing.assert_allclose(centroids[0], centroids[1], atol=0.02)
 
 
 class TestSteps:
-    LOOSE = NuisanceModel(background=True, views=True)
+    BACKGROUND_AND_VIEWS = NuisanceModel(background=True, views=True)
 
     def test_order_of_the_increments(self):
         step = np.arange(1.0, 19.0) / 100
-        at = retract(self.LOOSE, NuisanceMotion.still(VIEWS), step)
+        at = retract(self.BACKGROUND_AND_VIEWS, NuisanceMotion.still(VIEWS), step)
         np.testing.assert_allclose(at.views.shifts_pixels[:, 0], step[:4])
         np.testing.assert_allclose(at.views.shifts_pixels[:, 1], step[4:8])
         np.testing.assert_allclose(at.views.angles, step[8:12])
         np.testing.assert_allclose(at.translation, step[12:15])
         np.testing.assert_allclose(at.matrix, rotation_matrix(step[15:]))
-        np.testing.assert_allclose(nuisance_values(self.LOOSE, at), step)
+        np.testing.assert_allclose(nuisance_values(self.BACKGROUND_AND_VIEWS, at), step)
 
-    def test_turns_on_the_group(self):
+    def test_rotations_are_composed(self):
         first, second = np.zeros((2, 18))
         first[15:], second[15:] = (0.3, -0.2, 0.5), (-0.4, 0.1, 0.2)
-        at = retract(self.LOOSE, retract(self.LOOSE, NuisanceMotion.still(VIEWS), first), second)
+        at = retract(
+            self.BACKGROUND_AND_VIEWS, retract(self.BACKGROUND_AND_VIEWS, NuisanceMotion.still(VIEWS), first), second
+        )
         np.testing.assert_allclose(at.matrix, rotation_matrix(second[15:]) @ rotation_matrix(first[15:]))
 
-    def test_what_is_not_loose_stays(self):
+    def test_fixed_motions_do_not_change(self):
         start = NuisanceMotion(ViewCorrections.of(np.ones((VIEWS, 3))), np.ones(3), rotation_matrix([0.1, 0, 0]))
         at = retract(NuisanceModel(views=True), start, np.full(12, 0.5))
         np.testing.assert_array_equal(at.translation, start.translation)
@@ -182,20 +188,24 @@ class TestSteps:
         np.testing.assert_array_equal(at.views.columns, start.views.columns)
         np.testing.assert_array_equal(retract(NuisanceModel(), start, np.zeros(0)).views.columns, start.views.columns)
 
-    def test_prior(self):
+    def test_standard_deviations_and_precisions_of_the_prior(self):
         nuisance = replace(
-            self.LOOSE, view_shift_sd_pixels=2.0, view_angle_sd=0.5, background_shift_sd=4.0, background_rotation_sd=0.1
+            self.BACKGROUND_AND_VIEWS,
+            view_shift_sd_pixels=2.0,
+            view_angle_sd=0.5,
+            background_shift_sd=4.0,
+            background_rotation_sd=0.1,
         )
         sd = nuisance.deviations(VIEWS)
         np.testing.assert_allclose(sd, [2.0] * 8 + [0.5] * 4 + [4.0] * 3 + [0.1] * 3)
         np.testing.assert_allclose(nuisance.precisions(VIEWS), np.diag(1 / sd**2))
         gauge = np.zeros((18, 1))
         gauge[:4] = 0.5
-        held = replace(nuisance, gauge=gauge).precisions(VIEWS)
-        together, apart = np.zeros((2, 18))
-        together[:4], apart[:2] = 1, (1, -1)
-        assert together @ held @ together > 1e5
-        assert apart @ held @ apart == pytest.approx(0.5)
+        precisions_with_gauge = replace(nuisance, gauge=gauge).precisions(VIEWS)
+        common, opposite = np.zeros((2, 18))
+        common[:4], opposite[:2] = 1, (1, -1)
+        assert common @ precisions_with_gauge @ common > 1e5
+        assert opposite @ precisions_with_gauge @ opposite == pytest.approx(0.5)
 
 
 class TestGradient:
@@ -206,7 +216,7 @@ class TestGradient:
         views_off = ViewCorrections.of(rng.normal(size=(VIEWS, 3)) * [0.4, 0.4, 0.006])
         at = NuisanceMotion(views_off, np.array([0.1, -0.1, 0.05]), np.eye(3))
         views = BEAMS["cone"]
-        body = packed_body(lump())
+        body = packed_body(background_body())
         images = (
             radiographs(views, at) + background_images(body, at, corrected_geometry(views, at), "trilinear", False)[0]
         )
@@ -221,7 +231,7 @@ class TestGradient:
     @pytest.mark.parametrize(
         "nuisance", [NuisanceModel(background=True), NuisanceModel(views=True), NuisanceModel(True, True)], ids=str
     )
-    def test_is_the_slope_of_the_cost(self, nuisance):
+    def test_gradient_equals_finite_differences_of_the_cost(self, nuisance):
         problem = self.problem(nuisance)
         rng = np.random.default_rng(1)
         size = nuisance.deviations(VIEWS)
@@ -229,9 +239,9 @@ class TestGradient:
         start = replace(POSE, nuisance=retract(nuisance, still, 0.1 * size * rng.normal(size=len(size))))
         at = problem.linearize(start)
         assert len(at.border_gradient) == len(size)
-        found = []
+        differences = []
         for k in range(len(size)):
             step = 0.02 * size[k] * np.eye(12 + len(size))[12 + k]
             costs = [problem.linearize(problem.retract(start, sign * step)).cost for sign in (1, -1)]
-            found.append((costs[0] - costs[1]) / 0.04)
-        np.testing.assert_allclose(at.border_gradient * size, found, atol=0.03 * np.abs(found).max())
+            differences.append((costs[0] - costs[1]) / 0.04)
+        np.testing.assert_allclose(at.border_gradient * size, differences, atol=0.03 * np.abs(differences).max())

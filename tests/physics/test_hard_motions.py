@@ -31,7 +31,7 @@ BOUNDS = {  # voxel, degrees, rms a component over converged grains, 4 views
 }
 
 
-SEEDS = {"blur": 1}  # of seed 0 the blur merges two stones in the segmentation
+SEEDS = {"blur": 1}  # with seed 0 the segmentation merges two blurred stones
 
 
 def test_every_case_has_a_bound():
@@ -42,31 +42,31 @@ def test_every_case_has_a_bound():
     "name", [n if n in ("gain-drift", "container") else pytest.param(n, marks=pytest.mark.slow) for n in BOUNDS]
 )
 def test_errors_and_reasons(name):
-    made = hard_case(name, SEEDS.get(name, 0))
-    scan, state = made.reference(), made.state(LATER_ANGLES_DEG[4])
+    hard = hard_case(name, SEEDS.get(name, 0))
+    scan, state = hard.reference(), hard.state(LATER_ANGLES_DEG[4])
     if name == "misaligned":  # as a run does by default
-        corrections = calibrate(scan, made.case.scanner.grid).significant(scan.geometry)
+        corrections = calibrate(scan, hard.case.scanner.grid).significant(scan.geometry)
         scan = Scan(scan.line_integrals, corrections.geometry)
         state = Scan(state.line_integrals, corrections.apply(state.geometry))
-    volume = reconstruct(scan, made.case.scanner.grid).volume
+    volume = reconstruct(scan, hard.case.scanner.grid).volume
     measured = track(grains_from_labels(volume, segment(volume).labels), state)
     h = volume.voxel_size
-    errors = compare(measured, made.motions, h)
+    errors = compare(measured, hard.motions, h)
     rows = errors.matches
     sd = np.sqrt(np.diagonal(measured.covariances, axis1=1, axis2=2))[rows]
-    off = np.abs(np.hstack([errors.translation_errors, np.deg2rad(errors.rotation_errors_deg)]))
+    errors_of_components = np.abs(np.hstack([errors.translation_errors, np.deg2rad(errors.rotation_errors_deg)]))
     limit = np.maximum(5 * sd, np.repeat([0.3 * h, np.deg2rad(2.0)], 3))
     converged = measured.ok[rows] & (rows >= 0)
-    assert not (off > limit)[converged].any()
+    assert not (errors_of_components > limit)[converged].any()
     voxel, degrees = BOUNDS[name]
     counted = converged if degrees is not None else rows >= 0
     assert np.sqrt(np.mean((errors.translation_errors[counted] / h) ** 2)) < voxel
     if degrees is not None:
         assert np.sqrt(np.mean(errors.rotation_errors_deg[converged] ** 2)) < degrees
-    for label in made.missing + made.broken:
+    for label in hard.missing + hard.broken:
         row = rows[label - 1]
         assert not measured.ok[row]
-        assert ("not on the radiographs" if label in made.missing else "broken") in measured.reasons[row]
+        assert ("not on the radiographs" if label in hard.missing else "broken") in measured.reasons[row]
     if name == "near-spherical":
         assert all("rotation about" in reason for reason in measured.reasons)
     if name == "misaligned-state":

@@ -1,4 +1,4 @@
-"""The small simulated case, from its full scan to motions: the truth is known, radiographs are not by our projector."""
+"""The small simulated case, from its full scan to motions, with radiographs by an independent projector."""
 
 from functools import cache
 
@@ -65,7 +65,7 @@ def test_all_grains_are_registered(name, views):
     assert comparison.rotation_rms_deg <= LIMIT_DEG
 
 
-def test_with_our_own_segmentation():
+def test_all_grains_are_registered_after_segmentation():
     measured, comparison = tracked("random", 4, segmented=True)
     assert comparison.failures == 0, measured.reasons
     assert len(comparison.spurious) == 0
@@ -73,7 +73,7 @@ def test_with_our_own_segmentation():
     assert comparison.rotation_rms_deg <= LIMIT_DEG
 
 
-def test_standard_deviations_are_of_the_errors_size():
+def test_standard_deviations_are_of_the_size_of_the_errors():
     """Errors over the stated standard deviations, all states together: within a factor of 3 of one."""
     ratios = []
     for name in ("unmoved", "shift", "random"):
@@ -86,7 +86,7 @@ def test_standard_deviations_are_of_the_errors_size():
     assert 1 / 3 < rms < 3
 
 
-def test_a_beam_that_drifts():
+def test_all_grains_are_registered_despite_a_drift_of_the_beam():
     truth = case().motions["random"]
     scan = case().state(truth, LATER_ANGLES_DEG[4])
     brighter = type(scan)(1.1 * scan.line_integrals + 0.02, scan.geometry)

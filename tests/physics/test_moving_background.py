@@ -1,4 +1,4 @@
-"""A container that moved as one body: its motion is fitted with the grains', if it may move."""
+"""A container that moves as one rigid body: its motion is fitted with those of the grains."""
 
 from functools import cache
 
@@ -22,7 +22,7 @@ from grainmotion.tracking.track import TrackSettings, track
 GRAINS = grain_set()
 TRUTH = small_motions(GRAINS)
 WIDE = geometry(shape=(64, 88))
-SHIFT, TURN = np.array([3.0, -1.0, 0.5]) * VOXEL, np.deg2rad([0.5, -0.4, 1.5])
+SHIFT, ROTATION = np.array([3.0, -1.0, 0.5]) * VOXEL, np.deg2rad([0.5, -0.4, 1.5])
 
 
 @cache
@@ -42,7 +42,7 @@ def wall_projection(at=None):
 def observed(truth):
     """Radiographs of the moved grains and the moved wall."""
     images = simulate_radiographs(GRAINS, truth, WIDE)
-    images += wall_projection(NuisanceMotion(NuisanceMotion.still(4).views, SHIFT, rotation_matrix(TURN)))
+    images += wall_projection(NuisanceMotion(NuisanceMotion.still(4).views, SHIFT, rotation_matrix(ROTATION)))
     return Scan(images + 0.01 * np.random.default_rng(2).standard_normal(images.shape), WIDE)
 
 
@@ -58,7 +58,7 @@ def moving():
 class TestMovingBackground:
     def test_its_motion_is_measured(self, moving):
         np.testing.assert_allclose(moving.fit.background[:3], SHIFT, atol=0.03 * VOXEL)
-        np.testing.assert_allclose(np.rad2deg(moving.fit.background[3:]), np.rad2deg(TURN), atol=0.1)
+        np.testing.assert_allclose(np.rad2deg(moving.fit.background[3:]), np.rad2deg(ROTATION), atol=0.1)
 
     def test_the_grains_are_registered(self, moving):
         assert moving.ok.all(), moving.reasons
@@ -72,7 +72,7 @@ class TestMovingBackground:
         sizes = [np.sqrt((errors(m, TRUTH)[0] ** 2).mean()) for m in (fixed, moving)]
         assert sizes[0] > 5 * sizes[1]
 
-    def test_a_background_that_did_not_move_stays(self):
+    def test_a_background_that_did_not_move_is_fixed(self):
         still = motions(GRAINS)
         images = simulate_radiographs(GrainSet(GRAINS.grains, wall()), still, WIDE)
         noisy = Scan(images + 0.01 * np.random.default_rng(3).standard_normal(images.shape), WIDE)
@@ -81,18 +81,18 @@ class TestMovingBackground:
         assert FIXED_BACKGROUND_NOTE in measured.fit.notes
         assert np.abs(errors(measured, still)[0]).max() < 0.06
 
-    def test_whatever_the_last_filter(self):
-        """A wide filter correlates pixels; that is no evidence of a motion."""
+    def test_a_wide_last_filter_is_no_evidence_of_a_motion(self):
+        """A wide filter correlates pixels, which must not be taken for a motion."""
         images = simulate_radiographs(GrainSet(GRAINS.grains, wall()), TRUTH, WIDE)
         noisy = Scan(images + 0.01 * np.random.default_rng(3).standard_normal(images.shape), WIDE)
-        how = TrackSettings(search=False, filters=(8.0, 6.0))
-        assert FIXED_BACKGROUND_NOTE in track(GrainSet(GRAINS.grains, wall(), True), noisy, settings=how).fit.notes
+        settings = TrackSettings(search=False, filters=(8.0, 6.0))
+        assert FIXED_BACKGROUND_NOTE in track(GrainSet(GRAINS.grains, wall(), True), noisy, settings=settings).fit.notes
 
     @pytest.mark.parametrize("share", [0.05, 0.1])
     def test_a_small_motion_is_measured(self, monkeypatch, share):
         """A twentieth of the motion, 0.15 voxel, is far more than noise can imitate."""
         monkeypatch.setattr(f"{__name__}.SHIFT", share * SHIFT)
-        monkeypatch.setattr(f"{__name__}.TURN", share * TURN)
+        monkeypatch.setattr(f"{__name__}.ROTATION", share * ROTATION)
         measured = tracked(True, TrackSettings(search=False))
         assert FIXED_BACKGROUND_NOTE not in measured.fit.notes
         np.testing.assert_allclose(measured.fit.background[:3], SHIFT, atol=0.03 * VOXEL)
@@ -122,7 +122,7 @@ class TestMovingBackground:
         monkeypatch.setattr(global_search, "anneal", watched)
         measured = track(GrainSet(GRAINS.grains, wall(), True), observed(truth))
         assert backgrounds
-        expected = wall_projection(NuisanceMotion(NuisanceMotion.still(4).views, SHIFT, rotation_matrix(TURN)))
+        expected = wall_projection(NuisanceMotion(NuisanceMotion.still(4).views, SHIFT, rotation_matrix(ROTATION)))
         assert np.abs(backgrounds[-1] - expected).mean() < 0.2 * np.abs(wall_projection() - expected).mean()
         assert measured.ok.all(), measured.reasons
         assert np.abs(errors(measured, truth)[0]).max() < 0.06

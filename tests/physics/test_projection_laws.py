@@ -129,18 +129,18 @@ class TestExactPath:
             with np.errstate(divide="ignore", invalid="ignore"):
                 first, second = (low - points) / directions, (low + VOXEL - points) / directions
             inside = (points >= low) & (points < low + VOXEL)
-            still = directions == 0
-            enter = np.where(still, np.where(inside, -np.inf, np.inf), np.minimum(first, second)).max(axis=-1)
-            leave = np.where(still, np.inf, np.maximum(first, second)).min(axis=-1)
+            parallel = directions == 0
+            enter = np.where(parallel, np.where(inside, -np.inf, np.inf), np.minimum(first, second)).max(axis=-1)
+            leave = np.where(parallel, np.inf, np.maximum(first, second)).min(axis=-1)
             total += value * np.maximum(leave - enter, 0)
         return total
 
     @every_geometry
-    def test_against_boxes(self, geometry):
+    def test_equals_the_sum_over_boxes(self, geometry):
         volume = random_volume(3)
         expected = self.by_boxes(volume, geometry)
-        found = double_forward(pad(volume.array.astype(float)), geometry, "exact", padded_origin(volume))
-        np.testing.assert_allclose(found, expected, atol=1e-11)
+        computed = double_forward(pad(volume.array.astype(float)), geometry, "exact", padded_origin(volume))
+        np.testing.assert_allclose(computed, expected, atol=1e-11)
         np.testing.assert_allclose(project(volume, geometry, projector="exact"), expected, atol=2e-5)
 
     def test_one_voxel_across_its_diagonal(self):
@@ -158,7 +158,7 @@ class TestExactPath:
             )
 
 
-class TestSmoothPath:
+class TestTrilinearPath:
     """The trilinear image, sampled where the ray meets the planes of voxel centres of its dominant axis."""
 
     @staticmethod
@@ -177,11 +177,11 @@ class TestSmoothPath:
         return total
 
     @every_geometry
-    def test_against_samples(self, geometry):
+    def test_equals_the_sum_of_samples(self, geometry):
         volume = random_volume(5)
         expected = self.by_samples(volume, geometry)
-        found = double_forward(pad(volume.array.astype(float)), geometry, "trilinear", padded_origin(volume))
-        np.testing.assert_allclose(found, expected, atol=1e-11)
+        computed = double_forward(pad(volume.array.astype(float)), geometry, "trilinear", padded_origin(volume))
+        np.testing.assert_allclose(computed, expected, atol=1e-11)
         np.testing.assert_allclose(project(volume, geometry, projector="trilinear"), expected, atol=2e-5)
 
 
@@ -325,7 +325,7 @@ class TestDerivatives:
 
     @every_geometry
     @every_projector
-    def test_invariances(self, geometry, projector):
+    def test_derivatives_along_and_about_a_ray_are_zero(self, geometry, projector):
         """A grain that slides along a ray, or rotates about it, keeps that ray's line integral."""
         grains, _ = two_grains()
         packed = GrainArrays.of(grains)
@@ -333,10 +333,10 @@ class TestDerivatives:
         values, derivative_images = double_project(packed, POSE, geometry, patches, projector, derivatives=True)
         points, directions = rays(geometry)
         for p, (g, i, r0, r1, c0, c1) in enumerate(patches.boxes):
-            mine = slice(patches.offsets[p], patches.offsets[p + 1])
+            own = slice(patches.offsets[p], patches.offsets[p + 1])
             e = directions[i, r0:r1, c0:c1].reshape(-1, 3)
             away = (packed.centers + POSE.translations)[g] - points[i, r0:r1, c0:c1].reshape(-1, 3)
-            by_u, by_rotation = derivative_images[:3, mine].T, derivative_images[3:, mine].T
+            by_u, by_rotation = derivative_images[:3, own].T, derivative_images[3:, own].T
             scale = np.abs(by_u).max()
             np.testing.assert_allclose((by_u * e).sum(-1), 0, atol=1e-11 * scale)
             about_ray = (by_rotation * e).sum(-1) + (by_u * np.cross(e, away)).sum(-1)

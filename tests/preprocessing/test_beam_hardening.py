@@ -1,4 +1,4 @@
-"""Beam hardening found on a reference scan, against what one energy would have recorded."""
+"""Beam-hardening correction (`preprocessing.beam_hardening`), against monochromatic line integrals."""
 
 import dataclasses
 
@@ -18,9 +18,9 @@ from grainmotion.simulate.radiograph import line_integrals
 SHARES = ((0.25, 0.55), (0.35, 0.9), (0.25, 1.3), (0.15, 1.9))
 MEAN = sum(share * ratio for share, ratio in SHARES)
 SPECTRUM = tuple((share, ratio / MEAN) for share, ratio in SHARES)
-ONE_ENERGY = ((1.0, 1.0),)
-ALIKE = (0.4,) * 6
-UNLIKE = (0.25, 0.55, 0.4, 0.3, 0.5, 0.45)  # 1/mm
+MONOCHROMATIC = ((1.0, 1.0),)
+EQUAL_ATTENUATIONS = (0.4,) * 6
+DIFFERENT_ATTENUATIONS = (0.25, 0.55, 0.4, 0.3, 0.5, 0.45)  # 1/mm
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +29,7 @@ def case():
 
 
 def measured(case, attenuations, spectrum):
-    """Scan with noise, its reconstruction, and line integrals without noise: of this spectrum, of one energy."""
+    """Scan with noise, its reconstruction, and line integrals without noise: of this spectrum and monochromatic."""
     particles = zip(case.sample.particles, attenuations, strict=True)
     particles = tuple(dataclasses.replace(p, attenuation=a) for p, a in particles)
     sample = dataclasses.replace(case.sample, particles=particles)
@@ -44,41 +44,41 @@ def error(images, truth):
 
 
 class TestGrainsOfOneMaterial:
-    def test_curve_gives_what_one_energy_would(self, case):
-        scan, volume, hard, mono = measured(case, ALIKE, SPECTRUM)
+    def test_corrected_line_integrals_are_close_to_monochromatic_ones(self, case):
+        scan, volume, hard, mono = measured(case, EQUAL_ATTENUATIONS, SPECTRUM)
         curve = calibrate_hardening(scan, volume)
         assert not curve.is_linear
         assert curve.departure == pytest.approx(0.15, abs=0.03)
         assert error(hard, mono) > 0.09
         assert error(curve(hard), mono) < 0.015
 
-    def test_one_energy_is_left_alone(self, case):
-        scan, volume, _, _ = measured(case, ALIKE, ONE_ENERGY)
+    def test_a_monochromatic_scan_is_not_corrected(self, case):
+        scan, volume, _, _ = measured(case, EQUAL_ATTENUATIONS, MONOCHROMATIC)
         curve = calibrate_hardening(scan, volume)
         assert curve.is_linear
         assert curve.apply(scan) is scan
 
 
 class TestGrainsOfDifferentMaterials:
-    """What is one piece at half-way level is no one material: labels say which is which."""
+    """Connected voxels above the threshold are of several materials, which labels separate."""
 
-    def test_curve_gives_what_one_energy_would(self, case):
-        scan, volume, hard, mono = measured(case, UNLIKE, SPECTRUM)
+    def test_corrected_line_integrals_are_close_to_monochromatic_ones(self, case):
+        scan, volume, hard, mono = measured(case, DIFFERENT_ATTENUATIONS, SPECTRUM)
         curve = calibrate_hardening(scan, volume, labels=segment(volume).labels)
         assert error(curve(hard), mono) < 0.5 * error(hard, mono)
 
-    def test_one_energy_is_left_alone(self, case):
-        scan, volume, _, _ = measured(case, UNLIKE, ONE_ENERGY)
+    def test_a_monochromatic_scan_is_not_corrected(self, case):
+        scan, volume, _, _ = measured(case, DIFFERENT_ATTENUATIONS, MONOCHROMATIC)
         assert calibrate_hardening(scan, volume, labels=segment(volume).labels).is_linear
 
 
 class TestCurve:
-    def test_small_line_integrals_keep_their_slope(self):
+    def test_small_line_integrals_are_unchanged(self):
         curve = Hardening((1.0, 0.1, 0.02), 2.0)
         np.testing.assert_allclose(curve(np.array([1e-6, 1.0, 2.0])), [1e-6, 1.12, 2.56], rtol=1e-6)
         assert curve.departure == pytest.approx(0.28)
 
-    def test_it_is_monotone_and_leaves_noise_below_zero(self):
+    def test_curve_is_monotone_and_leaves_negative_values(self):
         b = np.linspace(-0.1, 5, 500)
         g = Hardening((1.0, 0.1, 0.02), 2.0)(b)
         assert (np.diff(g) > 0).all()
@@ -88,19 +88,19 @@ class TestCurve:
         views = case.scanner.geometry((0.0, 90.0))
         images = np.ones((2, *views.shape), np.float32)
         scan = Scan(images, views, images > 0)
-        after = Hardening((1.0, 0.5), 1.0).apply(scan)
-        assert after.line_integrals.dtype == np.float32
-        assert after.valid is scan.valid
-        np.testing.assert_allclose(after.line_integrals, 1.5)
+        corrected = Hardening((1.0, 0.5), 1.0).apply(scan)
+        assert corrected.line_integrals.dtype == np.float32
+        assert corrected.valid is scan.valid
+        np.testing.assert_allclose(corrected.line_integrals, 1.5)
 
     @pytest.mark.parametrize("coefficients", [(), (2.0,), (1.0, -0.1), (1.0, np.nan)])
-    def test_what_is_no_curve_is_refused(self, coefficients):
+    def test_invalid_coefficients_are_refused(self, coefficients):
         with pytest.raises(InputError, match="coefficients"):
             Hardening(coefficients)
 
 
 class TestInput:
-    def test_threshold_above_everything(self, case):
+    def test_threshold_above_all_voxels(self, case):
         scan = case.reference().select(slice(0, 16))
         rng = np.random.default_rng(0)
         volume = Volume(rng.random((8, 8, 8)), 1.0)

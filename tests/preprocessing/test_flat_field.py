@@ -1,4 +1,4 @@
-"""From counts to line integrals: Beer–Lambert and bad pixels."""
+"""Line integrals from counts or transmission (`preprocessing.flat_field`): Beer–Lambert law and bad pixels."""
 
 import numpy as np
 import pytest
@@ -43,7 +43,7 @@ class TestCounts:
         scan, _ = line_integrals_from_counts(beer_lambert(thickness), flats, darks, parallel(3))
         np.testing.assert_allclose(scan.line_integrals, thickness, atol=1e-5)
 
-    def test_no_darks_is_a_dark_of_zero(self, thickness):
+    def test_without_darks_the_dark_level_is_zero(self, thickness):
         counts = beer_lambert(thickness, dark=0.0)
         scan, _ = line_integrals_from_counts(counts, np.full(SHAPE, 50_000.0), None, parallel(3))
         np.testing.assert_allclose(scan.line_integrals, thickness, atol=1e-5)
@@ -52,8 +52,8 @@ class TestCounts:
         counts = beer_lambert(np.ones((3, *SHAPE))).astype(np.uint16)
         flats = np.full(SHAPE, 50_000, np.uint16)
         flats[2, 3] = 0  # dead in all views
-        counts[1, 5, 5] = 100  # nothing came through
-        counts[2, 0, 0] = 65_535  # top of the type
+        counts[1, 5, 5] = 100  # no photon was transmitted
+        counts[2, 0, 0] = 65_535  # largest value of the type
         scan, report = line_integrals_from_counts(counts, flats, np.full(SHAPE, 100, np.uint16), parallel(3))
         assert (report.dead, report.dark, report.saturated) == (3, 1, 1)
         assert report.bad == 5
@@ -63,7 +63,7 @@ class TestCounts:
         assert not scan.valid[:, 2, 3].any()
         np.testing.assert_allclose(scan.line_integrals, 1.0, atol=1e-3)
 
-    def test_saturation_level_of_a_camera_of_fewer_bits(self):
+    def test_saturation_level_can_be_set(self):
         counts = np.full((1, *SHAPE), 2000, np.uint16)
         counts[0, 3, 3] = 4095
         flats = np.full(SHAPE, 4000, np.uint16)
@@ -79,7 +79,7 @@ class TestCounts:
         assert scan.valid is not None
         assert not scan.valid[:, 4, 4].any()
 
-    def test_hole_without_good_neighbours_takes_the_nearest_good_pixel(self):
+    def test_a_large_hole_is_filled_from_the_nearest_good_pixels(self):
         counts = beer_lambert(np.ones((1, 20, 20)))
         counts[0, 4:12, 4:12] = 0.0
         flats, darks = np.full((20, 20), 50_000.0), np.full((20, 20), 100.0)
@@ -118,7 +118,7 @@ class TestOtherKinds:
         np.testing.assert_allclose(scan.line_integrals[scan.valid], thickness[scan.valid], atol=1e-5)
         assert np.isfinite(scan.line_integrals).all()
 
-    def test_line_integrals_pass(self, thickness):
+    def test_line_integrals_are_unchanged(self, thickness):
         scan, report = checked_line_integrals(thickness, parallel(3))
         np.testing.assert_array_equal(scan.line_integrals, thickness.astype(np.float32))
         assert report.bad == 0

@@ -1,4 +1,4 @@
-"""Extracting the grains of a labelled volume: nothing lost, nothing twice, everything in its place."""
+"""Extracting grains from a labelled volume (`segmentation.extraction`): mass, positions, background, refused labels."""
 
 import numpy as np
 import pytest
@@ -14,18 +14,18 @@ VOXEL = 0.2
 
 def put_back(grains, volume):
     """The sum of all grains' voxels on the volume's own grid."""
-    out = np.zeros(volume.shape)
+    total = np.zeros(volume.shape)
     for grain in grains.grains:
         first = np.rint((grain.volume.origin - volume.origin) / volume.voxel_size).astype(int)[::-1]
         inner = grain.volume.array[PADDING:-PADDING, PADDING:-PADDING, PADDING:-PADDING]
         box = tuple(slice(f + PADDING, f + PADDING + n) for f, n in zip(first, inner.shape, strict=True))
-        out[box] += inner
-    return out
+        total[box] += inner
+    return total
 
 
 @pytest.fixture
 def two_blocks():
-    """Two blocks of labels 3 and 7 with a rim of unlabelled attenuation, off the origin."""
+    """Two blocks of labels 3 and 7 with a border of unlabelled attenuation, off the origin."""
     rng = np.random.default_rng(0)
     array = np.zeros((12, 14, 20), np.float32)
     array[2:9, 3:10, 2:9] = rng.uniform(0.5, 1, (7, 7, 7))
@@ -37,24 +37,24 @@ def two_blocks():
 
 
 class TestExtraction:
-    def test_attenuation_is_handed_out_once(self, two_blocks):
+    def test_all_attenuation_is_assigned_once(self, two_blocks):
         volume, labels = two_blocks
         grains = grains_from_labels(volume, labels)
         np.testing.assert_array_equal(grains.labels, [3, 7])
         np.testing.assert_allclose(put_back(grains, volume), volume.array)
 
-    def test_reach_limits_what_is_handed_out(self, two_blocks):
+    def test_reach_limits_the_attenuation_that_is_assigned(self, two_blocks):
         volume, labels = two_blocks
-        strict = grains_from_labels(volume, labels, reach=0)
-        np.testing.assert_allclose(put_back(strict, volume), np.where(labels > 0, volume.array, 0))
+        labelled_only = grains_from_labels(volume, labels, reach=0)
+        np.testing.assert_allclose(put_back(labelled_only, volume), np.where(labels > 0, volume.array, 0))
         # the block's edges and corners are √2 and √3 voxels away
-        one = put_back(grains_from_labels(volume, labels, reach=1), volume)
-        assert one[2, 5, 5] == volume.array[2, 5, 5]
-        assert one[2, 3, 5] == 0
-        two = put_back(grains_from_labels(volume, labels, reach=2), volume)
-        np.testing.assert_allclose(two, volume.array)
+        reach_one = put_back(grains_from_labels(volume, labels, reach=1), volume)
+        assert reach_one[2, 5, 5] == volume.array[2, 5, 5]
+        assert reach_one[2, 3, 5] == 0
+        reach_two = put_back(grains_from_labels(volume, labels, reach=2), volume)
+        np.testing.assert_allclose(reach_two, volume.array)
 
-    def test_contested_voxels_go_to_the_nearer_grain(self):
+    def test_unlabelled_voxels_go_to_the_nearest_grain(self):
         array = np.ones((5, 5, 9), np.float32)
         labels = np.zeros(array.shape, np.uint8)
         labels[:, :, :2], labels[:, :, 7:] = 1, 2
@@ -68,11 +68,11 @@ class TestExtraction:
         for grain, columns in zip(
             grains_from_labels(volume, labels).grains, (slice(0, 10), slice(10, 20)), strict=True
         ):
-            mine = volume.array[:, :, columns].astype(float)
+            part = volume.array[:, :, columns].astype(float)
             by_hand = [
-                (mine.sum(axis=(0, 1)) @ x[columns]) / mine.sum(),
-                (mine.sum(axis=(0, 2)) @ y[:14]) / mine.sum(),
-                (mine.sum(axis=(1, 2)) @ z[:12]) / mine.sum(),
+                (part.sum(axis=(0, 1)) @ x[columns]) / part.sum(),
+                (part.sum(axis=(0, 2)) @ y[:14]) / part.sum(),
+                (part.sum(axis=(1, 2)) @ z[:12]) / part.sum(),
             ]
             np.testing.assert_allclose(grain.center, by_hand, atol=1e-6)
 
@@ -99,14 +99,14 @@ class TestExtraction:
         flags = [g.touches_border for g in grains_from_labels(*two_blocks, border=[7]).grains]
         assert flags == [False, True]
 
-    def test_a_label_without_attenuation_is_no_grain(self, two_blocks):
+    def test_a_label_without_attenuation_gives_no_grain(self, two_blocks):
         volume, labels = two_blocks
         labels[11, 13, 0] = 5
         np.testing.assert_array_equal(grains_from_labels(volume, labels).labels, [3, 7])
 
 
 class TestGrainSet:
-    def test_arrays(self, two_blocks):
+    def test_number_centers_and_voxel_size(self, two_blocks):
         grains = grains_from_labels(*two_blocks)
         assert len(grains) == 2
         assert grains.centers.shape == (2, 3)
@@ -115,12 +115,12 @@ class TestGrainSet:
 
 
 class TestRefused:
-    def test_shapes_differ(self, two_blocks):
+    def test_labels_of_another_shape(self, two_blocks):
         volume, labels = two_blocks
         with pytest.raises(InputError, match=r"labels: shape .* is not the volume's"):
             grains_from_labels(volume, labels[1:])
 
-    def test_no_label(self, two_blocks):
+    def test_labels_of_zero_alone(self, two_blocks):
         with pytest.raises(InputError, match="no grains found"):
             grains_from_labels(two_blocks[0], np.zeros_like(two_blocks[1]))
 
@@ -133,24 +133,24 @@ class TestRefused:
         with pytest.raises(InputError, match=r"labels: .*float64.*integers"):
             grains_from_labels(volume, labels.astype(float))
 
-    @pytest.mark.parametrize("odd", [-1, 2_000_000_000])
-    def test_labels_out_of_range(self, two_blocks, odd):
+    @pytest.mark.parametrize("wrong_label", [-1, 2_000_000_000])
+    def test_labels_out_of_range(self, two_blocks, wrong_label):
         volume, labels = two_blocks
-        with pytest.raises(InputError, match=rf"labels: they run from .*{odd}.*from 1 on"):
-            grains_from_labels(volume, np.where(labels == 7, odd, labels).astype(np.int64))
+        with pytest.raises(InputError, match=rf"labels: they run from .*{wrong_label}.*from 1 on"):
+            grains_from_labels(volume, np.where(labels == 7, wrong_label, labels).astype(np.int64))
 
 
 class TestBackground:
     @pytest.fixture
     def tubed(self, two_blocks):
-        """The two blocks, and a wall further away than they reach."""
+        """The two blocks, and a wall beyond their reach."""
         volume, labels = two_blocks
         array = np.pad(volume.array, ((0, 0), (0, 0), (0, 8)))
         array[:, :, 26] = 0.4
         return Volume(array, VOXEL, volume.center), np.pad(labels, ((0, 0), (0, 0), (0, 8)))
 
     @pytest.mark.parametrize(("background", "moves"), [("ignore", False), ("fixed", False), ("moving", True)])
-    def test_what_becomes_of_it(self, tubed, background, moves):
+    def test_unassigned_attenuation_is_the_background(self, tubed, background, moves):
         volume, labels = tubed
         grains = grains_from_labels(volume, labels, background=background)
         assert grains.background_moves is moves
@@ -160,10 +160,10 @@ class TestBackground:
         assert grains.background.center == volume.center
         np.testing.assert_allclose(put_back(grains, volume) + grains.background.array, volume.array, atol=1e-6)
         np.testing.assert_allclose(grains.background.array[:, :, 26], 0.4)
-        near = ndimage.distance_transform_edt(labels == 0) <= 1  # a grain's rim is never the wall's
+        near = ndimage.distance_transform_edt(labels == 0) <= 1  # voxels next to a grain never belong to the background
         assert not grains.background.array[near].any()
 
-    def test_without_some_grains_it_stays_what_it_is(self, tubed):
+    def test_a_subset_of_grains_keeps_the_background(self, tubed):
         fewer = grains_from_labels(*tubed, background="moving").without([0])
         assert fewer.background_moves
         assert fewer.background is not None

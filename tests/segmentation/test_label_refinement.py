@@ -1,4 +1,4 @@
-"""Grains on finer voxels: nothing lost, nothing moved, and parted where their surfaces meet."""
+"""Grains on finer voxels (`segmentation.label_refinement`): upsampling, separation at contacts, mass."""
 
 import numpy as np
 import pytest
@@ -16,13 +16,13 @@ REACH = 3.0
 
 
 def fine_centres(shape, factor):
-    """Places of fine voxels in coarse indices, axis by axis."""
+    """Positions of fine voxels in coarse indices, axis by axis."""
     return [(np.arange(factor * n) + 0.5) / factor - 0.5 for n in shape]
 
 
 class TestSpline:
     @pytest.mark.parametrize("factor", [1, 2, 3])
-    def test_cubics_come_back(self, factor):
+    def test_cubic_polynomials_are_reproduced(self, factor):
         """Away from the mirrored edges, where a cubic is no longer one."""
         shape = (24, 26, 28)
         rng = np.random.default_rng(0)
@@ -32,16 +32,16 @@ class TestSpline:
             z, y, x = (np.polynomial.polynomial.polyval(a / 20, c) for a, c in zip(axes, powers, strict=True))
             return z[:, None, None] * y[:, None] * x
 
-        found = upsampled(cubic([np.arange(n, dtype=float) for n in shape]), factor)
+        fine = upsampled(cubic([np.arange(n, dtype=float) for n in shape]), factor)
         expected = cubic(fine_centres(shape, factor))
         inner = tuple(slice(10 * factor, -10 * factor) for _ in shape)
-        assert found.shape == expected.shape
-        np.testing.assert_allclose(found[inner], expected[inner], atol=3e-6 * np.abs(expected).max())
+        assert fine.shape == expected.shape
+        np.testing.assert_allclose(fine[inner], expected[inner], atol=3e-6 * np.abs(expected).max())
 
     @pytest.mark.parametrize("factor", [2, 3])
-    def test_the_sum_stays(self, factor):
+    def test_the_sum_is_conserved(self, factor):
         array = np.random.default_rng(1).uniform(size=(9, 10, 11))
-        array = np.pad(array, 12)  # what is cut off by the edge has died away
+        array = np.pad(array, 12)  # so that nothing is cut off at the edge
         assert upsampled(array, factor).sum() / factor**3 == pytest.approx(array.sum(), rel=1e-6)
 
     def test_factor_one_changes_nothing(self):
@@ -51,7 +51,7 @@ class TestSpline:
     def test_precision_is_kept(self):
         assert upsampled(np.ones((5, 5, 5), np.float32), 2).dtype == np.float32
 
-    def test_even_attenuation_stays_even(self):
+    def test_uniform_attenuation_stays_uniform(self):
         np.testing.assert_allclose(upsampled(np.full((5, 6, 7), 0.3), 3), 0.3, rtol=1e-5)
 
 
@@ -61,48 +61,48 @@ def balls(*places, radius=0.65):
 
 
 def touching(axis=(1.0, 0.6, 0.3), radius=0.65):
-    """Two balls 13 voxels across that touch in one point, aslant in the grid."""
-    way = np.array(axis) / np.linalg.norm(axis)
+    """Two balls 13 voxels across that touch in one point, oblique to the grid."""
+    direction = np.array(axis) / np.linalg.norm(axis)
     middle = np.array([0.013, -0.021, 0.034])
-    return balls(middle - radius * way, middle + radius * way, radius=radius)
+    return balls(middle - radius * direction, middle + radius * direction, radius=radius)
 
 
 GRID = Volume.zeros((36, 36, 44), VOXEL)
 
 
-def true_owners(sample, grid, factor):
-    """Share of each fine voxel's attenuation that belongs to the first grain, NaN where there is none."""
+def true_parts(sample, grid, factor):
+    """Attenuation of each grain on the fine voxels."""
     fine = Volume.zeros(tuple(factor * n for n in grid.shape), grid.voxel_size / factor, grid.center)
     parts = [attenuation_volume(Sample((p,)), fine).array.astype(float) for p in sample.particles]
     return parts
 
 
 def wrong_mass(sample, labels, factor):
-    """Share of the attenuation that labels on fine voxels hand to the wrong one of two grains."""
-    one, two = true_owners(sample, GRID, factor)
+    """Share of the attenuation that labels on fine voxels assign to the wrong one of two grains."""
+    one, two = true_parts(sample, GRID, factor)
     return (one[labels == 2].sum() + two[labels == 1].sum()) / (one.sum() + two.sum())
 
 
 def blurred(sample, sigma=0.7):
-    """What a reconstruction shows: attenuation of voxels, smeared by a little more than one."""
+    """Attenuation of voxels, blurred as in a reconstruction."""
     return Volume(ndimage.gaussian_filter(attenuation_volume(sample, GRID).array, sigma), VOXEL)
 
 
 class TestTouching:
     @pytest.mark.parametrize("blur", [0.0, 0.7])
     @pytest.mark.parametrize("axis", [(1.0, 0.6, 0.3), (0.2, 0.9, -0.5), (0.7, 0.7, 0.02)], ids=str)
-    def test_parted_at_their_contact(self, axis, blur):
-        """To less than what a contact plane along the grid would cost: half a fine voxel of it."""
+    def test_grains_are_separated_at_their_contact(self, axis, blur):
+        """With less wrong attenuation than nearest labels have."""
         sample = touching(axis)
         volume, labels = blurred(sample, blur), label_volume(sample, GRID)
         nearest = np.kron(expand_labels(labels, REACH), np.ones((2, 2, 2), labels.dtype))
-        found = refined_labels(upsampled(volume.array, 2), labels, 2, REACH)
-        share = wrong_mass(sample, found, 2)
+        refined = refined_labels(upsampled(volume.array, 2), labels, 2, REACH)
+        share = wrong_mass(sample, refined, 2)
         assert share < 1e-3
         assert share < 0.5 * wrong_mass(sample, nearest, 2)
 
-    def test_a_segmentation_that_is_a_voxel_off_is_set_right(self):
-        """Labels of a watershed on voxels are jagged at the contact; the valley of the attenuation is not."""
+    def test_labels_that_are_a_voxel_off_are_corrected(self):
+        """Labels of a watershed on voxels are jagged at the contact; the minimum of the attenuation is not."""
         sample = touching()
         labels = label_volume(sample, GRID)
         rng = np.random.default_rng(3)
@@ -114,39 +114,39 @@ class TestTouching:
         assert share < 1e-3
         assert share < 0.3 * wrong_mass(sample, nearest, 2)
 
-    def test_far_grains_get_the_nearest_label(self):
+    def test_separate_grains_get_the_nearest_label(self):
         sample = balls((-1.2, 0, 0), (1.2, 0, 0))
         labels = label_volume(sample, GRID)
-        found = refined_labels(upsampled(attenuation_volume(sample, GRID).array, 2), labels, 2, REACH)
-        np.testing.assert_array_equal(found, np.kron(expand_labels(labels, REACH), np.ones((2, 2, 2), int)))
+        refined = refined_labels(upsampled(attenuation_volume(sample, GRID).array, 2), labels, 2, REACH)
+        np.testing.assert_array_equal(refined, np.kron(expand_labels(labels, REACH), np.ones((2, 2, 2), int)))
 
-    def test_reach_bounds_what_is_handed_out(self):
+    def test_reach_limits_the_labelled_voxels(self):
         sample = touching()
         labels = label_volume(sample, GRID)
-        found = refined_labels(upsampled(attenuation_volume(sample, GRID).array, 2), labels, 2, 0)
-        np.testing.assert_array_equal(found > 0, np.kron(labels, np.ones((2, 2, 2), int)) > 0)
+        refined = refined_labels(upsampled(attenuation_volume(sample, GRID).array, 2), labels, 2, 0)
+        np.testing.assert_array_equal(refined > 0, np.kron(labels, np.ones((2, 2, 2), int)) > 0)
 
-    def test_thin_grains_stay(self):
-        """A flake two voxels thick, half a voxel from a ball on either side, is deep nowhere and stays."""
-        way = np.array([1.0, 0, 0])
+    def test_thin_grains_keep_their_volume(self):
+        """A flake two voxels thick, half a voxel from a ball on either side."""
+        direction = np.array([1.0, 0, 0])
         flake = Particle(Ellipsoid(np.zeros(3), np.array([0.1, 0.6, 0.6]), np.eye(3)), 1.0)
-        stones = balls(-0.8 * way, 0.8 * way)
-        sample = Sample((*stones.particles, flake))
+        balls_beside = balls(-0.8 * direction, 0.8 * direction)
+        sample = Sample((*balls_beside.particles, flake))
         volume, labels = attenuation_volume(sample, GRID), label_volume(sample, GRID)
         grains = grains_from_labels(volume, labels, reach=REACH)
-        true = flake.shape.volume
+        volume_of_flake = flake.shape.volume
         fine = grains.grains[2].fine
-        assert fine.array.sum(dtype=float) * fine.voxel_size**3 == pytest.approx(true, rel=0.1)
-        np.testing.assert_allclose(_center(fine), np.zeros(3), atol=0.02 * VOXEL)
+        assert fine.array.sum(dtype=float) * fine.voxel_size**3 == pytest.approx(volume_of_flake, rel=0.1)
+        np.testing.assert_allclose(center_of_mass(fine), np.zeros(3), atol=0.02 * VOXEL)
 
-    def test_a_grain_of_one_voxel_stays(self):
+    def test_a_grain_of_one_voxel_is_kept(self):
         labels = np.zeros((9, 9, 9), np.int32)
         labels[3:6, 3:6, 1:4], labels[4, 4, 4] = 1, 2
         grains = grains_from_labels(Volume((labels > 0).astype(np.float32), VOXEL), labels)
         assert all(g.fine is not None and g.fine.array.any() for g in grains.grains)
 
 
-def _center(volume):
+def center_of_mass(volume):
     array = volume.array.astype(float)
     axes = [volume.origin[k] + volume.voxel_size * np.arange(array.shape[2 - k]) for k in range(3)]
     sums = [array.sum(axis=tuple({0, 1, 2} - {2 - k})) for k in range(3)]
@@ -155,27 +155,27 @@ def _center(volume):
 
 class TestFineGrains:
     @pytest.mark.parametrize("factor", [2, 3])
-    def test_in_the_same_place(self, factor):
+    def test_centre_of_mass_is_that_of_the_coarse_voxels(self, factor):
         """The centre of mass of the finer voxels is that of the coarse ones, wherever the volume is."""
         sample = balls((-0.61, 0.18, 0.07))
         volume, labels = attenuation_volume(sample, GRID), label_volume(sample, GRID)
         away = Volume(volume.array, VOXEL, (3.0, -2.0, 1.0))
         (grain,) = grains_from_labels(away, labels, finer=factor).grains
         assert grain.fine.voxel_size == pytest.approx(VOXEL / factor)
-        np.testing.assert_allclose(_center(grain.fine), grain.center, atol=1e-3 * VOXEL)
-        np.testing.assert_allclose(_center(grain.fine), [2.39, -1.82, 1.07], atol=0.02 * VOXEL)
+        np.testing.assert_allclose(center_of_mass(grain.fine), grain.center, atol=1e-3 * VOXEL)
+        np.testing.assert_allclose(center_of_mass(grain.fine), [2.39, -1.82, 1.07], atol=0.02 * VOXEL)
 
     @pytest.mark.parametrize("factor", [2, 3])
-    def test_all_attenuation_is_handed_out_once(self, factor):
+    def test_all_attenuation_is_assigned_once(self, factor):
         sample = touching()
         volume, labels = blurred(sample), label_volume(sample, GRID)
         grains = grains_from_labels(volume, labels, reach=REACH, finer=factor)
         within = volume.array[expand_labels(labels, REACH) > 0].sum(dtype=float)
-        held = sum(g.fine.array.sum(dtype=float) for g in grains.grains) / factor**3
-        assert held == pytest.approx(within, rel=5e-3)
-        own = [g.fine.array.sum(dtype=float) for g in grains.grains]
-        assert own[0] == pytest.approx(own[1], rel=5e-3)
-        assert not _together(grains, factor).max(initial=0) > 1
+        assigned = sum(g.fine.array.sum(dtype=float) for g in grains.grains) / factor**3
+        assert assigned == pytest.approx(within, rel=5e-3)
+        each = [g.fine.array.sum(dtype=float) for g in grains.grains]
+        assert each[0] == pytest.approx(each[1], rel=5e-3)
+        assert not grains_per_voxel(grains, factor).max(initial=0) > 1
 
     def test_padding_is_empty_and_the_crop_tight(self):
         sample = touching()
@@ -186,7 +186,7 @@ class TestFineGrains:
                 ends = np.moveaxis(inner, axis, 0)[[0, -1]]
                 assert ends.reshape(2, -1).any(axis=1).all()
 
-    def test_none_if_not_asked_for_and_none_of_a_slice(self):
+    def test_no_finer_voxels_with_factor_one_or_for_a_slice(self):
         sample = balls((0, 0, 0))
         volume, labels = attenuation_volume(sample, GRID), label_volume(sample, GRID)
         assert grains_from_labels(volume, labels, finer=1).grains[0].fine is None
@@ -194,9 +194,9 @@ class TestFineGrains:
         assert grains_from_labels(flat, labels[18:19]).grains[0].fine is None
 
 
-def _together(grains, factor):
-    """How many grains hold each fine voxel."""
-    out = np.zeros([factor * n for n in GRID.shape], int)
+def grains_per_voxel(grains, factor):
+    """Number of grains with attenuation in each fine voxel."""
+    count = np.zeros([factor * n for n in GRID.shape], int)
     h = VOXEL / factor
     origin = GRID.origin - VOXEL / 2 + h / 2
     for grain in grains.grains:
@@ -204,5 +204,5 @@ def _together(grains, factor):
         np.testing.assert_allclose(place, np.rint(place), atol=1e-6)
         z, y, x = np.nonzero(grain.fine.array)
         i, j, k = np.rint(place[::-1]).astype(int)
-        np.add.at(out, (z + i, y + j, x + k), 1)
-    return out
+        np.add.at(count, (z + i, y + j, x + k), 1)
+    return count

@@ -1,4 +1,4 @@
-"""Volume → labels: touching grains are neither split nor merged."""
+"""Segmentation (`segmentation.segment`): touching grains, settings, border, refused volumes."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ def ellipsoid(center, radii, shape=SHAPE):
 
 
 def scanned(solid, noise=0.05, seed=0) -> Volume:
-    """A volume as SART would give it: blurred faces, noise."""
+    """A volume with blurred faces and noise, as SART gives it."""
     blurred = ndimage.gaussian_filter(solid.astype(float), 0.7)
     return Volume(np.clip(blurred + np.random.default_rng(seed).normal(0, noise, solid.shape), 0, None), 0.1)
 
 
 def confusion(truth, labels):
-    """Splits and merges: a tenth of a grain elsewhere counts."""
+    """Numbers of split, merged and missing grains; a part of at least a tenth of a grain counts."""
     counts = np.zeros((truth.max() + 1, labels.max() + 1), int)
     np.add.at(counts, (truth.ravel(), labels.ravel()), 1)
     part = counts[1:, 1:] > 0.1 * np.bincount(truth.ravel())[1:, None]
@@ -40,9 +40,9 @@ def confusion(truth, labels):
 class TestTouchingGrains:
     def test_two_touching_balls_are_two(self):
         a, b = ellipsoid((20, 22, 18), (11, 11, 11)), ellipsoid((20, 22, 39.5), (11, 11, 11))
-        found = segment(scanned(a | b))
-        assert found.labels.max() == 2
-        assert confusion(np.where(a, 1, 0) + np.where(b & ~a, 2, 0), found.labels) == (0, 0, 0)
+        segmentation = segment(scanned(a | b))
+        assert segmentation.labels.max() == 2
+        assert confusion(np.where(a, 1, 0) + np.where(b & ~a, 2, 0), segmentation.labels) == (0, 0, 0)
 
     @pytest.mark.parametrize("radii", [(6, 6, 24), (14, 14, 4), (8, 15, 25)])
     def test_an_elongated_or_flat_grain_is_one(self, radii):
@@ -57,26 +57,26 @@ class TestTouchingGrains:
         z, y, x = grid()
         low = (abs(z - 12) < 8) & (abs(y - 15) < 9) & (abs(x - 22) < 14)
         high = (abs(z - 28) < 8) & (abs(y - 29) < 9) & (abs(x - 38) < 14)
-        found = segment(scanned(low | high))
-        assert confusion(low + 2 * high, found.labels) == (0, 0, 0)
-        assert found.labels.max() == 2
+        segmentation = segment(scanned(low | high))
+        assert confusion(low + 2 * high, segmentation.labels) == (0, 0, 0)
+        assert segmentation.labels.max() == 2
 
     def test_a_faint_grain_beside_a_bright_one_keeps_its_voxels(self):
         a, b = ellipsoid((20, 22, 18), (11, 11, 11)), ellipsoid((20, 22, 39.5), (11, 11, 11))
-        found = segment(scanned(np.where(a, 1.0, 0) + np.where(b & ~a, 0.65, 0)))
-        assert found.labels.max() == 2
-        assert confusion(np.where(a, 1, 0) + np.where(b & ~a, 2, 0), found.labels) == (0, 0, 0)
+        segmentation = segment(scanned(np.where(a, 1.0, 0) + np.where(b & ~a, 0.65, 0)))
+        assert segmentation.labels.max() == 2
+        assert confusion(np.where(a, 1, 0) + np.where(b & ~a, 2, 0), segmentation.labels) == (0, 0, 0)
 
     @pytest.mark.parametrize(("seed", "voxels"), [(0, 20), (1, 30)])
-    def test_a_packing_of_gravel_is_found_exactly(self, seed, voxels):
+    def test_a_packing_of_stones_has_no_errors(self, seed, voxels):
         rng = np.random.default_rng(seed)
         stones = [simulate.stone(int(i), 1.0, level=3) for i in rng.permutation(95)[:8]]
         particles = [simulate.Particle(s, 1.0) for s in stones]
         sample = simulate.pack(particles, simulate.PackingSettings(radius=1.2), seed)
         h = 1.0 / voxels
-        places = sample.centers
-        center = (0.0, 0.0, float(places[:, 2].mean()))
-        height = int((np.ptp(places[:, 2]) + 2.0) * voxels)
+        centers = sample.centers
+        center = (0.0, 0.0, float(centers[:, 2].mean()))
+        height = int((np.ptp(centers[:, 2]) + 2.0) * voxels)
         empty = Volume.zeros((height, int(3 * voxels), int(3 * voxels)), h, center)
         truth = simulate.label_volume(sample, empty)
         volume = simulate.attenuation_volume(sample, empty, samples=2)
@@ -89,8 +89,8 @@ class TestSettings:
     def test_a_given_threshold_is_used(self):
         volume = scanned(ellipsoid((20, 22, 30), (10, 10, 10)))
         assert segment(volume, SegmentSettings(threshold=0.8)).threshold == 0.8
-        nuisance, tight = (segment(volume, SegmentSettings(threshold=t)).labels for t in (0.3, 0.8))
-        assert (nuisance > 0).sum() > (tight > 0).sum()
+        low, high = (segment(volume, SegmentSettings(threshold=t)).labels for t in (0.3, 0.8))
+        assert (low > 0).sum() > (high > 0).sum()
 
     def test_small_objects_are_removed(self):
         solid = ellipsoid((20, 22, 18), (11, 11, 11)) | ellipsoid((20, 22, 50), (2.5, 2.5, 2.5))
@@ -103,19 +103,19 @@ class TestSettings:
         hollow = solid & ~ellipsoid((20, 22, 30), (4, 4, 4))
         assert segment(scanned(hollow)).labels[20, 22, 30] == 1
 
-    def test_inclusions_neither_split_a_grain_nor_leave_it(self):
+    def test_inclusions_do_not_split_a_grain_and_are_part_of_it(self):
         solid = ellipsoid((20, 22, 30), (15, 15, 22)).astype(float)
         solid[ellipsoid((22, 24, 20), (5, 5, 5))] = 2.5
         solid[ellipsoid((18, 22, 40), (6, 6, 6))] = 0.1
-        found = segment(scanned(solid))
-        assert found.labels.max() == 1
-        assert found.labels[18, 22, 40] == 1
+        segmentation = segment(scanned(solid))
+        assert segmentation.labels.max() == 1
+        assert segmentation.labels[18, 22, 40] == 1
 
-    def test_a_plate_too_thin_for_a_core_is_kept(self):
+    def test_a_plate_two_voxels_thick_is_kept(self):
         z, y, x = grid()
         assert segment(scanned((abs(z - 19.5) < 1) & (abs(y - 22) < 15) & (abs(x - 30) < 20))).labels.max() == 1
 
-    def test_a_weak_container_is_no_grain(self):
+    def test_a_weakly_attenuating_container_is_not_labelled(self):
         _, y, x = grid()
         wall = 0.3 * (abs(np.hypot(y - 21.5, x - 29.5) - 19) < 1.5)
         assert segment(scanned(np.maximum(wall, ellipsoid((20, 22, 30), (11, 11, 11))))).labels.max() == 1
@@ -123,9 +123,9 @@ class TestSettings:
     def test_hot_voxels_do_not_set_the_threshold(self):
         volume = scanned(ellipsoid((20, 22, 30), (11, 11, 11)))
         volume.array[2, 2, 2] = 200.0
-        found = segment(volume)
-        assert found.labels.max() == 1
-        assert 0.3 < found.threshold < 0.7
+        segmentation = segment(volume)
+        assert segmentation.labels.max() == 1
+        assert 0.3 < segmentation.threshold < 0.7
 
     def test_labels_run_from_1_without_gaps(self):
         solid = (
@@ -159,23 +159,23 @@ class TestBorder:
         labels[8:12, 14:17, 14:17] = 2
         assert border_labels(labels) == (1,)
 
-    def test_segment_reports_them(self):
-        found = segment(scanned(ellipsoid((2, 22, 30), (11, 11, 11))))
-        assert found.border == (1,)
+    def test_segment_reports_border_grains(self):
+        segmentation = segment(scanned(ellipsoid((2, 22, 30), (11, 11, 11))))
+        assert segmentation.border == (1,)
 
 
-class TestNothingFound:
+class TestNoGrains:
     def test_uniform_volume(self):
         with pytest.raises(InputError, match="no grains found"):
             segment(Volume.zeros((10, 10, 10), 0.1))
 
     @pytest.mark.parametrize("mean", [0.0, 0.5])
-    def test_nothing_but_noise(self, mean):
+    def test_noise_alone(self, mean):
         noise = np.random.default_rng(0).normal(mean, 0.1, (40, 40, 40))
         with pytest.raises(InputError, match=r"segment\.threshold.*noise"):
             segment(Volume(np.clip(noise, 0, None), 0.1))
 
-    def test_threshold_above_everything(self):
+    def test_threshold_above_all_voxels(self):
         volume = scanned(ellipsoid((20, 22, 30), (10, 10, 10)))
         with pytest.raises(InputError, match=r"segment\.threshold.*lower"):
             segment(volume, SegmentSettings(threshold=50.0))

@@ -1,4 +1,4 @@
-"""Cramér–Rao bounds: a ball in closed form, additivity, photons, coupling, undetermined components."""
+"""Cramér–Rao bounds (`simulate.cramer_rao`): closed form, additivity, photons, coupling."""
 
 import dataclasses
 
@@ -109,17 +109,17 @@ def test_bounds_are_symmetric_positive_and_converged_in_the_number_of_rays():
 class TestCoupling:
     def test_grains_without_a_common_pixel_are_uncoupled(self):
         first, second = pebble((0.0, 0.0, -2.5)), pebble((0.0, 0.0, 2.5), 7)
-        together = motion_bounds(Sample((first, second)), CONE, PHYSICS, gain=False)
+        both = motion_bounds(Sample((first, second)), CONE, PHYSICS, gain=False)
         for row, particle in enumerate((first, second)):
             own = motion_bounds(alone(particle), CONE, PHYSICS, gain=False)[0]
-            np.testing.assert_allclose(together[row], own, rtol=1e-7, atol=1e-9 * np.abs(own).max())
+            np.testing.assert_allclose(both[row], own, rtol=1e-7, atol=1e-9 * np.abs(own).max())
 
     def test_grains_behind_each_other_have_larger_variances(self):
-        thin = 1e-3  # so that the one hardly takes photons from the other
+        thin = 1e-3  # so that neither reduces the photons of the other noticeably
         first, second = pebble((0.0, 0.0, 0.0), attenuation=thin), pebble((0.6, 2.4, 0.4), 7, thin)
-        together = motion_bounds(Sample((first, second)), CONE[[0, 1]], PHYSICS, gain=False)
+        both = motion_bounds(Sample((first, second)), CONE[[0, 1]], PHYSICS, gain=False)
         own = motion_bounds(alone(first), CONE[[0, 1]], PHYSICS, gain=False)
-        assert (variances(together)[0] > variances(own)[0]).all()
+        assert (variances(both)[0] > variances(own)[0]).all()
 
     def test_an_unknown_gain_increases_variances(self):
         sample = Sample((pebble(), pebble((0.5, 2.4, 0.3), 7)))
@@ -128,8 +128,8 @@ class TestCoupling:
         assert unknown.sum() > known.sum()
 
     def test_a_grain_off_the_panel_is_undetermined_and_does_not_affect_others(self):
-        first, gone = pebble(), pebble((0.0, 0.0, 30.0), 7)
-        bounds = variances(motion_bounds(Sample((first, gone)), CONE, PHYSICS, subsamples=2))
+        first, off_panel = pebble(), pebble((0.0, 0.0, 30.0), 7)
+        bounds = variances(motion_bounds(Sample((first, off_panel)), CONE, PHYSICS, subsamples=2))
         own = variances(motion_bounds(alone(first), CONE, PHYSICS, subsamples=2))
         assert np.isinf(bounds[1]).all()
         np.testing.assert_allclose(bounds[0], own[0], rtol=1e-7)

@@ -1,4 +1,4 @@
-"""Counts: noise as asked, dark level, flat field, blur, drift."""
+"""Simulated counts (`simulate.detector`): noise, dark level, flat field, blur, drift."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""A particle broken by a plane: closed halves, conserved volume, the same radiograph."""
+"""A particle broken by a plane (`simulate.fracture`): closed halves, conserved volume, the same radiograph."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The hard cases: each has the effect of its summary, and can be written as a user's experiment."""
+"""The hard cases (`simulate.hard_cases`): each has the effect of its summary and can be written as an experiment."""
 
 import functools
 
@@ -117,23 +117,23 @@ class TestNoise:
 
 
 class TestDetector:
-    def test_hardening_takes_a_fifth_off_the_longest_path_in_both_states(self):
+    def test_hardening_reduces_the_longest_path_by_a_fifth_in_both_states(self):
         case = hard("beam-hardening")
         physics = case.case.physics
         views = case.nominal_geometry(LATER_ANGLES_DEG[4] + LATER_ANGLES_DEG[2])
         straight = line_integrals(case.case.sample, views, subsamples=1)
-        bent = line_integrals(case.case.sample, views, subsamples=1, spectrum=physics.spectrum)
+        hardened = line_integrals(case.case.sample, views, subsamples=1, spectrum=physics.spectrum)
         longest = straight.argmax()
-        assert 1 - bent.flat[longest] / straight.flat[longest] == pytest.approx(0.2, abs=1e-3)
+        assert 1 - hardened.flat[longest] / straight.flat[longest] == pytest.approx(0.2, abs=1e-3)
         thin = (straight > 0.01) & (straight < 0.05)
-        assert (1 - bent[thin] / straight[thin]).max() < 0.02
+        assert (1 - hardened[thin] / straight[thin]).max() < 0.02
         assert len(physics.spectrum) == 4
         for sample, views, scan in (
             (case.case.sample, case.nominal_geometry(), case.reference()),
             (case.later, case.nominal_geometry(LATER_ANGLES_DEG[4]), case.state()),
         ):
-            left = standardized(scan, transmission(sample, views, spectrum=physics.spectrum), physics)
-            assert left.std() == pytest.approx(1, abs=0.05)
+            residual = standardized(scan, transmission(sample, views, spectrum=physics.spectrum), physics)
+            assert residual.std() == pytest.approx(1, abs=0.05)
             assert standardized(scan, transmission(sample, views), physics).std() > 5
 
     def test_blur_is_one_pixel_in_both_states(self):
@@ -186,8 +186,8 @@ class TestMisalignment:
         case = hard("misaligned-state")
         np.testing.assert_allclose(case.true_reference_geometry().vectors, case.nominal_geometry().vectors, atol=1e-12)
         nominal, true = case.nominal_geometry(MANY_ANGLES_DEG), case.true_geometry(MANY_ANGLES_DEG)
-        off = (true.project_points([[0, 0, 0]]) - nominal.project_points([[0, 0, 0]]))[:, 0]
-        np.testing.assert_allclose(off.std(axis=0), 0.3, rtol=0.2)
+        displacement = (true.project_points([[0, 0, 0]]) - nominal.project_points([[0, 0, 0]]))[:, 0]
+        np.testing.assert_allclose(displacement.std(axis=0), 0.3, rtol=0.2)
         angles = np.arctan2(true.vectors[:, 1], true.vectors[:, 0]) - np.arctan2(
             nominal.vectors[:, 1], nominal.vectors[:, 0]
         )
@@ -226,9 +226,9 @@ class TestSample:
         assert masses[0] - masses[1] == pytest.approx(absent.mass)
         assert np.isnan(case.motions.translations[label - 1]).all()
         assert case.motions.statuses[label - 1] == Status.NOT_FITTED
-        rest = np.delete(np.arange(6), label - 1)
+        remaining = np.delete(np.arange(6), label - 1)
         np.testing.assert_allclose(
-            case.later.centers, case.case.sample.centers[rest] + case.motions.translations[rest], atol=1e-12
+            case.later.centers, case.case.sample.centers[remaining] + case.motions.translations[remaining], atol=1e-12
         )
 
     def test_one_grain_broke_and_mass_is_conserved(self):
@@ -239,8 +239,8 @@ class TestSample:
         assert len(case.later) == 7
         assert first.mass + second.mass == pytest.approx(whole.mass, rel=1e-12)
         assert min(first.mass, second.mass) > 0.2 * whole.mass
-        apart = cKDTree(first.shape.vertices).query(second.shape.vertices)[0].min()
-        assert 1 * voxel(case) < apart < 6 * voxel(case)  # rotated by 15° each, the rims come nearer
+        distance = cKDTree(first.shape.vertices).query(second.shape.vertices)[0].min()
+        assert 1 * voxel(case) < distance < 6 * voxel(case)  # rotated by 15° each, the rims come nearer
         assert case.motions.statuses[label - 1] == Status.NOT_CONVERGED
         assert case.motions.ok.sum() == 5
 
@@ -249,7 +249,7 @@ class TestSample:
             assert 1.0001 < particle.shape.semi_axes.max() / particle.shape.semi_axes.min() < 1.02
             assert particle.inclusions == ()
 
-    def test_a_band_shears_twenty_grains(self):
+    def test_twenty_grains_have_a_shear_band(self):
         case = hard("shear-band")
         u = case.motions.translations / voxel(case)
         assert len(u) == 20
@@ -276,7 +276,7 @@ def test_a_hard_case_on_disk_has_nominal_views_and_true_motions(name, tmp_path):
         np.testing.assert_allclose(read_geometry(true, (96, 72)).vectors, case.true_geometry().vectors, atol=1e-9)
 
 
-def test_a_beam_of_another_number_of_views_is_refused():
+def test_intensities_of_another_number_of_views_are_refused():
     case = hard("blur")
     with pytest.raises(InputError, match="intensity"):
         record_line_integrals(case.later, case.true_geometry(), case.case.physics, 0, beam=np.ones(3))

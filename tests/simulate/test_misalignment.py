@@ -1,4 +1,4 @@
-"""Misalignment: the true views where panel or stage differ from the nominal geometry."""
+"""Misalignment (`simulate.misalignment`): true views of a misaligned panel or stage."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Prescribed motions: what each kind does to points."""
+"""Prescribed motion fields (`simulate.motion_fields`): what each kind does to points."""
 
 import numpy as np
 import pytest
@@ -60,7 +60,7 @@ def test_shear_band_slides_two_blocks_and_rotates_the_grains_between(sample):
     assert np.allclose(motions.translations[above], [1, 0, 0], atol=1e-2)
     assert np.allclose(motions.translations[below], [-1, 0, 0], atol=1e-2)
     middle = np.argmin(np.abs(sample.centers[:, 2]))
-    # ½ curl of u_x(z) is along +y: the top goes to +x, as a right-handed turn about y carries z to x
+    # ½ curl of u_x(z) is along +y: the top goes to +x, as a right-handed rotation about y carries z to x
     assert motions.rotations[middle, 1] > 0.2
     assert np.allclose(motions.rotations[:, [0, 2]], 0)
 

@@ -1,4 +1,4 @@
-"""Packing: no overlap, contacts, the cylinder, the seed."""
+"""Packing (`simulate.packing`): no overlap, contacts, cylinder, seed."""
 
 import numpy as np
 import pytest
@@ -18,9 +18,9 @@ RADIUS = 5.5  # of the heap's cylinder, mm
 
 def test_grains_do_not_overlap_and_touch(heap):
     _, sample = heap
-    apart = gaps(sample)
-    assert apart.min() > 0
-    touching = (apart < 0.05).sum(axis=1)
+    distances = gaps(sample)
+    assert distances.min() > 0
+    touching = (distances < 0.05).sum(axis=1)
     assert (touching >= 1).all()
     assert touching.mean() >= 2
 
@@ -28,8 +28,8 @@ def test_grains_do_not_overlap_and_touch(heap):
 def test_no_point_is_in_two_grains(heap):
     _, sample = heap
     points = np.random.default_rng(0).uniform([-RADIUS, -RADIUS, -10], [RADIUS, RADIUS, 10], (200_000, 3))
-    held = np.sum([inside(p.shape, points) for p in sample.particles], axis=0)
-    assert held.max() == 1
+    count = np.sum([inside(p.shape, points) for p in sample.particles], axis=0)
+    assert count.max() == 1
 
 
 def test_an_overlap_is_a_negative_gap(heap):

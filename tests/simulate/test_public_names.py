@@ -1,4 +1,4 @@
-"""Names of the package: loaded when needed, former ones with a warning."""
+"""Public names of `grainmotion.simulate`: lazy loading, deprecated names."""
 
 import subprocess
 import sys
@@ -10,7 +10,7 @@ from grainmotion import simulate
 HEAVY = ("plotly", "matplotlib", "pandas", "h5py", "skimage", "dask")
 
 
-def test_every_public_name_is_there():
+def test_every_public_name_exists():
     assert "small" in simulate.__all__
     assert all(hasattr(simulate, name) for name in simulate.__all__)
 
@@ -23,11 +23,11 @@ def test_names_are_functions_and_classes_and_not_modules():
 
 def test_a_simulation_imports_no_plots_no_tables_and_no_file_formats():
     code = f"from grainmotion.simulate import small; import sys; print([m for m in {HEAVY} if m in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == "[]"
 
 
-def test_former_names_still_work():
+def test_deprecated_names_still_work():
     case = simulate.hard_case("misaligned")
     with pytest.warns(DeprecationWarning, match="nominal_geometry"):
         assert case.told_geometry().shape == case.nominal_geometry().shape

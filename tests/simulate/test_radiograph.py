@@ -1,4 +1,4 @@
-"""Exact line integrals: chords, mass, footprints, magnification."""
+"""Exact line integrals (`simulate.radiograph`): chords, mass, footprints, magnification."""
 
 import numpy as np
 import pytest
@@ -34,8 +34,8 @@ def alone(shape, attenuation=0.1):
 def rays(geometry, view):
     """Origins and unit directions of the rays through the pixels' centres."""
     pixels = geometry.pixel_positions(view)
-    first = geometry.vectors[view, :3]
-    d = pixels - first if geometry.beam == "cone" else np.broadcast_to(first, pixels.shape)
+    source_or_direction = geometry.vectors[view, :3]
+    d = pixels - source_or_direction if geometry.beam == "cone" else np.broadcast_to(source_or_direction, pixels.shape)
     return pixels, d / np.linalg.norm(d, axis=-1, keepdims=True)
 
 
@@ -67,13 +67,13 @@ def test_sphere_mesh_has_nearly_the_chord_of_the_ball(geometry):
 
 @BEAMS
 def test_box_has_the_chord_of_three_slabs(geometry):
-    turn, center = rotation_matrix([0.2, 0.5, -0.3]), np.array([0.3, 0.2, -0.5])
+    rotation, center = rotation_matrix([0.2, 0.5, -0.3]), np.array([0.3, 0.2, -0.5])
     half = np.array([1.5, 1.0, 2.0])
     corners = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T * half
-    p = line_integrals(alone(polyhedron(corners).moved(turn, center)), geometry, subsamples=1)
+    p = line_integrals(alone(polyhedron(corners).moved(rotation, center)), geometry, subsamples=1)
     for view in range(len(geometry)):
         o, d = rays(geometry, view)
-        o, d = (o - center) @ turn, d @ turn
+        o, d = (o - center) @ rotation, d @ rotation
         t = np.sort(np.stack([(-half - o) / d, (half - o) / d]), axis=0)
         chord = np.clip(t[1].min(axis=-1) - t[0].max(axis=-1), 0, None)
         assert np.allclose(p[view], 0.1 * chord, atol=1e-6)
@@ -94,13 +94,13 @@ def test_axis_aligned_box_edge_on_loses_no_ray():
 def test_mass_is_conserved_in_every_parallel_view(angle):
     geometry = Geometry.parallel([angle], (100, 100), 0.1, panel=DetectorAlignment(tilts_deg=(0, 0, 25)))
     s, u, v = (geometry.vectors[0, i : i + 3] for i in (0, 6, 9))
-    seen_area = abs(s @ np.cross(u, v))  # of a pixel, across the beam
+    pixel_area = abs(s @ np.cross(u, v))  # of a pixel, across the beam
     for particle in (
         Particle(stone(5, 4.5), 0.1),
         ellipsoid_particle(np.random.default_rng(0), 4.5, 0.1, inclusion_attenuation=0.4),
     ):
         p = line_integrals(Sample((particle,)), geometry, averaging="line-integral", subsamples=4)
-        assert p.sum() * seen_area == pytest.approx(particle.mass, rel=3e-4)
+        assert p.sum() * pixel_area == pytest.approx(particle.mass, rel=3e-4)
 
 
 @BEAMS
@@ -137,7 +137,7 @@ def test_cone_beam_magnifies():
     assert (line_integrals(nearer, geometry)[0, 50] > 0).sum() * 0.2 == pytest.approx(4 * 5, abs=0.4)
 
 
-def test_inclusion_replaces_what_it_displaces():
+def test_inclusion_replaces_the_attenuation_of_its_particle():
     ball = Ellipsoid(np.zeros(3), np.full(3, 2.0), np.eye(3))
     core = Ellipsoid(np.zeros(3), np.full(3, 1.0), np.eye(3))
     geometry = Geometry.parallel([0], (3, 3), 0.01)
@@ -200,7 +200,7 @@ def test_particle_behind_the_source_is_refused():
 def test_stone_has_the_chords_of_its_triangles_and_no_seam(geometry):
     mesh = stone(8, 5.0, level=4).moved(rotation_matrix([0.4, 0.1, 2.0]), [0.2, 0.1, -0.3])
     p = line_integrals(alone(mesh), geometry, subsamples=1)
-    assert p.min() > -1e-6  # a ray through a seam would see the distance to the source
+    assert p.min() > -1e-6  # a ray through a seam would give the distance to the source
     assert p.max() < 0.1 * 10
     a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
     o, d = rays(geometry, 1)

@@ -1,4 +1,4 @@
-"""Sample: particles with inclusions, and how particles and tubes move."""
+"""Sample (`simulate.sample`): particles with inclusions, and how particles and tubes move."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The ready-made cases, and the experiment that is written of them."""
+"""The predefined cases (`simulate.scenarios`), and experiments written from them."""
 
 import tomllib
 
@@ -20,9 +20,9 @@ def test_small_case_has_six_touching_grains_of_twenty_voxels(case):
     assert len(case.sample) == 6
     diameters = [np.cbrt(6 / np.pi * p.shape.volume) / voxel for p in case.sample.particles]
     assert 18 < min(diameters) < max(diameters) < 22
-    apart = gaps(case.sample)
-    assert apart.min() > 0
-    assert ((apart < 0.5 * voxel).sum(axis=1) >= 1).all()
+    distances = gaps(case.sample)
+    assert distances.min() > 0
+    assert ((distances < 0.5 * voxel).sum(axis=1) >= 1).all()
 
 
 def test_stones_are_the_same_with_and_without_inclusions():

@@ -1,4 +1,4 @@
-"""Shapes: closed meshes, volumes, centroids and extents."""
+"""Shapes (`simulate.shapes`): closed meshes, volumes, centroids and extents."""
 
 import numpy as np
 import pytest

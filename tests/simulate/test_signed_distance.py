@@ -1,4 +1,4 @@
-"""Signed distance to a mesh: balls, cubes, and points on the surface."""
+"""Signed distance to a mesh (`simulate.signed_distance`): balls, cubes, and points on the surface."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""The real stones: all of them, with the volumes of their source."""
+"""The 95 measured stones (`simulate.stone_shapes`), with the volumes of their source."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ VOLUMES = {
 }
 
 
-def test_all_stones_are_there():
+def test_there_are_95_stones():
     shapes = read_stone_shapes()
     assert len(shapes) == 95
     assert shapes.coefficients.shape == (95, 378)

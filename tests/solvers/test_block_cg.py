@@ -1,4 +1,4 @@
-"""Blocks on the diagonal, and conjugate gradients on many columns."""
+"""Block-preconditioned conjugate gradients (`solvers.block_cg`) and diagonal blocks."""
 
 import numpy as np
 from scipy import sparse
@@ -7,7 +7,7 @@ from grainmotion.solvers.block_cg import conjugate_gradients, damped_product, di
 
 
 def positive(n: int = 4, seed: int = 0) -> np.ndarray:
-    """A positive definite matrix of n blocks."""
+    """A positive definite matrix of n × n blocks."""
     factor = np.random.default_rng(seed).normal(size=(8 * n, 6 * n))
     return factor.T @ factor
 
@@ -24,12 +24,12 @@ def test_each_column_is_solved_to_its_own_tolerance():
     matrix = positive()
     right = np.random.default_rng(1).normal(size=(24, 3)) * [1.0, 1e-6, 1e6]
     product, blocks = damped_product(matrix, 0.0)
-    found = conjugate_gradients(product, blocks, right, 1e-9)
-    left = np.linalg.norm(matrix @ found - right, axis=0) / np.linalg.norm(right, axis=0)
-    assert left.max() < 1e-8
+    solution = conjugate_gradients(product, blocks, right, 1e-9)
+    residual = np.linalg.norm(matrix @ solution - right, axis=0) / np.linalg.norm(right, axis=0)
+    assert residual.max() < 1e-8
 
 
-def test_products_and_dense_factors_are_the_same(monkeypatch):
+def test_conjugate_gradients_equal_the_dense_solution(monkeypatch):
     matrix, right = positive(), np.random.default_rng(1).normal(size=24)
     dense = inverse(matrix, 0.1)(right)
     np.testing.assert_allclose(dense, np.linalg.solve(matrix + 0.1 * np.diag(np.diagonal(matrix)), right))

@@ -1,4 +1,4 @@
-"""Damped Gauss–Newton on problems whose optimum is known."""
+"""Damped Gauss–Newton (`solvers.gauss_newton`) on problems whose optimum is known."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -40,7 +40,7 @@ class LeastSquares:
 
 
 @dataclass(frozen=True)
-class Known:
+class KnownOptimum:
     """A start, the optimum and its cost."""
 
     problem: LeastSquares
@@ -49,23 +49,23 @@ class Known:
     cost: float = 0.0
 
 
-def linear() -> Known:
+def linear() -> KnownOptimum:
     rng = np.random.default_rng(0)
     A, b = rng.normal(size=(12, 4)), rng.normal(size=12)
     best = np.linalg.lstsq(A, b, rcond=None)[0]
     problem = LeastSquares(lambda x: A @ x - b, lambda x: A)
-    return Known(problem, np.full(4, 5.0), best, 0.5 * float(((A @ best - b) ** 2).sum()))
+    return KnownOptimum(problem, np.full(4, 5.0), best, 0.5 * float(((A @ best - b) ** 2).sum()))
 
 
-def badly_scaled() -> Known:
-    """Unknowns of sizes 1e-4 and 1e4, as mm and radians may be: damping must not mind."""
+def badly_scaled() -> KnownOptimum:
+    """Unknowns of sizes 1e-4 and 1e4, as mm and radians may be: damping must not depend on the scale."""
     rng = np.random.default_rng(1)
     A, best = rng.normal(size=(9, 3)) * [1e4, 1.0, 1e-4], np.array([1e-4, 1.0, 1e4])
-    return Known(LeastSquares(lambda x: A @ (x - best), lambda x: A), np.zeros(3), best)
+    return KnownOptimum(LeastSquares(lambda x: A @ (x - best), lambda x: A), np.zeros(3), best)
 
 
-def rosenbrock() -> Known:
-    return Known(
+def rosenbrock() -> KnownOptimum:
+    return KnownOptimum(
         LeastSquares(
             lambda x: np.array([10 * (x[1] - x[0] ** 2), 1 - x[0]]),
             lambda x: np.array([[-20 * x[0], 10.0], [-1.0, 0.0]]),
@@ -75,9 +75,9 @@ def rosenbrock() -> Known:
     )
 
 
-def powell() -> Known:
+def powell() -> KnownOptimum:
     """Powell's singular function: the Jacobian loses rank at the optimum."""
-    return Known(
+    return KnownOptimum(
         LeastSquares(
             lambda x: np.array(
                 [x[0] + 10 * x[1], 5**0.5 * (x[2] - x[3]), (x[1] - 2 * x[2]) ** 2, 10**0.5 * (x[0] - x[3]) ** 2]
@@ -96,11 +96,11 @@ def powell() -> Known:
     )
 
 
-def exponential() -> Known:
+def exponential() -> KnownOptimum:
     """y = 2 exp(−1.3 t) + 0.5 exactly, all three unknown."""
     t = np.linspace(0, 4, 30)
     y = 2 * np.exp(-1.3 * t) + 0.5
-    return Known(
+    return KnownOptimum(
         LeastSquares(
             lambda x: x[0] * np.exp(-x[1] * t) + x[2] - y,
             lambda x: np.stack([np.exp(-x[1] * t), -x[0] * t * np.exp(-x[1] * t), np.ones_like(t)], axis=1),
@@ -110,8 +110,8 @@ def exponential() -> Known:
     )
 
 
-def exponential_with_eliminated_amplitudes() -> Known:
-    """The same with amplitude and offset eliminated: gain and offset of a radiograph in small.
+def exponential_with_eliminated_amplitudes() -> KnownOptimum:
+    """The same with amplitude and offset eliminated, as gain and offset of a radiograph are.
 
     With y the best amplitudes at x, r = data − C(x) y; its Jacobian in Kaufman's form is −∂C y, projected.
     """
@@ -126,7 +126,7 @@ def exponential_with_eliminated_amplitudes() -> Known:
             J = (amplitudes[0] * t * np.exp(-state[0] * t))[:, None]
             return Linearization(0.5 * float(r @ r), J.T @ r, J.T @ J, J.T @ C, C.T @ C)
 
-    return Known(Eliminated(np.asarray, np.asarray), np.array([0.1]), np.array([1.3]))
+    return KnownOptimum(Eliminated(np.asarray, np.asarray), np.array([0.1]), np.array([1.3]))
 
 
 KNOWN = {
@@ -137,132 +137,132 @@ KNOWN = {
 
 class TestKnownOptima:
     @pytest.mark.parametrize("name", KNOWN)
-    def test_reached(self, name):
+    def test_optimum_is_reached(self, name):
         known = KNOWN[name]()
-        found = gauss_newton(known.problem, known.start, Stopping(iterations=200, step=1e-7, decrease=1e-14))
-        assert found.settled
-        assert found.costs[-1] == pytest.approx(known.cost, abs=1e-12)
+        solution = gauss_newton(known.problem, known.start, Stopping(iterations=200, step=1e-7, decrease=1e-14))
+        assert solution.settled
+        assert solution.costs[-1] == pytest.approx(known.cost, abs=1e-12)
         # Powell's optimum is singular: convergence is linear there
-        np.testing.assert_allclose(found.state, known.optimum, rtol=1e-6, atol=5e-3 if name == "powell" else 1e-6)
+        np.testing.assert_allclose(solution.state, known.optimum, rtol=1e-6, atol=5e-3 if name == "powell" else 1e-6)
 
     @pytest.mark.parametrize("name", KNOWN)
     def test_costs_only_fall(self, name):
         known = KNOWN[name]()
-        seen = []
-        found = gauss_newton(known.problem, known.start, Stopping(iterations=50), seen.append)
-        assert (np.diff(found.costs) < 0).all()
-        assert list(found.costs[1:]) == seen
-        assert found.iterations == len(seen)
-        assert known.problem.cost(found.state) == found.costs[-1]
+        reported = []
+        solution = gauss_newton(known.problem, known.start, Stopping(iterations=50), reported.append)
+        assert (np.diff(solution.costs) < 0).all()
+        assert list(solution.costs[1:]) == reported
+        assert solution.iterations == len(reported)
+        assert known.problem.cost(solution.state) == solution.costs[-1]
 
-    def test_a_linear_problem_takes_a_step_or_two(self):
+    def test_a_linear_problem_takes_at_most_three_steps(self):
         known = linear()
         assert gauss_newton(known.problem, known.start, Stopping(step=1e-6)).iterations <= 3
 
     def test_rank_deficient_normal_matrix(self):
-        """A direction that nothing sees does not stop the others, and is not moved."""
+        """An unknown without data does not change, and the others are solved."""
         rng = np.random.default_rng(2)
         A = np.concatenate([rng.normal(size=(9, 3)), np.zeros((9, 1))], axis=1)
         b = rng.normal(size=9)
-        found = gauss_newton(LeastSquares(lambda x: A @ x - b, lambda x: A), np.array([1.0, 1, 1, 7.0]))
-        np.testing.assert_allclose(found.state[:3], np.linalg.lstsq(A[:, :3], b, rcond=None)[0], atol=1e-6)
-        assert found.state[3] == 7.0
-        assert found.settled
+        solution = gauss_newton(LeastSquares(lambda x: A @ x - b, lambda x: A), np.array([1.0, 1, 1, 7.0]))
+        np.testing.assert_allclose(solution.state[:3], np.linalg.lstsq(A[:, :3], b, rcond=None)[0], atol=1e-6)
+        assert solution.state[3] == 7.0
+        assert solution.settled
 
-    def test_two_unknowns_that_only_appear_summed(self):
+    def test_two_unknowns_of_which_only_the_sum_is_determined(self):
         A = np.ones((5, 2))
-        found = gauss_newton(LeastSquares(lambda x: A @ x - 3, lambda x: A), np.zeros(2))
-        assert found.state.sum() == pytest.approx(3, abs=1e-5)
-        np.testing.assert_allclose(found.state[0], found.state[1], atol=1e-6)
+        solution = gauss_newton(LeastSquares(lambda x: A @ x - 3, lambda x: A), np.zeros(2))
+        assert solution.state.sum() == pytest.approx(3, abs=1e-5)
+        np.testing.assert_allclose(solution.state[0], solution.state[1], atol=1e-6)
 
 
 class TestStopping:
-    def test_iterations_run_out(self):
+    def test_iterations_are_limited(self):
         known = rosenbrock()
-        found = gauss_newton(known.problem, known.start, Stopping(iterations=2, step=1e-12))
-        assert found.iterations == 2
-        assert not found.settled
+        solution = gauss_newton(known.problem, known.start, Stopping(iterations=2, step=1e-12))
+        assert solution.iterations == 2
+        assert not solution.settled
 
     def test_a_start_at_the_optimum_settles_at_once(self):
         known = rosenbrock()
-        found = gauss_newton(known.problem, known.optimum)
-        assert found.settled
-        assert found.iterations == 0
-        np.testing.assert_array_equal(found.state, known.optimum)
+        solution = gauss_newton(known.problem, known.optimum)
+        assert solution.settled
+        assert solution.iterations == 0
+        np.testing.assert_array_equal(solution.state, known.optimum)
 
     def test_a_small_step_settles(self):
         known = rosenbrock()
-        found = gauss_newton(known.problem, known.start, Stopping(iterations=500, step=0.5))
-        assert found.settled
-        assert np.linalg.norm(found.last_step) < 0.5
+        solution = gauss_newton(known.problem, known.start, Stopping(iterations=500, step=0.5))
+        assert solution.settled
+        assert np.linalg.norm(solution.last_step) < 0.5
 
     def test_a_small_decrease_settles(self):
         known = powell()
-        found = gauss_newton(known.problem, known.start, Stopping(iterations=500, step=0.0, decrease=0.999))
-        assert found.settled
-        assert found.costs[-1] > 0.001 * found.costs[-2]
+        solution = gauss_newton(known.problem, known.start, Stopping(iterations=500, step=0.0, decrease=0.999))
+        assert solution.settled
+        assert solution.costs[-1] > 0.001 * solution.costs[-2]
 
     def test_a_last_step_is_not_linearised_at_its_end(self):
-        """Nothing more is expected there, and the cost alone is cheaper."""
-        known, where = linear(), []
+        """No further step follows, and the cost alone is cheaper."""
+        known, linearized_states = linear(), []
 
         class Counted(LeastSquares):
             def linearize(self, state: Array) -> Linearization:
-                where.append(state)
+                linearized_states.append(state)
                 return LeastSquares.linearize(self, state)
 
             def cost(self, state: Array) -> float:
                 return LeastSquares.linearize(self, state).cost
 
         problem = Counted(known.problem.residual, known.problem.jacobian)
-        found = gauss_newton(problem, known.start, Stopping(step=1e9))
-        assert found.settled
-        assert found.iterations == 1
-        assert len(where) == 1
-        assert found.costs[-1] == problem.cost(found.state)
+        solution = gauss_newton(problem, known.start, Stopping(step=1e9))
+        assert solution.settled
+        assert solution.iterations == 1
+        assert len(linearized_states) == 1
+        assert solution.costs[-1] == problem.cost(solution.state)
 
     @pytest.mark.parametrize(("share", "settled"), [(0.0, True), (0.4, True), (0.6, False)])
-    def test_stragglers_are_left_behind_and_told(self, share, settled):
-        """Two unknowns, one of which goes far for next to nothing: it is waited for unless half may straggle."""
+    def test_settles_despite_a_share_of_stragglers(self, share, settled):
+        """One of two unknowns moves far with little effect on the cost; iteration goes on unless half may straggle."""
 
         class Each(LeastSquares):
             def step_sizes(self, state: Array, step: Array) -> Array:
                 return np.abs(step)
 
-        slope = np.array([1.0, 1e-6])
+        scale = np.array([1.0, 1e-6])
         problem = Each(
-            lambda x: np.append(slope * np.tanh(x - 3), 1.0),
-            lambda x: np.vstack([np.diag(slope / np.cosh(x - 3) ** 2), np.zeros(2)]),
+            lambda x: np.append(scale * np.tanh(x - 3), 1.0),
+            lambda x: np.vstack([np.diag(scale / np.cosh(x - 3) ** 2), np.zeros(2)]),
         )
         stopping = Stopping(iterations=60, step=1e-9, decrease=1e-3, straggler_distance=0.01, stragglers=share)
         start = np.array([2.999, 2.0])
-        found = gauss_newton(problem, start, stopping)
-        assert found.settled == settled
-        assert (abs(found.state[1] - 3) < 0.01) == settled
+        solution = gauss_newton(problem, start, stopping)
+        assert solution.settled == settled
+        assert (abs(solution.state[1] - 3) < 0.01) == settled
 
-    def test_a_step_that_is_held_back_is_no_end(self):
-        """Small decreases count while damping is light: a heavy one makes any step small."""
+    def test_a_heavily_damped_step_is_no_convergence(self):
+        """A small decrease counts only if damping is light, because heavy damping makes any step small."""
         known = rosenbrock()
-        found = gauss_newton(known.problem, known.start, Stopping(iterations=500, step=1e-9, decrease=1e-6))
-        np.testing.assert_allclose(found.state, known.optimum, atol=1e-4)
+        solution = gauss_newton(known.problem, known.start, Stopping(iterations=500, step=1e-9, decrease=1e-6))
+        np.testing.assert_allclose(solution.state, known.optimum, atol=1e-4)
 
-    def test_no_downhill_step_settles_where_it_stands(self):
-        """A gradient that points the wrong way: every step is refused, the state stays, the end comes."""
+    def test_without_a_downhill_step_the_state_does_not_change(self):
+        """With a gradient of the wrong sign every step is refused, and iteration ends at the start."""
         wrong = LeastSquares(lambda x: x - 1, lambda x: -np.eye(2))
-        found = gauss_newton(wrong, np.zeros(2), Stopping(step=1e-12))
-        assert found.settled
-        assert found.iterations == 0
-        np.testing.assert_array_equal(found.state, [0, 0])
+        solution = gauss_newton(wrong, np.zeros(2), Stopping(step=1e-12))
+        assert solution.settled
+        assert solution.iterations == 0
+        np.testing.assert_array_equal(solution.state, [0, 0])
 
-    def test_nan_beyond_the_start_is_refused(self):
-        """A step to where the cost is NaN shortens; the solver comes home."""
+    def test_steps_to_a_nan_cost_are_shortened(self):
+        """A step to a state with a cost of NaN is shortened, and the optimum is reached."""
         with np.errstate(invalid="ignore"):
-            found = gauss_newton(
+            solution = gauss_newton(
                 LeastSquares(lambda x: np.sqrt(x) - 1, lambda x: 0.5 / np.sqrt(x)[:, None] * np.eye(len(x))),
                 np.array([8.0]),  # the plain Gauss–Newton step lands below zero
                 Stopping(iterations=200, step=1e-9),
             )
-        np.testing.assert_allclose(found.state, [1.0], rtol=1e-6)
+        np.testing.assert_allclose(solution.state, [1.0], rtol=1e-6)
 
 
 def blocks(n, seed=0, border=0):
@@ -281,7 +281,7 @@ def blocks(n, seed=0, border=0):
 class TestStep:
     @pytest.mark.parametrize("damping", [0.0, 0.1])
     @pytest.mark.parametrize("border", [0, 1, 2])
-    def test_elimination_equals_the_joint_solve(self, damping, border):
+    def test_elimination_equals_the_joint_solution(self, damping, border):
         at, J, r, C = blocks(5, border=border)
         damped = J.T @ J + damping * np.diag(np.diagonal(J.T @ J))
         # r is at its best over y only after projection; the joint normal equations with that r
@@ -292,20 +292,20 @@ class TestStep:
         np.testing.assert_allclose(step, expected, atol=1e-9)
 
     @pytest.mark.parametrize("border", [0, 2])
-    def test_sparse_matrix_and_array_are_the_same(self, border):
+    def test_sparse_and_dense_matrices_give_the_same_step(self, border):
         at, *_ = blocks(4, 1, border)
         dense = Linearization(at.cost, at.gradient, at.hessian.toarray(), at.border, at.corner)
         np.testing.assert_allclose(damped_step(at, 1e-3), damped_step(dense, 1e-3))
 
     @pytest.mark.parametrize("damping", [0.0, 1e-4, 1.0])
     @pytest.mark.parametrize("border", [0, 2])
-    def test_conjugate_gradients_equal_the_dense_factor(self, monkeypatch, damping, border):
+    def test_conjugate_gradients_equal_the_dense_solution(self, monkeypatch, damping, border):
         at, *_ = blocks(30, 2, border)
         dense = damped_step(at, damping)
         monkeypatch.setattr(block_cg, "MAX_DENSE_UNKNOWNS", 0)
         np.testing.assert_allclose(damped_step(at, damping, 1e-8), dense, atol=1e-6 * np.abs(dense).max())
 
-    def test_conjugate_gradients_leave_unseen_grains_alone(self, monkeypatch):
+    def test_conjugate_gradients_do_not_move_undetermined_grains(self, monkeypatch):
         at, J, r, _ = blocks(6, 3)
         J = J.copy()
         J[:, 12:18] = 0
@@ -317,8 +317,8 @@ class TestStep:
         np.testing.assert_array_equal(step[12:18], 0)
         np.testing.assert_allclose(step, dense, atol=1e-6 * np.abs(dense).max())
 
-    def test_border_that_is_not_independent(self):
-        """Two columns alike, as gain and offset of an even radiograph: the step is that of one of them."""
+    def test_a_border_of_equal_columns(self):
+        """Two equal columns, as gain and offset of a uniform radiograph: the step is that of one of them."""
         at, _, _, C = blocks(3, 4, 1)
         twice = np.concatenate([C, C], axis=1)
         J = blocks(3, 4, 1)[1]
@@ -327,8 +327,8 @@ class TestStep:
 
     @pytest.mark.parametrize("damping", [0.0, 1e-4])
     @pytest.mark.parametrize("dense", [600, 0])
-    def test_rounding_that_makes_a_matrix_indefinite_is_no_exception(self, monkeypatch, damping, dense):
-        """One grain of almost no shadow, whose block is rounded: the others step as they would without it."""
+    def test_a_matrix_indefinite_by_rounding_raises_nothing(self, monkeypatch, damping, dense):
+        """The block of a grain with hardly any data is rounded: the steps of the others are those without it."""
         at, J, r, _ = blocks(3, 5)
         J = J.copy()
         J[:, 12:18] *= 1e-3
@@ -343,8 +343,8 @@ class TestStep:
         np.testing.assert_allclose(step[:12], without[:12], atol=1e-3)
 
 
-def test_an_unknown_that_is_all_but_unseen_stays():
-    """A column of rounding errors is no information: its unknown keeps its value, the others are found."""
+def test_an_unknown_determined_by_rounding_errors_alone_does_not_change():
+    """A column of rounding errors is no information: its unknown keeps its value, the others are solved."""
     a = np.random.default_rng(0).normal(size=(20, 3))
     a[:, 1] = 1e-16 * np.random.default_rng(1).normal(size=20)
     b = a[:, [0, 2]] @ [2.0, -1.0]
@@ -398,18 +398,18 @@ class TestSteppingBorder:
 
     @pytest.mark.parametrize("eliminated", [0, 1, 3])
     @pytest.mark.parametrize("stepping", [1, 2, 4])
-    def test_the_optimum_is_scipys(self, stepping, eliminated):
+    def test_the_optimum_is_that_of_scipy(self, stepping, eliminated):
         problem, reduced, start = self.problem(stepping, eliminated)
         expected = least_squares(reduced, start, xtol=1e-12, ftol=1e-12, gtol=1e-12)
-        found = gauss_newton(problem, start, Stopping(iterations=300, step=1e-10, decrease=1e-15))
-        assert found.settled
-        assert found.costs[-1] == pytest.approx(expected.cost, rel=1e-9)
-        np.testing.assert_allclose(found.state, expected.x, atol=1e-5)
-        assert len(found.last_step) == 6 + stepping
-        assert (np.diff(found.costs) < 1e-9 * found.costs[-1]).all()  # rounding does not refuse a last step
+        solution = gauss_newton(problem, start, Stopping(iterations=300, step=1e-10, decrease=1e-15))
+        assert solution.settled
+        assert solution.costs[-1] == pytest.approx(expected.cost, rel=1e-9)
+        np.testing.assert_allclose(solution.state, expected.x, atol=1e-5)
+        assert len(solution.last_step) == 6 + stepping
+        assert (np.diff(solution.costs) < 1e-9 * solution.costs[-1]).all()  # but for rounding in a last step
 
-    def test_damping_holds_all_that_steps(self):
-        """A stepping unknown in which the residual is far from linear: without damping it jumps to and fro."""
+    def test_damping_applies_to_stepping_unknowns(self):
+        """The residual is strongly nonlinear in a stepping unknown, which oscillates without damping."""
 
         class Curved(LeastSquares):
             def linearize(self, state: Array) -> Linearization:
@@ -418,12 +418,12 @@ class TestSteppingBorder:
                 J = np.array([[1.0], [0.0], [0.0]])
                 return Linearization(0.5 * float(r @ r), J.T @ r, J.T @ J, J.T @ C, C.T @ C, C.T @ r)
 
-        found = gauss_newton(Curved(np.asarray, np.asarray), np.zeros(2), Stopping(iterations=60, step=1e-9))
-        np.testing.assert_allclose(found.state, [1.0, 2.0], atol=1e-6)
+        solution = gauss_newton(Curved(np.asarray, np.asarray), np.zeros(2), Stopping(iterations=60, step=1e-9))
+        np.testing.assert_allclose(solution.state, [1.0, 2.0], atol=1e-6)
 
     @pytest.mark.parametrize("damping", [0.0, 0.1])
-    def test_one_step_is_that_of_the_joint_equations(self, damping):
-        """All that steps is damped; eliminated unknowns have no slope, stepping ones have."""
+    def test_one_step_equals_that_of_the_joint_equations(self, damping):
+        """All stepping unknowns are damped; the gradient is zero for eliminated unknowns only."""
         at, J, r, C = blocks(5, border=3)
         first = C[:, :1]
         r = r - first @ np.linalg.lstsq(first, r, rcond=None)[0]
@@ -434,16 +434,18 @@ class TestSteppingBorder:
         step = damped_step(Linearization(1.0, J.T @ r, at.hessian, at.border, at.corner, C[:, 1:].T @ r), damping)
         np.testing.assert_allclose(step, np.delete(expected, 30), atol=1e-9)
 
-    def test_a_linear_problem_goes_as_far_as_promised(self):
-        """The decrease that the model promises is the one that comes, damped or not."""
+    def test_the_cost_of_a_linear_problem_falls_as_predicted(self):
+        """The predicted decrease is the actual one, with and without damping."""
         at, J, r, C = blocks(4, 6, 2)
         whole = Linearization(0.5 * float(r @ r), J.T @ r, at.hessian, at.border, at.corner, C.T @ r)
         for damping in (0.0, 0.3):
             step = damped_step(whole, damping)
-            left = r + J @ step[:24] + C @ step[24:]
-            assert predicted_decrease(whole, step, damping) == pytest.approx(0.5 * float(r @ r - left @ left), rel=1e-9)
+            residual = r + J @ step[:24] + C @ step[24:]
+            assert predicted_decrease(whole, step, damping) == pytest.approx(
+                0.5 * float(r @ r - residual @ residual), rel=1e-9
+            )
 
-    def test_conjugate_gradients_give_the_same(self, monkeypatch):
+    def test_conjugate_gradients_equal_the_dense_step_with_a_border(self, monkeypatch):
         at, J, r, C = blocks(20, 7, 3)
         whole = Linearization(1.0, J.T @ r, at.hessian, at.border, at.corner, C[:, 1:].T @ r)
         dense = damped_step(whole, 1e-3)

@@ -63,11 +63,14 @@ def tiny_grain() -> Outcomes:
 
 
 def small_packing() -> Outcomes:
-    """Six stones of 20 voxels, from a noisy scan of 90 views: near their places, and far away, which needs a search."""
+    """Six stones of 20 voxels from a noisy scan of 90 views, with small motions and with large ones."""
     case = small()
     volume = reconstruct(case.reference(), case.scanner.grid).volume
     grains = grains_from_labels(volume, segment(volume).labels)
-    truths = {"random motions": case.motions["random"], "lost grains": displaced(case.motions["unmoved"], 8.0, 60.0)}
+    truths = {
+        "random motions": case.motions["random"],
+        "misregistered grains": displaced(case.motions["unmoved"], 8.0, 60.0),
+    }
     outcomes: Outcomes = {}
     for name, truth in truths.items():
         for views in (4, 2) if name == "random motions" else (4,):
@@ -110,7 +113,7 @@ CASES: tuple[Callable[[], Outcomes], ...] = (tiny_grain, small_packing, planar, 
 
 def blas() -> list[str]:
     """The processors for which the BLAS in use chose its kernels."""
-    return sorted({str(found.get("architecture")) for found in threadpool_info() if found["user_api"] == "blas"})
+    return sorted({str(library.get("architecture")) for library in threadpool_info() if library["user_api"] == "blas"})
 
 
 def measure(out: Path) -> None:

@@ -57,11 +57,11 @@ class Target:
     def measured(self, folder: Path) -> Path:
         """Run all cases, and the solver's tests; returns the file of the motions."""
         out = folder / f"{self.variable}-{self.name}.npz"
-        mine = {self.variable: self.name, "NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-        mine["PYTHONPATH"] = os.pathsep.join([str(ROOT / "tests"), str(ROOT)])
+        variables = {self.variable: self.name, "NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+        variables["PYTHONPATH"] = os.pathsep.join([str(ROOT / "tests"), str(ROOT)])
         if self.variable == "NUMBA_CPU_NAME":  # only what that processor has, whatever more this one can do
-            mine |= {"NUMBA_CPU_FEATURES": "", "NUMBA_CACHE_DIR": str(KERNEL_CACHE / kernels() / self.name)}
-        left = {k: v for k, v in os.environ.items() if not k.startswith(("NUMBA_CPU", "OPENBLAS_CORETYPE"))}
+            variables |= {"NUMBA_CPU_FEATURES": "", "NUMBA_CACHE_DIR": str(KERNEL_CACHE / kernels() / self.name)}
+        environment = {k: v for k, v in os.environ.items() if not k.startswith(("NUMBA_CPU", "OPENBLAS_CORETYPE"))}
         solver = [
             "-m",
             "pytest",
@@ -71,10 +71,10 @@ class Target:
             *(str(ROOT / "tests" / name) for name in SOLVER_TESTS),
         ]
         for command in ([str(Path(__file__).with_name("cases.py")), str(out)], solver):
-            done = subprocess.run(
-                [sys.executable, *command], env=left | mine, cwd=folder, capture_output=True, text=True
+            result = subprocess.run(
+                [sys.executable, *command], env=environment | variables, cwd=folder, capture_output=True, text=True
             )
-            assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-4000:]
+            assert result.returncode == 0, result.stdout[-4000:] + result.stderr[-4000:]
         return out
 
 
@@ -105,10 +105,10 @@ def results(tmp_path_factory) -> Iterator[dict[Target, Future[Path]]]:
 def test_motions_are_those_of_the_host(results, target):
     if not target.can_run:
         pytest.skip(f"this processor lacks one of {', '.join(sorted(target.needs))}")
-    with np.load(results[HOST].result()) as ours, np.load(results[target].result()) as theirs:
-        blas = ", ".join(theirs["blas"])  # it may take the kernels of a relative: Haswell's for Zen
-        names = sorted({key.split("/")[0] for key in ours.files if "/" in key})
-        differences = {name: compared(ours, theirs, name) for name in names}
+    with np.load(results[HOST].result()) as of_host, np.load(results[target].result()) as of_target:
+        blas = ", ".join(of_target["blas"])  # it may use kernels of a related processor: Haswell's for Zen
+        names = sorted({key.split("/")[0] for key in of_host.files if "/" in key})
+        differences = {name: compared(of_host, of_target, name) for name in names}
     print(f"\n{'largest difference on ' + target.name:34} of sd   voxel   (BLAS: {blas})")
     for name, (of_sd, of_voxel, _) in differences.items():
         print(f"{name:34} {of_sd:.4f}  {of_voxel:.1e}")
@@ -116,9 +116,9 @@ def test_motions_are_those_of_the_host(results, target):
     assert not wrong
 
 
-def compared(ours, theirs, name: str) -> tuple[float, float, str]:
+def compared(of_host, of_target, name: str) -> tuple[float, float, str]:
     """Largest difference of converged grains (in sd, in voxels at the rim), and what is wrong with it."""
-    one, other = ({key: arrays[f"{name}/{key}"] for key in KEYS} for arrays in (ours, theirs))
+    one, other = ({key: arrays[f"{name}/{key}"] for key in KEYS} for arrays in (of_host, of_target))
     if one["rough"]:
         return np.nan, np.nan, "" if np.isfinite(other["translations"]).all() else "no result"
     if list(one["statuses"]) != list(other["statuses"]):
@@ -138,8 +138,8 @@ def compared(ours, theirs, name: str) -> tuple[float, float, str]:
         where=one["sds"][compared_rows] > 0,
     )
     sds[voxels == 0] = 0
-    far = np.minimum(sds / MAX_OF_SD, voxels / MAX_OF_VOXEL)
-    fault = f"grain {np.argmax(far.max(axis=1))} is {far.max():.1f} times too far" if (far > 1).any() else ""
+    excess = np.minimum(sds / MAX_OF_SD, voxels / MAX_OF_VOXEL)
+    fault = f"grain {np.argmax(excess.max(axis=1))} is {excess.max():.1f} times too far" if (excess > 1).any() else ""
     return float(sds.max(initial=0)), float(voxels.max(initial=0)), fault
 
 

@@ -1,4 +1,4 @@
-"""Statuses and sentences: what is said of each grain is true."""
+"""Classification of grains (`tracking.classification`): statuses, reasons and notes."""
 
 from dataclasses import replace
 
@@ -13,91 +13,91 @@ from grainmotion.model.motions import Status
 
 class TestStatuses:
     def test_converged(self):
-        found = classified(radiographs(GRAINS, TRUTH), pose_of(TRUTH))
-        assert set(found.statuses) == {Status.CONVERGED.value}
-        assert set(found.reasons) == {""}
-        np.testing.assert_allclose(found.translations, TRUTH.translations)
-        np.testing.assert_allclose(found.rotations, TRUTH.rotations, atol=1e-12)
-        np.testing.assert_allclose(found.residuals, 0.01, rtol=0.1)
-        assert set(found.iterations) == {2}
-        assert found.fit.costs == (("free", 0.1), ("free", 0.05))
-        assert found.fit.gain == pytest.approx(1, abs=2e-3)
+        measured = classified(radiographs(GRAINS, TRUTH), pose_of(TRUTH))
+        assert set(measured.statuses) == {Status.CONVERGED.value}
+        assert set(measured.reasons) == {""}
+        np.testing.assert_allclose(measured.translations, TRUTH.translations)
+        np.testing.assert_allclose(measured.rotations, TRUTH.rotations, atol=1e-12)
+        np.testing.assert_allclose(measured.residuals, 0.01, rtol=0.1)
+        assert set(measured.iterations) == {2}
+        assert measured.fit.costs == (("free", 0.1), ("free", 0.05))
+        assert measured.fit.gain == pytest.approx(1, abs=2e-3)
 
-    def test_wrong_place(self):
-        """Two voxels off: the residual says so, and keeps the last value."""
+    def test_a_displaced_grain_is_not_converged(self):
+        """Two voxels off: the reason names the residual, and the last value is kept."""
         wrong = replace(TRUTH, translations=TRUTH.translations.copy())
         wrong.translations[2] += 2 * VOXEL
-        found = classified(radiographs(GRAINS, TRUTH), pose_of(wrong))
-        assert found.statuses[2] == Status.NOT_CONVERGED.value
-        assert "residual" in found.reasons[2]
-        np.testing.assert_allclose(found.translations[2], wrong.translations[2])
-        assert found.ok[3:].all()  # what overlaps it may suffer, the others do not
+        measured = classified(radiographs(GRAINS, TRUTH), pose_of(wrong))
+        assert measured.statuses[2] == Status.NOT_CONVERGED.value
+        assert "residual" in measured.reasons[2]
+        np.testing.assert_allclose(measured.translations[2], wrong.translations[2])
+        assert measured.ok[3:].all()  # grains that overlap it may be affected, the others are not
 
-    def test_a_grain_that_another_search_put_elsewhere(self):
+    def test_an_ambiguous_grain_is_not_converged(self):
         ambiguous = np.arange(5) == 2
-        found = classified(radiographs(GRAINS, TRUTH), pose_of(TRUTH), ambiguous=ambiguous)
-        np.testing.assert_array_equal(found.statuses == Status.NOT_CONVERGED.value, ambiguous)
-        assert "elsewhere" in found.reasons[2]
-        np.testing.assert_allclose(found.translations, TRUTH.translations)
+        measured = classified(radiographs(GRAINS, TRUTH), pose_of(TRUTH), ambiguous=ambiguous)
+        np.testing.assert_array_equal(measured.statuses == Status.NOT_CONVERGED.value, ambiguous)
+        assert "elsewhere" in measured.reasons[2]
+        np.testing.assert_allclose(measured.translations, TRUTH.translations)
 
-    def test_without_any_noise_what_no_view_sees_is_still_unknown(self):
-        """A residual of nothing is no proof that the depth in one parallel view is known."""
+    def test_an_undetermined_direction_is_reported_without_noise(self):
+        """The depth in one parallel view is undetermined even if the residual is zero."""
         views = Geometry.parallel([0.0], PANEL, VOXEL)
-        found = classified(radiographs(GRAINS, TRUTH, views=views, noise=0.0), pose_of(TRUTH))
-        assert set(found.statuses) == {Status.POORLY_DETERMINED.value}
+        measured = classified(radiographs(GRAINS, TRUTH, views=views, noise=0.0), pose_of(TRUTH))
+        assert set(measured.statuses) == {Status.POORLY_DETERMINED.value}
 
-    def test_few_pixels_for_each_unknown_are_told(self):
+    def test_few_pixels_for_each_unknown_are_noted(self):
         scan = radiographs(GRAINS, TRUTH)
         assert not any("for each unknown" in note for note in classified(scan, pose_of(TRUTH)).fit.notes)
         few = np.zeros(scan.line_integrals.shape, bool)
         few[:, ::6, ::2] = True
-        told = classified(replace(scan, valid=few), pose_of(TRUTH)).fit.notes
-        assert any("pixels for each unknown are few" in note for note in told)
+        notes = classified(replace(scan, valid=few), pose_of(TRUTH)).fit.notes
+        assert any("pixels for each unknown are few" in note for note in notes)
 
-    def test_still_moving_when_iterations_ran_out(self):
+    def test_a_large_last_translation_is_not_converged(self):
         step = np.zeros(30)
         step[6 * 3] = 0.2 * VOXEL
         step[6 * 1] = 0.05 * VOXEL
-        found = classified(radiographs(GRAINS, TRUTH), pose_of(TRUTH), settled=False, last_step=step)
-        assert list(found.statuses == Status.NOT_CONVERGED.value) == [False, False, False, True, False]
-        assert "track.iterations" in found.reasons[3]
+        measured = classified(radiographs(GRAINS, TRUTH), pose_of(TRUTH), settled=False, last_step=step)
+        assert list(measured.statuses == Status.NOT_CONVERGED.value) == [False, False, False, True, False]
+        assert "track.iterations" in measured.reasons[3]
         assert classified(radiographs(GRAINS, TRUTH), pose_of(TRUTH), last_step=step).ok.all()
 
-    def test_turning_still_counts_as_moving(self):
+    def test_a_large_last_rotation_is_not_converged(self):
         step = np.zeros(30)
-        step[6 * 2 + 5] = 0.05  # radians, 0.3 voxel at the rim
-        found = classified(radiographs(GRAINS, TRUTH), pose_of(TRUTH), settled=False, last_step=step)
-        assert found.statuses[2] == Status.NOT_CONVERGED.value
+        step[6 * 2 + 5] = 0.05  # radians, 0.3 voxel at the surface
+        measured = classified(radiographs(GRAINS, TRUTH), pose_of(TRUTH), settled=False, last_step=step)
+        assert measured.statuses[2] == Status.NOT_CONVERGED.value
 
     def test_left_field_and_not_fitted(self):
         truth = replace(TRUTH, translations=TRUTH.translations.copy())
         truth.translations[3] += [0, 0, 1.5]
         truth.translations[4] += [0, 0, 30]
-        found = classified(radiographs(GRAINS, truth), pose_of(truth))
-        assert found.statuses[3] == Status.LEFT_FIELD.value
-        assert "of its shadows" in found.reasons[3]
-        assert found.statuses[4] == Status.NOT_FITTED.value
-        assert np.isnan(found.translations[3:]).all()
-        assert np.isnan(found.rotations[3:]).all()
-        assert np.isnan(found.covariances[3:]).all()
-        assert found.ok[:3].all()
+        measured = classified(radiographs(GRAINS, truth), pose_of(truth))
+        assert measured.statuses[3] == Status.LEFT_FIELD.value
+        assert "of its shadows" in measured.reasons[3]
+        assert measured.statuses[4] == Status.NOT_FITTED.value
+        assert np.isnan(measured.translations[3:]).all()
+        assert np.isnan(measured.rotations[3:]).all()
+        assert np.isnan(measured.covariances[3:]).all()
+        assert measured.ok[:3].all()
 
-    def test_limits_decide_what_is_poorly_determined(self):
+    def test_limits_of_poorly_determined_grains(self):
         scan = radiographs(GRAINS, TRUTH)
-        found = classified(scan, pose_of(TRUTH), limits=(1e-9, 1.0))
-        assert set(found.statuses) == {Status.POORLY_DETERMINED.value}
-        assert "translation along any axis" in found.reasons[0]
-        assert "rotation" not in found.reasons[0]
-        turned = classified(scan, pose_of(TRUTH), limits=(1.0, 1e-9))
-        assert "rotation about any axis" in turned.reasons[0]
-        np.testing.assert_allclose(turned.translations, TRUTH.translations)  # kept, and marked
+        measured = classified(scan, pose_of(TRUTH), limits=(1e-9, 1.0))
+        assert set(measured.statuses) == {Status.POORLY_DETERMINED.value}
+        assert "translation along any axis" in measured.reasons[0]
+        assert "rotation" not in measured.reasons[0]
+        with_rotation_limit = classified(scan, pose_of(TRUTH), limits=(1.0, 1e-9))
+        assert "rotation about any axis" in with_rotation_limit.reasons[0]
+        np.testing.assert_allclose(with_rotation_limit.translations, TRUTH.translations)  # kept
 
     def test_depth_in_one_parallel_view(self):
         grains = grain_set(1)
         truth = motions(grains)
         scan = radiographs(grains, truth, views=Geometry.parallel([0.0], PANEL, VOXEL))
-        found = classified(scan, pose_of(truth), grains)
-        assert found.statuses[0] == Status.POORLY_DETERMINED.value
-        assert "translation along y" in found.reasons[0]
-        sd = np.sqrt(np.diagonal(found.covariances[0]))
-        assert sd[1] > 10 * max(sd[0], sd[2])  # what the prior leaves of an unknown depth
+        measured = classified(scan, pose_of(truth), grains)
+        assert measured.statuses[0] == Status.POORLY_DETERMINED.value
+        assert "translation along y" in measured.reasons[0]
+        sd = np.sqrt(np.diagonal(measured.covariances[0]))
+        assert sd[1] > 10 * max(sd[0], sd[2])  # the standard deviation of the prior

@@ -1,4 +1,4 @@
-"""The residual that tracking has at its end is the one that simulating its motions again gives."""
+"""The residual that tracking returns equals that of simulating its motions again (`tracking.track`)."""
 
 from dataclasses import replace
 
@@ -26,10 +26,10 @@ def wall() -> Volume:
     return Volume(np.where((r > 28) & (r < 31), 0.5, 0.0).astype(np.float32), GRAINS.voxel_size)
 
 
-def same(grains, scan, settings):
+def assert_residual_equals_simulation(grains, scan, settings):
     measured, residual = track_with_residual(grains, scan, settings=settings)
-    again = residual_images(grains, measured, scan, projector=settings.projector)
-    np.testing.assert_allclose(residual, again, atol=ROUNDING)
+    expected = residual_images(grains, measured, scan, projector=settings.projector)
+    np.testing.assert_allclose(residual, expected, atol=ROUNDING)
     return residual
 
 
@@ -44,36 +44,36 @@ def same(grains, scan, settings):
     ],
     ids=["default", "paper", "response", "views", "weights"],
 )
-def test_all_grains_and_settings(settings):
+def test_residual_for_several_settings(settings):
     truth = motions(GRAINS, 0.02, 0.5) if settings is PAPER else TRUTH
     scan = radiographs(GRAINS, truth, gain=1.0 if settings is PAPER else 1.05)
-    assert np.std(same(GRAINS, scan, settings)) < 0.03
+    assert np.std(assert_residual_equals_simulation(GRAINS, scan, settings)) < 0.03
 
 
-def test_masked_pixels():
+def test_masked_pixels_are_nan():
     scan = radiographs(GRAINS, TRUTH)
     valid = np.ones(scan.line_integrals.shape, bool)
     valid[:, 10:14, 20:25] = False
-    residual = same(GRAINS, Scan(scan.line_integrals, scan.geometry, valid), QUICK)
+    residual = assert_residual_equals_simulation(GRAINS, Scan(scan.line_integrals, scan.geometry, valid), QUICK)
     np.testing.assert_array_equal(np.isnan(residual), ~valid)
 
 
-def test_a_missing_grain():
-    left = GRAINS.without([2])
+def test_residual_without_a_missing_grain():
+    remaining = GRAINS.without([2])
     truth = replace(
-        small_motions(left), translations=TRUTH.translations[[0, 1, 3, 4]], rotations=TRUTH.rotations[[0, 1, 3, 4]]
+        small_motions(remaining), translations=TRUTH.translations[[0, 1, 3, 4]], rotations=TRUTH.rotations[[0, 1, 3, 4]]
     )
-    same(GRAINS, radiographs(left, truth), TrackSettings())
+    assert_residual_equals_simulation(GRAINS, radiographs(remaining, truth), TrackSettings())
 
 
 @pytest.mark.parametrize("moves", [True, False])
-def test_a_background(moves):
+def test_residual_with_a_background(moves):
     scan = radiographs(GRAINS, TRUTH)
     scan = replace(scan, line_integrals=scan.line_integrals + project(wall(), geometry()))
-    same(GrainSet(GRAINS.grains, wall(), moves), scan, QUICK)
+    assert_residual_equals_simulation(GrainSet(GRAINS.grains, wall(), moves), scan, QUICK)
 
 
-def test_none_where_a_grain_without_a_motion_was_simulated():
+def test_there_is_no_residual_if_a_grain_has_no_motion():
     scan = radiographs(GRAINS, TRUTH, views=geometry(shape=(52, 22)))
     measured, residual = track_with_residual(GRAINS, scan, settings=QUICK)
     assert np.isnan(measured.translations).any()

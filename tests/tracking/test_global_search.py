@@ -1,4 +1,4 @@
-"""The search: what it finds, when it stops, and what it says where it cannot be sure."""
+"""Global search (`tracking.global_search`): large motions, when it stops, and ambiguous placements."""
 
 import numpy as np
 import pytest
@@ -20,14 +20,14 @@ def attempts(measured):
     return {stage.split(",")[0] for stage, _ in measured.fit.costs if stage.startswith("search")}
 
 
-class TestInSpace:
-    def test_all_grains_turned_by_75_degrees_and_half_a_diameter_away(self):
-        """Each its own way: descent alone loses most of them, the search brings all of them back."""
+class TestThreeDimensions:
+    def test_all_grains_rotated_by_75_degrees_and_shifted_by_half_a_diameter(self):
+        """In independent directions: most fail without the search, and all are registered with it."""
         rng = np.random.default_rng(4)
-        turns, shifts = rng.normal(size=(2, 5, 3))
-        turns *= 75.0 / np.linalg.norm(turns, axis=1, keepdims=True)
+        rotations, shifts = rng.normal(size=(2, 5, 3))
+        rotations *= 75.0 / np.linalg.norm(rotations, axis=1, keepdims=True)
         shifts *= 0.7 / np.linalg.norm(shifts, axis=1, keepdims=True)
-        truth = motions(GRAINS, shifts, turns)
+        truth = motions(GRAINS, shifts, rotations)
         scan = radiographs(GRAINS, truth)
         plain = track(GRAINS, scan, settings=TrackSettings(search=False))
         assert not plain.ok.all()
@@ -37,44 +37,44 @@ class TestInSpace:
         assert np.abs(u).max() < 0.05
         assert np.abs(w).max() < 1.0
 
-    def test_nothing_is_searched_where_all_fits(self):
+    def test_no_search_if_all_grains_fit(self):
         assert not attempts(track(GRAINS, radiographs(GRAINS, motions(GRAINS, 0.05, 2.0))))
 
-    def test_radiographs_of_something_else_end_the_search_early(self):
-        """No placement fits: two attempts in vain, and every grain says that it is lost."""
+    def test_radiographs_of_other_grains_end_the_search_early(self):
+        """No placement fits: the search ends after two failed attempts, and no grain converges."""
         scan = radiographs(grain_set(seed=7), motions(GRAINS, 0.3, 40.0))
         measured = track(GRAINS, scan)
         assert len(attempts(measured)) <= 4
         assert not measured.ok.any()
 
 
-class TestFieldThrough:
-    """A field through the grains that are in their places tells where the others are to be sought."""
+class TestAffineField:
+    """The affine field of the registered grains predicts the positions of the others."""
 
     GRAINS = GrainArrays.of(images.draw(0).grains())
     BASE = Pose(np.zeros((30, 3)), np.tile(np.eye(3), (30, 1, 1)))
     AFFINE = GRAINS.centers * (0.15, 0.1, 0.0) + (3.0, -2.0, 0.0)
 
-    def test_wrong_grains_count_little(self):
+    def test_misregistered_grains_count_little(self):
         rng = np.random.default_rng(0)
-        places = self.AFFINE.copy()
+        positions = self.AFFINE.copy()
         wrong = rng.permutation(30)[:9]
-        places[wrong, :2] += rng.uniform(-12, 12, (9, 2))
-        found = affine_field_through(Pose(places, rotation_matrix(rng.normal(size=(30, 3)))), self.GRAINS, self.BASE)
-        assert np.abs(found.translations - self.AFFINE).max() < 0.5
-        np.testing.assert_array_equal(found.matrices, self.BASE.matrices)
+        positions[wrong, :2] += rng.uniform(-12, 12, (9, 2))
+        field = affine_field_through(Pose(positions, rotation_matrix(rng.normal(size=(30, 3)))), self.GRAINS, self.BASE)
+        assert np.abs(field.translations - self.AFFINE).max() < 0.5
+        np.testing.assert_array_equal(field.matrices, self.BASE.matrices)
 
-    def test_few_grains_have_none(self):
+    def test_few_grains_have_no_field(self):
         few = self.GRAINS.select(range(5))
         base = Pose(np.zeros((5, 3)), np.tile(np.eye(3), (5, 1, 1)))
         assert affine_field_through(Pose(self.AFFINE[:5], base.matrices), few, base) is base
 
 
-class TestInAPlane:
+class TestPlane:
     GRAINS = images.draw(3).grains("dense")
     TRUTH = images.large_motions(GRAINS, 3)
 
-    def test_an_exact_fit_needs_no_second_opinion(self):
+    def test_motions_are_exact_without_noise(self):
         measured = track(self.GRAINS, images.observe(self.GRAINS, self.TRUTH, 4), settings=EXACTLY)
         assert measured.ok.all()
         assert images.errors(measured, self.TRUTH).max() < 1e-9
@@ -85,25 +85,25 @@ class TestInAPlane:
         measured = track(self.GRAINS, type(scan)(noisy, scan.geometry))
         assert len(attempts(measured)) >= 1
         assert measured.ok.all(), measured.reasons
-        found = images.errors(measured, self.TRUTH)
-        assert found[:, 0].max() < 0.1
-        assert np.rad2deg(found[:, 1].max()) < 1.0
+        placement_errors = images.errors(measured, self.TRUTH)
+        assert placement_errors[:, 0].max() < 0.1
+        assert np.rad2deg(placement_errors[:, 1].max()) < 1.0
 
-    def test_a_placement_that_another_attempt_contradicts_is_doubtful(self):
-        """One view of six grains tells little: whatever fits is not called converged unless it is right."""
+    def test_no_wrong_placement_from_one_view_is_converged(self):
+        """One view of six grains determines little: other placements fit too, and must not be converged."""
         scan = images.observe(self.GRAINS, self.TRUTH, 2).select([0])
         measured = track(self.GRAINS, scan, settings=EXACTLY)
-        found = images.errors(measured, self.TRUTH)
-        off = (found[:, 0] > 0.1) | (found[:, 1] > np.deg2rad(1.0))
+        placement_errors = images.errors(measured, self.TRUTH)
+        off = (placement_errors[:, 0] > 0.1) | (placement_errors[:, 1] > np.deg2rad(1.0))
         assert off.any()
         assert not (measured.ok & off).any()
         assert all(measured.reasons[k] for k in np.flatnonzero(off))
 
-    @pytest.mark.parametrize("turn", [-85.0, 70.0])
-    def test_one_grain_from_a_start_that_is_turned_far(self, turn):
+    @pytest.mark.parametrize("rotation", [-85.0, 70.0])
+    def test_one_grain_from_a_start_that_is_rotated_far(self, rotation):
         grains = images.draw(0).grains("one")
         truth = motions(grains, 0.0, 0.0)
-        start = motions(grains, 0.0, (0.0, 0.0, turn))
+        start = motions(grains, 0.0, (0.0, 0.0, rotation))
         measured = track(grains, images.observe(grains, truth, 2), start, EXACTLY)
         assert measured.statuses[0] == Status.CONVERGED.value
         assert images.errors(measured, truth).max() < 1e-9

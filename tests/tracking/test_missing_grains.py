@@ -1,4 +1,4 @@
-"""Grains whose shadow is not on the radiographs: how they are told, and how they are left out."""
+"""Missing grains (`tracking.missing_grains`): support by the radiographs, suspects, completed motions."""
 
 from dataclasses import replace
 
@@ -20,28 +20,28 @@ TRUTH = small_motions(GRAINS)
 
 def supports_of(scan, truth=TRUTH):
     target = Target(scan, np.zeros(scan.line_integrals.shape, np.float32), "trilinear", 2.0, GAIN_AND_OFFSET)
-    held = grain_supports(StateProblem(GrainArrays.of(GRAINS), target), Pose(truth.translations, truth.matrices))
-    return np.array([shadow.share for shadow in held])
+    supports = grain_supports(StateProblem(GrainArrays.of(GRAINS), target), Pose(truth.translations, truth.matrices))
+    return np.array([support.share for support in supports])
 
 
 class TestSupport:
-    def test_present(self):
+    def test_support_of_present_grains_is_one(self):
         np.testing.assert_allclose(supports_of(radiographs(GRAINS, TRUTH)), 1, atol=0.02)
 
-    def test_absent(self):
+    def test_support_of_an_absent_grain_is_zero(self):
         rest = GRAINS.without([1])
         truth = replace(
             Motions.identity(rest.labels, rest.centers),
             translations=np.delete(TRUTH.translations, 1, axis=0),
             rotations=np.delete(TRUTH.rotations, 1, axis=0),
         )
-        found = supports_of(radiographs(rest, truth))
-        assert found[1] == pytest.approx(0, abs=0.02)
-        assert np.delete(found, 1).min() > 0.75  # they share pixels with it
+        supports = supports_of(radiographs(rest, truth))
+        assert supports[1] == pytest.approx(0, abs=0.02)
+        assert np.delete(supports, 1).min() > 0.75  # they share pixels with the absent one
 
-    def test_half_there(self):
+    def test_support_of_grains_of_half_the_attenuation(self):
         scan = radiographs(GRAINS, TRUTH, gain=0.5)
-        assert (np.abs(supports_of(scan) - 0.4) < 0.15).all()  # less than a half, where two lack half each
+        assert (np.abs(supports_of(scan) - 0.4) < 0.15).all()  # less than a half where two such grains overlap
 
     def test_masked_pixels_do_not_count(self):
         scan = radiographs(GRAINS, TRUTH)
@@ -49,12 +49,12 @@ class TestSupport:
         images = np.where(valid, scan.line_integrals, 100).astype(np.float32)
         np.testing.assert_allclose(supports_of(Scan(images, scan.geometry, valid)), 1, atol=0.02)
 
-    def test_unseen_is_nan(self):
+    def test_support_of_invisible_grains_is_nan(self):
         away = replace(TRUTH, translations=TRUTH.translations + np.array([0, 0, 50.0]))
         assert np.isnan(supports_of(radiographs(GRAINS, TRUTH), away)).all()
 
 
-def judged(statuses, cost=0.1):
+def classified(statuses, cost=0.1):
     n = len(statuses)
     start = Motions.identity(np.arange(1, n + 1), np.zeros((n, 3)))
     return replace(
@@ -81,42 +81,42 @@ class TestSuspects:
             ([OK] * 8 + [BAD] * 6, [1] * 8 + [0.5, 0.4, 0.3, 0.2, 0.1, 0], [[13, 12, 11, 10, 9, 8]]),
         ],
     )
-    def test_sets(self, statuses, supports, expected):
-        found = suspects(judged(statuses), np.array(supports, dtype=float))
-        assert [list(rows) for rows in found] == expected
+    def test_sets_of_suspects(self, statuses, supports, expected):
+        sets = suspects(classified(statuses), np.array(supports, dtype=float))
+        assert [list(rows) for rows in sets] == expected
 
-    @pytest.mark.parametrize(("gain", "tried"), [(0.8, 4), (1.0, 0), (0.3, 0), (-0.2, 0), (1.2, 0)])
-    def test_each_is_tried_where_attenuation_is_lacking(self, gain, tried):
-        """Most in doubt: one absent grain may have shaken all, if the others show less than all of them should."""
-        measured = judged([OK, BAD, BAD, BAD])
+    @pytest.mark.parametrize(("gain", "number"), [(0.8, 4), (1.0, 0), (0.3, 0), (-0.2, 0), (1.2, 0)])
+    def test_each_grain_is_a_suspect_if_attenuation_is_lacking(self, gain, number):
+        """Most are not converged: one absent grain may disturb all, if the gain is below one."""
+        measured = classified([OK, BAD, BAD, BAD])
         lacking = replace(measured, fit=replace(measured.fit, gain=gain))
-        assert [list(rows) for rows in suspects(lacking, np.ones(4))] == [[k] for k in range(tried)]
+        assert [list(rows) for rows in suspects(lacking, np.ones(4))] == [[k] for k in range(number)]
 
-    def test_better(self):
-        before = judged([OK, BAD, BAD], 0.1)
-        assert improves(judged([OK, OK], 0.3), before)
-        assert improves(judged([OK, BAD], 0.05), before)
-        assert not improves(judged([OK, BAD], 0.09), before)
-        assert not improves(judged([BAD, BAD], 0.01), before)
+    def test_fewer_failures_or_a_much_lower_cost_are_an_improvement(self):
+        before = classified([OK, BAD, BAD], 0.1)
+        assert improves(classified([OK, OK], 0.3), before)
+        assert improves(classified([OK, BAD], 0.05), before)
+        assert not improves(classified([OK, BAD], 0.09), before)
+        assert not improves(classified([BAD, BAD], 0.01), before)
 
 
 class TestComplete:
-    def test_rows_in_the_grains_order_whatever_the_labels(self):
+    def test_rows_are_in_the_order_of_the_grains(self):
         grains = replace(GRAINS, grains=tuple(GRAINS.grains[k] for k in (3, 0, 4, 1, 2)))
         rest = grains.without([2])
-        found = replace(
+        measured = replace(
             motions(rest, np.arange(12.0).reshape(4, 3)),
             statuses=np.array(["converged", "converged", "poorly-determined", "converged"]),
             reasons=("", "", "round; look elsewhere", ""),
             fit=StateFit(1.1, 0.2),
         )
-        whole = complete(found, grains)
-        np.testing.assert_array_equal(whole.labels, [4, 1, 5, 2, 3])
-        np.testing.assert_array_equal(np.delete(whole.translations, 2, axis=0), found.translations)
-        assert np.isnan(whole.translations[2]).all()
-        assert np.isnan(whole.rotations[2]).all()
-        assert np.isnan(whole.residuals[2])
-        assert list(whole.statuses) == ["converged", "converged", "not-fitted", "poorly-determined", "converged"]
-        assert whole.reasons[3] == "round; look elsewhere"
-        assert ";" in whole.reasons[2]
-        assert whole.fit == found.fit
+        completed = complete(measured, grains)
+        np.testing.assert_array_equal(completed.labels, [4, 1, 5, 2, 3])
+        np.testing.assert_array_equal(np.delete(completed.translations, 2, axis=0), measured.translations)
+        assert np.isnan(completed.translations[2]).all()
+        assert np.isnan(completed.rotations[2]).all()
+        assert np.isnan(completed.residuals[2])
+        assert list(completed.statuses) == ["converged", "converged", "not-fitted", "poorly-determined", "converged"]
+        assert completed.reasons[3] == "round; look elsewhere"
+        assert ";" in completed.reasons[2]
+        assert completed.fit == measured.fit

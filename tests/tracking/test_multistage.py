@@ -1,4 +1,4 @@
-"""Levels of coarser radiographs and grains."""
+"""Levels of binned radiographs and grains (`tracking.multistage`)."""
 
 import numpy as np
 
@@ -23,14 +23,14 @@ def images(grains, views):
     return assemble(project_patches(grains, STILL, views, patches, "trilinear"), patches, views)
 
 
-class TestStages:
-    def test_wide_filters_see_fewer_rays(self):
-        """Grains 14 voxels across: a field on pixels twice as large, each alone on those of the panel."""
+class TestLevels:
+    def test_wide_filters_use_binned_radiographs(self):
+        """Grains 14 voxels across: fields are fitted on pixels twice as large, free grains on those of the panel."""
         fit = MultistageFit.of(GRAINS, Scan(images(PACKED, VIEWS), VIEWS), TrackSettings())
         _, field = fit.level(12.0, least=6.0)
-        _, alone = fit.level(6.0)
+        _, free = fit.level(6.0)
         assert field.scan.geometry.shape == tuple(-(-k // 2) for k in VIEWS.shape)
-        assert alone.scan.geometry.shape == VIEWS.shape
+        assert free.scan.geometry.shape == VIEWS.shape
         assert 2 * float(np.median(PACKED.radii)) / few_grains.VOXEL < 2 * FREE_GRAIN_PIXELS
 
     def test_levels_are_made_once(self):

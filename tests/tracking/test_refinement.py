@@ -1,4 +1,4 @@
-"""The last solutions of a state: poses of views, robust losses and the likelihood of counts."""
+"""Final refinement (`tracking.refinement`): robust loss and likelihood of counts."""
 
 from dataclasses import replace
 
@@ -16,13 +16,13 @@ QUICK = TrackSettings(search=False)
 
 
 class TestHuber:
-    def test_outliers_count_less(self):
-        """Zingers on one pixel in fifty, and a foreign thing in one view."""
+    def test_outliers_bias_motions_less(self):
+        """Zingers on one pixel in fifty, and an unknown object in one view."""
         scan = radiographs(GRAINS, TRUTH)
         rng = np.random.default_rng(3)
         images = scan.line_integrals.copy()
-        out = rng.uniform(size=images.shape) < 0.02
-        images[out] += rng.uniform(0.3, 1.0, out.sum()).astype(np.float32)
+        outliers = rng.uniform(size=images.shape) < 0.02
+        images[outliers] += rng.uniform(0.3, 1.0, outliers.sum()).astype(np.float32)
         images[1, 20:26, 10:40] += 0.5
         spoiled = Scan(images, scan.geometry)
         plain, robust = (track(GRAINS, spoiled, settings=replace(QUICK, loss=loss)) for loss in ("squares", "huber"))
@@ -31,7 +31,7 @@ class TestHuber:
         assert plain.fit.downweighted == 0
         assert 0.01 < robust.fit.downweighted < 0.1
 
-    def test_without_outliers_it_is_least_squares(self):
+    def test_without_outliers_it_equals_least_squares(self):
         scan = radiographs(GRAINS, TRUTH)
         plain, robust = (track(GRAINS, scan, settings=replace(QUICK, loss=loss)) for loss in ("squares", "huber"))
         np.testing.assert_allclose(robust.translations, plain.translations, atol=0.01 * VOXEL)
@@ -45,8 +45,8 @@ class TestPoisson:
         images = -np.log(np.maximum(np.random.default_rng(4).poisson(mean), 0.5) / self.PHOTONS)
         return Scan(images.astype(np.float32), geometry())
 
-    def slopes(self, measured):
-        """Of minus the log-likelihood of the counts by every unknown, over its standard deviation."""
+    def scores(self, measured):
+        """Derivatives of minus the log-likelihood of the counts by every unknown, times its standard deviation."""
         counts = self.PHOTONS * np.exp(-self.scan().line_integrals.astype(float))
 
         def cost(k, step):
@@ -56,21 +56,21 @@ class TestPoisson:
             m = measured.fit.response.apply(simulate_radiographs(GRAINS, moved, geometry()).astype(float))
             return float((counts * m + self.PHOTONS * np.exp(-m)).sum())
 
-        out = np.zeros((5, 6))
+        derivatives = np.zeros((5, 6))
         for k in range(5):
             sd = np.sqrt(np.diagonal(measured.covariances[k]))
             for i, step in enumerate(0.3 * sd[:, None] * np.eye(6)):
-                out[k, i] = (cost(k, step) - cost(k, -step)) / 0.6
-        return out
+                derivatives[k, i] = (cost(k, step) - cost(k, -step)) / 0.6
+        return derivatives
 
     def test_ends_at_the_maximum_of_the_likelihood(self):
-        """In units of the standard deviations; plain squares end at another place."""
+        """The score is zero there; least squares end elsewhere."""
         likely = track(GRAINS, self.scan(), settings=replace(QUICK, loss="poisson"))
         plain = track(GRAINS, self.scan(), settings=QUICK)
         assert likely.ok.all()
-        slopes = self.slopes(likely)
-        assert np.sqrt((slopes**2).mean()) < 0.1
-        assert np.sqrt((self.slopes(plain) ** 2).mean()) > 2 * np.sqrt((slopes**2).mean())
+        scores = self.scores(likely)
+        assert np.sqrt((scores**2).mean()) < 0.1
+        assert np.sqrt((self.scores(plain) ** 2).mean()) > 2 * np.sqrt((scores**2).mean())
         u, _ = errors(likely, TRUTH)
         sd = np.sqrt(np.diagonal(likely.covariances, axis1=1, axis2=2))[:, :3] / VOXEL
         assert np.sqrt(((u / sd) ** 2).mean()) < 1.6

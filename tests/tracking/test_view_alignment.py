@@ -1,4 +1,4 @@
-"""View alignment: planted corrections of views are measured, but for a motion of the whole sample."""
+"""View alignment (`tracking.view_alignment`): corrections of views, but for a motion of the whole sample."""
 
 from dataclasses import replace
 from functools import cache
@@ -20,22 +20,22 @@ GRAINS = grain_set()
 TRUTH = small_motions(GRAINS)
 QUICK = TrackSettings(search=False)
 
-PLANTED = np.array([[0.6, -0.4, 0.004], [-0.5, 0.3, -0.003], [0.2, 0.7, 0.002], [-0.3, -0.6, -0.005]])
+TRUE_CORRECTIONS = np.array([[0.6, -0.4, 0.004], [-0.5, 0.3, -0.003], [0.2, 0.7, 0.002], [-0.3, -0.6, -0.005]])
 
 
-def misplaced(angles=(0.0, 50.0, 95.0, 140.0), planted=PLANTED, noise=0.01):
-    """Radiographs of views that stood elsewhere than is told."""
+def misaligned(angles=(0.0, 50.0, 95.0, 140.0), corrections=TRUE_CORRECTIONS, noise=0.01):
+    """Radiographs whose true views differ from the nominal ones."""
     views = geometry(angles)
-    there = corrected_geometry(
-        views, NuisanceMotion(ViewCorrections.of(planted[: len(angles)]), np.zeros(3), np.eye(3))
+    true_views = corrected_geometry(
+        views, NuisanceMotion(ViewCorrections.of(corrections[: len(angles)]), np.zeros(3), np.eye(3))
     )
-    return replace(radiographs(GRAINS, TRUTH, views=there, noise=noise), geometry=views)
+    return replace(radiographs(GRAINS, TRUTH, views=true_views, noise=noise), geometry=views)
 
 
 @cache
 def imitated():
-    """Corrections ``(12, 4)``, in units of pixels and 0.01 rad, that a motion of the whole sample does as well."""
-    scan = misplaced(noise=0.0)
+    """Corrections ``(12, 4)``, in units of pixels and 0.01 rad, that a motion of the whole sample imitates."""
+    scan = misaligned(noise=0.0)
     nothing = np.zeros(scan.line_integrals.shape, np.float32)
     target = Target(
         scan, nothing, "trilinear", 0.7, nuisance=NuisanceModel(view_shift_sd_pixels=1.0, view_angle_sd=0.01)
@@ -44,56 +44,58 @@ def imitated():
 
 
 def without_common_motion(corrections):
-    """Corrections less what no view can tell from a motion of the whole sample."""
+    """Corrections without the part that a motion of the whole sample imitates."""
     units = np.repeat([1.0, 1.0, 0.01], 4)
     flat = corrections.T.ravel() / units
-    left = flat - imitated() @ np.linalg.lstsq(imitated(), flat, rcond=None)[0]
-    return (left * units).reshape(3, 4).T
+    rest = flat - imitated() @ np.linalg.lstsq(imitated(), flat, rcond=None)[0]
+    return (rest * units).reshape(3, 4).T
 
 
-def apart_from_the_mean(measured):
-    """Largest errors, voxels and degrees, of motions that are known but for one of the whole sample."""
+def errors_but_for_a_common_motion(measured):
+    """Largest errors, voxels and degrees, of motions that are determined but for one of the whole sample."""
     u, w = errors(measured, TRUTH)
-    places = (GRAINS.centers - GRAINS.centers.mean(axis=0)) / VOXEL
-    turn = np.deg2rad(w.mean(axis=0))
-    rest = u - u.mean(axis=0) - np.cross(turn, places)
+    positions = (GRAINS.centers - GRAINS.centers.mean(axis=0)) / VOXEL
+    rotation = np.deg2rad(w.mean(axis=0))
+    rest = u - u.mean(axis=0) - np.cross(rotation, positions)
     return np.abs(rest).max(), np.abs(w - w.mean(axis=0)).max()
 
 
 @cache
 def with_view_poses():
-    return track(GRAINS, misplaced(), settings=replace(QUICK, view_corrections="always"))
+    return track(GRAINS, misaligned(), settings=replace(QUICK, view_corrections="always"))
 
 
-class TestPosesOfViews:
-    def test_planted_ones_are_found_but_for_a_motion_of_the_sample(self):
+class TestViewAlignment:
+    def test_true_corrections_are_determined_but_for_a_motion_of_the_sample(self):
         measured = with_view_poses()
-        left = without_common_motion(measured.fit.view_corrections.columns - PLANTED)
-        assert np.abs(without_common_motion(PLANTED)[:, :2]).max() > 0.3  # pixels
-        assert np.abs(left[:, :2]).max() < 0.05
-        assert np.abs(np.rad2deg(without_common_motion(PLANTED)[:, 2])).max() > 0.2
-        assert np.abs(np.rad2deg(left[:, 2])).max() < 0.1
+        correction_errors = without_common_motion(measured.fit.view_corrections.columns - TRUE_CORRECTIONS)
+        assert np.abs(without_common_motion(TRUE_CORRECTIONS)[:, :2]).max() > 0.3  # pixels
+        assert np.abs(correction_errors[:, :2]).max() < 0.05
+        assert np.abs(np.rad2deg(without_common_motion(TRUE_CORRECTIONS)[:, 2])).max() > 0.2
+        assert np.abs(np.rad2deg(correction_errors[:, 2])).max() < 0.1
         assert measured.fit.view_corrections_sd.columns.shape == (4, 3)
 
-    def test_the_grains_are_right_among_each_other(self):
-        told = apart_from_the_mean(with_view_poses())
-        plain = apart_from_the_mean(track(GRAINS, misplaced(), settings=replace(QUICK, view_corrections="never")))
-        assert told[0] < 0.05
-        assert told[1] < 0.5
-        assert plain[0] > 4 * told[0]
+    def test_relative_motions_of_grains_are_accurate(self):
+        aligned = errors_but_for_a_common_motion(with_view_poses())
+        plain = errors_but_for_a_common_motion(
+            track(GRAINS, misaligned(), settings=replace(QUICK, view_corrections="never"))
+        )
+        assert aligned[0] < 0.05
+        assert aligned[1] < 0.5
+        assert plain[0] > 4 * aligned[0]
 
-    def test_nothing_is_left_on_the_radiographs(self):
-        scan = misplaced()
+    def test_the_residual_is_the_noise(self):
+        scan = misaligned()
         assert np.std(residual_images(GRAINS, with_view_poses(), scan)) == pytest.approx(0.01, rel=0.1)
 
-    def test_views_that_stand_where_told_get_no_corrections_to_speak_of(self):
+    def test_corrections_of_aligned_views_are_small(self):
         measured = track(GRAINS, radiographs(GRAINS, TRUTH), settings=replace(QUICK, view_corrections="always"))
         assert np.abs(without_common_motion(measured.fit.view_corrections.columns)[:, :2]).max() < 0.05
-        told = apart_from_the_mean(measured)
-        assert told[0] < 0.05
+        largest = errors_but_for_a_common_motion(measured)
+        assert largest[0] < 0.05
 
-    def test_two_views_cannot_tell(self):
-        measured = track(GRAINS, misplaced((0.0, 90.0)), settings=replace(QUICK, view_corrections="always"))
+    def test_two_views_are_not_aligned(self):
+        measured = track(GRAINS, misaligned((0.0, 90.0)), settings=replace(QUICK, view_corrections="always"))
         assert measured.fit.view_corrections is None
         assert measured.fit.view_corrections_sd is None
         assert any("view corrections refused" in note and ";" in note for note in measured.fit.notes)

@@ -1,4 +1,4 @@
-"""What the default stages take: evaluations and rays are counted, so that no change makes them more unseen."""
+"""Work of the default stages: numbers of evaluations and traced rays are limited."""
 
 from unittest import mock
 
@@ -16,15 +16,15 @@ from grainmotion.tracking.track import track
 
 @pytest.fixture(scope="module")
 def counts():
-    """Of one state of five grains, 14 voxels across, 4 views: linearisations, simulations, rays by kind."""
+    """Linearisations, simulations and rays of tracking five grains 14 voxels across in 4 views."""
     grains = few_grains.grain_set()
     truth = few_grains.small_motions(grains)
     scan = few_grains.radiographs(grains, truth)
-    found = {"linearize": 0, "cost": 0, "project": 0, "project_with_derivatives": 0}
+    totals = {"linearize": 0, "cost": 0, "project": 0, "project_with_derivatives": 0}
 
     def counting(inner, name, size):
         def run(*arguments):
-            found[name] += size(*arguments)
+            totals[name] += size(*arguments)
             return inner(*arguments)
 
         return run
@@ -32,30 +32,30 @@ def counts():
     def rays(grains, views, patches, *rest):
         return int((patches.lines[:, 3] - patches.lines[:, 2]).sum())
 
-    walks = {name: counting(getattr(kernel, name), name, rays) for name in ("project", "project_with_derivatives")}
-    own = {name: counting(getattr(StateProblem, name), name, lambda *_: 1) for name in ("linearize", "cost")}
-    with mock.patch.multiple(kernel, **walks), mock.patch.multiple(StateProblem, **own):
+    kernels = {name: counting(getattr(kernel, name), name, rays) for name in ("project", "project_with_derivatives")}
+    methods = {name: counting(getattr(StateProblem, name), name, lambda *_: 1) for name in ("linearize", "cost")}
+    with mock.patch.multiple(kernel, **kernels), mock.patch.multiple(StateProblem, **methods):
         measured = track(grains, scan)
     assert measured.ok.all()
-    return found | {"steps": len(measured.fit.costs)}
+    return totals | {"steps": len(measured.fit.costs)}
 
 
-def test_linearisations(counts):
-    """A step is not linearised where it ends if nothing more is expected there."""
+def test_number_of_linearisations(counts):
+    """The end of the last step is not linearised."""
     assert counts["linearize"] <= 18
     assert counts["linearize"] <= counts["steps"] + 4
     assert counts["cost"] >= 4
 
 
-def test_rays(counts):
-    """A grain shades some 300 pixels of a view: about a dozen walks with derivatives, and some more without."""
+def test_number_of_rays(counts):
+    """A grain covers about 300 pixels of a view, which are traced about a dozen times with derivatives."""
     assert counts["project_with_derivatives"] <= 83_000
     assert counts["project"] <= 120_000
 
 
-def test_a_grain_s_corners_are_not_walked():
+def test_rays_that_miss_a_grain_are_not_traced():
     grains = few_grains.grain_set(sphere=1)
     packed = GrainArrays.of(grains).select([0])
     patches = footprint_patches(packed, Pose(np.zeros((1, 3)), np.eye(3)[None]), few_grains.geometry())
-    walked = int((patches.jobs[:, 3] - patches.jobs[:, 2]).sum())
-    assert walked < 0.88 * patches.offsets[-1]
+    traced = int((patches.jobs[:, 3] - patches.jobs[:, 2]).sum())
+    assert traced < 0.88 * patches.offsets[-1]

@@ -1,4 +1,4 @@
-"""Covariances: the scatter of errors is as large as they say."""
+"""Covariances (`uncertainty.covariance`), against the scatter of errors over many noise realisations."""
 
 import numpy as np
 import pytest
@@ -14,10 +14,10 @@ from grainmotion.uncertainty.covariance import covariances, regular_inverse
 
 
 class TestCovariance:
-    def test_scatter_of_many_noises(self):
-        """Thirty noises: errors over stated standard deviations have a root mean square of one.
+    def test_errors_over_thirty_noises_are_of_the_stated_size(self):
+        """The root mean square of errors over stated standard deviations is one.
 
-        The reference is exact here and the noise white, so nothing but the noise is asked of the covariance.
+        The reference is exact here and the noise white: the covariance describes nothing but the noise.
         """
         grains = grain_set(3)
         truth = small_motions(grains)
@@ -27,20 +27,20 @@ class TestCovariance:
             noise = 0.05 * np.random.default_rng(seed).standard_normal(clean.line_integrals.shape)
             problem = problem_of(Scan(clean.line_integrals + noise.astype(np.float32), clean.geometry), grains)
             solution = gauss_newton(problem, pose_of(truth), Stopping(10, 1e-4))
-            found = classify(grains, refined(problem, solution), np.zeros(3, dtype=bool), LIMITS, ())
-            u = found.translations - truth.translations
-            w = rotation_vector(found.matrices @ truth.matrices.transpose(0, 2, 1))
-            ratios.append(np.hstack([u, w]) / np.sqrt(np.diagonal(found.covariances, axis1=1, axis2=2)))
+            measured = classify(grains, refined(problem, solution), np.zeros(3, dtype=bool), LIMITS, ())
+            u = measured.translations - truth.translations
+            w = rotation_vector(measured.matrices @ truth.matrices.transpose(0, 2, 1))
+            ratios.append(np.hstack([u, w]) / np.sqrt(np.diagonal(measured.covariances, axis1=1, axis2=2)))
         rms = np.sqrt(np.mean(np.square(ratios), axis=(0, 1)))
         assert np.sqrt(np.mean(rms**2)) == pytest.approx(1, abs=0.2)
         assert rms.min() > 0.6
         assert rms.max() < 1.6
 
-    def test_more_noise_more_views_and_filters(self):
+    def test_sd_grows_with_noise_and_falls_with_views_and_hardly_depends_on_the_filter(self):
         def sd(noise=0.02, angles=ANGLES, sigma=0.7):
             scan = radiographs(GRAINS, TRUTH, views=geometry(angles), noise=noise)
-            found = classified(scan, pose_of(TRUTH), sigma=sigma)
-            return np.sqrt(np.diagonal(found.covariances, axis1=1, axis2=2))
+            measured = classified(scan, pose_of(TRUTH), sigma=sigma)
+            return np.sqrt(np.diagonal(measured.covariances, axis1=1, axis2=2))
 
         np.testing.assert_allclose(sd(noise=0.04), 2 * sd(noise=0.02), rtol=0.15)
         assert (sd(angles=(0.0, 30.0, 60.0, 90.0, 120.0, 150.0)) < sd(angles=(0.0, 90.0))).all()
@@ -48,20 +48,20 @@ class TestCovariance:
         assert (sd(sigma=0.7) > 0.85 * sd(sigma=0.0)).all()
         assert (sd(sigma=0.7) < 2 * sd(sigma=0.0)).all()
 
-    def test_symmetric_and_positive(self):
-        found = classified(radiographs(GRAINS, TRUTH), pose_of(TRUTH)).covariances
-        np.testing.assert_allclose(found, found.transpose(0, 2, 1), rtol=1e-6, atol=1e-12)
-        assert (np.linalg.eigvalsh(found) > 0).all()
+    def test_covariances_are_symmetric_and_positive_definite(self):
+        matrices = classified(radiographs(GRAINS, TRUTH), pose_of(TRUTH)).covariances
+        np.testing.assert_allclose(matrices, matrices.transpose(0, 2, 1), rtol=1e-6, atol=1e-12)
+        assert (np.linalg.eigvalsh(matrices) > 0).all()
 
-    def test_an_honest_residual_is_of_the_stronger_noise(self):
-        """A gain that drifted is not counted as noise."""
+    def test_a_drift_of_gain_does_not_raise_the_residual(self):
+        """A fitted gain is not counted as noise."""
         plain = classified(radiographs(GRAINS, TRUTH), pose_of(TRUTH))
         drifted = classified(radiographs(GRAINS, TRUTH, gain=1.2), pose_of(TRUTH))
         np.testing.assert_allclose(drifted.residuals, plain.residuals, rtol=0.02)
         assert drifted.fit.gain == pytest.approx(1.2, abs=2e-3)
 
-    def test_drawn_noise_comes_near_the_inverse(self, monkeypatch):
-        """Standard deviations of many grains are drawn: right to the square root of 1 over twice the draws."""
+    def test_sampled_covariances_are_close_to_the_inverse(self, monkeypatch):
+        """For many grains covariances are sampled; standard deviations have a relative error of √(1 / (2 draws))."""
         problem = problem_of(radiographs(GRAINS, TRUTH))
         pose = pose_of(TRUTH)
         evaluation = problem.evaluate_with_derivatives(pose)
@@ -70,18 +70,18 @@ class TestCovariance:
         monkeypatch.setattr("grainmotion.solvers.block_cg.MAX_DENSE_UNKNOWNS", 0)
         monkeypatch.setattr("grainmotion.uncertainty.covariance.NOISE_DRAWS", 200)
         product = normal_of(evaluation.jacobian)
-        drawn, _ = covariances(problem, pose, evaluation, product)
+        sampled, _ = covariances(problem, pose, evaluation, product)
         np.testing.assert_allclose(
-            np.sqrt(np.diagonal(drawn, axis1=1, axis2=2)), np.sqrt(np.diagonal(dense, axis1=1, axis2=2)), rtol=0.15
+            np.sqrt(np.diagonal(sampled, axis1=1, axis2=2)), np.sqrt(np.diagonal(dense, axis1=1, axis2=2)), rtol=0.15
         )
-        assert (np.linalg.eigvalsh(drawn) > 0).all()
+        assert (np.linalg.eigvalsh(sampled) > 0).all()
 
 
 class TestRegularInverse:
-    def test_unseen_directions_get_a_huge_variance_and_harm_no_other(self):
+    def test_undetermined_directions_get_a_huge_variance_and_affect_no_other(self):
         matrix = np.diag([4.0, 1.0, 0.0, 9.0])
-        inverse, unseen = regular_inverse(matrix)
+        inverse, undetermined = regular_inverse(matrix)
         np.testing.assert_allclose(np.diagonal(inverse)[[0, 1, 3]], [1 / 4, 1, 1 / 9])
         assert inverse[2, 2] > 1e9
-        np.testing.assert_allclose(np.diagonal(unseen)[[0, 1, 3]], 0)
-        assert unseen[2, 2] == inverse[2, 2]
+        np.testing.assert_allclose(np.diagonal(undetermined)[[0, 1, 3]], 0)
+        assert undetermined[2, 2] == inverse[2, 2]

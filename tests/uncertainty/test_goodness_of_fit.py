@@ -1,4 +1,4 @@
-"""Which grains fit badly."""
+"""Goodness of fit (`uncertainty.goodness_of_fit`): which grains are misregistered."""
 
 from dataclasses import replace
 
@@ -11,60 +11,60 @@ from grainmotion.uncertainty.goodness_of_fit import Misfits, misfits
 from textured_lumps import GRAINS, POSE, mask, measured, target
 
 
-class TestCrowds:
-    """Grains one behind the other."""
+class TestOverlappingGrains:
+    """Grains whose projections overlap."""
 
-    def test_line_integrals_of_a_crowd_add_up_in_squares(self):
+    def test_squared_line_integrals_of_overlapping_grains_add_up(self):
         one, nine = (misfits(problem := crowd(k), problem.evaluate(still(k))) for k in (1, 9))
         np.testing.assert_allclose(one.rms_crowd_integrals, one.rms_line_integrals, rtol=1e-5)
         np.testing.assert_allclose(nine.rms_line_integrals, one.rms_line_integrals[0], rtol=1e-5)
         np.testing.assert_allclose(nine.rms_crowd_integrals, 3 * one.rms_line_integrals[0], rtol=1e-5)
 
     @pytest.mark.parametrize(("many", "share"), [(1, 0.04), (30, 0.04 * np.sqrt(30))])
-    def test_what_all_of_them_leave_accuses_none(self, many, share):
-        """Each leaves 4 % of its line integrals, as grains of voxels do."""
+    def test_equal_small_residuals_of_all_grains_are_no_misregistration(self, many, share):
+        """The residual of each is 4 % of its line integrals, as for grains of voxels."""
         crowds = np.full(many, np.sqrt(many))
         assert not Misfits(np.full(many, share), np.ones(many), crowds, 0.0).misregistered.any()
 
-    def test_one_in_a_wrong_place_stands_out_of_them(self):
+    def test_a_misregistered_grain_is_detected_among_overlapping_ones(self):
         residuals = 0.03 * np.sqrt(30) * np.ones(30)
         residuals[7] = np.hypot(residuals[7], 0.25)
-        lost = Misfits(residuals, np.ones(30), np.full(30, np.sqrt(30)), 0.0).misregistered
-        np.testing.assert_array_equal(np.flatnonzero(lost), [7])
+        misregistered = Misfits(residuals, np.ones(30), np.full(30, np.sqrt(30)), 0.0).misregistered
+        np.testing.assert_array_equal(np.flatnonzero(misregistered), [7])
 
-    def test_all_in_wrong_places_are_all_lost(self):
-        found = Misfits(np.full(30, 0.25 * np.sqrt(30)), np.ones(30), np.full(30, np.sqrt(30)), 0.0)
-        assert found.misregistered.all()
-        assert found.misregistered_in_crowd.all()
+    def test_all_grains_may_be_misregistered(self):
+        fit = Misfits(np.full(30, 0.25 * np.sqrt(30)), np.ones(30), np.full(30, np.sqrt(30)), 0.0)
+        assert fit.misregistered.all()
+        assert fit.misregistered_in_crowd.all()
 
-    def test_near_is_not_astray(self):
-        """Half-way through, each of 30 leaves 9 %: all together look lost, but none is far."""
-        found = Misfits(np.full(30, 0.09 * np.sqrt(30)), np.ones(30), np.full(30, np.sqrt(30)), 0.0)
-        assert found.misregistered.all()
-        assert not found.misregistered_in_crowd.any()
+    def test_grains_close_to_their_places_are_not_misregistered_in_the_crowd(self):
+        """During a fit each of 30 grains has a residual of 9 %: all count as misregistered, but none is far off."""
+        fit = Misfits(np.full(30, 0.09 * np.sqrt(30)), np.ones(30), np.full(30, np.sqrt(30)), 0.0)
+        assert fit.misregistered.all()
+        assert not fit.misregistered_in_crowd.any()
 
 
 def still(many):
-    """No motion of so many grains."""
+    """The pose of unmoved grains."""
     return Pose(np.zeros((many, 3)), np.broadcast_to(np.eye(3), (many, 3, 3)).copy())
 
 
 def crowd(many):
-    """The same grain, so many times in the same place."""
+    """Copies of one grain in the same place."""
     return StateProblem(GRAINS.select([1] * many), target())
 
 
 class TestMisfits:
-    def test_planted_misfit_of_one_grain(self):
+    def test_a_displaced_grain_is_misregistered(self):
         pose = replace(POSE, translations=POSE.translations.copy())
         pose.translations[3] += [0.2, 0.1, -0.15]
         problem = StateProblem(GRAINS, target(images=measured(noise=1e-4)))
-        found = misfits(problem, problem.evaluate_with_derivatives(pose))
-        assert found.rms_residuals[3] > 20 * found.rms_residuals[:3].max()
-        assert (found.rms_line_integrals > 0.3).all()
-        np.testing.assert_array_equal(found.misregistered, [False, False, False, True])
+        fit = misfits(problem, problem.evaluate_with_derivatives(pose))
+        assert fit.rms_residuals[3] > 20 * fit.rms_residuals[:3].max()
+        assert (fit.rms_line_integrals > 0.3).all()
+        np.testing.assert_array_equal(fit.misregistered, [False, False, False, True])
 
-    def test_even_misfit(self):
+    def test_a_uniform_offset_is_the_residual_of_every_grain(self):
         problem = StateProblem(GRAINS, target(images=measured(offset=0.07)))
         np.testing.assert_allclose(
             misfits(problem, problem.evaluate_with_derivatives(POSE)).rms_residuals, 0.07, rtol=1e-3
@@ -76,21 +76,21 @@ class TestMisfits:
         problem = StateProblem(GRAINS, target(valid=valid, images=images))
         assert misfits(problem, problem.evaluate_with_derivatives(POSE)).rms_residuals.max() < 1e-5
 
-    def test_noise_is_no_misfit(self):
+    def test_residuals_of_the_noise_s_size_are_no_misregistration(self):
         assert not alone([0.02, 0.021, 0.019, 0.022], 0.02).misregistered.any()
 
-    def test_unknown_is_a_misfit(self):
+    def test_a_nan_residual_is_a_misregistration(self):
         np.testing.assert_array_equal(alone([0.02, np.nan], 0.02).misregistered, [False, True])
 
-    def test_all_bad_is_seen_by_the_noise(self):
-        """When every grain fits badly, none stands out from the others; the noise tells."""
+    def test_grains_that_all_fit_badly_are_detected_by_the_noise(self):
+        """When every grain fits badly, none stands out from the others; residuals are compared with the noise."""
         assert alone([0.2] * 5, 0.02).misregistered.all()
 
-    def test_thin_shadows_in_strong_noise_do_not_accuse(self):
+    def test_a_large_residual_in_strong_noise_is_no_misregistration(self):
         assert not alone([0.05], 0.03).misregistered.any()
 
 
 def alone(residuals, noise):
-    """Grains on rays of their own."""
-    paths = np.where(np.isfinite(residuals), 1.0, np.nan)
-    return Misfits(np.array(residuals), paths, paths, noise)
+    """Goodness of fit of grains that overlap with no others."""
+    line_integrals = np.where(np.isfinite(residuals), 1.0, np.nan)
+    return Misfits(np.array(residuals), line_integrals, line_integrals, noise)

@@ -1,4 +1,4 @@
-"""Turns that radiographs confirm, and turns that only the reference's voxels tell of; balls are in `physics/`."""
+"""Identifiability of rotations (`uncertainty.rotation_identifiability`); physical balls are tested in `physics/`."""
 
 from dataclasses import replace
 
@@ -21,8 +21,8 @@ from grainmotion.uncertainty.rotation_identifiability import (
 )
 
 
-def nuisance(grains, truth, scan, valid=None):
-    """Covariances of unconfirmed turns at the truth."""
+def unconfirmed_covariances(grains, truth, scan, valid=None):
+    """Covariances of unconfirmed rotations at the true pose."""
     target = Target(scan, np.zeros(scan.line_integrals.shape, np.float32), "trilinear", 0.7, GAIN_AND_OFFSET)
     problem = StateProblem(GrainArrays.of(grains, fine=True), target)
     pose = Pose(truth.translations, truth.matrices)
@@ -30,14 +30,14 @@ def nuisance(grains, truth, scan, valid=None):
 
 
 def with_pattern(grains, share, seed=0):
-    """The grains with white noise in their voxels, which have no finer ones."""
+    """The grains with white noise in their voxels and without finer voxels."""
     rng = np.random.default_rng(seed)
-    rough = []
+    with_noise = []
     for g in grains.grains:
         pattern = share * rng.standard_normal(g.volume.shape) * (g.volume.array > 0)
         array = (g.volume.array + pattern).astype(np.float32)
-        rough.append(replace(g, volume=replace(g.volume, array=array), fine=None))
-    return GrainSet(tuple(rough))
+        with_noise.append(replace(g, volume=replace(g.volume, array=array), fine=None))
+    return GrainSet(tuple(with_noise))
 
 
 GRAINS = grain_set(sphere=2)
@@ -45,61 +45,61 @@ TRUTH = small_motions(GRAINS)
 
 
 class TestUnconfirmed:
-    def test_angular_grains_are_confirmed(self):
+    def test_rotations_of_angular_grains_are_confirmed(self):
         grains = grain_set()
         truth = small_motions(grains)
-        assert not nuisance(grains, truth, radiographs(grains, truth)).any()
+        assert not unconfirmed_covariances(grains, truth, radiographs(grains, truth)).any()
 
-    def test_a_pattern_of_the_reference_alone_is_not(self):
-        """A ball whose voxels carry noise that the radiographs do not: all its turns are free."""
-        found = nuisance(with_pattern(GRAINS, 0.3), TRUTH, radiographs(GRAINS, TRUTH))
-        np.testing.assert_allclose(found[1], UNIFORM_ANGLE_VARIANCE * np.eye(3), atol=1e-6)
-        assert not found[[0, 2, 3, 4]].any()
+    def test_a_pattern_only_in_the_reference_does_not_confirm_rotations(self):
+        """The voxels of a ball have noise that is not in the radiographs: no rotation of it is determined."""
+        matrices = unconfirmed_covariances(with_pattern(GRAINS, 0.3), TRUTH, radiographs(GRAINS, TRUTH))
+        np.testing.assert_allclose(matrices[1], UNIFORM_ANGLE_VARIANCE * np.eye(3), atol=1e-6)
+        assert not matrices[[0, 2, 3, 4]].any()
 
-    def test_a_pattern_of_the_grain_itself_is(self):
-        """The same pattern in the radiographs too is texture, and texture tells how a ball turns."""
+    def test_a_texture_of_the_grain_confirms_its_rotations(self):
+        """A pattern that is in the radiographs too is texture, which determines the rotation of a ball."""
         textured = with_pattern(GRAINS, 0.3)
-        assert not nuisance(textured, TRUTH, radiographs(textured, TRUTH)).any()
+        assert not unconfirmed_covariances(textured, TRUTH, radiographs(textured, TRUTH)).any()
 
-    def test_noise_of_the_radiographs_does_not_matter(self):
+    def test_rotations_are_confirmed_despite_noise_of_the_radiographs(self):
         grains = grain_set()
         truth = small_motions(grains)
-        assert not nuisance(grains, truth, radiographs(grains, truth, noise=0.1)).any()
+        assert not unconfirmed_covariances(grains, truth, radiographs(grains, truth, noise=0.1)).any()
 
-    def test_nor_does_a_drift(self):
+    def test_rotations_are_confirmed_despite_a_drift_of_gain(self):
         grains = grain_set()
         truth = small_motions(grains)
-        assert not nuisance(grains, truth, radiographs(grains, truth, gain=1.2, offset=0.05)).any()
+        assert not unconfirmed_covariances(grains, truth, radiographs(grains, truth, gain=1.2, offset=0.05)).any()
 
-    def test_grains_that_no_view_sees(self):
-        gone = replace(TRUTH, translations=TRUTH.translations.copy())
-        gone.translations[0] = 0, 0, 50
-        found = nuisance(GRAINS, gone, radiographs(GRAINS, gone))
-        assert np.isfinite(found).all()
+    def test_covariances_are_finite_for_invisible_grains(self):
+        truth = replace(TRUTH, translations=TRUTH.translations.copy())
+        truth.translations[0] = 0, 0, 50
+        matrices = unconfirmed_covariances(GRAINS, truth, radiographs(GRAINS, truth))
+        assert np.isfinite(matrices).all()
 
-    def test_nor_do_views_that_stand_elsewhere(self):
-        """Where a pose says so, grains are turned on the views as they are: a ball's turns are free there too."""
-        rough = with_pattern(GRAINS, 0.3)
+    def test_corrected_views_are_used(self):
+        """Rotations are tested on the corrected views of the pose; those of a ball are undetermined there too."""
+        with_noise = with_pattern(GRAINS, 0.3)
         at = NuisanceMotion(ViewCorrections.of(np.tile([5.0, -4.0, 0.05], (4, 1))), np.zeros(3), np.eye(3))
         scan = replace(radiographs(GRAINS, TRUTH, views=corrected_geometry(geometry(), at)), geometry=geometry())
         target = Target(scan, np.zeros(scan.line_integrals.shape, np.float32), "trilinear", 0.7, GAIN_AND_OFFSET)
-        problem = StateProblem(GrainArrays.of(rough, fine=True), target)
+        problem = StateProblem(GrainArrays.of(with_noise, fine=True), target)
         pose = Pose(TRUTH.translations, TRUTH.matrices, at)
-        found = unconfirmed_rotations(problem, pose, problem.evaluate_with_derivatives(pose))
-        np.testing.assert_allclose(found[1], UNIFORM_ANGLE_VARIANCE * np.eye(3), atol=1e-6)
-        assert not found[[0, 2, 3, 4]].any()
+        matrices = unconfirmed_rotations(problem, pose, problem.evaluate_with_derivatives(pose))
+        np.testing.assert_allclose(matrices[1], UNIFORM_ANGLE_VARIANCE * np.eye(3), atol=1e-6)
+        assert not matrices[[0, 2, 3, 4]].any()
 
 
-class TestSwollen:
+class TestRotatedHulls:
     @pytest.mark.parametrize("angle", [0.1, 0.5])
-    def test_holds_every_turned_grain(self, angle):
+    def test_patches_contain_every_rotated_grain(self, angle):
         packed = GrainArrays.of(grain_set())
         pose = Pose(motions(grain_set()).translations, np.tile(np.eye(3), (5, 1, 1)))
         wide = footprint_patches(_with_rotated_hulls(packed, np.full(5, angle)), pose, geometry()).boxes
         for w in np.random.default_rng(0).normal(size=(10, 3)):
-            turns = np.tile(rotation_matrix(angle * w / np.linalg.norm(w)), (5, 1, 1))
-            changes_and_products = footprint_patches(packed, Pose(pose.translations, turns), geometry()).boxes
-            np.testing.assert_array_equal(changes_and_products[:, :2], wide[:, :2])
-            assert (wide[:, [2, 4]] <= changes_and_products[:, [2, 4]]).all()
-            assert (wide[:, [3, 5]] >= changes_and_products[:, [3, 5]]).all()
+            rotations = np.tile(rotation_matrix(angle * w / np.linalg.norm(w)), (5, 1, 1))
+            narrow = footprint_patches(packed, Pose(pose.translations, rotations), geometry()).boxes
+            np.testing.assert_array_equal(narrow[:, :2], wide[:, :2])
+            assert (wide[:, [2, 4]] <= narrow[:, [2, 4]]).all()
+            assert (wide[:, [3, 5]] >= narrow[:, [3, 5]]).all()
         assert packed.voxel_size == VOXEL

@@ -20,24 +20,24 @@ BENCHMARK = ROOT / "validation" / "benchmarks" / "gpu.py"
 
 def run(*arguments: str, **environment: str) -> subprocess.CompletedProcess:
     paths = os.pathsep.join([str(ROOT), *(p for p in sys.path if p)])
-    everything = {**os.environ, "PYTHONPATH": paths, **environment}
+    variables = {**os.environ, "PYTHONPATH": paths, **environment}
     return subprocess.run(
         [sys.executable, "-m", "validation.benchmarks.gpu", *arguments],
-        env=everything,
+        env=variables,
         capture_output=True,
         text=True,
     )
 
 
 @pytest.mark.slow
-def test_toy_runs_through_and_its_answers_are_right():
+def test_smallest_benchmark_runs_and_its_results_are_right():
     toy = ["--toy", "--grains", "2", "--across", "4", "--repeats", "1", "--compare", "2"]
-    done = run(*toy, NUMBA_ENABLE_CUDASIM="1", NUMBA_DISABLE_JIT="1")
+    result = run(*toy, NUMBA_ENABLE_CUDASIM="1", NUMBA_DISABLE_JIT="1")
 
-    assert done.returncode == 0, done.stdout + done.stderr[-2000:]
-    assert "CUDA's simulator: times mean nothing" in done.stdout
+    assert result.returncode == 0, result.stdout + result.stderr[-2000:]
+    assert "CUDA's simulator: times mean nothing" in result.stdout
     for row in ("one sweep, all on the GPU", "values and derivatives", "filter of derivatives", "gradient"):
-        assert row in done.stdout
+        assert row in result.stdout
 
 
 def test_without_a_gpu_there_is_no_table():
@@ -46,10 +46,10 @@ def test_without_a_gpu_there_is_no_table():
     except BackendError:
         table = BENCHMARK.parent / "results" / "gpu.md"
         before = table.read_text() if table.exists() else None
-        done = run()
-        assert done.returncode == 2
-        assert "no GPU benchmark, and no table" in done.stderr
-        assert done.stdout == ""
+        result = run()
+        assert result.returncode == 2
+        assert "no GPU benchmark, and no table" in result.stderr
+        assert result.stdout == ""
         assert (table.read_text() if table.exists() else None) == before
     else:
         pytest.skip("there is a GPU")

@@ -13,14 +13,14 @@ class TestImages:
         sample = images.draw(seed)
         assert len(sample.grains()) == 30
         for label in range(1, 31):
-            mine = sample.labels == label
-            around = np.zeros_like(mine)
+            own = sample.labels == label
+            around = np.zeros_like(own)
             for row in (-2, 0, 2):
                 for column in (-2, 0, 2):
-                    around |= np.roll(mine, (row, column), (0, 1))
+                    around |= np.roll(own, (row, column), (0, 1))
             assert set(np.unique(sample.labels[around])) == {0, label}
 
-    def test_sets(self):
+    def test_sizes_and_distances_of_the_sets(self):
         sample = images.draw(1)
         assert [len(sample.members(s)) for s in images.SETS] == [1, 6, 6, 30]
         nearest = {}
@@ -30,13 +30,13 @@ class TestImages:
             nearest[which] = apart.min(axis=1).mean() / images.DIAMETER
         assert nearest["dense"] < 1.5 < nearest["loose"] < 2.7
 
-    def test_a_seed_is_a_sample(self):
+    def test_the_same_seed_gives_the_same_sample(self):
         np.testing.assert_array_equal(images.draw(2).attenuation, images.draw(2).attenuation)
         assert not np.array_equal(images.draw(2).labels, images.draw(3).labels)
 
 
 @some_seeds
-def test_table_1(seeds):
+def test_table_1_is_exact(seeds):
     """Every set of every sample is exact, in no more iterations than the paper's 8 to 12."""
     trials = [t for seed in seeds for t in table1.trial(seed)]
     assert all(t.exact for t in trials)
@@ -45,8 +45,8 @@ def test_table_1(seeds):
 
 
 @some_seeds
-def test_table_2(seeds):
-    """Exact with 6, 4 and 2 views, and never wrong yet converged."""
+def test_table_2_is_exact_and_never_wrong_yet_converged(seeds):
+    """Exact with 6, 4 and 2 views; no wrong grain is converged."""
     trials = [t for seed in seeds for t in table2.trial(seed)]
     exact = {views: sum(t.exact == 30 for t in trials if t.views == views) for views in table2.VIEWS}
     assert exact == dict.fromkeys(table2.VIEWS, len(seeds))
@@ -54,8 +54,8 @@ def test_table_2(seeds):
 
 
 @pytest.mark.parametrize(("seeds", "fewest"), [(range(4), 2), pytest.param(range(10), 7, marks=pytest.mark.slow)])
-def test_figure_4(seeds, fewest):
-    """From every start in ±90° and up to a diameter away, where the plain solver loses its way."""
+def test_figure_4_needs_the_search(seeds, fewest):
+    """From every start within ±90° and a diameter, where the solver without the search fails."""
     trials = [figure4.trial(seed, np.array([-90.0, -60.0, 45.0, 80.0]), np.array([0.0, 135.0])) for seed in seeds]
     distinct = [t for t in trials if not t.symmetric]
     assert len(distinct) >= fewest

@@ -82,23 +82,25 @@ class TestCounts:
 
     @staticmethod
     def one_by_one(packed, at, views, patches):
-        """Rays that meet the extents, planes between them, and planes on which a voxel counts."""
+        """Rays that meet the extents, planes between them, and planes with a filled voxel."""
         meeting, crossed, filled = 0, 0, 0
         for p, row, c0, c1 in patches.jobs:
             g, i = patches.boxes[p, :2]
             shape = packed.shapes[g]
             voxels = packed.images[packed.starts[g] : packed.starts[g] + shape.prod()].reshape(shape) != 0
-            spots = views.pixel_positions(i)[row, c0:c1]
-            rays = spots - views.vectors[i, :3] if views.beam == "cone" else np.tile(views.vectors[i, :3], (c1 - c0, 1))
+            pixels = views.pixel_positions(i)[row, c0:c1]
+            rays = (
+                pixels - views.vectors[i, :3] if views.beam == "cone" else np.tile(views.vectors[i, :3], (c1 - c0, 1))
+            )
             moved = packed.centers[g] + at.translations[g]
-            o = ((spots - moved) @ at.matrices[g] - packed.corners[g]) / packed.voxel_size
+            o = ((pixels - moved) @ at.matrices[g] - packed.corners[g]) / packed.voxel_size
             d = rays @ at.matrices[g]
             for start, step in zip(o, d, strict=True):
                 a = int(np.argmax(np.abs(step)))
                 k = np.arange(shape[2 - a])
                 points = start + ((k - start[a]) / step[a])[:, None] * step
-                places = points @ DIRECTIONS.T
-                inside = ((places >= packed.extents[g, 0]) & (places <= packed.extents[g, 1])).all(axis=1)
+                coordinates = points @ DIRECTIONS.T
+                inside = ((coordinates >= packed.extents[g, 0]) & (coordinates <= packed.extents[g, 1])).all(axis=1)
                 crossed += inside.sum()
                 meeting += inside.any()
                 points[:, a] = k
@@ -128,13 +130,13 @@ class TestCounts:
 
 class TestTracking:
     @pytest.mark.parametrize("stage", MAX_STAGE_WORK)
-    def test_stages(self, stage):
+    def test_work_of_a_stage(self, stage):
         counted = tracked("small")[stage]
         within(f"{stage}, calls", counted.calls, MAX_STAGE_WORK[stage][0])
         within(f"{stage}, planes", counted.sampled, MAX_STAGE_WORK[stage][1])
 
     @pytest.mark.parametrize(("case", "bound"), [("small", MAX_WORK_SMALL), ("shift", MAX_WORK_SHIFTED)])
-    def test_all_stages(self, case, bound):
+    def test_work_of_all_stages(self, case, bound):
         """Includes stages that are new or renamed."""
         counted = tracked(case)["all"]
         within(f"{case}, calls", counted.calls, bound[0])
@@ -163,7 +165,9 @@ class TestReconstruction:
         body = Sample(tuple(ellipsoid_particle(rng, 1.5, 0.2).moved(np.eye(3), np.array(at)) for at in places))
         views = geometry(np.arange(60) * 6.0, (36, 44))
         scan = Scan(line_integrals(body, views, subsamples=1).astype(np.float32), views)
-        found = reconstruct(scan, Volume.zeros((36, 44, 44), VOXEL), ReconstructSettings(sweeps=4, tolerance=0))
-        print(found.residuals)
-        counted = next((k for k, e in enumerate(found.residuals, start=1) if e < 0.04), 99)
+        reconstruction = reconstruct(
+            scan, Volume.zeros((36, 44, 44), VOXEL), ReconstructSettings(sweeps=4, tolerance=0)
+        )
+        print(reconstruction.residuals)
+        counted = next((k for k, e in enumerate(reconstruction.residuals, start=1) if e < 0.04), 99)
         within("sweeps", counted, MAX_SWEEPS)
