@@ -152,19 +152,19 @@ class TestLabels:
 
 class TestOmittedGrains:
     @pytest.mark.parametrize("status", ["left-field", "not-fitted"])
-    def test_by_status(self, sample, still, grid, status):
+    def test_grains_are_omitted_by_status(self, sample, still, grid, status):
         motions = replace(still, statuses=np.array([status, "converged"], dtype="<U20"))
         _, labels = rebuild(sample, motions, grid)
         assert set(np.unique(labels)) == {0, 7}
 
     @pytest.mark.parametrize("part", ["translations", "rotations"])
-    def test_by_nan(self, sample, still, grid, part):
+    def test_grains_without_a_motion_are_omitted(self, sample, still, grid, part):
         unknown = np.array([[0.0, 0.0, 0.0], [np.nan, np.nan, np.nan]])
         volume, labels = rebuild(sample, replace(still, **{part: unknown}), grid)
         assert set(np.unique(labels)) == {0, 3}
         assert np.isfinite(volume.array).all()
 
-    def test_a_grain_that_moved_off_the_grid(self, sample, still, grid):
+    def test_grains_that_moved_off_the_grid_are_omitted(self, sample, still, grid):
         away = replace(still, translations=np.array([[50.0, 0.0, 0.0], [0.0, 0.0, 0.0]]))
         assert set(np.unique(rebuild(sample, away, grid)[1])) == {0, 7}
 

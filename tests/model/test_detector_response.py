@@ -29,7 +29,7 @@ class TestApply:
             expected = expected + m.background[:, k, None, None] * term
         np.testing.assert_allclose(m.apply(p), expected, rtol=1e-12, atol=1e-12)
 
-    def test_identity(self):
+    def test_identity_changes_nothing(self):
         p = paths(np.float32)
         np.testing.assert_array_equal(Response.identity(3).apply(p), p)
         np.testing.assert_array_equal(Response.identity(3).derivative(p), np.ones_like(p))
@@ -77,7 +77,7 @@ class TestTerms:
         assert len(terms) == count
         assert [t[-1, 0] for t in terms] == [1, -1, 1, 1, -1, 1][:count]
 
-    def test_a_panel_of_one_row(self):
+    def test_terms_on_a_panel_of_one_row(self):
         terms = trend_terms((1, 5), 6)
         assert not terms[2].any()
         assert np.isfinite(terms).all()
@@ -88,6 +88,6 @@ class TestRefused:
         ("polynomial", "background"),
         [((3,), (3, 1)), ((3, 0), (3, 1)), ((3, 1), (2, 1)), ((3, 1), (3,)), ((3, 1), (3, 2)), ((3, 1), (3, 1, 1))],
     )
-    def test_shapes(self, polynomial, background):
+    def test_arrays_of_impossible_shapes(self, polynomial, background):
         with pytest.raises(InputError, match="response"):
             Response(np.ones(polynomial), np.ones(background))

@@ -87,7 +87,7 @@ class TestDetectorAlignment:
         np.testing.assert_allclose(moved, [-2.0 / PIXEL, 0], atol=1e-12)
 
     @pytest.mark.parametrize("beam", BEAMS)
-    def test_first_row(self, beam):
+    def test_first_row_at_the_top_or_bottom(self, beam):
         assert projected(circular(beam), [0, 0, 1])[0] > MIDDLE[0]
         top = circular(beam, panel=DetectorAlignment(first_row="top"))
         assert projected(top, [0, 0, 1])[0] < MIDDLE[0]
@@ -175,7 +175,7 @@ class TestMisalignedByHand:
         return np.array([(SHAPE[0] - 1) / 2 + b, (SHAPE[1] - 1) / 2 + a])
 
     @pytest.mark.parametrize("beam", BEAMS)
-    def test_project_points(self, beam):
+    def test_projected_points_equal_ray_plane_intersections(self, beam):
         angles = [20.0, 143.0, -71.0]
         geometry = circular(beam, angles, panel=self.PANEL)
         points = np.random.default_rng(2).uniform(-4, 4, (6, 3))
@@ -229,7 +229,7 @@ class TestAstra:
 
     ANGLES = np.deg2rad([0.0, 17.0, 90.0, 201.0])
 
-    def test_cone_to_cone_vec(self):
+    def test_cone_beam_equals_astra_s_cone_vec(self):
         geometry = circular(angles=np.rad2deg(self.ANGLES))
         for row, angle in zip(geometry.to_astra()["Vectors"], self.ANGLES, strict=True):
             sin, cos = np.sin(angle), np.cos(angle)
@@ -242,7 +242,7 @@ class TestAstra:
             ]  # fmt: skip
             np.testing.assert_allclose(row, expected, atol=1e-12)
 
-    def test_parallel3d_to_parallel3d_vec(self):
+    def test_parallel_beam_equals_astra_s_parallel3d_vec(self):
         """ASTRA's direction (sin θ, −cos θ, 0) points against ours; the lines are the same."""
         ours = circular("parallel", np.rad2deg(self.ANGLES))
         sin, cos, zero = np.sin(self.ANGLES), np.cos(self.ANGLES), np.zeros(4)
@@ -258,7 +258,7 @@ class TestAstra:
         np.testing.assert_allclose(ours.project_points(points), theirs.project_points(points))
 
     @pytest.mark.parametrize(("beam", "kind"), [("cone", "cone_vec"), ("parallel", "parallel3d_vec")])
-    def test_round_trip(self, beam, kind):
+    def test_conversion_to_astra_and_back(self, beam, kind):
         geometry = circular(beam, [1.0, 2.0], panel=TestMisalignedByHand.PANEL)
         given = geometry.to_astra()
         assert (given["type"], given["DetectorRowCount"], given["DetectorColCount"]) == (kind, *SHAPE)
@@ -332,7 +332,7 @@ class TestRefused:
             (np.zeros((1, 2, 12)), "not \\(views, 12\\)"),
         ],
     )
-    def test_views(self, vectors, fact):
+    def test_invalid_views(self, vectors, fact):
         with pytest.raises(InputError, match=fact):
             Geometry(vectors, SHAPE)
 
@@ -350,7 +350,7 @@ class TestRefused:
         with pytest.raises(InputError, match=r"panel of .* rows and columns"):
             Geometry(changed(), shape)
 
-    def test_beam(self):
+    def test_an_unknown_beam(self):
         with pytest.raises(InputError, match='\'fan\' is unknown; use "cone" or "parallel"'):
             Geometry(changed(), SHAPE, "fan")
 
@@ -361,13 +361,13 @@ class TestRefused:
 
     @pytest.mark.parametrize("beam", BEAMS)
     @pytest.mark.parametrize("pixel", [0, -0.1, np.nan])
-    def test_pixel_size(self, beam, pixel):
+    def test_pixel_sizes_that_are_not_positive(self, beam, pixel):
         with pytest.raises(InputError, match=r"pixel_size.*must be > 0"):
             circular(beam, pixel=pixel)
 
     @pytest.mark.parametrize("beam", BEAMS)
     @pytest.mark.parametrize("angles", [[0, np.nan], [np.inf], [[0, 1]]])
-    def test_angles(self, beam, angles):
+    def test_angles_that_are_not_finite_numbers(self, beam, angles):
         with pytest.raises(InputError, match=r"angles_deg.*not a list of finite numbers"):
             circular(beam, angles)
 
@@ -381,7 +381,7 @@ class TestRefused:
         with pytest.raises(InputError, match="NaN"):
             circular(panel=DetectorAlignment(**field))
 
-    def test_panel_turned_edge_on(self):
+    def test_panel_parallel_to_the_rays(self):
         with pytest.raises(InputError, match="the rays run inside the panel's plane"):
             circular(panel=DetectorAlignment(tilts_deg=(0, 0, 90.0)))
 

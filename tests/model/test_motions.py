@@ -48,7 +48,7 @@ class TestTable:
             np.testing.assert_allclose(table[f"sd_{name}"], unit * np.sqrt(measured.covariances[:, k, k]))
         np.testing.assert_array_equal(table["iterations"], np.arange(N))
 
-    def test_round_trip(self, measured):
+    def test_motions_of_a_table_are_those_written(self, measured):
         read = Motions.from_table(measured.to_table())
         for name in ("labels", "centers", "translations", "statuses", "residuals", "iterations"):
             np.testing.assert_array_equal(getattr(read, name), getattr(measured, name))
@@ -74,7 +74,7 @@ class TestTable:
 
 
 class TestMotions:
-    def test_identity(self):
+    def test_identity_has_no_motion_and_is_not_fitted(self):
         start = Motions.identity(np.array([1, 2]), np.ones((2, 3)))
         assert len(start) == 2
         assert not start.ok.any()
@@ -82,7 +82,7 @@ class TestMotions:
         assert np.isnan(start.covariances).all()
         assert set(start.statuses) == {"not-fitted"}
 
-    def test_no_grains(self):
+    def test_motions_of_no_grains(self):
         empty = Motions.identity(np.zeros(0, np.int64), np.zeros((0, 3)))
         assert len(Motions.from_table(empty.to_table())) == 0
         assert empty.matrices.shape == (0, 3, 3)
@@ -111,7 +111,7 @@ class TestMotions:
             ("reasons", ("",) * (N - 1)),
         ],
     )
-    def test_shapes_must_agree(self, measured, field, value):
+    def test_arrays_of_other_shapes_are_refused(self, measured, field, value):
         with pytest.raises(InputError, match=rf"motions\.{field}"):
             dataclasses.replace(measured, **{field: value})
 

@@ -45,12 +45,12 @@ def test_double_precision_is_kept_and_anything_else_becomes_single(given, kept):
 
 class TestRefused:
     @pytest.mark.parametrize("shape", [(3, 4), (2, 3, 4, 5), (0, 3, 4), (5,)])
-    def test_shape(self, shape):
+    def test_arrays_that_are_not_3d(self, shape):
         with pytest.raises(InputError, match=r"is not \(z, y, x\); give a 3-D stack"):
             Volume(np.zeros(shape), 1.0)
 
     @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-    def test_voxels(self, value):
+    def test_nan_or_infinite_voxels(self, value):
         array = np.zeros((2, 2, 2))
         array[1, 0, 1] = value
         with pytest.raises(InputError, match="NaN or infinite voxels"):
@@ -61,11 +61,11 @@ class TestRefused:
             Volume(np.full((2, 2, 2), 10**39, dtype=object), 1.0)
 
     @pytest.mark.parametrize("size", [0, -1.0, np.nan, np.inf])
-    def test_voxel_size(self, size):
+    def test_voxel_sizes_that_are_not_positive(self, size):
         with pytest.raises(InputError, match=r"volume\.voxel_size: must be > 0, got"):
             Volume(np.zeros((2, 2, 2)), size)
 
     @pytest.mark.parametrize("center", [(0, 0, np.nan), (np.inf, 0, 0), (0, 0), (0, 0, 0, 0)])
-    def test_center(self, center):
+    def test_centers_that_are_not_three_finite_numbers(self, center):
         with pytest.raises(InputError, match=r"volume\.center: .* 3 finite numbers"):
             Volume(np.zeros((2, 2, 2)), 1.0, center)

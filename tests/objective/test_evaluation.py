@@ -31,7 +31,7 @@ class TestNothingVisible:
         assert misfits(problem, evaluation).misregistered.all()
 
     @pytest.mark.parametrize("gain", [False, True])
-    def test_all_pixels_invalid(self, gain):
+    def test_without_a_valid_pixel(self, gain):
         problem = StateProblem(GRAINS, target(1.0, gain, np.zeros((3, *PANEL), bool)))
         at = problem.linearize(POSE)
         assert at.cost == 0
@@ -59,7 +59,7 @@ class TestGain:
         assert evaluation.response.offset == pytest.approx(offset, abs=1e-5)
         assert problem.linearize(POSE).cost < 1e-6
 
-    def test_degenerate_images(self):
+    def test_response_to_degenerate_images(self):
         """Without a simulated image nothing is fitted; a uniform one is, though gain and offset are not unique."""
         ones = np.ones((1, 4, 4), np.float32)
         identity, _ = fit_response(GAIN_AND_OFFSET, Columns([0 * ones, ones], [True, True]), 3 * ones, 1)

@@ -55,12 +55,12 @@ class TestProducts:
         np.testing.assert_allclose(columns(kind).gram(), C.T @ C, rtol=1e-4, atol=1e-4)
 
     @every_kind
-    def test_dot(self, kind):
+    def test_products_with_an_image(self, kind):
         image = np.random.default_rng(1).normal(size=(VIEWS, *PANEL)).astype(np.float32)
         np.testing.assert_allclose(columns(kind).dot(image), dense(columns(kind)).T @ image.ravel(), rtol=1e-4)
 
     @every_kind
-    def test_border(self, kind):
+    def test_products_with_the_jacobian(self, kind):
         patches_of_four = patches(4)
         derivatives = np.random.default_rng(3).normal(size=(6, patches_of_four.offsets[-1])).astype(np.float32)
         J = np.zeros((VIEWS, *PANEL, 4, 6))  # the fourth grain has no patch
@@ -75,7 +75,7 @@ class TestProducts:
         )
 
     @every_kind
-    def test_combine(self, kind):
+    def test_linear_combinations(self, kind):
         c = columns(kind)
         coefficients = np.random.default_rng(4).normal(size=len(c.owners))
         np.testing.assert_allclose(c.combine(coefficients).ravel(), dense(c) @ coefficients, atol=1e-5)

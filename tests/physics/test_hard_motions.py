@@ -41,7 +41,7 @@ def test_every_case_has_a_bound():
 @pytest.mark.parametrize(
     "name", [n if n in ("gain-drift", "container") else pytest.param(n, marks=pytest.mark.slow) for n in BOUNDS]
 )
-def test_errors_and_reasons(name):
+def test_errors_statuses_and_reasons_of_a_case(name):
     hard = hard_case(name, SEEDS.get(name, 0))
     scan, state = hard.reference(), hard.state(LATER_ANGLES_DEG[4])
     if name == "misaligned":  # as a run does by default

@@ -80,7 +80,7 @@ class TestMatchedAdjoint:
 
     @every_geometry
     @every_projector
-    def test_in_double_precision(self, geometry, projector):
+    def test_adjoint_of_kernels_in_double_precision(self, geometry, projector):
         rng = np.random.default_rng(1)
         x = pad(rng.normal(size=(7, 9, 8)))
         y = rng.normal(size=(len(geometry), *PANEL))
@@ -95,7 +95,7 @@ class TestMatchedAdjoint:
 
     @every_geometry
     @every_projector
-    def test_of_records_in_single_precision(self, geometry, projector):
+    def test_adjoint_of_volumes_in_single_precision(self, geometry, projector):
         rng = np.random.default_rng(2)
         x, y = random_volume(), rng.uniform(size=(len(geometry), *PANEL)).astype(np.float32)
         back = back_project(y, geometry, x, projector=projector)
@@ -187,7 +187,7 @@ class TestTrilinearPath:
 
 class TestLinearity:
     @every_projector
-    def test_sums_and_multiples(self, projector):
+    def test_projection_is_linear(self, projector):
         geometry = GEOMETRIES["cone, tilted"]
         a, b = random_volume(6), random_volume(7, negative=True)
         both = Volume(2 * a.array - 3 * b.array, VOXEL, CENTER)
@@ -358,7 +358,7 @@ class TestPatches:
 
     @every_projector
     @pytest.mark.parametrize("pixel", [0.005, 0.02, 0.1, 0.4], ids="pixel {} mm".format)
-    def test_at_any_pixel_size(self, projector, pixel):
+    def test_projection_at_any_pixel_size(self, projector, pixel):
         """Voxels of 0.1 mm on pixels from 20 times finer to 4 times coarser: nothing is cut off at the edges."""
         grains, volume = two_grains()
         across = int(np.ceil(2.6 / pixel))
@@ -373,7 +373,7 @@ class TestPatches:
 
     @every_projector
     @pytest.mark.parametrize("elongated", [False, True])
-    def test_of_large_grains(self, projector, elongated):
+    def test_projection_of_large_grains(self, projector, elongated):
         """120 voxels across: the hull that bounds the footprint must not cut off its edge."""
         n = 124
         z, y, x = np.meshgrid(*[np.arange(n) - (n - 1) / 2] * 3, indexing="ij")

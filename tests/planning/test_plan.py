@@ -57,7 +57,7 @@ def sd(candidates_of_views: Candidates, views) -> np.ndarray:
 
 
 class TestInformation:
-    def test_is_the_weighted_product_of_the_derivatives(self):
+    def test_information_is_the_weighted_product_of_the_derivatives(self):
         """Against the dense Jacobian with gain and offset as two more columns."""
         views = candidates()
         view = 3
@@ -77,7 +77,7 @@ class TestInformation:
         scale = np.sqrt(np.diagonal(expected))
         np.testing.assert_allclose(dense / np.outer(scale, scale), expected / np.outer(scale, scale), atol=1e-5)
 
-    def test_adds_up_over_views(self):
+    def test_information_adds_up_over_views(self):
         """The information of two views is the sum of theirs."""
         views = candidates()
         both = (views.information(2) + views.information(9)).dense(gain=True)
@@ -94,7 +94,7 @@ class TestInformation:
         few_photons, many = candidates(photons=1e4), candidates(photons=4e4)
         np.testing.assert_allclose(sd(few_photons, (0, 6)), 2 * sd(many, (0, 6)), rtol=1e-3)
 
-    def test_does_not_depend_on_the_frame(self):
+    def test_covariance_rotates_with_sample_and_views(self):
         """Rotating sample and views together rotates the covariance, and changes nothing else."""
         views = candidates()
         rotation = rotation_matrix([0, 0, np.pi / 2])
@@ -217,7 +217,7 @@ class TestChoice:
 
 
 class TestCandidates:
-    def test_span_by_beam(self):
+    def test_span_of_candidates_depends_on_the_beam(self):
         assert len(candidate_angles("cone", PlanSettings(step_deg=5))) == 72
         assert len(candidate_angles("parallel", PlanSettings(step_deg=5))) == 36
         np.testing.assert_allclose(candidate_angles("cone", PlanSettings(step_deg=40, span_deg=90)), [0, 40, 80])
@@ -287,21 +287,21 @@ class TestCapture:
 
 
 class TestBadInput:
-    def test_more_views_than_candidates(self):
+    def test_more_views_than_candidates_are_refused(self):
         with pytest.raises(InputError, match="4 views wanted of 3 candidates; ask for fewer"):
             plan(few(), circle()[[0, 6, 12]], SETTINGS)
 
-    def test_no_visible_grain(self):
+    def test_views_without_a_grain_are_refused(self):
         away = circle().window((5000, 5000), (40, 40))
         with pytest.raises(InputError, match="no candidate view sees a grain"):
             plan(few(), away, SETTINGS)
 
-    def test_an_unknown_set(self):
+    def test_an_unplanned_number_of_views_is_refused(self):
         with pytest.raises(InputError, match="no best set of 3 views"):
             planned().get(3)
 
     @pytest.mark.parametrize("wrong", [{"photons": 0}, {"views": (1,)}, {"views": ()}, {"step_deg": 0}])
-    def test_settings(self, wrong):
+    def test_invalid_settings_are_refused(self, wrong):
         with pytest.raises(InputError):
             PlanSettings(**wrong)
 

@@ -100,22 +100,22 @@ class TestCurve:
 
 
 class TestInput:
-    def test_threshold_above_all_voxels(self, case):
+    def test_a_threshold_above_all_voxels_is_refused(self, case):
         scan = case.reference().select(slice(0, 16))
         rng = np.random.default_rng(0)
         volume = Volume(rng.random((8, 8, 8)), 1.0)
         with pytest.raises(InputError, match="no voxel above"):
             calibrate_hardening(scan, volume, settings=HardeningSettings(threshold=2.0))
 
-    def test_uniform_volume(self, case):
+    def test_a_uniform_volume_is_refused(self, case):
         with pytest.raises(InputError, match="uniform"):
             calibrate_hardening(case.reference().select(slice(0, 16)), case.scanner.grid)
 
-    def test_few_views(self, case):
+    def test_two_views_are_refused(self, case):
         with pytest.raises(InputError, match="2 views"):
             calibrate_hardening(case.reference().select([0, 1]), case.scanner.grid)
 
-    def test_labels_of_another_volume(self, case):
+    def test_labels_of_another_shape_are_refused(self, case):
         volume = Volume(np.random.default_rng(0).random((8, 8, 8)), 0.1)
         scan = case.reference().select(slice(0, 16))
         with pytest.raises(InputError, match="labels of"):

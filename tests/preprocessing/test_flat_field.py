@@ -101,15 +101,15 @@ class TestCounts:
             (lambda c, f, d: (c * 0, f, d), "counts", "view 0 has no pixel"),
         ],
     )
-    def test_refused(self, thickness, change, where, fact):
+    def test_invalid_counts_flats_or_darks_are_refused(self, thickness, change, where, fact):
         given = change(beer_lambert(thickness), np.full(SHAPE, 50_000.0), np.full(SHAPE, 100.0))
         with pytest.raises(InputError, match=fact) as raised:
             line_integrals_from_counts(*given, parallel(3))
         assert raised.value.where == where
 
 
-class TestOtherKinds:
-    def test_transmission(self, thickness):
+class TestTransmissionAndLineIntegrals:
+    def test_line_integrals_from_transmission(self, thickness):
         transmission = np.exp(-thickness)
         transmission[0, 0, 0] = -0.01
         scan, report = line_integrals_from_transmission(transmission, parallel(3))

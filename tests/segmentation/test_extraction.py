@@ -62,7 +62,7 @@ class TestExtraction:
         assert left.volume.array.sum() == pytest.approx(25 * 4, abs=25)
         assert left.volume.array.sum() + right.volume.array.sum() == 25 * 9
 
-    def test_centre_of_mass_by_hand(self, two_blocks):
+    def test_centers_are_centres_of_mass(self, two_blocks):
         volume, labels = two_blocks
         z, y, x = (volume.origin[::-1, None] + VOXEL * np.arange(20)[None])[:, :20]
         for grain, columns in zip(
@@ -91,11 +91,11 @@ class TestExtraction:
         assert grain.volume.shape == (7, 8, 9)
 
     @pytest.mark.parametrize("kind", [np.uint8, np.int16, np.uint16, np.int32, np.int64, np.uint32])
-    def test_any_integer_labels(self, two_blocks, kind):
+    def test_labels_of_any_integer_type(self, two_blocks, kind):
         volume, labels = two_blocks
         np.testing.assert_array_equal(grains_from_labels(volume, labels.astype(kind)).labels, [3, 7])
 
-    def test_border_flags(self, two_blocks):
+    def test_grains_at_the_border_are_flagged(self, two_blocks):
         flags = [g.touches_border for g in grains_from_labels(*two_blocks, border=[7]).grains]
         assert flags == [False, True]
 

@@ -47,6 +47,6 @@ def test_basins_in_a_row_are_merged_in_the_order_of_their_necks():
     np.testing.assert_array_equal(basin_graph.merged(0.0, 0.5), [0, 1, 1, 1, 2])
 
 
-def test_no_basin():
+def test_a_graph_without_basins():
     empty = BasinGraph(np.zeros(1), np.zeros((0, 2), int), np.zeros(0), np.zeros((0, 3)))
     np.testing.assert_array_equal(empty.merged(0.5, 0.7), [0])

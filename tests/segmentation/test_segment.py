@@ -165,17 +165,17 @@ class TestBorder:
 
 
 class TestNoGrains:
-    def test_uniform_volume(self):
+    def test_a_uniform_volume_is_refused(self):
         with pytest.raises(InputError, match="no grains found"):
             segment(Volume.zeros((10, 10, 10), 0.1))
 
     @pytest.mark.parametrize("mean", [0.0, 0.5])
-    def test_noise_alone(self, mean):
+    def test_a_volume_of_noise_is_refused(self, mean):
         noise = np.random.default_rng(0).normal(mean, 0.1, (40, 40, 40))
         with pytest.raises(InputError, match=r"segment\.threshold.*noise"):
             segment(Volume(np.clip(noise, 0, None), 0.1))
 
-    def test_threshold_above_all_voxels(self):
+    def test_a_threshold_above_all_voxels_is_refused(self):
         volume = scanned(ellipsoid((20, 22, 30), (10, 10, 10)))
         with pytest.raises(InputError, match=r"segment\.threshold.*lower"):
             segment(volume, SegmentSettings(threshold=50.0))

@@ -12,7 +12,7 @@ from grainmotion.model.motions import Status
 
 
 class TestStatuses:
-    def test_converged(self):
+    def test_the_true_pose_is_converged(self):
         measured = classified(radiographs(GRAINS, TRUTH), pose_of(TRUTH))
         assert set(measured.statuses) == {Status.CONVERGED.value}
         assert set(measured.reasons) == {""}

@@ -44,7 +44,7 @@ def assert_residual_equals_simulation(grains, scan, settings):
     ],
     ids=["default", "paper", "response", "views", "weights"],
 )
-def test_residual_for_several_settings(settings):
+def test_residual_equals_simulation_for_several_settings(settings):
     truth = motions(GRAINS, 0.02, 0.5) if settings is PAPER else TRUTH
     scan = radiographs(GRAINS, truth, gain=1.0 if settings is PAPER else 1.05)
     assert np.std(assert_residual_equals_simulation(GRAINS, scan, settings)) < 0.03

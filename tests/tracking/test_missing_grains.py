@@ -81,7 +81,7 @@ class TestSuspects:
             ([OK] * 8 + [BAD] * 6, [1] * 8 + [0.5, 0.4, 0.3, 0.2, 0.1, 0], [[13, 12, 11, 10, 9, 8]]),
         ],
     )
-    def test_sets_of_suspects(self, statuses, supports, expected):
+    def test_sets_of_grains_that_may_be_missing(self, statuses, supports, expected):
         sets = suspects(classified(statuses), np.array(supports, dtype=float))
         assert [list(rows) for rows in sets] == expected
 

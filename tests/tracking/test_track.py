@@ -52,7 +52,7 @@ def assert_consistent(measured):
         assert not reason or ";" in reason  # cause; remedy
 
 
-class TestOrdinary:
+class TestRegistration:
     @pytest.mark.parametrize("count", [1, 2, 5])
     def test_independent_motions(self, count):
         grains = grain_set(count)
@@ -113,7 +113,7 @@ class TestOrdinary:
         assert np.sqrt((w**2).mean()) < 2.0
         assert measured.fit.gain == 1.0
 
-    def test_masked_pixels(self):
+    def test_masked_pixels_do_not_count(self):
         scan = radiographs(GRAINS, TRUTH)
         valid = np.random.default_rng(5).uniform(size=scan.line_integrals.shape) > 0.1
         valid[:, :, 30] = False
@@ -168,7 +168,7 @@ class TestStart:
 class TestGrainsWithoutAMotion:
     """Grains that cannot be measured have a status, and do not disturb the others."""
 
-    def test_left_field(self):
+    def test_grains_that_left_the_field_of_view(self):
         """The shift of the whole sample moves the two upper grains over the panel's edge."""
         truth = replace(TRUTH, translations=TRUTH.translations + np.array([0, 0, 1.6]))
         edge = geometry(shape=(48, 64))
@@ -244,7 +244,7 @@ class TestGrainsWithoutAMotion:
             assert not measured.ok.any()
             assert_consistent(measured)
 
-    def test_all_pixels_invalid(self):
+    def test_without_a_valid_pixel_no_grain_is_fitted(self):
         scan = radiographs(GRAINS, TRUTH)
         measured = track(GRAINS, Scan(scan.line_integrals, scan.geometry, np.zeros(scan.line_integrals.shape, bool)))
         assert set(measured.statuses) == {Status.NOT_FITTED.value}
@@ -279,7 +279,7 @@ class TestInvalidInput:
     @pytest.mark.parametrize(
         "shift", [(0, -500, 0), (0, 0, 5000), (1e12, 0, 0), (0, -40, 0)], ids=["behind", "far", "huge", "at the source"]
     )
-    def test_starts_in_another_unit(self, shift):
+    def test_starts_far_off_the_panel(self, shift):
         measured = track(GRAINS, radiographs(GRAINS, TRUTH), motions(GRAINS, shift))
         assert not measured.ok.any()
         assert_consistent(measured)
@@ -361,7 +361,7 @@ class TestInvalidInput:
         assert len(attempts) > 1
         assert Status.NOT_FITTED.value not in measured.statuses
 
-    def test_no_noise(self):
+    def test_radiographs_without_noise(self):
         still = motions(GRAINS)
         measured = track(GRAINS, radiographs(GRAINS, still, noise=0.0))
         assert_registered(measured, still, voxels=1e-3, degrees=1e-2)

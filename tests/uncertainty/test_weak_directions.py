@@ -42,7 +42,7 @@ def block_diagonal(blocks):
     return sparse.bsr_array((blocks, np.arange(n), np.arange(n + 1)), shape=(6 * n, 6 * n))
 
 
-class TestFormula:
+class TestPrior:
     """If all directions are weak, the prior is one more observation; if none is, there is no prior."""
 
     PRECISIONS = np.stack([np.diag(1 / s**2) for s in SCALES])

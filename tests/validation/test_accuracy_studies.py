@@ -120,14 +120,14 @@ class TestBounds:
 
 
 class TestStudies:
-    def test_limits(self):
+    def test_errors_over_bounds_of_the_limits_study(self):
         outcome = limits.trial(limits.Trial(FEW, (("random", 4),)))["random", 4]
         u, rotation = limits.over_bounds([outcome])
         assert 0.6 < u < 5
         assert 0.6 < rotation < 6
         assert limits.cells([outcome])[-2] == "0"
 
-    def test_coverage(self):
+    def test_coverage_study(self):
         by_state = coverage.trial(coverage.Trial(FEW, repeats=1))
         pooled = outcomes.pool([o for of_state in by_state.values() for o in of_state])
         assert len(pooled.statuses) == 6
@@ -140,14 +140,14 @@ class TestStudies:
         assert coverage.coverage(ratios) == pytest.approx(0.95, abs=0.005)
         assert coverage.coverage(2 * ratios) < 0.7
 
-    def test_projectors(self):
+    def test_projectors_study(self):
         variants = [projectors.VARIANTS[k] for k in (0, 1, 2)]
         by_variant = projectors.trial(projectors.Trial(FEW, tuple(variants)))
         fine, exact, coarse = (limits.over_bounds([by_variant[v.name, 4]]) for v in variants)
         assert fine[1] < coarse[1] < exact[1]
         assert fine[0] < exact[0]
 
-    def test_hard_cases(self):
+    def test_hard_cases_study(self):
         remedy = REMEDIES["gain-drift-views"][0]
         job = hard_cases.Trial("gain-drift-views", 0, (remedy,))
         pooled = hard_cases.together({job.name: [hard_cases.trial(job)]}, job.name, remedy.name, 4)

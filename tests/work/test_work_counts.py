@@ -110,7 +110,7 @@ class TestCounts:
 
     @pytest.mark.parametrize("beam", ["cone", "parallel"])
     @pytest.mark.parametrize("fine", [False, True])
-    def test_against_one_by_one(self, fine, beam):
+    def test_counts_equal_those_of_every_ray_examined(self, fine, beam):
         packed = GrainArrays.of(grain_set(2), fine)
         views = geometry((0.0, 50.0)) if beam == "cone" else Geometry.parallel((0.0, 50.0), (52, 64), VOXEL)
         at = pose(packed)
@@ -130,7 +130,7 @@ class TestCounts:
 
 class TestTracking:
     @pytest.mark.parametrize("stage", MAX_STAGE_WORK)
-    def test_work_of_a_stage(self, stage):
+    def test_work_of_each_stage(self, stage):
         counted = tracked("small")[stage]
         within(f"{stage}, calls", counted.calls, MAX_STAGE_WORK[stage][0])
         within(f"{stage}, planes", counted.sampled, MAX_STAGE_WORK[stage][1])
@@ -142,7 +142,7 @@ class TestTracking:
         within(f"{case}, calls", counted.calls, bound[0])
         within(f"{case}, planes", counted.sampled, bound[1])
 
-    def test_memory_of_a_state(self):
+    def test_peak_memory_of_tracking_a_state(self):
         grains = grain_set(5)
         scan = radiographs(grains, small_motions(grains))
         packed = GrainArrays.of(grains, fine=True)
@@ -159,7 +159,7 @@ class TestTracking:
 
 
 class TestReconstruction:
-    def test_sweeps_to_a_residual(self):
+    def test_number_of_sweeps_to_a_residual(self):
         rng = np.random.default_rng(0)
         places = ([-0.7, 0, 0.2], [0.8, 0.3, -0.3])
         body = Sample(tuple(ellipsoid_particle(rng, 1.5, 0.2).moved(np.eye(3), np.array(at)) for at in places))
