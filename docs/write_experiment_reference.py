@@ -17,6 +17,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from grainmotion.calibration.settings import ScannerSettings
+from grainmotion.diagnosis.settings import CheckSettings
 from grainmotion.experiment import config
 from grainmotion.planning.plan import PlanSettings
 from grainmotion.reconstruction.reconstruct import ReconstructSettings
@@ -28,6 +29,7 @@ TABLES: dict[str, type] = {
     "[reference.geometry], [states.geometry]": config.Circular,
     "[reference.air]": config.Air,
     "[volume]": config.VolumeTable,
+    "[check]": CheckSettings,
     "[calibrate]": ScannerSettings,
     "[reconstruct]": ReconstructSettings,
     "[segment]": SegmentSettings,

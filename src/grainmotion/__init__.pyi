@@ -9,6 +9,7 @@ from .calibration.corrections import Calibration as Calibration
 from .calibration.scanner import ScannerCalibration as ScannerCalibration
 from .calibration.settings import ReferenceSettings as ReferenceSettings
 from .calibration.settings import ScannerSettings as ScannerSettings
+from .diagnosis.settings import CheckSettings as CheckSettings
 from .errors import BackendError as BackendError
 from .errors import GrainmotionError as GrainmotionError
 from .errors import InputError as InputError
@@ -18,6 +19,8 @@ from .experiment.scan_inputs import read_scan as read_scan
 from .io.motions_csv import read_motions as read_motions
 from .io.motions_csv import write_motions as write_motions
 from .model.detector_alignment import DetectorAlignment as DetectorAlignment
+from .model.finding import Finding as Finding
+from .model.finding import Level as Level
 from .model.geometry import Geometry as Geometry
 from .model.grains import Grain as Grain
 from .model.grains import GrainSet as GrainSet

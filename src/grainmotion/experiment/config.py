@@ -13,12 +13,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from grainmotion._typing import Beam
 from grainmotion._validation import validated
 from grainmotion.backends.device import DeviceName
 from grainmotion.calibration.settings import ReferenceSettings, ScannerSettings
+from grainmotion.diagnosis.hypotheses import HYPOTHESES
+from grainmotion.diagnosis.settings import CheckSettings
 from grainmotion.errors import InputError
 from grainmotion.experiment.config_errors import input_error
 from grainmotion.io.files import checked_file
@@ -29,7 +31,7 @@ from grainmotion.tracking.track import TrackSettings
 
 RESERVED_STATE_NAMES = (
     "reference.h5", "reconstruction.h5", "report.html", "stages.json", "reference.tif", "reference.vti",
-    "calibration.json",
+    "calibration.json", "checks.json", "run.log",
 )  # fmt: skip
 Kind = Literal["counts", "transmission", "line-integrals"]
 Export = Literal["vtk", "spam"]
@@ -41,6 +43,16 @@ def _as_list(value: object) -> object:
 
 Files = Annotated[list[str], BeforeValidator(_as_list), Field(min_length=1)]
 """A path, a glob, ``"file.h5::/path"``, or a list of those."""
+
+
+def _known_fix(name: str) -> str:
+    if name not in HYPOTHESES:
+        raise ValueError(f"unknown; known names are {', '.join(HYPOTHESES)}")
+    return name
+
+
+Fix = Annotated[str, AfterValidator(_known_fix)]
+"""Name of a mistake in the geometry, as in `grainmotion.diagnosis.hypotheses`."""
 
 
 class _Table(BaseModel):
@@ -98,6 +110,9 @@ class ScanTable(_Table):
     )
     air: Air | None = Field(default=None, description="where the radiographs show only air, for one factor a view")
     saturation: float | None = Field(default=None, gt=0, description="count from which a pixel is saturated")
+    fixes: list[Fix] = Field(
+        default=[], description="mistakes in the geometry to undo, by the names that a check gave, in turn"
+    )
 
 
 class ReferenceTable(ScanTable):
@@ -135,6 +150,7 @@ class ExperimentFile(_Table):
 
     reference: ReferenceTable
     volume: VolumeTable = Field(default_factory=VolumeTable)
+    check: CheckSettings = Field(default_factory=CheckSettings)
     calibrate: ScannerSettings = Field(default_factory=ScannerSettings)
     reconstruct: ReconstructSettings = Field(default_factory=ReconstructSettings)
     segment: SegmentSettings = Field(default_factory=SegmentSettings)
@@ -173,6 +189,12 @@ class Experiment:
     def reference_settings(self) -> ReferenceSettings:
         """How the reference state is made: the tables ``[calibrate]``, ``[reconstruct]`` and ``[segment]``."""
         return ReferenceSettings(self.tables.calibrate, self.tables.reconstruct, self.tables.segment)
+
+    def checked(self, *, force: bool, try_fixes: bool) -> Experiment:
+        """The same experiment, with checks that are not to stop it, or whose fixes are to be applied."""
+        old = self.tables.check
+        check = dataclasses.replace(old, force=force or old.force, try_fixes=try_fixes or old.try_fixes)
+        return dataclasses.replace(self, tables=self.tables.model_copy(update={"check": check}))
 
     def on(self, device: DeviceName) -> Experiment:
         """The same experiment, with reconstruction and tracking on one device."""

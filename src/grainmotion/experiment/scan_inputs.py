@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from grainmotion._typing import Beam, Index
+from grainmotion.diagnosis import hypotheses
 from grainmotion.errors import InputError
 from grainmotion.experiment.circular import circular_geometry, scan_angles_deg
 from grainmotion.experiment.config import Air, Circular, Kind, ReferenceTable, ScanTable
@@ -66,6 +67,10 @@ class ScanInput:
         """The scan of some of its views: indices into the views that it has, in any order."""
         chosen = views if self.views is None else self.views[views]
         return replace(self, views=chosen, geometry=self.geometry[views])
+
+    def fixed(self, fix: str) -> ScanInput:
+        """The scan with a geometry in which one more mistake is undone."""
+        return replace(self, geometry=hypotheses.corrected(self.geometry, [fix]))
 
     def read(self) -> tuple[Scan, PixelReport]:
         """Read the radiographs as line integrals; errors name the files and the key."""
@@ -167,6 +172,7 @@ def find_scan(
     views = _chosen_views(key, table.views, count)
     if geometry is None:
         geometry = _find_geometry(key, table, reference, folder, (rows, columns), radiographs.nxtomo)
+    geometry = hypotheses.corrected(geometry, table.fixes)
     if len(geometry) == count and views is not None:
         geometry = geometry[views]
     used = count if views is None else len(views)

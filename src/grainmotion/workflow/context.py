@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
-from dataclasses import dataclass, field
+import logging
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TypeVar
@@ -21,11 +22,14 @@ from grainmotion.experiment.config import Experiment, ExperimentFile, StateTable
 from grainmotion.experiment.inputs import Inputs, check_contrast
 from grainmotion.experiment.scan_inputs import ScanInput
 from grainmotion.io.stacks import Stack
+from grainmotion.model.finding import Finding, Level
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.workflow.fingerprints import Fingerprints
 from grainmotion.workflow.provenance import Stage, StageCache
 
+LOG = logging.getLogger("grainmotion")
+LOG_LEVELS = {Level.NOTE: logging.INFO, Level.WARNING: logging.WARNING, Level.ERROR: logging.ERROR}
 T = TypeVar("T")
 
 
@@ -42,6 +46,7 @@ class RunContext:
     scanner: Callable[[], ScannerCalibration] = ScannerCalibration
     done: list[str] = field(default_factory=list)
     reused: list[str] = field(default_factory=list)
+    findings: list[Finding] = field(default_factory=list)
     _measured: dict[str, Scan] = field(default_factory=dict)
     _corrected: dict[str, Scan] = field(default_factory=dict)
 
@@ -54,6 +59,23 @@ class RunContext:
     def states(self) -> list[tuple[StateTable, ScanInput]]:
         """The later states, in loading order."""
         return list(zip(self.tables.states, self.inputs.states, strict=True))
+
+    def add(self, findings: Iterable[Finding]) -> None:
+        """Record findings, and log them as they come."""
+        for finding in findings:
+            if finding not in self.findings:
+                self.findings.append(finding)
+                LOG.log(LOG_LEVELS[finding.level], "%s: %s", finding.level, finding)
+
+    def apply_fix(self, source: ScanInput, fix: str) -> None:
+        """Undo a mistake in the geometry of a scan, from here on."""
+        fixed, inputs = source.fixed(fix), self.inputs
+        states = tuple(fixed if s is source else s for s in inputs.states)
+        self.inputs = replace(
+            inputs, reference=fixed if source is inputs.reference else inputs.reference, states=states
+        )
+        self.forget(source)
+        self.__dict__.pop("fingerprints", None)
 
     @cached_property
     def fingerprints(self) -> Fingerprints:

@@ -20,8 +20,10 @@ from grainmotion.errors import InputError
 from grainmotion.experiment.config import Experiment
 from grainmotion.experiment.inputs import Inputs, find_inputs
 from grainmotion.io.files import checked_folder
+from grainmotion.model.finding import Finding, worst_first
 from grainmotion.model.motions import Motions
 from grainmotion.workflow.calibration_stage import CALIBRATION, calibrate_stage
+from grainmotion.workflow.checks import check_reference
 from grainmotion.workflow.context import RunContext, check_inputs
 from grainmotion.workflow.outputs import DEFORMED, REFERENCE_EXPORTS, RESIDUALS, report_stage, write_outputs
 from grainmotion.workflow.provenance import StageCache
@@ -43,6 +45,7 @@ class RunResult:
     done: tuple[str, ...]  # stages that this run did, in order
     reused: tuple[str, ...]  # stages that an earlier run had done
     report: Path | None = None  # the page on all states
+    findings: tuple[Finding, ...] = ()  # of all checks, the worst first
 
 
 def run(
@@ -86,6 +89,7 @@ def run(
     with connect(workplace, folder) as cluster:
         context = RunContext(experiment, inputs, folder, StageCache(folder), progress, cluster)
         check_inputs(context, states=until in ("track", "report"))
+        check_reference(context)
         context.scanner = calibrate_stage(context)
         reconstruction = reconstruct_stage(context)
         motions: dict[str, Motions] = {}
@@ -101,7 +105,8 @@ def run(
                 if until == "report":
                     write_outputs(context, reference, tracked)
                     report = report_stage(context, reference, motions)
-        return RunResult(folder, motions, tuple(context.done), tuple(context.reused), report)
+        findings = worst_first(context.findings)
+        return RunResult(folder, motions, tuple(context.done), tuple(context.reused), report, findings)
 
 
 def _check_overwriting(inputs: Inputs, folder: Path) -> None:

@@ -1,0 +1,93 @@
+"""Findings: what a check of the input or of a result noticed, and what to do about it."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+
+
+class Level(StrEnum):
+    """How serious a finding is.
+
+    ``NOTE``: worth knowing.  ``WARNING``: results may be wrong or less accurate.  ``ERROR``: results would be wrong;
+    the work stops before it begins, unless the user forces it.
+    """
+
+    NOTE = "note"
+    WARNING = "warning"
+    ERROR = "error"
+
+
+SEVERITY = (Level.ERROR, Level.WARNING, Level.NOTE)
+"""Levels, the worst first."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What one check noticed.
+
+    Attributes
+    ----------
+    level : Level
+    check : str
+        Name of the check, as in ``docs/troubleshooting.md``.
+    where : str
+        File, key, state, view or grain.
+    fact : str
+        What is wrong, with its likely cause.
+    evidence : str
+        The measured numbers behind it.
+    remedy : str
+        What to do, with the key to change.
+    fix : str
+        Name of the hypothesis that ``--try-fixes`` or the key ``fixes`` applies; empty if there is none.
+    """
+
+    level: Level
+    check: str
+    where: str
+    fact: str
+    evidence: str = ""
+    remedy: str = ""
+    fix: str = ""
+
+    def __str__(self) -> str:
+        evidence = f" ({self.evidence})" if self.evidence else ""
+        remedy = f"; {self.remedy}" if self.remedy else ""
+        return f"{self.where}: {self.fact}{evidence}{remedy}"
+
+    def to_dict(self) -> dict[str, str]:
+        """Plain data, for a JSON file."""
+        return {name: str(value) for name, value in asdict(self).items()}
+
+    @classmethod
+    def from_dict(cls, data: dict[str, str]) -> Finding:
+        """The finding behind `to_dict`.
+
+        Parameters
+        ----------
+        data : dict
+            Its items.
+
+        Returns
+        -------
+        Finding
+            The same finding.
+        """
+        return cls(**{**data, "level": Level(data["level"])})  # type: ignore[arg-type]
+
+
+def worst_first(findings: tuple[Finding, ...] | list[Finding]) -> tuple[Finding, ...]:
+    """Findings sorted by severity, without repetitions; those of one level stay in their order.
+
+    Parameters
+    ----------
+    findings : sequence of Finding
+        In the order in which they were made.
+
+    Returns
+    -------
+    tuple of Finding
+        Errors, then warnings, then notes.
+    """
+    return tuple(sorted(dict.fromkeys(findings), key=lambda finding: SEVERITY.index(finding.level)))

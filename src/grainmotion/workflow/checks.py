@@ -1,0 +1,68 @@
+"""Checks of a run: their findings are kept like the results of a stage, so that a later run shows them again.
+
+A finding of level "error" stops the run unless ``[check] force`` is set.  A finding with a fix is applied if
+``[check] try_fixes`` is set, and says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from grainmotion.errors import InputError
+from grainmotion.experiment.scan_inputs import ScanInput
+from grainmotion.io.findings_json import read_findings, write_findings
+from grainmotion.model.finding import Finding, Level
+from grainmotion.workflow.context import RunContext, load_result
+
+CHECKS = "checks.json"
+Findings = tuple[Finding, ...]
+
+
+def check_reference(context: RunContext) -> None:
+    """Check the reference scan before anything is computed from it."""
+    source = context.inputs.reference
+    if source is None:
+        return
+    found = _findings(context, "check", context.folder / CHECKS, source, lambda: _reference_findings(context, source))
+    settle(context, source, found)
+
+
+def _reference_findings(context: RunContext, source: ScanInput) -> Findings:
+    """All checks of the reference scan."""
+    return ()
+
+
+def _findings(context: RunContext, name: str, path: Path, source: ScanInput, check: Callable[[], Findings]) -> Findings:
+    """The findings of a check, from its file if an earlier run made it of the same input."""
+    settings = ["check", context.tables.check.warn, context.tables.check.stop, source.settings]
+    fingerprint = context.cache.fingerprint(settings, source.files)
+    if context.cache.is_done(name, fingerprint):
+        return load_result(read_findings, path)
+    findings = check()
+    context.cache.discard(name)
+    write_findings(path, findings)
+    context.cache.add(name, fingerprint, [path])
+    return findings
+
+
+def settle(context: RunContext, source: ScanInput, findings: Findings) -> None:
+    """Record findings; apply their fixes if that is wanted, and stop at an error unless forced."""
+    check = context.tables.check
+    if check.try_fixes:
+        findings = tuple(_applied(context, source, f) if f.fix else f for f in findings)
+    context.add(findings)
+    errors = [f for f in findings if f.level is Level.ERROR]
+    if errors and not check.force:
+        worst = errors[0]
+        remedy = f"{worst.remedy}; or go on with --force" if worst.remedy else "go on with --force"
+        evidence = f" ({worst.evidence})" if worst.evidence else ""
+        raise InputError(worst.where, worst.fact + evidence, remedy)
+
+
+def _applied(context: RunContext, source: ScanInput, finding: Finding) -> Finding:
+    """The finding after its fix."""
+    context.apply_fix(source, finding.fix)
+    remedy = f'the fix was applied; to keep it, write fixes = ["{finding.fix}"] there, or {finding.remedy}'
+    return replace(finding, level=Level.WARNING, remedy=remedy)
