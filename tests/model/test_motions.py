@@ -22,7 +22,7 @@ def measured():
         translations=rng.normal(size=(N, 3)),
         rotations=rng.normal(size=(N, 3)),
         covariances=factors @ factors.transpose(0, 2, 1),
-        statuses=np.array([s.value for s in Status]),
+        statuses=np.array([s.value for s in Status][:N]),
         residuals=rng.uniform(size=N),
         iterations=np.arange(N),
         reasons=("", "a", "b", "c", "d"),
@@ -95,7 +95,7 @@ class TestMotions:
 
     def test_words_of_the_statuses(self):
         assert [s.value for s in Status] == [
-            "converged", "not-converged", "poorly-determined", "left-field", "not-fitted",
+            "converged", "not-converged", "poorly-determined", "left-field", "not-fitted", "ambiguous",
         ]  # fmt: skip
 
     @pytest.mark.parametrize(

@@ -102,8 +102,8 @@ class TestContent:
 
     def test_counts_by_status(self, page):
         header, *rows = page.tables[0]
-        assert [header[i].replace("- ", "-") for i in range(2, 7)] == [s.value for s in Status]
-        assert rows[0][:7] == ["step-01", "6", "2", "1", "1", "1", "1"]
+        assert [header[i].replace("- ", "-") for i in range(2, 8)] == [s.value for s in Status]
+        assert rows[0][:8] == ["step-01", "6", "2", "1", "1", "1", "1", "0"]
 
     def test_three_images_for_each_view(self, page):
         alts = [a["alt"] or "" for t, a in page.elements if t == "img"]

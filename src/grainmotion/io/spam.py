@@ -46,6 +46,7 @@ RETURN_STATUS: dict[str, int] = {
     Status.NOT_CONVERGED.value: 1,
     Status.LEFT_FIELD.value: -7,
     Status.NOT_FITTED.value: 0,
+    Status.AMBIGUOUS.value: 1,
 }
 """spam's ``returnStatus`` of each status: 2 converged, 1 not converged, 0 not correlated, -7 no grain to correlate."""
 

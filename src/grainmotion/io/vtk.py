@@ -24,7 +24,7 @@ from grainmotion.model.volume import Volume
 
 STATUS_CODES: dict[str, int] = {status.value: code for code, status in enumerate(Status)}
 """Code of each status in the point array ``status_code``: 0 converged, 1 not-converged, 2
-poorly-determined, 3 left-field, 4 not-fitted (the order of `Status`)."""
+poorly-determined, 3 left-field, 4 not-fitted, 5 ambiguous (the order of `Status`)."""
 
 BLOCK_BYTES = 1 << 20  # compressed at a time
 _TYPES = {"f4": "Float32", "f8": "Float64", "i4": "Int32", "i8": "Int64", "u1": "UInt8"}

@@ -30,6 +30,7 @@ class Status(StrEnum):
     POORLY_DETERMINED = "poorly-determined"
     LEFT_FIELD = "left-field"
     NOT_FITTED = "not-fitted"
+    AMBIGUOUS = "ambiguous"
 
 
 MOTION_COLUMNS = (

@@ -13,6 +13,7 @@ from grainmotion.report.data import Rows, StateReport
 STATUS_COLOURS = {
     Status.CONVERGED.value: "#2a9d68",
     Status.POORLY_DETERMINED.value: "#d99a1c",
+    Status.AMBIGUOUS.value: "#2f8fc4",
     Status.NOT_CONVERGED.value: "#d1453b",
     Status.LEFT_FIELD.value: "#7b6fd0",
     Status.NOT_FITTED.value: "#8b929c",
