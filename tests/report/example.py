@@ -15,7 +15,7 @@ COSTS = (("whole sample $a$", 0.5), ("whole sample $a$", 0.2), ("all <grains>", 
 
 
 def motions(n: int = 6) -> Motions:
-    """Motions of grains 1, 11, 21, ...: one of each of the first five statuses, then converged; the left-field grain has no motion."""
+    """Motions of grains 1, 11, 21, ...: the first five statuses, then converged; the left-field grain has no motion."""
     random = np.random.default_rng(3)
     arrays = {
         "translations": random.normal(size=(n, 3)),
