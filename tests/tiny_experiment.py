@@ -52,6 +52,7 @@ beam = "cone"
 source_to_axis = 50
 source_to_detector = 200
 pixel_size = 0.4
+first_row = "bottom"
 angles_deg = [10.0, 55.0, 100.0]
 """
 

@@ -24,7 +24,7 @@ views = [0, 3]
 [states.geometry]
 angles_deg = [5, 6, 7, 8]
 """
-CONE = "source_to_axis = 50\nsource_to_detector = 200"
+CONE = 'source_to_axis = 50\nsource_to_detector = 200\nfirst_row = "bottom"'
 
 
 class TestCircular:
@@ -65,6 +65,24 @@ class TestCircular:
         assert inputs.reference is not None
         np.testing.assert_allclose(inputs.reference.geometry.vectors, expected.vectors)
         assert inputs.states[0].geometry.beam == "parallel"
+
+    @pytest.mark.parametrize("where", ["reference", "states.one"])
+    def test_first_row_has_no_silent_default(self, tmp_path, where):
+        toml = CIRCULAR.format(beam=CONE, angles="angles_deg = [0, 30, 60, 90]")
+        if where == "states.one":  # a reference from CSV has no table that the state could inherit from
+            start, end = toml.index("[reference.geometry]"), toml.index("[[states]]")
+            table = toml[start:end].replace("[reference.geometry]\n", "").replace("angles_deg = [0, 30, 60, 90]", "")
+            toml = toml[:start] + 'geometry = "views.csv"\n' + toml[end:] + table
+        inputs_missing = toml.replace('first_row = "bottom"', "")
+        assert inputs_missing != toml
+        with pytest.raises(InputError, match=rf"{where}.geometry.first_row: it is missing.*\"top\".*\"bottom\"") as e:
+            inputs_of(tmp_path, inputs_missing)
+        assert "also" not in str(e.value)  # the states' tables, which inherit it, are not blamed as well
+
+    def test_state_inherits_first_row(self, tmp_path):
+        toml = CIRCULAR.format(beam=CONE.replace("bottom", "top"), angles="angles_deg = [0, 30, 60, 90]")
+        state = inputs_of(tmp_path, toml).states[0]
+        assert np.all(state.geometry.v[:, 2] < 0)
 
     def test_default_grid_covers_the_field_of_view(self, tmp_path):
         grid = inputs_of(tmp_path, CIRCULAR.format(beam=CONE, angles="first=0\nlast=90\ncount=4")).grid

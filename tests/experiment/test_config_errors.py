@@ -50,6 +50,25 @@ def test_error_names_the_key(tiny, old, new, message):
         inputs_of(tiny, TOML.replace(old, new, 1))
 
 
+def test_several_errors_are_told_at_once(tiny):
+    toml = TOML.replace("voxel_size = 0.1", "voxel_size = -0.1").replace("sweeps = 3", "sweep = 3")
+    toml = toml.replace("pixel_size = 0.4", "").replace('first_row = "bottom"', "")
+    with pytest.raises(InputError) as error:
+        inputs_of(tiny, toml)
+    lines = str(error.value).splitlines()
+    assert len(lines) == 4
+    assert "reconstruct.sweep: unknown key" in lines[0]  # first what is unknown, then what is missing, then values
+    assert {"states.two.geometry.pixel_size:", "states.two.geometry.first_row:"} == {
+        line.split()[1] for line in lines[1:3]
+    }
+    assert "also volume.voxel_size: input should be greater than 0, got -0.1; correct the value: mm" in lines[3]
+
+
+def test_a_mistyped_key_is_not_reported_missing_as_well(tiny):
+    with pytest.raises(InputError, match=r"frist_row: unknown key; did you mean 'first_row'\?$"):
+        inputs_of(tiny, TOML.replace("first_row", "frist_row"))
+
+
 def test_missing_reference_is_refused(tiny):
     with pytest.raises(InputError, match="reference: it is missing"):
         inputs_of(tiny, "[volume]\nvoxel_size = 0.1\n")
@@ -70,4 +89,10 @@ def test_unknown_keys_are_reported_first_with_the_nearest_known_key(tiny, old, n
     toml = TOML.replace(old, new, 1)
     toml = toml if "states = 3" not in new else toml[: toml.index("[[states]]")]
     with pytest.raises(InputError, match=message):
+        inputs_of(tiny, toml)
+
+
+def test_states_without_a_reference_do_not_hide_that_it_is_missing(tiny):
+    toml = TOML[TOML.index("[volume]") :].replace("pixel_size = 0.4", "")
+    with pytest.raises(InputError, match=r"reference: it is missing; add this key$"):
         inputs_of(tiny, toml)

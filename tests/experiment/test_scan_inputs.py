@@ -33,6 +33,7 @@ class TestNXtomo:
 radiographs = "scan.nxs"
 [reference.geometry]
 pixel_size = 0.4
+first_row = "bottom"
 {CONE}
 [[states]]
 name = "one"

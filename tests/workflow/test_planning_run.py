@@ -18,6 +18,7 @@ beam = "cone"
 source_to_axis = 50
 source_to_detector = 200
 pixel_size = 0.4
+first_row = "bottom"
 first = 0
 last = 351
 count = 40

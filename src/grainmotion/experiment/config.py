@@ -92,7 +92,9 @@ class Circular(_Table):
     detector_tilts_deg: tuple[float, float, float] = Field(default=(0.0, 0.0, 0.0), description="about x, y, z at 0")
     axis_offset: float = Field(default=0.0, description="of the axis along u, mm")
     axis_tilt_deg: tuple[float, float] = Field(default=(0.0, 0.0), description="about x and y at 0")
-    first_row: Literal["bottom", "top"] = Field(default="bottom", description="where row 0 lies")
+    first_row: Literal["bottom", "top"] = Field(
+        description='where row 0 of the images lies: "top" of the sample (most camera files) or "bottom"; no default'
+    )
 
 
 class ScanTable(_Table):
