@@ -14,7 +14,19 @@ import typer
 
 import grainmotion as gm
 from grainmotion.cli import console
-from grainmotion.cli.options import Execution, File, OnDevice, Out, Paths, PlanOptions, Quiet, Seed, command
+from grainmotion.cli.findings import EXIT_CODES, exit_by, print_findings
+from grainmotion.cli.options import (
+    Checks,
+    Execution,
+    File,
+    OnDevice,
+    Paths,
+    PlanOptions,
+    Quiet,
+    Seed,
+    Strict,
+    command,
+)
 from grainmotion.errors import InputError
 
 if TYPE_CHECKING:
@@ -25,6 +37,7 @@ if TYPE_CHECKING:
 app = typer.Typer(
     name="grainmotion",
     help="The rigid motion of every grain of a sample, from one full scan and a few radiographs per state.",
+    epilog=EXIT_CODES,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     add_completion=False,
@@ -67,68 +80,68 @@ class DatasetName(StrEnum):
 
 # ---------------------------------------------------------------------- the main job and its stages
 @add_command
-def run(paths: Paths, *, device: OnDevice = None, execution: Execution) -> None:
+def run(paths: Paths, *, device: OnDevice = None, execution: Execution, checks: Checks) -> None:
     """Run all stages; those that are done already and unchanged are not repeated."""
-    with console.progress(execution.quiet) as progress:
-        result = gm.run(_read(paths.file, device), out=paths.out, progress=progress, workplace=_workplace(execution))
-    console.print_stages(result, execution.quiet)
+    result = _run_until("report", _read(paths.file, device), paths.out, execution, checks)
     console.print_states(result.motions)
-    print(f"report: {result.report}")
+    _finish(result, execution, checks, f"report: {result.report}")
 
 
 @add_command
-def reconstruct(paths: Paths, *, device: OnDevice = None, execution: Execution) -> None:
+def reconstruct(paths: Paths, *, device: OnDevice = None, execution: Execution, checks: Checks) -> None:
     """Reconstruct the reference volume and stop."""
-    result = _run_until("reconstruct", _read(paths.file, device), paths.out, execution)
-    print(f"volume: in {result.folder}")
+    result = _run_until("reconstruct", _read(paths.file, device), paths.out, execution, checks)
+    _finish(result, execution, checks, f"volume: in {result.folder}")
 
 
 @add_command
-def segment(paths: Paths, execution: Execution) -> None:
+def segment(paths: Paths, execution: Execution, checks: Checks) -> None:
     """Find the grains of the reference volume and stop."""
-    result = _run_until("segment", _read(paths.file), paths.out, execution)
-    print(f"grains: {result.folder / 'reference.h5'}")
+    result = _run_until("segment", _read(paths.file), paths.out, execution, checks)
+    _finish(result, execution, checks, f"grains: {result.folder / 'reference.h5'}")
 
 
 @add_command
-def track(paths: Paths, *, device: OnDevice = None, execution: Execution) -> None:
+def track(paths: Paths, *, device: OnDevice = None, execution: Execution, checks: Checks) -> None:
     """Track the grains through all states and stop before residuals, exports and report."""
-    result = _run_until("track", _read(paths.file, device), paths.out, execution)
+    result = _run_until("track", _read(paths.file, device), paths.out, execution, checks)
     console.print_states(result.motions)
+    _finish(result, execution, checks)
 
 
 @add_command
-def report(paths: Paths, execution: Execution) -> None:
+def report(paths: Paths, execution: Execution, checks: Checks) -> None:
     """Write the report; stages that it needs and that are not done yet are done first."""
-    result = _run_until("report", _read(paths.file), paths.out, execution)
-    print(f"report: {result.report}")
+    result = _run_until("report", _read(paths.file), paths.out, execution, checks)
+    _finish(result, execution, checks, f"report: {result.report}")
 
 
 @add_command
 def export(
-    file: File,
+    paths: Paths,
     *,
     format: Annotated[list[Format], typer.Option("--format", help="vtk for ParaView, spam for spam")],
-    out: Out = None,
-    quiet: Quiet = False,
+    execution: Execution,
+    checks: Checks,
 ) -> None:
     """Write the motions for other software; stages that are not done yet are done first."""
-    experiment = _read(file)
+    experiment = _read(paths.file)
     wanted = sorted({*experiment.tables.output.exports, *(f.value for f in format)})
     output = experiment.tables.output.model_copy(update={"exports": wanted})
     tables = experiment.tables.model_copy(update={"output": output})
-    result = _run_until("report", dataclasses.replace(experiment, tables=tables), out, Execution(quiet))
-    for name in result.motions:
-        print(f"exported: {result.folder / name}")
+    result = _run_until("report", dataclasses.replace(experiment, tables=tables), paths.out, execution, checks)
+    _finish(result, execution, checks, *(f"exported: {result.folder / name}" for name in result.motions))
 
 
 @add_command
-def inspect(file: File) -> None:
+def inspect(file: File, strict: Strict = False) -> None:
     """Describe the input files and the memory that a run needs, without running it."""
     from grainmotion.experiment.inputs import find_inputs
     from grainmotion.experiment.inspection import inspect_inputs
 
-    console.print_inspection(inspect_inputs(find_inputs(_read(file))))
+    inspection = inspect_inputs(find_inputs(_read(file)))
+    console.print_inspection(inspection)
+    exit_by({}, inspection.findings, strict=strict)
 
 
 def _read(file: Path, device: OnDevice = None) -> Experiment:
@@ -143,11 +156,22 @@ def _workplace(execution: Execution) -> ComputeConfig:
     return ComputeConfig(execution.scheduler, execution.workers)
 
 
-def _run_until(until: Until, experiment: Experiment, out: Path | None, execution: Execution) -> RunResult:
+def _run_until(
+    until: Until, experiment: Experiment, out: Path | None, execution: Execution, checks: Checks
+) -> RunResult:
+    experiment = experiment.checked(force=checks.force, try_fixes=checks.try_fixes)
     with console.progress(execution.quiet) as progress:
         result = gm.run(experiment, out=out, until=until, progress=progress, workplace=_workplace(execution))
     console.print_stages(result, execution.quiet)
     return result
+
+
+def _finish(result: RunResult, execution: Execution, checks: Checks, *last: str) -> None:
+    """Print all findings again, the last lines, and end with the exit code that follows."""
+    print_findings(result.findings, quiet=execution.quiet)
+    for line in last:
+        print(line)
+    exit_by(result.motions, result.findings, strict=checks.strict)
 
 
 # ---------------------------------------------------------------------- before beam time

@@ -1,7 +1,7 @@
 """The terminal: progress and tables.
 
 On a terminal progress is a bar on standard error; otherwise it is a log, line by line on standard output,
-so that standard error holds errors alone.
+so that standard error holds errors alone.  Findings are shown as they come, above the bar or as lines of the log.
 """
 
 from __future__ import annotations
@@ -10,12 +10,15 @@ import re
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.table import Table
+
+from grainmotion.cli import findings
+from grainmotion.model.finding import worst_first
 
 if TYPE_CHECKING:
     from grainmotion._typing import Progress
@@ -26,11 +29,12 @@ if TYPE_CHECKING:
     from grainmotion.workflow.run import RunResult
 
 MAX_REASONS = 20  # grains whose reason is printed; the report has all
+Say = Callable[[str], None]
 
 
 @contextmanager
 def progress(quiet: bool) -> Iterator[Progress]:
-    """A listener for ``progress``: a bar on a terminal, one line a step in a log, nothing if quiet.
+    """A listener for ``progress``: a bar on a terminal, one line a step in a log, nothing but warnings if quiet.
 
     It also makes Ctrl-C and SIGTERM end the work: an exception that is raised inside the callback of a compiler or
     library can be lost, so it is raised again at the next report of progress.
@@ -44,7 +48,7 @@ def progress(quiet: bool) -> Iterator[Progress]:
     before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
     show = _silence if quiet else _bar if sys.stderr.isatty() else _log
     try:
-        with contextmanager(show)() as listen:
+        with contextmanager(show)() as (listen, say), findings.shown(say, quiet=quiet):
 
             def listen_or_stop(message: str, done: int, total: int) -> None:
                 if stopped.is_set():
@@ -57,11 +61,11 @@ def progress(quiet: bool) -> Iterator[Progress]:
             signal.signal(number, handler)
 
 
-def _silence() -> Iterator[Progress]:
-    yield lambda _message, _done, _total: None
+def _silence() -> Iterator[tuple[Progress, Say]]:
+    yield (lambda _message, _done, _total: None), findings.print_message
 
 
-def _bar() -> Iterator[Progress]:
+def _bar() -> Iterator[tuple[Progress, Say]]:
     from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
     from rich.progress import Progress as Bar
 
@@ -72,10 +76,13 @@ def _bar() -> Iterator[Progress]:
         def listen(message: str, done: int, total: int) -> None:
             bar.update(task, description=message, completed=done, total=total)
 
-        yield listen
+        def say(message: str) -> None:  # rich draws the bar again below
+            bar.console.print(findings.styled(message, bar.console.width))
+
+        yield listen, say
 
 
-def _log() -> Iterator[Progress]:
+def _log() -> Iterator[tuple[Progress, Say]]:
     """Print the last message of each step, which carries its outcome."""
     last = [""]
 
@@ -88,7 +95,7 @@ def _log() -> Iterator[Progress]:
         last[0] = message
 
     try:
-        yield listen
+        yield listen, findings.print_message
     finally:
         if last[0]:
             print(last[0], flush=True)
@@ -122,8 +129,7 @@ def print_inspection(inspection: Inspection) -> None:
     shape = " x ".join(str(n) for n in inspection.volume_shape)
     console.print(f"volume: {shape} voxels (z, y, x) of {inspection.voxel_size:.4g} mm")
     console.print(f"memory: about {inspection.memory / 1e9:.2f} GB at the peak")
-    for warning in inspection.warnings:
-        console.print(f"warning: {warning}", markup=False)
+    findings.print_findings(worst_first(inspection.findings))
 
 
 def print_states(motions: dict[str, Motions]) -> None:

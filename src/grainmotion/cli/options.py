@@ -15,11 +15,15 @@ from typing import Annotated, get_type_hints
 import typer
 
 from grainmotion.backends.device import Device
+from grainmotion.cli.findings import EXIT_CODES
 from grainmotion.errors import GrainmotionError
 
 File = Annotated[Path, typer.Argument(metavar="FILE", help="experiment file (TOML)")]
 Out = Annotated[Path | None, typer.Option("--out", help="folder for results, instead of the file's own")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="show no progress")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="show no progress; warnings are still shown")]
+Force = Annotated[bool, typer.Option("--force", help="go on where a check of the input would stop the work")]
+TryFixes = Annotated[bool, typer.Option("--try-fixes", help="apply what a check found to be clearly better")]
+Strict = Annotated[bool, typer.Option("--strict", help="end with exit code 3 if there is any warning")]
 Scheduler = Annotated[str | None, typer.Option("--scheduler", help="address of a Dask scheduler whose workers compute")]
 Workers = Annotated[int | None, typer.Option("--workers", help="number of worker processes on this machine")]
 OnDevice = Annotated[Device | None, typer.Option("--device", help="where rays are traced, instead of the file's own")]
@@ -47,6 +51,15 @@ class Execution:
 
 
 @dataclasses.dataclass(frozen=True)
+class Checks:
+    """What follows from the findings of checks."""
+
+    force: Force = False
+    try_fixes: TryFixes = False
+    strict: Strict = False
+
+
+@dataclasses.dataclass(frozen=True)
 class PlanOptions:
     """Settings of ``[plan]`` that the command line replaces."""
 
@@ -55,7 +68,7 @@ class PlanOptions:
     step_deg: StepDeg = None
 
 
-OPTION_RECORDS: tuple[type, ...] = (Paths, Execution, PlanOptions)
+OPTION_RECORDS: tuple[type, ...] = (Paths, Execution, Checks, PlanOptions)
 
 
 def command(app: typer.Typer, function: Callable[..., None]) -> Callable[..., None]:
@@ -94,5 +107,5 @@ def command(app: typer.Typer, function: Callable[..., None]) -> Callable[..., No
     invoke.__name__, invoke.__doc__ = function.__name__, function.__doc__
     invoke.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     invoke.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
-    app.command()(invoke)
+    app.command(epilog=EXIT_CODES)(invoke)
     return function

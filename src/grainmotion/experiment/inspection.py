@@ -1,4 +1,4 @@
-"""Inspection of an experiment's data before any work: shapes, pixels, memory, warnings."""
+"""Inspection of an experiment's data before any work: shapes, pixels, memory, and what is unusual."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from grainmotion.experiment.inputs import Inputs, cylinder_circle
 from grainmotion.experiment.scan_inputs import ScanInput
+from grainmotion.model.finding import Finding, Level
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.preprocessing.flat_field import PixelReport
@@ -45,33 +46,32 @@ class Inspection:
     volume_shape: tuple[int, int, int]  # voxels along z, y, x
     voxel_size: float  # mm
     memory: float  # estimate of the peak, bytes
-    warnings: tuple[str, ...]  # unusual facts, each with a remedy
+    findings: tuple[Finding, ...]  # unusual facts, each with a remedy
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The findings that are more than notes, as sentences."""
+        return tuple(str(f) for f in self.findings if f.level is not Level.NOTE)
 
 
 def inspect_inputs(inputs: Inputs) -> Inspection:
-    """Read all radiographs once and report facts and warnings; errors are those of a run."""
+    """Read all radiographs once and report facts and what is unusual; errors are those of a run."""
     facts: list[ScanFacts] = []
-    warnings: list[str] = []
+    findings: list[Finding] = []
     for source in (inputs.reference, *inputs.states):
         if source is None:
             continue
         scan, pixels = source.read()
         facts.append(_facts(source, scan, pixels, inputs.grid))
-        warnings += _scan_warnings(source, facts[-1], inputs.grid)
+        findings += scan_findings(source, scan, pixels, inputs.grid)
     reference = inputs.reference
-    if reference is not None and facts[0].views < facts[0].columns / 4:
-        enough = int(np.ceil(facts[0].columns * np.pi / 2))
-        warnings.append(
-            f"reference: {facts[0].views} views for {facts[0].columns} columns give a coarse volume; "
-            f"{enough} would resolve all of it"
-        )
     if not inputs.states:
-        warnings.append("no states: add a [[states]] table for each later state")
+        findings.append(_warning("states", "no states", "add a [[states]] table for each later state"))
     grid = inputs.grid
     memory = BYTES_PER_VOXEL * float(np.prod(grid.shape))
     if reference is not None:
         memory = max(memory, 8.0 * np.prod(grid.shape) + 9.0 * facts[0].views * facts[0].rows * facts[0].columns)
-    return Inspection(tuple(facts), grid.shape, grid.voxel_size, memory, tuple(warnings))
+    return Inspection(tuple(facts), grid.shape, grid.voxel_size, memory, tuple(findings))
 
 
 def _facts(source: ScanInput, scan: Scan, pixels: PixelReport, grid: Volume) -> ScanFacts:
@@ -93,23 +93,33 @@ def _facts(source: ScanInput, scan: Scan, pixels: PixelReport, grid: Volume) -> 
     )
 
 
-def _scan_warnings(source: ScanInput, facts: ScanFacts, grid: Volume) -> list[str]:
-    warnings = []
-    if facts.pixels.bad > MAX_MASKED_SHARE * facts.pixels.total:
-        warnings.append(f"{facts.key}: {facts.pixels}; check flats, darks and exposure")
+def scan_findings(source: ScanInput, scan: Scan, pixels: PixelReport, grid: Volume) -> tuple[Finding, ...]:
+    """What is unusual about one scan as it was read."""
+    facts, key, found = _facts(source, scan, pixels, grid), source.key, list[Finding]()
+    if pixels.bad > MAX_MASKED_SHARE * pixels.total:
+        found.append(_warning(key, str(pixels), "check flats, darks and exposure"))
+    elif pixels.bad:
+        found.append(Finding(Level.NOTE, "inspect", key, str(pixels)))
     if abs(facts.air) > MAX_AIR_LINE_INTEGRAL:
-        warnings.append(
-            f"{facts.key}: the outermost columns have a line integral of {facts.air:.3f}; "
-            f"if they see only air, set {facts.key}.air = {{ margin = 2 }}"
-        )
+        fact = f"the outermost columns have a line integral of {facts.air:.3f}"
+        found.append(_warning(key, fact, f"if they see only air, set {key}.air = {{ margin = 2 }}"))
     ratio = grid.voxel_size / facts.pixel_at_sample
     if not USUAL_VOXEL_PIXEL_RATIO[0] < ratio < USUAL_VOXEL_PIXEL_RATIO[1]:
-        warnings.append(f"{facts.key}: a voxel is {ratio:.2f} times a pixel at the sample; near 1 is usual")
-    if facts.key != "reference" and facts.views < 2:
-        warnings.append(f"{facts.key}: one view leaves the motion along its rays poorly determined; take 2 or more")
+        fact = f"a voxel is {ratio:.2f} times a pixel at the sample; near 1 is usual"
+        found.append(_warning(key, fact, "check volume.voxel_size, and pixel_size and distances of the geometry"))
+    if key != "reference" and facts.views < 2:
+        found.append(_warning(key, "one view leaves the motion along its rays poorly determined", "take 2 or more"))
     if _overhangs(source, grid):
-        warnings.append(f"{facts.key}: the volume is wider than the panel sees; matter outside it is not modelled")
-    return warnings
+        fact = "the volume is wider than the panel sees; matter outside it is not modelled"
+        found.append(_warning(key, fact, "give a smaller volume.shape, or ignore this if there is only air"))
+    if key == "reference" and facts.views < facts.columns / 4:
+        fact = f"{facts.views} views for {facts.columns} columns give a coarse volume"
+        found.append(_warning(key, fact, f"{int(np.ceil(facts.columns * np.pi / 2))} would resolve all of it"))
+    return tuple(found)
+
+
+def _warning(where: str, fact: str, remedy: str) -> Finding:
+    return Finding(Level.WARNING, "inspect", where, fact, remedy=remedy)
 
 
 def _overhangs(source: ScanInput, grid: Volume) -> bool:

@@ -181,6 +181,11 @@ class Motions:
         """Grains that converged, ``(n,)``."""
         return self.statuses == Status.CONVERGED.value
 
+    @property
+    def usable(self) -> NDArray[np.bool_]:
+        """Grains with a motion to use, ``(n,)``: converged, or poorly determined in the directions that are named."""
+        return self.ok | (self.statuses == Status.POORLY_DETERMINED.value)
+
     def for_grains(self, labels: NDArray[np.int64], centers: NDArray[np.float64]) -> Motions:
         """The motions of other grains, matched by label.
 

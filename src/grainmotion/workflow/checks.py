@@ -52,9 +52,9 @@ def settle(context: RunContext, source: ScanInput, findings: Findings) -> None:
     check = context.tables.check
     if check.try_fixes:
         findings = tuple(_applied(context, source, f) if f.fix else f for f in findings)
-    context.add(findings)
-    errors = [f for f in findings if f.level is Level.ERROR]
-    if errors and not check.force:
+    errors = [f for f in findings if f.level is Level.ERROR and not check.force]
+    context.add(f for f in findings if f not in errors[:1])  # the first error is raised instead
+    if errors:
         worst = errors[0]
         remedy = f"{worst.remedy}; or go on with --force" if worst.remedy else "go on with --force"
         evidence = f" ({worst.evidence})" if worst.evidence else ""
