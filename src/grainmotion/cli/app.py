@@ -134,13 +134,26 @@ def export(
 
 
 @add_command
-def inspect(file: File, strict: Strict = False) -> None:
-    """Describe the input files and the memory that a run needs, without running it."""
+def inspect(
+    file: File,
+    *,
+    picture: Annotated[
+        Path | None, typer.Option("--picture", help="PNG to write; inspection.png beside the file by default")
+    ] = None,
+    strict: Strict = False,
+) -> None:
+    """Describe the input files and the memory that a run needs, and draw up and the sense of rotation."""
     from grainmotion.experiment.inputs import find_inputs
     from grainmotion.experiment.inspection import inspect_inputs
+    from grainmotion.report.inspection_figure import write_inspection_figure
 
-    inspection = inspect_inputs(find_inputs(_read(file)))
+    inputs = find_inputs(_read(file))
+    inspection = inspect_inputs(inputs)
     console.print_inspection(inspection)
+    path = picture or file.parent / "inspection.png"
+    for sentence in write_inspection_figure(path, inspection.first_views, inputs.grid):
+        print(sentence)
+    print(f"picture: {path}")
     exit_by({}, inspection.findings, strict=strict)
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from grainmotion.diagnosis.hypotheses import stage_angles_deg
 from grainmotion.experiment.inputs import Inputs, cylinder_circle
 from grainmotion.experiment.scan_inputs import ScanInput
 from grainmotion.model.finding import Finding, Level
@@ -17,6 +18,7 @@ MAX_MASKED_SHARE = 0.01  # of all pixels; more give a warning
 MAX_AIR_LINE_INTEGRAL = 0.02  # median over the outermost columns; more gives a warning
 USUAL_VOXEL_PIXEL_RATIO = (0.4, 2.5)  # of a voxel and a pixel at the sample; others give a warning
 MAX_PANEL_OVERHANG = 0.1  # of the volume beyond the panel, as a share of its columns; more gives a warning
+DRAWN_STEPS_DEG = np.array([0.0, 15.0, 40.0, 90.0])  # angles from view 0 of the radiographs that a picture shows
 BYTES_PER_VOXEL = 30  # float volume, labels, distances and the grown labels at the peak of the segmentation
 
 
@@ -38,6 +40,23 @@ class ScanFacts:
     pixels: PixelReport
 
 
+@dataclass(frozen=True, eq=False)
+class FirstViews:
+    """The first radiographs of a scan, for a picture."""
+
+    name: str
+    scan: Scan  # of these views only
+    views: tuple[int, ...]  # their numbers in the whole scan
+
+    @classmethod
+    def of(cls, name: str, scan: Scan) -> FirstViews:
+        """Radiographs near `DRAWN_STEPS_DEG` from the first, or all of a few."""
+        angles = stage_angles_deg(scan.geometry)
+        gaps = np.abs(np.abs(angles - angles[0])[:, None] - DRAWN_STEPS_DEG)
+        views = sorted(set(gaps.argmin(axis=0).tolist())) if len(scan) > len(DRAWN_STEPS_DEG) else range(len(scan))
+        return cls(name, scan.select(list(views)), tuple(views))
+
+
 @dataclass(frozen=True)
 class Inspection:
     """Facts about an experiment."""
@@ -47,6 +66,7 @@ class Inspection:
     voxel_size: float  # mm
     memory: float  # estimate of the peak, bytes
     findings: tuple[Finding, ...]  # unusual facts, each with a remedy
+    first_views: tuple[FirstViews, ...] = ()  # of each scan, for a picture
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -58,11 +78,13 @@ def inspect_inputs(inputs: Inputs) -> Inspection:
     """Read all radiographs once and report facts and what is unusual; errors are those of a run."""
     facts: list[ScanFacts] = []
     findings: list[Finding] = []
+    first_views: list[FirstViews] = []
     for source in (inputs.reference, *inputs.states):
         if source is None:
             continue
         scan, pixels = source.read()
         facts.append(_facts(source, scan, pixels, inputs.grid))
+        first_views.append(FirstViews.of(source.key.removeprefix("states."), scan))
         findings += scan_findings(source, scan, pixels, inputs.grid)
     reference = inputs.reference
     if not inputs.states:
@@ -71,7 +93,7 @@ def inspect_inputs(inputs: Inputs) -> Inspection:
     memory = BYTES_PER_VOXEL * float(np.prod(grid.shape))
     if reference is not None:
         memory = max(memory, 8.0 * np.prod(grid.shape) + 9.0 * facts[0].views * facts[0].rows * facts[0].columns)
-    return Inspection(tuple(facts), grid.shape, grid.voxel_size, memory, tuple(findings))
+    return Inspection(tuple(facts), grid.shape, grid.voxel_size, memory, tuple(findings), tuple(first_views))
 
 
 def _facts(source: ScanInput, scan: Scan, pixels: PixelReport, grid: Volume) -> ScanFacts:
