@@ -129,6 +129,24 @@ class TestInspect:
         assert "the outermost columns have a line integral of -0.1" in text
         assert "states.two: one view" in text
 
+    def test_draws_up_and_the_sense_of_rotation(self, tmp_path):
+        path = write_tiny(tmp_path)
+        text = invoke("inspect", path).stdout
+        assert f"picture: {tmp_path / 'inspection.png'}" in text
+        assert (tmp_path / "inspection.png").read_bytes()[1:4] == b"PNG"
+        assert "row 0 is the lowest row" in text
+        assert "seen from above it turns clockwise" in text
+
+    def test_the_picture_goes_where_it_is_wanted(self, tmp_path):
+        path = write_tiny(tmp_path)
+        (tmp_path / "inspection.png").mkdir()  # cannot be replaced by a file
+        assert "name another file with --picture" in " ".join(invoke("inspect", path).stdout.split())
+        assert "picture:" in invoke("inspect", path, "--picture", tmp_path / "there.png").stdout
+        assert (tmp_path / "there.png").exists()
+        (tmp_path / "file").write_text("")
+        result = CliRunner().invoke(app, ["inspect", str(path), "--picture", str(tmp_path / "file" / "x.png")])
+        assert result.exit_code == 2
+
 
 class TestProcess:
     def test_help_lists_the_commands_and_version_prints_it(self):

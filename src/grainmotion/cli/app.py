@@ -145,15 +145,21 @@ def inspect(
     """Describe the input files and the memory that a run needs, and draw up and the sense of rotation."""
     from grainmotion.experiment.inputs import find_inputs
     from grainmotion.experiment.inspection import inspect_inputs
-    from grainmotion.report.inspection_figure import write_inspection_figure
+    from grainmotion.report.inspection_figure import orientation, write_inspection_figure
 
     inputs = find_inputs(_read(file))
     inspection = inspect_inputs(inputs)
     console.print_inspection(inspection)
     path = picture or file.parent / "inspection.png"
-    for sentence in write_inspection_figure(path, inspection.first_views, inputs.grid):
+    for sentence in orientation(inspection.first_views, inputs.grid):
         print(sentence)
-    print(f"picture: {path}")
+    try:
+        write_inspection_figure(path, inspection.first_views, inputs.grid)
+        print(f"picture: {path}")
+    except InputError as error:
+        if picture is not None:
+            raise
+        print(f"no picture: {error.where} {error.fact}; name another file with --picture")
     exit_by({}, inspection.findings, strict=strict)
 
 

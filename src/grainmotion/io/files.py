@@ -56,6 +56,10 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
         mask = os.umask(0)  # the only way to read it is to set it
         os.umask(mask)
         temporary.chmod(0o666 & ~mask)
-        os.replace(temporary, path)
+        try:
+            os.replace(temporary, path)
+        except OSError as error:
+            fact = f"cannot be replaced: {error.strerror}"
+            raise InputError(str(path), fact, "choose another file") from error
     finally:
         temporary.unlink(missing_ok=True)

@@ -99,12 +99,16 @@ class DrawnScan:
         return float(self.scan.geometry.v[:, 2].mean()) >= 0
 
 
-def write_inspection_figure(path: Path, scans: Sequence[FirstViews], grid: Volume) -> tuple[str, ...]:
-    """Write the figure as a PNG; returns what it shows, a sentence a scan."""
+def orientation(scans: Sequence[FirstViews], grid: Volume) -> tuple[str, ...]:
+    """Which way is up and which way the sample turns, a sentence a scan."""
+    return tuple(DrawnScan(first, grid).sentence for first in scans)
+
+
+def write_inspection_figure(path: Path, scans: Sequence[FirstViews], grid: Volume) -> None:
+    """Write the figure as a PNG."""
     figure = inspection_figure(scans, grid)
     with atomic_write(path) as temporary:
         figure.savefig(temporary, format="png", dpi=DOTS_PER_INCH)
-    return tuple(DrawnScan(first, grid).sentence for first in scans)
 
 
 def inspection_figure(scans: Sequence[FirstViews], grid: Volume) -> Figure:
