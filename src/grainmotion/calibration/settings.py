@@ -18,7 +18,7 @@ MIN_AUTO_VIEWS = 60
 
 @validated
 class ScannerSettings:
-    """Corrections to estimate from the reference scan; they apply to the reference and to all states."""
+    """Corrections to estimate from the reference scan; all but the beam's level apply to all states as well."""
 
     geometry: Annotated[
         bool | Literal["auto"] | list[Parameter],
@@ -26,6 +26,14 @@ class ScannerSettings:
             description='"auto": estimate "shift_u", "turn" and "axis_tilt" and correct what is significant (a full '
             "scan of few views is left alone); true: correct all three; a list: estimate these, out of those and "
             '"axis_offset", "yaw", "pitch", "shift_v"; false: use the geometry as given'
+        ),
+    ] = "auto"
+    beam_level: Annotated[
+        Literal["auto", False],
+        Field(
+            description='"auto": where the beam is not as bright in all views of the reference as in the flats, correct '
+            "each view by one factor, from air where there is some, else estimated with a small reconstruction (a "
+            "scan's `air` takes precedence); false: use the radiographs as they are"
         ),
     ] = "auto"
     hardening: Annotated[

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import ValidationError
 
-from grainmotion._typing import Beam, Index
+from grainmotion._typing import Beam, Float, Index
 from grainmotion.diagnosis import hypotheses
 from grainmotion.errors import InputError
 from grainmotion.experiment.circular import circular_geometry, scan_angles_deg
@@ -42,6 +42,7 @@ class ScanInput:
     views: Index | None = None  # which radiographs to use; None for all
     air: Air | None = None  # where the radiographs show only air
     saturation: float | None = None  # count from which a pixel is saturated
+    levels: Float | None = None  # of the beam in each of the views, to be subtracted; not part of the `settings`
     hardening: Hardening | None = None  # curve that undoes beam hardening; not part of the `settings`
 
     @property
@@ -66,7 +67,8 @@ class ScanInput:
     def select(self, views: Index) -> ScanInput:
         """The scan of some of its views: indices into the views that it has, in any order."""
         chosen = views if self.views is None else self.views[views]
-        return replace(self, views=chosen, geometry=self.geometry[views])
+        levels = None if self.levels is None else self.levels[views]
+        return replace(self, views=chosen, geometry=self.geometry[views], levels=levels)
 
     def fixed(self, fix: str) -> ScanInput:
         """The scan with a geometry in which one more mistake is undone."""
@@ -87,6 +89,8 @@ class ScanInput:
                 scan, report = line_integrals_from_transmission(images, self.geometry)
             else:
                 scan, report = checked_line_integrals(images, self.geometry)
+            if self.levels is not None:
+                scan = scan.levelled(self.levels)
             if self.air is not None:
                 scan = normalize_air(scan, margin=self.air.margin, region=self.air.region)
         except InputError as error:

@@ -75,6 +75,42 @@ class Scan:
         valid = None if self.valid is None else self.valid[views]
         return Scan(self.line_integrals[views], self.geometry[views], valid, self.open_beam)
 
+    def levelled(self, levels: NDArray[np.floating]) -> Scan:
+        """The scan with a number subtracted from the line integrals of each view.
+
+        Parameters
+        ----------
+        levels : (views,) array
+            Line integrals of what is to be zero, as of air.
+
+        Returns
+        -------
+        Scan
+            The corrected radiographs.
+        """
+        offsets = levels.astype(self.line_integrals.dtype)[:, None, None]
+        return replace(self, line_integrals=self.line_integrals - offsets)
+
+    def air_medians(self, air: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """Median line integral of some pixels in each view; NaN where none of them is good.
+
+        Parameters
+        ----------
+        air : (rows, columns) bool array
+            The pixels.
+
+        Returns
+        -------
+        (views,) array
+            Dimensionless.
+        """
+        levels = np.full(len(self), np.nan)
+        for view, image in enumerate(self.line_integrals):
+            good = air if self.valid is None else air & self.valid[view]
+            if good.any():
+                levels[view] = np.median(image[good])
+        return levels
+
     def __repr__(self) -> str:
         return f"<Scan of {len(self)} {self.geometry.beam}-beam radiographs, {self.geometry.shape}>"
 
@@ -99,12 +135,10 @@ def air_levels(
             fact = f"{list(region)} is not inside the panel of {rows} rows and {columns} columns"
             raise InputError("air.region", fact, "give [row0, row1, column0, column1], end excluded")
         air[r0:r1, c0:c1] = True
-    levels = np.empty(len(scan))
-    for view, image in enumerate(scan.line_integrals):
-        good = air if scan.valid is None else air & scan.valid[view]
-        if not good.any():
-            raise InputError("air", f"view {view} has no good pixel there", "choose another margin or region")
-        levels[view] = np.median(image[good])
+    levels = scan.air_medians(air)
+    if np.isnan(levels).any():
+        view = int(np.argmax(np.isnan(levels)))
+        raise InputError("air", f"view {view} has no good pixel there", "choose another margin or region")
     return levels
 
 
@@ -130,8 +164,7 @@ def normalize_air(scan: Scan, *, margin: int | None = None, region: tuple[int, i
     InputError
         If neither or both of ``margin`` and ``region`` are given, or no good pixel lies there.
     """
-    levels = air_levels(scan, margin=margin, region=region).astype(scan.line_integrals.dtype)
-    return replace(scan, line_integrals=scan.line_integrals - levels[:, None, None])
+    return scan.levelled(air_levels(scan, margin=margin, region=region))
 
 
 def snr(scan_a: Scan, scan_b: Scan) -> float:

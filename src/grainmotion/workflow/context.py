@@ -13,7 +13,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from grainmotion._typing import Progress
+from grainmotion._typing import Float, Progress
 from grainmotion.backends.base import PatchBackend
 from grainmotion.calibration.scanner import ScannerCalibration
 from grainmotion.cluster.connection import ClusterConnection
@@ -76,6 +76,12 @@ class RunContext:
         )
         self.forget(source)
         self.__dict__.pop("fingerprints", None)
+
+    def level(self, reference: ScanInput, levels: Float) -> None:
+        """Subtract the beam's levels from the views of the reference scan, from here on and where it is read again."""
+        self.inputs = replace(self.inputs, reference=replace(reference, levels=levels))
+        if reference.key in self._measured:
+            self._measured[reference.key] = self._measured[reference.key].levelled(levels)
 
     @cached_property
     def fingerprints(self) -> Fingerprints:

@@ -59,7 +59,9 @@ class Fingerprints:
             inner = [p.inner for p in inputs.volume.parts]
             return self.cache.fingerprint(["volume", grid_numbers, inner], inputs.volume.files)
         assert inputs.reference is not None
-        settings = ["reconstruct", grid_numbers, _plain(self.experiment.tables.reconstruct), inputs.reference.settings]
+        tables = self.experiment.tables
+        settings = ["reconstruct", grid_numbers, _plain(tables.reconstruct), inputs.reference.settings]
+        settings += [str(tables.calibrate.beam_level)]
         return self.cache.fingerprint(settings, inputs.reference.files, [self.calibrate] if self.calibrates else [])
 
     @cached_property

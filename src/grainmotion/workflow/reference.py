@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion._typing import Progress, prefixed
+from grainmotion.calibration.beam_level import beam_levels
 from grainmotion.calibration.scanner import ScannerCalibration, calibrate_scanner
 from grainmotion.calibration.settings import ReferenceSettings
 from grainmotion.model.grains import GrainSet
@@ -52,7 +53,7 @@ class Reference:
         labels: NDArray[np.integer] | None = None,
         progress: Progress | None = None,
     ) -> Reference:
-        """Calibrate the scanner, reconstruct, segment and extract the grains, as ``grainmotion run`` does.
+        """Level the beam, calibrate the scanner, reconstruct, segment, extract the grains, as ``grainmotion run`` does.
 
         Parameters
         ----------
@@ -80,6 +81,9 @@ class Reference:
         """
         settings = settings or ReferenceSettings()
         given = None if labels is None else labels.astype(np.int32)
+        if settings.calibrate.beam_level == "auto":
+            levels = beam_levels(scan, grid, settings.reconstruct)
+            scan = scan if levels.source == "none" else scan.levelled(levels.levels)
         scanner = calibrate_scanner(scan, grid, settings, labels=given, progress=progress)
         step = prefixed(progress, "reconstruct")
         reconstruction = reconstruct(scanner.apply(scan), grid, settings.reconstruct, progress=step)

@@ -1,6 +1,6 @@
 """Run: the stages of an experiment in their order, from its file to the report.
 
-    radiographs → calibrate → reconstruct → segment → grains → track state by state
+    radiographs → level of the beam → calibrate → reconstruct → segment → grains → track state by state
                 → residuals, rebuilt, exports → report
 
 All inputs are read and checked before anything is written.  When a stage's files are complete, ``stages.json`` records
@@ -22,6 +22,7 @@ from grainmotion.experiment.inputs import Inputs, find_inputs
 from grainmotion.io.files import checked_folder
 from grainmotion.model.finding import Finding, worst_first
 from grainmotion.model.motions import Motions
+from grainmotion.workflow.beam_level_stage import BEAM_LEVEL, level_reference
 from grainmotion.workflow.calibration_stage import CALIBRATION, calibrate_stage
 from grainmotion.workflow.checks import check_reference
 from grainmotion.workflow.context import RunContext, check_inputs
@@ -32,7 +33,16 @@ from grainmotion.workflow.tracking_stage import track_side_by_side, track_stage
 
 Until = Literal["reconstruct", "segment", "track", "report"]
 
-RESULT_FILES = {CALIBRATION, REFERENCE, CHECKPOINT, "motions.h5", RESIDUALS, *DEFORMED, *REFERENCE_EXPORTS["spam"]}
+RESULT_FILES = {
+    BEAM_LEVEL,
+    CALIBRATION,
+    REFERENCE,
+    CHECKPOINT,
+    "motions.h5",
+    RESIDUALS,
+    *DEFORMED,
+    *REFERENCE_EXPORTS["spam"],
+}
 """Names of results that an input in the same folder could also have."""
 
 
@@ -89,6 +99,7 @@ def run(
     with connect(workplace, folder) as cluster:
         context = RunContext(experiment, inputs, folder, StageCache(folder), progress, cluster)
         check_inputs(context, states=until in ("track", "report"))
+        level_reference(context)
         check_reference(context)
         context.scanner = calibrate_stage(context)
         reconstruction = reconstruct_stage(context)

@@ -1,0 +1,31 @@
+"""``beam_level.json``: level of the beam in each view of the reference scan, ``{"levels": [...], "source": "air"}``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from grainmotion.calibration.beam_level import BeamLevels
+from grainmotion.errors import InputError
+from grainmotion.io.files import atomic_write, checked_file
+
+
+def write_beam_levels(path: str | Path, levels: BeamLevels) -> None:
+    """Write the levels; they are read back to the bit."""
+    with atomic_write(path) as temporary:
+        temporary.write_text(json.dumps({"levels": levels.levels.tolist(), "source": levels.source}, indent=1))
+
+
+def read_beam_levels(path: str | Path) -> BeamLevels:
+    """Read levels; an `InputError` names a file that holds none."""
+    path = checked_file(path)
+    try:
+        data = json.loads(path.read_text())
+        source = data["source"]
+        if source not in ("none", "air", "reconstruction"):
+            raise ValueError(f"source '{source}'")
+        return BeamLevels(np.array(data["levels"], dtype=float), source)
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(str(path), f"it holds no levels of the beam ({error})", "delete it") from error

@@ -1,0 +1,58 @@
+"""Level of the beam in the views of the reference scan, estimated before anything else is made of the scan."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from grainmotion.calibration.beam_level import MIN_LEVEL_VIEWS, BeamLevels, beam_levels
+from grainmotion.experiment.scan_inputs import ScanInput
+from grainmotion.io.beam_level_json import read_beam_levels, write_beam_levels
+from grainmotion.model.finding import Finding, Level
+from grainmotion.workflow.context import RunContext, load_result
+
+BEAM_LEVEL = "beam_level.json"
+UNSTEADY_BEAM = 0.02
+"""Root mean square of the levels from which the finding is a warning."""
+
+
+def level_reference(context: RunContext) -> None:
+    """Estimate the beam's levels of the reference scan, or read them, and correct the scan from here on."""
+    source = context.inputs.reference
+    asked = context.tables.calibrate.beam_level == "auto"
+    if source is None or not asked or source.air is not None or len(source.geometry) < MIN_LEVEL_VIEWS:
+        return
+    levels = _levels(context, source)
+    if levels.source != "none":
+        context.level(source, levels.levels)
+        context.add([finding(levels)])
+
+
+def _levels(context: RunContext, source: ScanInput) -> BeamLevels:
+    """The levels, from their file if an earlier run made it of the same input."""
+    grid, settings, path = context.inputs.grid, context.tables.reconstruct, context.folder / BEAM_LEVEL
+    made_from = ["beam level", grid.shape, grid.voxel_size, grid.center, source.settings]
+    made_from += [settings.projector, settings.non_negative, settings.circular]
+    fingerprint = context.cache.fingerprint(made_from, source.files)
+    if context.cache.is_done("beam level", fingerprint):
+        return load_result(read_beam_levels, path)
+    levels = beam_levels(context.measured(source), grid, settings)
+    context.cache.discard("beam level")
+    write_beam_levels(path, levels)
+    context.cache.add("beam level", fingerprint, [path])
+    return levels
+
+
+def finding(levels: BeamLevels) -> Finding:
+    """What was found and done, in words."""
+    view, largest = levels.largest
+    origin = {"air": "the air beside the sample", "reconstruction": "the reconstruction, as no air is in view"}
+    return Finding(
+        Level.WARNING if levels.rms >= UNSTEADY_BEAM else Level.NOTE,
+        "beam-level",
+        "reference",
+        "the beam is not as bright in every view as in the flats; each view was corrected by one factor, from "
+        + origin[levels.source],
+        f"{100 * np.expm1(levels.rms):.1f} % root mean square, most in view {view}, {100 * np.expm1(-largest):+.1f} %",
+        "check that source and shutter are steady; to use the radiographs as they are, set [calibrate] beam_level = "
+        "false, and to name the pixels of air, [reference] air",
+    )
