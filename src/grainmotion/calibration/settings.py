@@ -31,8 +31,8 @@ class ScannerSettings:
     beam_level: Annotated[
         Literal["auto", False],
         Field(
-            description='"auto": where the beam is not as bright in all views of the reference as in the flats, correct '
-            "each view by one factor, from air where there is some, else estimated with a small reconstruction (a "
+            description='"auto": where the beam is not as bright in a view of the reference as in the flats, correct '
+            "it by a factor a view, from air where there is some, else estimated with a small reconstruction (a "
             "scan's `air` takes precedence); false: use the radiographs as they are"
         ),
     ] = "auto"

@@ -31,20 +31,16 @@ MIN_CHORD_SHARE = 0.05
 """Rays with a shorter path in the grid, over the longest one, are no part of the fit."""
 
 
-def fitted_offsets(scan: Scan, grid: Volume, settings: ReconstructSettings) -> tuple[Float, Image]:
-    """Offset of each view ``(views,)`` up to a constant, and b − A x − δ, zero for pixels that carry no weight."""
+def fitted_offsets(scan: Scan, grid: Volume, settings: ReconstructSettings) -> Float:
+    """Offset of each view ``(views,)``, up to a constant that all have in common."""
     iterate = HostIterate.of(scan, grid, replace(settings, device="cpu"))
     used = _crossing(iterate)
     order = golden_order(len(scan))
     for sweep in range(SWEEPS):
         for view in order:
             _update(iterate, int(view), used, OFFSET_DECAY**sweep)
-    offsets, residual = np.zeros(len(scan)), np.zeros(scan.line_integrals.shape, np.float32)
-    for view in range(len(scan)):
-        difference = scan.line_integrals[view] - _simulated(iterate, view)
-        offsets[view] = difference[used[view]].mean(dtype=float)
-        residual[view] = np.where(used[view], difference - offsets[view], 0)
-    return offsets, residual
+    differences = (scan.line_integrals[view] - _simulated(iterate, view) for view in range(len(scan)))
+    return np.array([d[pixels].mean(dtype=float) for d, pixels in zip(differences, used, strict=True)])
 
 
 def _update(iterate: HostIterate, view: int, used: NDArray[np.bool_], relaxation: float) -> None:
