@@ -34,11 +34,14 @@ def _levels(context: RunContext, source: ScanInput) -> BeamLevels:
     made_from += [settings.projector, settings.non_negative, settings.circular]
     fingerprint = context.cache.fingerprint(made_from, source.files)
     if context.cache.is_done("beam level", fingerprint):
-        return load_result(read_beam_levels, path)
+        constant = BeamLevels(np.zeros(len(source.geometry)))
+        return load_result(read_beam_levels, path) if context.cache.files("beam level") else constant
     levels = beam_levels(context.measured(source), grid, settings)
     context.cache.discard("beam level")
-    write_beam_levels(path, levels)
-    context.cache.add("beam level", fingerprint, [path])
+    files = [path] if levels.source != "none" else []  # a constant beam leaves no file
+    if files:
+        write_beam_levels(path, levels)
+    context.cache.add("beam level", fingerprint, files)
     return levels
 
 
