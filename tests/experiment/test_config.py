@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from experiment_inputs import inputs_of
 
+from grainmotion.errors import InputError
 from grainmotion.experiment.config import read_experiment
 from grainmotion.experiment.inputs import find_inputs
 from tiny_experiment import TOML, VIEWS, geometry, write_tiny
@@ -44,3 +45,23 @@ def test_state_of_transmission_images_needs_no_flats(tiny):
     toml = TOML.replace('radiographs = "one.tif"', 'radiographs = "one.tif"\nkind = "transmission"')
     state = inputs_of(tiny, toml).states[0]
     assert (state.kind, state.flats) == ("transmission", None)
+
+
+def test_byte_order_mark_and_ends_of_windows(tmp_path):
+    path = write_tiny(tmp_path)
+    text = path.read_text()
+    path.write_bytes(("\ufeff" + text.replace("\n", "\r\n")).encode())
+    assert read_experiment(path).tables == read_experiment(write_tiny(tmp_path / "plain")).tables
+
+
+def test_other_encodings_and_backslashes_are_named(tmp_path):
+    path = tmp_path / "a.toml"
+    path.write_text("[reference]\n", encoding="utf-16")
+    with pytest.raises(InputError, match="UTF-16; save it as UTF-8"):
+        read_experiment(path)
+    path.write_bytes("[reference]\n# Größe\n".encode("latin-1"))
+    with pytest.raises(InputError, match="line 2 is no UTF-8"):
+        read_experiment(path)
+    path.write_text('[reference]\nradiographs = "C:\\data\\*.tif"\n')
+    with pytest.raises(InputError, match="write paths with / instead of"):
+        read_experiment(path)

@@ -69,6 +69,11 @@ def test_a_mistyped_key_is_not_reported_missing_as_well(tiny):
         inputs_of(tiny, TOML.replace("first_row", "frist_row"))
 
 
+@pytest.mark.parametrize("name", ["étape 1", "Belastung_ä 5%", "试样", "F=12,5 kN (2)"])
+def test_states_have_names_in_any_alphabet(tiny, name):
+    assert inputs_of(tiny, TOML.replace('name = "two"', f'name = "{name}"')).states[1].key == f"states.{name}"
+
+
 def test_missing_reference_is_refused(tiny):
     with pytest.raises(InputError, match="reference: it is missing"):
         inputs_of(tiny, "[volume]\nvoxel_size = 0.1\n")

@@ -9,6 +9,8 @@ from grainmotion.errors import InputError
 from grainmotion.experiment.config import Air, read_experiment
 from grainmotion.experiment.inputs import find_inputs
 from grainmotion.experiment.scan_inputs import read_scan
+from grainmotion.io.tiff import write_tiff
+from grainmotion.model.finding import Level
 from tiny_experiment import PANEL, geometry, write_tiny
 
 CONE = "source_to_axis = 50\nsource_to_detector = 200"
@@ -83,3 +85,65 @@ class TestReadScan:
     def test_bad_air_margin_is_refused(self):
         with pytest.raises(InputError, match=r"Air\.margin: .* greater than 0, got 0"):
             Air(margin=0)
+
+
+CIRCLE = f"""
+[reference]
+radiographs = {{radiographs}}
+kind = "line-integrals"
+[reference.geometry]
+pixel_size = 0.4
+first_row = "bottom"
+angles_deg = {{angles}}
+{CONE}
+"""
+
+
+class TestFilesAndAngles:
+    """What names of files and told angles say, as findings of a scan or as the cause in an error."""
+
+    @pytest.fixture
+    def series(self, tmp_path):
+        for k in range(12):
+            write_tiff(tmp_path / f"proj_{k:04d}.tif", np.ones(PANEL, np.float32))
+        return tmp_path
+
+    def scan(self, folder, angles, radiographs='"*.tif"'):
+        reference = inputs_of(folder, CIRCLE.format(radiographs=radiographs, angles=angles)).reference
+        assert reference is not None
+        return reference
+
+    @pytest.mark.parametrize("radiographs", ['"*.tif"', '"."', '"proj_????.TIF"'])
+    def test_good_series(self, series, radiographs):
+        found = self.scan(series, "{ first = 0, last = 330, count = 12 }", radiographs).findings
+        assert [f.level for f in found if f.level is not Level.NOTE] == []
+
+    def test_gap_in_the_series_is_a_warning(self, series):
+        (series / "proj_0007.tif").unlink()
+        (finding,) = self.scan(series, "{ first = 0, last = 330, count = 11 }").findings
+        assert finding.level is Level.WARNING
+        assert finding.where == "reference.radiographs"
+        assert "proj_0007.tif is not there" in finding.fact
+
+    def test_gap_is_the_cause_of_too_few_files(self, series):
+        (series / "proj_0007.tif").unlink()
+        with pytest.raises(InputError, match=r"holds 11 radiographs \(missing in the series: proj_0007.tif\)"):
+            self.scan(series, "{ first = 0, last = 330, count = 12 }")
+
+    def test_radians_are_an_error_until_they_are_fixed(self, series):
+        angles = str(np.radians(np.arange(12) * 30.0).tolist())
+        (finding,) = self.scan(series, angles).findings
+        assert (finding.level, finding.fix) == (Level.ERROR, "angles-in-radians")
+        toml = CIRCLE.format(radiographs='"*.tif"', angles=angles)
+        fixed = inputs_of(series, toml.replace("kind", f'fixes = ["{finding.fix}"]\nkind', 1)).reference
+        assert fixed is not None
+        assert fixed.findings == ()
+        np.testing.assert_allclose(fixed.geometry.vectors, geometry(np.arange(12) * 30.0).vectors, atol=1e-9)
+
+    def test_angles_from_hdf5(self, series):
+        with h5py.File(series / "scan.h5", "w") as file:
+            file["exchange/theta"] = np.radians(np.arange(12) * 30.0)
+            file["exchange/theta"].attrs["units"] = "rad"
+        scan = self.scan(series, '"scan.h5::/exchange/theta"')
+        np.testing.assert_allclose(scan.geometry.vectors, geometry(np.arange(12) * 30.0).vectors, atol=1e-9)
+        assert scan.findings == ()

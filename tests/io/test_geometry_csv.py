@@ -58,3 +58,16 @@ def test_files_that_are_no_table_are_refused(tmp_path, text):
     (tmp_path / "g.csv").write_text(text)
     with pytest.raises(InputError, match=r"g\.csv"):
         read_geometry(tmp_path / "g.csv", (20, 30))
+
+
+def test_csv_of_spreadsheets(tmp_path):
+    views = Geometry.parallel([0.0, 30.0], (20, 30), 0.127)
+    write_geometry(tmp_path / "a.csv", views)
+    text = (tmp_path / "a.csv").read_text()
+    for changed in (
+        "\ufeff" + text.replace("\n", "\r\n"),
+        text.replace(",", ";").replace(".", ","),
+        text.replace(",", "\t"),
+    ):
+        (tmp_path / "b.csv").write_bytes(changed.encode())
+        np.testing.assert_array_equal(read_geometry(tmp_path / "b.csv", (20, 30), "parallel").vectors, views.vectors)

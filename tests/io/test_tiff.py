@@ -70,7 +70,7 @@ def test_files_that_are_no_tiff_are_refused(tmp_path):
 
 
 def test_colour_and_mixed_sizes_are_refused(tmp_path):
-    tifffile.imwrite(tmp_path / "rgb.tif", np.zeros((20, 30, 3), np.uint8), photometric="rgb")
+    tifffile.imwrite(tmp_path / "rgb.tif", np.arange(1800, dtype=np.uint8).reshape(20, 30, 3), photometric="rgb")
     with pytest.raises(InputError, match="colour"):
         read_tiff(tmp_path / "rgb.tif")
     with tifffile.TiffWriter(tmp_path / "mixed.tif") as writer:

@@ -9,8 +9,9 @@ import numpy as np
 from grainmotion._typing import Beam, Float
 from grainmotion.errors import InputError
 from grainmotion.experiment.config import AngleRange, Circular
+from grainmotion.io.angles import read_angles
 from grainmotion.io.files import checked_file
-from grainmotion.io.hdf5 import NXtomo
+from grainmotion.io.hdf5 import NXtomo, read_angles_deg
 from grainmotion.model.detector_alignment import DetectorAlignment
 from grainmotion.model.geometry import Geometry
 
@@ -21,7 +22,9 @@ def scan_angles_deg(table: Circular, folder: Path, nxtomo: NXtomo | None) -> Flo
     if isinstance(angles, AngleRange):
         return np.linspace(angles.first, angles.last, angles.count)
     if isinstance(angles, str):
-        return _read_angles(checked_file(folder / angles))
+        name, _, inner = angles.partition("::")
+        path = checked_file(folder / name)
+        return read_angles_deg(path, inner) if inner else read_angles(path)
     if angles is not None:
         return np.array(angles, dtype=float)
     if table.first is not None and table.last is not None and table.count is not None:
@@ -29,19 +32,6 @@ def scan_angles_deg(table: Circular, folder: Path, nxtomo: NXtomo | None) -> Flo
     if nxtomo is not None and np.isfinite(nxtomo.projection_angles_deg).all():
         return nxtomo.projection_angles_deg
     raise InputError("geometry.angles_deg", "it is missing", "give a list, a text file, or first, last and count")
-
-
-def _read_angles(path: Path) -> Float:
-    """One angle a line, degrees; ``#`` begins a comment."""
-    angles = []
-    for number, line in enumerate(path.read_text(errors="replace").splitlines(), start=1):
-        text = line.split("#")[0].strip()
-        try:
-            if text:
-                angles.append(float(text))
-        except ValueError as error:
-            raise InputError(str(path), f"line {number} is '{text}'", "give one angle a line, degrees") from error
-    return np.array(angles)
 
 
 def circular_geometry(table: Circular, beam: Beam, shape: tuple[int, int], angles_deg: Float) -> Geometry:

@@ -8,6 +8,7 @@ An unknown key is an error that names the nearest known one.
 from __future__ import annotations
 
 import dataclasses
+import re
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -24,6 +25,7 @@ from grainmotion.diagnosis.settings import CheckSettings
 from grainmotion.errors import InputError
 from grainmotion.experiment.config_errors import input_error
 from grainmotion.io.files import checked_file
+from grainmotion.io.text import read_text
 from grainmotion.planning.plan import PlanSettings
 from grainmotion.reconstruction.reconstruct import ReconstructSettings
 from grainmotion.segmentation.settings import SegmentSettings
@@ -55,6 +57,18 @@ Fix = Annotated[str, AfterValidator(_known_fix)]
 """Name of a mistake in the geometry, as in `grainmotion.diagnosis.hypotheses`."""
 
 
+def _usable_name(name: str) -> str:
+    if re.fullmatch(r"[^\W_][\w.,%+=() -]*", name) is None:
+        raise ValueError(
+            "it names a folder: use letters, digits, blanks and . , _ - + = % ( ), and begin with a letter"
+        )
+    return name
+
+
+StateName = Annotated[str, AfterValidator(_usable_name)]
+"""Name of a state and of its folder: letters of any alphabet."""
+
+
 class _Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -83,7 +97,7 @@ class Circular(_Table):
     source_to_detector: float | None = Field(default=None, gt=0, description="mm, cone beam only")
     pixel_size: float = Field(gt=0, description="mm")
     angles_deg: list[float] | AngleRange | str | None = Field(
-        default=None, description="list, {first, last, count}, or a text file with one angle a line"
+        default=None, description='list, {first, last, count}, a text file with one angle a line, or "file.h5::/path"'
     )
     first: float | None = Field(default=None, description="first angle, degrees, with last and count")
     last: float | None = Field(default=None, description="last angle, degrees, included")
@@ -135,7 +149,7 @@ class VolumeTable(_Table):
 class StateTable(ScanTable):
     """The few radiographs of one later state."""
 
-    name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._ -]*$", description="also its folder's name")
+    name: StateName = Field(description="also its folder's name")
     initial: str = Field(default="previous", description='"previous", "reference", or a motions.csv or spam .tsv')
 
 
@@ -226,10 +240,9 @@ def read_experiment(path: str | Path) -> Experiment:
     """
     path = checked_file(path)
     try:
-        with path.open("rb") as file:
-            data = tomllib.load(file)
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(str(path), f"malformed TOML: {error}", "correct it there") from error
+        data = tomllib.loads(read_text(path))
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(str(path), f"malformed TOML: {error}", _toml_remedy(str(error))) from error
     try:
         data = _inherited(data)
         try:
@@ -240,6 +253,15 @@ def read_experiment(path: str | Path) -> Experiment:
     except InputError as error:
         raise InputError(f"{path}: {error.where}", error.fact, error.remedy) from error
     return Experiment(path, tables)
+
+
+def _toml_remedy(fact: str) -> str:
+    """What to do about TOML that cannot be parsed."""
+    if "\\" in fact or "hex" in fact.lower():
+        return "write paths with / instead of \\, on Windows too, or between single quotes: 'C:\\data\\ref'"
+    if "Invalid value" in fact:
+        return 'correct it there; text stands between quotation marks, as in kind = "counts"'
+    return "correct it there"
 
 
 def _check_states(tables: ExperimentFile) -> None:

@@ -85,7 +85,7 @@ def inspect_inputs(inputs: Inputs) -> Inspection:
         scan, pixels = source.read()
         facts.append(_facts(source, scan, pixels, inputs.grid))
         first_views.append(FirstViews.of(source.key.removeprefix("states."), scan))
-        findings += scan_findings(source, scan, pixels, inputs.grid)
+        findings += (*source.findings, *scan_findings(source, scan, pixels, inputs.grid))
     reference = inputs.reference
     if not inputs.states:
         findings.append(_warning("states", "no states", "add a [[states]] table for each later state"))

@@ -15,9 +15,11 @@ from grainmotion.errors import InputError
 from grainmotion.experiment.circular import circular_geometry, scan_angles_deg
 from grainmotion.experiment.config import Air, Circular, Kind, ReferenceTable, ScanTable
 from grainmotion.experiment.config_errors import input_error
+from grainmotion.experiment.file_checks import count_mismatch, file_findings, told_angles_deg
 from grainmotion.io.geometry_csv import read_geometry
 from grainmotion.io.hdf5 import DARK, FLAT, NXtomo
 from grainmotion.io.stacks import Stack, find_stack
+from grainmotion.model.finding import Finding
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.scan import Scan, normalize_air
 from grainmotion.preprocessing.beam_hardening import Hardening
@@ -44,6 +46,7 @@ class ScanInput:
     saturation: float | None = None  # count from which a pixel is saturated
     levels: Float | None = None  # of the beam in each of the views, to be subtracted; not part of the `settings`
     hardening: Hardening | None = None  # curve that undoes beam hardening; not part of the `settings`
+    findings: tuple[Finding, ...] = ()  # what the names of the files and the told angles say
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -174,17 +177,16 @@ def find_scan(
     kind = table.kind or reference.kind or "counts"
     (count, rows, columns), _ = radiographs.info()
     views = _chosen_views(key, table.views, count)
+    angles: Float | None = None
     if geometry is None:
-        geometry = _find_geometry(key, table, reference, folder, (rows, columns), radiographs.nxtomo)
+        geometry, angles = _find_geometry(key, table, reference, folder, (rows, columns), radiographs.nxtomo)
     geometry = hypotheses.corrected(geometry, table.fixes)
+    angles = told_angles_deg(geometry, None if table.fixes else angles)
     if len(geometry) == count and views is not None:
         geometry = geometry[views]
     used = count if views is None else len(views)
     if len(geometry) != used:
-        source = f"{table.geometry} ({key}.geometry)" if isinstance(table.geometry, str) else f"{key}.geometry"
-        fact = f"{len(geometry)} views, but {radiographs.spec} ({key}.radiographs) holds {count} radiographs"
-        fact += "" if used == count else f", of which {used} are chosen"
-        raise InputError(source, fact, "give one view a radiograph, in the same order")
+        raise count_mismatch(key, table, radiographs, angles, used)
     flats, darks = (_find_beam_images(frames, key, table, reference, folder) for frames in (FLAT, DARK))
     if kind != "counts":
         flats = darks = None
@@ -204,6 +206,7 @@ def find_scan(
         views=views,
         air=table.air or reference.air,
         saturation=table.saturation or reference.saturation,
+        findings=file_findings(key, table, {"radiographs": radiographs, "flats": flats, "darks": darks}, angles),
     )
 
 
@@ -228,8 +231,11 @@ def _find_geometry(
     folder: Path,
     shape: tuple[int, int],
     nxtomo: NXtomo | None,
-) -> Geometry:
-    """The views of a scan: a CSV, a circular scan, or the reference's circle with the angles of an NXtomo file."""
+) -> tuple[Geometry, Float | None]:
+    """The views of a scan: a CSV, a circular scan, or the reference's circle with the angles of an NXtomo file.
+
+    Also the angles of a circular scan, degrees.
+    """
     given = table.geometry
     circle = reference.geometry if isinstance(reference.geometry, Circular) else None
     if given is None and nxtomo is not None and circle is not None:
@@ -238,10 +244,10 @@ def _find_geometry(
         raise InputError(f"{key}.geometry", "it is missing", "name a CSV, or give a table for a circular scan")
     inherited: Beam = table.beam or reference.beam or (circle.beam if circle else None) or "cone"
     if isinstance(given, str):
-        return read_geometry(folder / given, shape, inherited)
+        return read_geometry(folder / given, shape, inherited), None
     try:
         angles = scan_angles_deg(given, folder, nxtomo)
-        return circular_geometry(given, given.beam or inherited, shape, angles)
+        return circular_geometry(given, given.beam or inherited, shape, angles), angles
     except InputError as error:
         where = error.where if error.where.startswith(str(folder)) else f"{key}.{error.where}"
         raise InputError(where, error.fact, error.remedy) from error

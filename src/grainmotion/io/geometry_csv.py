@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,8 @@ import pandas as pd
 
 from grainmotion._typing import Beam
 from grainmotion.errors import InputError
-from grainmotion.io.files import atomic_write, checked_file
+from grainmotion.io.files import atomic_write
+from grainmotion.io.text import read_text
 from grainmotion.model.geometry import VIEW_COLUMNS, Geometry
 
 CSV_HEADER = ",".join(VIEW_COLUMNS)
@@ -21,10 +23,10 @@ def read_geometry(path: str | Path, shape: tuple[int, int], beam: Beam = "cone")
     The file does not hold the panel's ``shape`` (rows, columns), nor whether sx,sy,sz is the source's position or the
     rays' direction (``beam``).  Errors name the row, 1 for the first view.
     """
-    path = checked_file(path)
+    path, text = Path(path), read_text(path)
     try:
-        table = pd.read_csv(path, comment="#", skipinitialspace=True, dtype=str)
-    except (ValueError, UnicodeDecodeError) as error:  # pandas' parser errors are ValueErrors
+        table = pd.read_csv(StringIO(text), comment="#", skipinitialspace=True, dtype=str, sep=_separator(text))
+    except ValueError as error:  # pandas' parser errors are ValueErrors
         fact = f"not a table ({' '.join(str(error).split())})"
         raise InputError(str(path), fact, f"give a CSV with the header {CSV_HEADER}") from error
     table.columns = [str(c).strip() for c in table.columns]
@@ -33,6 +35,8 @@ def read_geometry(path: str | Path, shape: tuple[int, int], beam: Beam = "cone")
         raise InputError(str(path), f"no column {', '.join(missing)}", f"begin it with the header {CSV_HEADER}")
     if table.empty:
         raise InputError(str(path), "it holds no view", "give one row a radiograph")
+    if table.columns.size and _separator(text) == ";":
+        table = table.apply(lambda column: column.str.replace(",", "."))
     numbers = table[list(VIEW_COLUMNS)].apply(pd.to_numeric, errors="coerce").to_numpy(float)
     bad = ~np.isfinite(numbers)
     if bad.any():
@@ -43,6 +47,12 @@ def read_geometry(path: str | Path, shape: tuple[int, int], beam: Beam = "cone")
         return Geometry(numbers, shape, beam)
     except InputError as error:
         raise InputError(f"{path}, {error.where.removeprefix('geometry ')}", error.fact, error.remedy) from error
+
+
+def _separator(text: str) -> str:
+    """The mark between columns: a semicolon where decimals have a comma, a tab, or a comma."""
+    header = next((line for line in text.splitlines() if line.strip() and not line.startswith("#")), "")
+    return ";" if ";" in header else "\t" if "\t" in header and "," not in header else ","
 
 
 def write_geometry(path: str | Path, geometry: Geometry) -> None:

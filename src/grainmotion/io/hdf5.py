@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import h5py
+import hdf5plugin  # noqa: F401  its filters are known to h5py from here on: blosc, bitshuffle, LZ4, zstd
 import numpy as np
 
 from grainmotion._typing import Float, Index, Pixels
 from grainmotion.errors import InputError
+from grainmotion.io.angles import in_degrees
 from grainmotion.io.files import checked_file
+from grainmotion.io.hdf5_sources import check_link, check_sources, check_written
 
+MAX_NAMES_IN_AN_ERROR = 8
 PROJECTION, FLAT, DARK = 0, 1, 2  # NXtomo's image_key; 3 is an invalid frame
 
 
@@ -26,6 +31,8 @@ def opened(path: str | Path) -> Iterator[h5py.File]:
             yield file
     except (OSError, RuntimeError, KeyError) as error:
         fact = "truncated or damaged HDF5" if "truncated" in str(error) else "not a readable HDF5 file"
+        if "filter" in str(error):
+            fact = "compressed by a filter that is not installed"
         raise InputError(str(path), f"{fact} ({error.args[0]})", "copy or export the file again") from error
 
 
@@ -40,7 +47,18 @@ def read_dataset(path: str | Path, inner: str, chosen: Index | None = None) -> P
     """The dataset ``inner`` of an HDF5 file, or the items ``chosen`` along its first axis."""
     with opened(path) as file:
         data = _dataset(file, path, inner)
+        check_written(data, chosen)
         return np.asarray(data[()]) if chosen is None else np.stack([data[int(k)] for k in chosen])
+
+
+def read_angles_deg(path: str | Path, inner: str) -> Float:
+    """A dataset of angles, in degrees by its attribute ``units``; without it they are taken for degrees."""
+    with opened(path) as file:
+        data = _dataset(file, path, inner)
+        values = np.asarray(data[()])
+        if values.dtype.kind not in "iuf":
+            raise InputError(f"{path}::{inner}", f"it holds {data.dtype}, no numbers", "name a dataset of angles")
+        return in_degrees(values.astype(float).ravel(), _unit(data), f"{path}::{inner}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +88,7 @@ class NXtomo:
         frames = np.empty((len(rows), *self.shape), self.dtype)
         with opened(self.path) as file:
             data = _dataset(file, self.path, self.data)
+            check_written(data, rows)
             for frame, row in zip(frames, rows):
                 frame[...] = data[row]
         return frames
@@ -86,7 +105,10 @@ def read_nxtomo(path: str | Path) -> NXtomo:
         entry = _entry(file)
         if entry is None:
             fact = "no NXtomo entry with instrument/detector/data and image_key"
-            raise InputError(str(path), fact, 'name one dataset in it as "file.h5::/path/to/data"')
+            stacks = [name for name, shape in _datasets(file).items() if len(shape) == 3]
+            inside = f"; it holds {', '.join(stacks[:MAX_NAMES_IN_AN_ERROR])}" if stacks else ""
+            example = stacks[0] if stacks else "/path/to/data"
+            raise InputError(str(path), fact + inside, f'name one dataset in it as "{Path(path).name}::{example}"')
         detector = entry["instrument/detector"]
         data = detector["data"]
         keys = np.asarray(detector["image_key"][()]).astype(np.int64).ravel()
@@ -123,15 +145,43 @@ def _angles_deg(entry: h5py.Group, frames: int) -> Float:
     if len(values) != frames:
         fact = f"{len(values)} rotation angles for {frames} frames"
         raise InputError(str(entry.file.filename), fact, "give one rotation_angle a frame")
-    unit = angles.attrs.get("units", "deg")
-    unit = unit.decode() if isinstance(unit, bytes) else str(unit)
-    return np.rad2deg(values) if unit.lower().startswith("rad") else values
+    return in_degrees(values, _unit(angles), f"{entry.file.filename}::{angles.name}")
+
+
+def _unit(data: h5py.Dataset) -> str:
+    """The attribute ``units``: a string, bytes, or an array of one of them; empty without it."""
+    unit = np.asarray(data.attrs.get("units", data.attrs.get("unit", ""))).ravel()
+    first = unit[0] if len(unit) else ""
+    return first.decode(errors="replace") if isinstance(first, bytes) else str(first)
 
 
 def _dataset(file: h5py.File, path: str | Path, inner: str) -> h5py.Dataset:
+    """A dataset by its path, with all its sources; else an error that names what is like it."""
+    check_link(file, inner)
     data = file.get(inner)
     if isinstance(data, h5py.Dataset):
+        check_sources(data)
         return data
-    names: list[str] = []
-    file.visititems(lambda name, item: names.append("/" + name) if isinstance(item, h5py.Dataset) else None)
-    raise InputError(str(path), f"no dataset '{inner}'", f"it holds {', '.join(names[:8]) or 'no dataset'}")
+    shapes = _datasets(file)
+    if isinstance(data, h5py.Group):
+        within = [name for name in shapes if name.startswith(data.name.rstrip("/") + "/")]
+        held = [f"{name} {shapes[name]}" for name in within[:MAX_NAMES_IN_AN_ERROR]]
+        raise InputError(
+            str(path), f"'{inner}' is a group", f"name a dataset in it: {', '.join(held) or 'it is empty'}"
+        )
+    near = difflib.get_close_matches("/" + inner.strip("/"), shapes, n=1, cutoff=0.6)
+    hint = f"did you mean '{near[0]}'? " if near else ""
+    names = ", ".join(list(shapes)[:MAX_NAMES_IN_AN_ERROR])
+    raise InputError(str(path), f"no dataset '{inner}'", f"{hint}it holds {names or 'no dataset'}")
+
+
+def _datasets(file: h5py.File) -> dict[str, tuple[int, ...]]:
+    """Shapes of all datasets of a file by their paths."""
+    shapes: dict[str, tuple[int, ...]] = {}
+
+    def note(name: str, item: object) -> None:
+        if isinstance(item, h5py.Dataset):
+            shapes[f"/{name}"] = item.shape
+
+    file.visititems(note)
+    return shapes

@@ -1,12 +1,11 @@
-"""Image stacks by a specification: TIFF files or stacks, ``.npy``, ``"file.h5::/path"``, or one NXtomo file.
+"""Image stacks by a specification: TIFF or PNG files, ``.npy``, ``"file.h5::/path"``, or one NXtomo file.
 
-A specification is a path, a glob or a list of those.  Files of a glob are taken in natural order
-(``proj_2`` before ``proj_10``), those of a list in the order given.
+A specification is a path, a folder, a glob or a list of those.  Files of a glob or folder are taken in the order of the
+numbers in their names (``proj_2`` before ``proj_10``), those of a list in the order given.
 """
 
 from __future__ import annotations
 
-import glob
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,15 +13,12 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from tifffile import natural_sorted
 
 from grainmotion._typing import Index, Pixels
 from grainmotion.errors import InputError
-from grainmotion.io import hdf5, tiff
-from grainmotion.io.files import checked_file
-
-TIFF, HDF5, NPY = (".tif", ".tiff"), (".h5", ".hdf5", ".hdf", ".nxs", ".nx", ".nx5"), (".npy",)
-FORMATS = 'give TIFF files (.tif), .npy, "file.h5::/path/to/data" or one NXtomo file (.nxs, .h5)'
+from grainmotion.io import hdf5, png, tiff
+from grainmotion.io.formats import FORMATS, HDF5, PNG, TIFF, family, unreadable
+from grainmotion.io.locate import locate
 
 
 @dataclass(frozen=True)
@@ -40,6 +36,8 @@ class Stack:
 
     spec: str  # as the user wrote it, for messages
     parts: tuple[Part, ...]  # the files, in order
+    series: bool = False  # whether a pattern or folder gave them, so that their names tell something
+    notes: tuple[str, ...] = ()  # what was done to find them, where it is not obvious
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -100,7 +98,8 @@ class Stack:
         for part, shape in zip(self.parts, shapes):
             if shape[1:] != shapes[0][1:]:
                 fact = f"{shape[1:]} pixels, but {self.parts[0].path.name} has {shapes[0][1:]}"
-                raise InputError(str(part.path), fact, "give images of one size")
+                remedy = "give images of one size; leave previews and images of other scans out"
+                raise InputError(str(part.path), fact, remedy)
 
 
 def find_stack(spec: str | Path | Sequence[str | Path], folder: str | Path = ".") -> Stack:
@@ -108,35 +107,37 @@ def find_stack(spec: str | Path | Sequence[str | Path], folder: str | Path = "."
     items = [spec] if isinstance(spec, str | Path) else list(spec)
     if not items:
         raise InputError("list of files", "it is empty", FORMATS)
-    parts = tuple(part for item in items for part in _parts(str(item), Path(folder)))
-    return Stack(str(spec) if isinstance(spec, str | Path) else f"{items[0]} ...", parts)
+    found = [_parts(str(item), Path(folder)) for item in items]
+    return Stack(
+        str(spec) if isinstance(spec, str | Path) else f"{items[0]} ...",
+        tuple(part for stack in found for part in stack.parts),
+        len(found) == 1 and found[0].series,
+        tuple(note for stack in found for note in stack.notes),
+    )
 
 
-def _parts(item: str, folder: Path) -> list[Part]:
+def _parts(item: str, folder: Path) -> Stack:
+    """The files of one path, folder or pattern."""
     name, _, inner = item.partition("::")
-    path = folder / name
-    if path.exists() or not glob.has_magic(name):
-        paths = [checked_file(path)]
-    else:
-        paths = [checked_file(folder / hit) for hit in natural_sorted(glob.glob(name, root_dir=folder))]
-        if not paths:
-            raise InputError(str(path), "no file matches", "check the pattern and its folder")
+    located = locate(name, folder)
     parts = []
-    for path in paths:
-        suffix = path.suffix.lower()
-        if inner and suffix not in HDF5:
+    for path in located.files:
+        formats = family(path)
+        if inner and formats != HDF5:
             raise InputError(item, "'::' names a dataset of an HDF5 file", FORMATS)
-        if suffix not in TIFF + HDF5 + NPY:
-            raise InputError(str(path), f"the format '{suffix}' is unknown", FORMATS)
-        key = hdf5.PROJECTION if suffix in HDF5 and not inner else None
+        if formats is None:
+            raise unreadable(path)
+        key = hdf5.PROJECTION if formats == HDF5 and not inner else None
         parts.append(Part(path, inner or None, key))
-    return parts
+    return Stack(item, tuple(parts), located.series, (located.note,) if located.note else ())
 
 
 def _info(part: Part) -> tuple[tuple[int, int, int], np.dtype]:
-    suffix = part.path.suffix.lower()
-    if suffix in TIFF:
+    formats = family(part.path)
+    if formats == TIFF:
         return tiff.tiff_info(part.path)
+    if formats == PNG:
+        return png.png_info(part.path)
     if part.key is not None:
         file = hdf5.read_nxtomo(part.path)
         return (file.count(part.key), *file.shape), file.dtype
@@ -152,8 +153,10 @@ def _read(part: Part, images: Index | None = None) -> Pixels:
     """All images of a part, or some of them; of .npy and HDF5 no others are read."""
     if part.key is not None:
         return hdf5.read_nxtomo(part.path).read(part.key, images)
-    if part.path.suffix.lower() in TIFF:
+    if family(part.path) == TIFF:
         array = tiff.read_tiff(part.path)
+    elif family(part.path) == PNG:
+        array = png.read_png(part.path)
     elif part.inner is None:
         array = _load_npy(part.path, None if images is None else "r")
     elif images is not None and len(hdf5.dataset_info(part.path, part.inner)[0]) == 3:
@@ -168,7 +171,8 @@ def _stack_shape(part: Part, shape: tuple[int, ...]) -> tuple[int, int, int]:
     if len(shape) == 2:
         return 1, shape[0], shape[1]
     if len(shape) != 3:
-        raise InputError(str(part.path), f"an array of shape {shape} is no stack", "give (images, rows, columns)")
+        where = str(part.path) if part.inner is None else f"{part.path}::{part.inner}"
+        raise InputError(where, f"an array of shape {shape} is no stack", "give (images, rows, columns)")
     return shape[0], shape[1], shape[2]
 
 

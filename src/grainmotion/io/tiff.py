@@ -10,9 +10,15 @@ import tifffile
 
 from grainmotion._typing import Pixels
 from grainmotion.errors import InputError
+from grainmotion.io.colour import grey
 from grainmotion.io.files import atomic_write, checked_file
 
 _COPY = "copy or export the file again"
+_OTHER_FILES = ("ome", "mmstack", "ndtiff")
+"""Kinds of files that name others as parts of themselves: each is read as the images that it holds itself."""
+_JPEG = (tifffile.COMPRESSION.JPEG, tifffile.COMPRESSION.OJPEG)
+_COLOUR_MAP = tifffile.PHOTOMETRIC.PALETTE
+_SAMPLES = (2, 3, 4)  # values a pixel: grey and opacity, colours, colours and opacity
 
 
 def tiff_info(path: str | Path) -> tuple[tuple[int, int, int], np.dtype]:
@@ -25,17 +31,19 @@ def tiff_info(path: str | Path) -> tuple[tuple[int, int, int], np.dtype]:
 def read_tiff(path: str | Path) -> Pixels:
     """Pixels ``(pages, rows, columns)`` of a grey TIFF image or stack, in the type of the file.
 
-    Raises an `InputError` if the file is missing, empty, truncated, in colour, or compressed by an unknown codec.
+    A colour image is read if its colours are alike.  Raises an `InputError` if the file is missing, empty, truncated,
+    in colour, or compressed with loss or by an unknown codec.
     """
     with _opened(path) as file:
         series = _only_series(path, file)
         shape = _as_stack_shape(path, series)
         try:
-            return series.asarray().reshape(shape)
-        except KeyError as error:  # a codec that tifffile leaves to the imagecodecs package
-            raise InputError(str(path), f"compressed: {error.args[0]}", "save it uncompressed") from error
+            pixels = series.asarray()
         except Exception as error:
+            if "imagecodecs" in str(error) or isinstance(error, KeyError):  # a codec that it does not have
+                raise InputError(str(path), f"compressed: {error.args[0]}", "save it uncompressed") from error
             raise InputError(str(path), f"truncated or damaged TIFF ({error})", _COPY) from error
+        return (grey(pixels, str(path)) if series.axes.endswith("S") else pixels).reshape(shape)
 
 
 def write_tiff(path: str | Path, array: Pixels) -> None:
@@ -51,9 +59,12 @@ def _opened(path: str | Path) -> tifffile.TiffFile:
     path = checked_file(path)
     _check_page_chain(path)
     try:
-        return tifffile.TiffFile(path)
+        file = tifffile.TiffFile(path)
     except Exception as error:
         raise InputError(str(path), f"not a readable TIFF file ({error})", _COPY) from error
+    for kind in _OTHER_FILES:
+        setattr(file, f"is_{kind}", False)
+    return file
 
 
 def _only_series(path: str | Path, file: tifffile.TiffFile) -> tifffile.TiffPageSeries:
@@ -61,16 +72,25 @@ def _only_series(path: str | Path, file: tifffile.TiffFile) -> tifffile.TiffPage
         series = file.series
     except Exception as error:
         raise InputError(str(path), f"truncated or damaged TIFF ({error})", _COPY) from error
+    series = [s for s in series if not s.keyframe.is_reduced] or series  # without smaller copies
     if len(series) != 1:
         shapes = sorted({str(s.shape) for s in series})
         raise InputError(str(path), f"it holds images of different kinds: {', '.join(shapes)}", "split it")
+    page = series[0].keyframe
+    if page.photometric == _COLOUR_MAP:
+        raise InputError(str(path), "its pixels are numbers of a colour map, no counts", "save it as a grey image")
+    if page.compression in _JPEG and page.bitspersample <= 8:
+        fact = "compressed by JPEG, with loss: counts are altered in blocks of 8 x 8 pixels"
+        raise InputError(str(path), fact, "save it uncompressed, from the original")
     return series[0]
 
 
 def _as_stack_shape(path: str | Path, series: tifffile.TiffPageSeries) -> tuple[int, int, int]:
-    if series.axes.endswith("S"):  # leading samples are a stack: tifffile writes three images so by default
-        raise InputError(str(path), f"a colour image, axes {series.axes}", "save it as a grey image")
     shape = tuple(int(n) for n in series.shape)
+    if series.axes.endswith("S"):  # leading samples are a stack: tifffile writes three images so by default
+        if shape[-1] not in _SAMPLES:
+            raise InputError(str(path), f"{shape[-1]} channels, axes {series.axes}", "save it as a grey image")
+        shape = shape[:-1]
     if len(shape) < 2 or 0 in shape:
         raise InputError(str(path), f"its shape {shape} is no image", _COPY)
     return int(np.prod(shape[:-2], dtype=int)), shape[-2], shape[-1]

@@ -20,6 +20,13 @@ CHECKS = "checks.json"
 Findings = tuple[Finding, ...]
 
 
+def check_files(context: RunContext, *, states: bool) -> None:
+    """Tell what names of files and told angles say about the scans that are used; an error stops the run at once."""
+    for source in (context.inputs.reference, *(context.inputs.states if states else ())):
+        if source is not None:
+            settle(context, source, source.findings)
+
+
 def check_reference(context: RunContext) -> None:
     """Check the reference scan before anything is computed from it."""
     source = context.inputs.reference

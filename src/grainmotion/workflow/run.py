@@ -24,7 +24,7 @@ from grainmotion.model.finding import Finding, worst_first
 from grainmotion.model.motions import Motions
 from grainmotion.workflow.beam_level_stage import BEAM_LEVEL, level_reference
 from grainmotion.workflow.calibration_stage import CALIBRATION, calibrate_stage
-from grainmotion.workflow.checks import check_reference
+from grainmotion.workflow.checks import check_files, check_reference
 from grainmotion.workflow.context import RunContext, check_inputs
 from grainmotion.workflow.outputs import DEFORMED, REFERENCE_EXPORTS, RESIDUALS, report_stage, write_outputs
 from grainmotion.workflow.provenance import StageCache
@@ -98,6 +98,7 @@ def run(
     _check_overwriting(inputs, folder)
     with connect(workplace, folder) as cluster:
         context = RunContext(experiment, inputs, folder, StageCache(folder), progress, cluster)
+        check_files(context, states=until in ("track", "report"))
         check_inputs(context, states=until in ("track", "report"))
         level_reference(context)
         check_reference(context)

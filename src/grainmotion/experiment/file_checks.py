@@ -1,0 +1,75 @@
+"""What names and numbers of a scan's files say about it, before a pixel is read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from grainmotion._typing import Float
+from grainmotion.diagnosis.angle_table import angle_findings
+from grainmotion.diagnosis.file_series import (
+    FILE_SERIES,
+    count_hint,
+    listed_order,
+    series_findings,
+    stranger_findings,
+)
+from grainmotion.diagnosis.hypotheses import stage_angles_deg
+from grainmotion.errors import InputError
+from grainmotion.experiment.config import Circular, ScanTable
+from grainmotion.io.stacks import Stack
+from grainmotion.model.finding import Finding, Level
+from grainmotion.model.geometry import Geometry
+
+
+def told_angles_deg(geometry: Geometry, angles_deg: Float | None) -> Float:
+    """The angles of the views: as they are told, else those of the stage that a CSV of views implies."""
+    return stage_angles_deg(geometry) if angles_deg is None else angles_deg
+
+
+def file_findings(
+    key: str, table: ScanTable, stacks: dict[str, Stack | None], angles_deg: Float
+) -> tuple[Finding, ...]:
+    """Findings about the files and the told angles of one scan.
+
+    ``stacks`` holds its radiographs, flats and darks by the names of their keys.  ``angles_deg`` are those of all
+    radiographs or of the chosen ones, in degrees.
+    """
+    names = {name: _names(stack) for name, stack in stacks.items()}
+    found: list[Finding] = []
+    for name, stack in stacks.items():
+        given = {"radiographs": table.radiographs, "flats": table.flats, "darks": table.darks}[name]
+        if stack is None or given is None:
+            continue
+        where = f"{key}.{name}"
+        found += [Finding(Level.NOTE, FILE_SERIES, where, note) for note in stack.notes]
+        if name != "radiographs":
+            found += stranger_findings(where, names[name]) if stack.series else ()
+        elif stack.series:
+            told = angles_deg if len(angles_deg) == len(names[name]) else None
+            found += series_findings(where, names[name], told, names["flats"] + names["darks"])
+        else:
+            found += listed_order(where, names[name])
+    place = f"{key}.geometry.angles_deg" if isinstance(table.geometry, Circular) else f"{key}.geometry"
+    return (*found, *angle_findings(place, angles_deg))
+
+
+def count_mismatch(key: str, table: ScanTable, radiographs: Stack, angles_deg: Float, used: int) -> InputError:
+    """The error about another number of views than of radiographs, of which ``used`` are chosen, with its cause."""
+    source = f"{table.geometry} ({key}.geometry)" if isinstance(table.geometry, str) else f"{key}.geometry"
+    shape, views = radiographs.info()[0], len(angles_deg)
+    fact = f"{views} views, but {radiographs.spec} ({key}.radiographs) holds {shape[0]} radiographs"
+    if used != shape[0]:
+        fact += f", of which {used} are chosen"
+    else:
+        hint = count_hint(_names(radiographs), views, shape, angles_deg)
+        fact += f" ({hint})" if hint else ""
+    return InputError(source, fact, "give one view a radiograph, in the same order")
+
+
+def _names(stack: Stack | None) -> list[str]:
+    """Names of the files of a stack, from the folder on that they share."""
+    if stack is None:
+        return []
+    files: tuple[Path, ...] = stack.files
+    folders = {file.parent for file in files}
+    return [file.name if len(folders) == 1 else f"{file.parent.name}/{file.name}" for file in files]
