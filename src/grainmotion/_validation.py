@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import functools
 from dataclasses import fields
 from typing import TypeVar, dataclass_transform
@@ -43,7 +44,11 @@ def _first_error(record: type, error: ValidationError) -> InputError:
         return cause
     names = [field.name for field in fields(record)]
     place = [names[p] if isinstance(p, int) else p for p in first["loc"][:1]]
-    where = ".".join([record.__name__, *place])
+    where = ".".join([record.__name__, *map(str, place)])
+    if first["type"] == "unexpected_keyword_argument":
+        near = difflib.get_close_matches(str(place[0]), names, n=1, cutoff=0.5)
+        remedy = f"did you mean '{near[0]}'?" if near else f"known settings are {', '.join(names)}"
+        return InputError(where, "unknown setting", remedy)
     return InputError(where, refusal(first), "correct the value")
 
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from grainmotion._arguments import checked_arguments
 from grainmotion.errors import InputError
 from grainmotion.kernels import resample
 from grainmotion.model.grains import Grain, GrainSet
@@ -24,6 +25,7 @@ from grainmotion.rotations import rotation_matrix
 WITHOUT_MOTION = (Status.LEFT_FIELD.value, Status.NOT_FITTED.value)
 
 
+@checked_arguments
 def rebuild(grains: GrainSet, motions: Motions, grid: Volume) -> tuple[Volume, NDArray[np.int32]]:
     """Rebuild the volume of the current configuration on a grid.
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
+from grainmotion._arguments import checked_arguments
 from grainmotion.errors import InputError
 from grainmotion.model.motions import Motions
 from grainmotion.rotations import recenter, rotation_vector
@@ -78,6 +79,7 @@ class Comparison:
         return self.translation_rms / self.voxel_size if self.voxel_size else float("nan")
 
 
+@checked_arguments
 def compare(
     measured: Motions,
     truth: Motions,

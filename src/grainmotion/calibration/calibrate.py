@@ -23,6 +23,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
+from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Float, Progress
 from grainmotion._validation import validated
 from grainmotion.calibration.corrections import (
@@ -76,6 +77,7 @@ class CalibrateSettings:
     iterations: Annotated[int, Field(ge=1, description="most Gauss-Newton steps on one scale")] = 6
 
 
+@checked_arguments
 def calibrate(
     scan: Scan, grid: Volume, settings: CalibrateSettings | None = None, *, progress: Progress | None = None
 ) -> Calibration:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import ValidationError
 
+from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Beam, Float, Index
 from grainmotion.diagnosis import hypotheses
 from grainmotion.errors import InputError
@@ -107,6 +108,7 @@ class ScanInput:
         return f"{stack.spec if stack else ''} ({self.key}.{key})"
 
 
+@checked_arguments
 def read_scan(
     radiographs: str | Path | Sequence[str | Path],
     geometry: Geometry | str | Path,

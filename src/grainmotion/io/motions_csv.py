@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from grainmotion._arguments import checked_arguments
 from grainmotion.errors import InputError
 from grainmotion.io.files import atomic_write, checked_file
 from grainmotion.model.motions import MOTION_COLUMNS, Motions
@@ -61,6 +62,7 @@ def read_motions(path: str | Path) -> Motions:
         raise InputError(where, error.fact, error.remedy) from error
 
 
+@checked_arguments
 def write_motions(path: str | Path, motions: Motions) -> None:
     """Write the motions of one state as a ``motions.csv``, in mm and degrees.
 

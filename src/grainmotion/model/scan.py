@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from grainmotion._arguments import check_argument, checked_arguments
 from grainmotion.errors import InputError
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.volume import precision_of
@@ -40,6 +41,7 @@ class Scan:
     open_beam: NDArray[np.floating] | None = None
 
     def __post_init__(self) -> None:
+        check_argument("Scan(geometry)", self.geometry, ["Geometry"])
         images = np.ascontiguousarray(self.line_integrals, dtype=precision_of(self.line_integrals))
         expected = (len(self.geometry), *self.geometry.shape)
         if images.shape != expected:
@@ -142,6 +144,7 @@ def air_levels(
     return levels
 
 
+@checked_arguments
 def normalize_air(scan: Scan, *, margin: int | None = None, region: tuple[int, int, int, int] | None = None) -> Scan:
     """Scale the beam by one factor a view so that air has a line integral of 0.
 
@@ -167,6 +170,7 @@ def normalize_air(scan: Scan, *, margin: int | None = None, region: tuple[int, i
     return scan.levelled(air_levels(scan, margin=margin, region=region))
 
 
+@checked_arguments
 def snr(scan_a: Scan, scan_b: Scan) -> float:
     """Signal-to-noise ratio from two scans of the same state, √2 ‖b₁‖/‖b₁ − b₂‖.
 

@@ -15,6 +15,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Float, Progress
 from grainmotion.errors import InputError
 from grainmotion.model.geometry import Geometry
@@ -184,6 +185,7 @@ class Plan:
         return pd.DataFrame(rows)
 
 
+@checked_arguments
 def plan(
     grains: GrainSet, views: Geometry, settings: PlanSettings | None = None, *, progress: Progress | None = None
 ) -> Plan:

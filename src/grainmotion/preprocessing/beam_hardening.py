@@ -23,6 +23,7 @@ from scipy import ndimage
 from scipy.optimize import nnls
 from skimage.filters import threshold_otsu
 
+from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Float, Projector
 from grainmotion._validation import validated
 from grainmotion.errors import InputError
@@ -116,6 +117,7 @@ class Hardening:
         return f"beam hardening of {100 * self.departure:.1f} ± {100 * self.sd:.1f} % on the longest path"
 
 
+@checked_arguments
 def calibrate_hardening(
     scan: Scan,
     volume: Volume,

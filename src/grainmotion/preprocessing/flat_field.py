@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
+from grainmotion._arguments import checked_arguments
 from grainmotion.errors import InputError
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.scan import Scan
@@ -56,6 +57,7 @@ class PixelReport:
         return f"{self.bad} of {self.total} pixels masked: {kinds}"
 
 
+@checked_arguments
 def line_integrals_from_counts(
     counts: ArrayLike, flats: ArrayLike, darks: ArrayLike | None, geometry: Geometry, *, saturation: float | None = None
 ) -> tuple[Scan, PixelReport]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Image, Projector
 from grainmotion.backends.base import BackendArray, PatchBackend
 from grainmotion.backends.cpu import CPU
@@ -88,6 +89,7 @@ def assemble(values: BackendArray, patches: Patches, geometry: Geometry, backend
     return backend.add_patches(values, patches.table, (len(geometry), *geometry.shape))
 
 
+@checked_arguments
 def simulate_radiographs(
     grains: GrainSet, motions: Motions, geometry: Geometry, *, projector: Projector = "trilinear"
 ) -> Image:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Image, Projector
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.volume import Volume
 from grainmotion.projection.volume_operator import VolumeOperator
 
 
+@checked_arguments
 def project(volume: Volume, geometry: Geometry, *, projector: Projector = "trilinear") -> Image:
     """Line integrals of a volume.
 
@@ -29,6 +31,7 @@ def project(volume: Volume, geometry: Geometry, *, projector: Projector = "trili
     return operator.forward(operator.padded(volume.array))
 
 
+@checked_arguments
 def back_project(images: Image, geometry: Geometry, grid: Volume, *, projector: Projector = "trilinear") -> Volume:
     """The exact adjoint of `project`: ⟨A x, y⟩ = ⟨x, Aᵀ y⟩.
 

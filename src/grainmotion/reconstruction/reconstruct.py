@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pydantic.dataclasses import dataclass
 
+from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Progress
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
@@ -32,6 +33,7 @@ class Reconstruction:
     residuals: tuple[float, ...]
 
 
+@checked_arguments
 def reconstruct(
     scan: Scan, grid: Volume, settings: ReconstructSettings | None = None, *, progress: Progress | None = None
 ) -> Reconstruction:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from skimage.segmentation import expand_labels
 
+from grainmotion._arguments import checked_arguments
 from grainmotion.errors import InputError
 from grainmotion.kernels.layout import PADDING
 from grainmotion.model.grains import Grain, GrainSet
@@ -31,6 +32,7 @@ BACKGROUND_LEVEL = 0.02
 """Level from which filtered attenuation is background, over the mean of the grains."""
 
 
+@checked_arguments
 def extract_grains(
     volume: Volume, segmentation: Segmentation, settings: SegmentSettings | None = None, *, cut: Cut = fine_grains
 ) -> GrainSet:
@@ -69,6 +71,7 @@ def extract_grains(
     )
 
 
+@checked_arguments
 def grains_from_labels(
     volume: Volume,
     labels: NDArray[np.integer],

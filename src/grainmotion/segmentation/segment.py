@@ -31,6 +31,7 @@ from scipy import ndimage
 from skimage.filters import threshold_otsu
 from skimage.segmentation import relabel_sequential, watershed
 
+from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Progress
 from grainmotion.errors import InputError
 from grainmotion.model.volume import Volume
@@ -90,6 +91,7 @@ class Segmentation:
         return cls(labels, float("nan"), border_labels(labels))
 
 
+@checked_arguments
 def segment(
     volume: Volume, settings: SegmentSettings | None = None, *, progress: Progress | None = None
 ) -> Segmentation:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Float, Image, Progress
 from grainmotion.backends.base import PatchBackend
 from grainmotion.backends.device import Device
@@ -47,6 +48,7 @@ from grainmotion.tracking.settings import PAPER, TrackSettings
 __all__ = ["PAPER", "TrackSettings", "track", "track_with_residual"]
 
 
+@checked_arguments
 def track(
     grains: GrainSet,
     scan: Scan,

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Progress, prefixed
 from grainmotion.calibration.beam_level import beam_levels
 from grainmotion.calibration.scanner import ScannerCalibration, calibrate_scanner
@@ -44,6 +45,7 @@ class Reference:
     residuals: tuple[float, ...]
 
     @classmethod
+    @checked_arguments
     def from_scan(
         cls,
         scan: Scan,

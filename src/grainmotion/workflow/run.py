@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Progress
 from grainmotion.cluster.connection import LOCAL, ComputeConfig, connect
 from grainmotion.errors import InputError
@@ -58,6 +59,7 @@ class RunResult:
     findings: tuple[Finding, ...] = ()  # of all checks, the worst first
 
 
+@checked_arguments
 def run(
     experiment: Experiment,
     *,
