@@ -10,8 +10,8 @@ from few_grains import (
 )
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions
+from grainmotion.model.starting_pose import starting_pose
 from grainmotion.rotations import apply_motion
-from grainmotion.tracking.initial_guess import starting_pose
 
 GRAINS = grain_set()
 

@@ -18,13 +18,15 @@ from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Float, Image, Progress
 from grainmotion.backends.base import PatchBackend
 from grainmotion.backends.device import Device
+from grainmotion.diagnosis.state_geometry import check_state
 from grainmotion.model.grains import GrainSet
-from grainmotion.model.motions import Motions
+from grainmotion.model.motions import Motions, Status
 from grainmotion.model.scan import Scan
+from grainmotion.model.starting_pose import starting_pose
 from grainmotion.tracking.background_motion import FIXED_BACKGROUND_NOTE, fixed_unless_moved
 from grainmotion.tracking.classification import classify
 from grainmotion.tracking.global_search import SearchResult, search
-from grainmotion.tracking.initial_guess import initialise, smooth_fields, starting_pose
+from grainmotion.tracking.initial_guess import initialise, smooth_fields
 from grainmotion.tracking.missing_grains import (
     MAX_GRAINS_ALL_TRIED,
     MAX_SINGLE_SUSPECTS,
@@ -46,6 +48,11 @@ from grainmotion.tracking.refinement import refine
 from grainmotion.tracking.settings import PAPER, TrackSettings
 
 __all__ = ["PAPER", "TrackSettings", "track", "track_with_residual"]
+
+
+MIN_FAILED_SHARE = 0.8
+"""Share of grains that failed from which a common cause is looked for."""
+FAILED = tuple(status.value for status in (Status.NOT_CONVERGED, Status.LEFT_FIELD, Status.NOT_FITTED))
 
 
 @checked_arguments
@@ -116,8 +123,17 @@ def track_with_residual(
         if job.settings.search and may_have_appeared(motions):
             with_new = _with_new_grain(job)
             if with_new is not None and with_new.ok.sum() > motions.ok.sum():
-                return with_new, None
-    return motions, chosen.residual
+                return _with_likely_cause(job, with_new), None
+    return _with_likely_cause(job, motions), chosen.residual
+
+
+def _with_likely_cause(job: _Job, motions: Motions) -> Motions:
+    """Where nearly all grains failed, the motions with a note on the one cause that explains it, if there is one."""
+    if np.isin(motions.statuses, FAILED).mean() < MIN_FAILED_SHARE:
+        return motions
+    found = check_state(job.grains, job.scan, job.start)
+    notes = tuple(f"{f.fact} ({f.evidence}); {f.remedy}" for f in found)
+    return replace(motions, fit=replace(motions.fit, notes=(*notes, *motions.fit.notes)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -58,7 +58,7 @@ def settle(context: RunContext, source: ScanInput, findings: Findings) -> None:
     """Record findings; apply their fixes if that is wanted, and stop at an error unless forced."""
     check = context.tables.check
     if check.try_fixes:
-        findings = tuple(_applied(context, source, f) if f.fix else f for f in findings)
+        findings = tuple(applied(context, source, f) if f.fix else f for f in findings)
     errors = [f for f in findings if f.level is Level.ERROR and not check.force]
     context.add(f for f in findings if f not in errors[:1])  # the first error is raised instead
     if errors:
@@ -68,7 +68,7 @@ def settle(context: RunContext, source: ScanInput, findings: Findings) -> None:
         raise InputError(worst.where, worst.fact + evidence, remedy)
 
 
-def _applied(context: RunContext, source: ScanInput, finding: Finding) -> Finding:
+def applied(context: RunContext, source: ScanInput, finding: Finding) -> Finding:
     """The finding after its fix."""
     context.apply_fix(source, finding.fix)
     remedy = f'the fix was applied; to keep it, write fixes = ["{finding.fix}"] there, or {finding.remedy}'

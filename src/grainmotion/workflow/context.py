@@ -47,6 +47,7 @@ class RunContext:
     done: list[str] = field(default_factory=list)
     reused: list[str] = field(default_factory=list)
     findings: list[Finding] = field(default_factory=list)
+    refused: dict[str, Finding] = field(default_factory=dict)  # states that are not tracked, and why
     _measured: dict[str, Scan] = field(default_factory=dict)
     _corrected: dict[str, Scan] = field(default_factory=dict)
 
@@ -83,10 +84,15 @@ class RunContext:
         if reference.key in self._measured:
             self._measured[reference.key] = self._measured[reference.key].levelled(levels)
 
+    def refuse(self, state: str, finding: Finding) -> None:
+        """Do not track a state, because of a finding."""
+        self.refused[state] = finding
+        self.__dict__.pop("fingerprints", None)
+
     @cached_property
     def fingerprints(self) -> Fingerprints:
         """Fingerprints of all stages."""
-        return Fingerprints(self.experiment, self.inputs, self.cache)
+        return Fingerprints(self.experiment, self.inputs, self.cache, frozenset(self.refused))
 
     @cached_property
     def given_volume(self) -> Volume:

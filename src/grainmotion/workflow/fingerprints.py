@@ -28,6 +28,7 @@ class Fingerprints:
     experiment: Experiment
     inputs: Inputs
     cache: StageCache
+    refused: frozenset[str] = frozenset()  # states that are not tracked
 
     @property
     def calibrates(self) -> bool:
@@ -86,6 +87,7 @@ class Fingerprints:
             elif table.initial == "previous":
                 upstream.append(previous)
             settings = ["track", _plain(tables.track), scan.settings, named]
+            settings += ["refused"] if table.name in self.refused else []
             previous = prints[table.name] = self.cache.fingerprint(settings, files, upstream)
         return prints
 

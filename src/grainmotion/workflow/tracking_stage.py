@@ -18,6 +18,7 @@ from grainmotion.tracking.track import track_with_residual
 from grainmotion.workflow.context import RunContext, load_result
 from grainmotion.workflow.provenance import Stage
 from grainmotion.workflow.reference_stages import SegmentedReference
+from grainmotion.workflow.state_checks import check_tracked_state, refused_motions
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,14 +32,26 @@ class TrackedState:
 def track_stage(
     context: RunContext, reference: Callable[[], SegmentedReference], name: str, tracked: Mapping[str, TrackedState]
 ) -> Stage[TrackedState]:
-    """The stage that tracks one state; ``tracked`` holds the states before it."""
+    """The stage that tracks one state, once it is checked; ``tracked`` holds the states before it."""
     names = [table.name for table in context.tables.states]
     index = names.index(name)
-    table, source = context.states[index]
+    table = context.tables.states[index]
     start = context.inputs.starts[index]
     if table.initial == "previous" and index:
         start = tracked[names[index - 1]].motions
+    check_tracked_state(context, reference, table, start)
+    if name in context.refused:
+        return _refused_stage(context, reference, table)
+    source = context.states[index][1]
     return _stage(context, table, functools.partial(_track, context, reference, table, source, start))
+
+
+def _refused_stage(
+    context: RunContext, reference: Callable[[], SegmentedReference], table: StateTable
+) -> Stage[TrackedState]:
+    """The stage of a state that is not tracked."""
+    finding = context.refused[table.name]
+    return _stage(context, table, lambda: TrackedState(refused_motions(reference().grains, finding)))
 
 
 def _track(
@@ -59,15 +72,25 @@ def _track(
 def track_side_by_side(context: RunContext, reference: Callable[[], SegmentedReference]) -> dict[str, TrackedState]:
     """Track states of a small sample at the same time, each on one worker, if several do not depend on another."""
     cluster, states = context.cluster, list[State]()
+    if cluster is None or len(context.states) < 2:
+        return {}
+    for (table, _), given in zip(context.states, context.inputs.starts, strict=True):
+        if table.initial != "previous" or table is context.states[0][0]:  # the start of the others is not known yet
+            check_tracked_state(context, reference, table, given)
     missing = {
         table.name: table
         for table, _ in context.states
-        if not context.cache.is_done(f"{table.name}/track", context.fingerprints.tracks[table.name])
+        if table.name not in context.refused
+        and not context.cache.is_done(f"{table.name}/track", context.fingerprints.tracks[table.name])
     }
-    if cluster is None or len(missing) < 2 or not cluster.one_worker_tracks_a_state(reference().grains):
+    if len(missing) < 2 or not cluster.one_worker_tracks_a_state(reference().grains):
         return {}
+    start: Motions | str | None
     previous: Motions | str | None = None
     for (table, source), named_start in zip(context.states, context.inputs.starts, strict=True):
+        if table.name in context.refused:
+            previous = None
+            continue
         if table.name not in missing:
             previous = _load(context, table).motions
             continue

@@ -1,0 +1,220 @@
+"""Check of a later state before it is tracked: do its radiographs fit the reference under the geometry given?
+
+Each view is compared with a coarse radiograph of the reference, moved as one body (`coarse_likeness`): under the
+geometry given, and under the usual mistakes (`state_hypotheses`).  The share of a radiograph's power that stays
+unexplained is 1 - likeness²; a mistake is named if undoing it lowers that share clearly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from grainmotion._arguments import checked_arguments
+from grainmotion.diagnosis.coarse_likeness import Fit, Likeness
+from grainmotion.diagnosis.hypotheses import HYPOTHESES, stage_angles_deg
+from grainmotion.diagnosis.state_hypotheses import (
+    Candidate,
+    Sweep,
+    alike,
+    as_given,
+    double_mistakes,
+    gain,
+    other_order,
+    other_scales,
+    other_starts,
+    single_mistakes,
+)
+from grainmotion.diagnosis.state_views import ViewNames, blank_views, repeated_views, strange_views
+from grainmotion.model.finding import Finding, Level
+from grainmotion.model.grains import GrainSet
+from grainmotion.model.motions import Motions
+from grainmotion.model.scan import Scan
+from grainmotion.model.starting_pose import starting_pose
+
+CLEAR_LEAD = 0.3
+"""Gain of the geometry as given over the median of the usual mistakes, from which nothing else is tried."""
+MIN_GAIN, MIN_GAIN_ONE_VIEW = 0.2, 0.4
+"""Gain from which a usual mistake is named: the first and, divided by the number of views, the second."""
+FREE_GAIN = 0.4
+"""What is asked in addition of an order, a start or a scale, as many are tried, and of small changes of the angles."""
+SMALL_CHANGES = ("end-point-counted", "end-point-left-out")
+"""Hypotheses that a rotation of the sample between the states can imitate."""
+SIMILAR_GAIN = 0.15
+"""Gain up to which two hypotheses are both named."""
+MAX_NAMED = 2
+"""Mistakes that are named beside the most likely one."""
+MIN_LEAD = 0.1
+"""Gain over the median of all angles below which the state may be one of another sample."""
+MAX_STRANGE_LIKENESS = 0.58
+"""Likeness from which a state is not said to be one of another sample, whatever the other angles give."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A hypothesis and how well the views fit under it."""
+
+    candidate: Candidate
+    fit: Fit
+
+
+@checked_arguments
+def check_state(
+    grains: GrainSet,
+    scan: Scan,
+    start: Motions | None = None,
+    *,
+    where: str = "scan",
+    names: Sequence[str] = (),
+) -> tuple[Finding, ...]:
+    """Compare the radiographs of a later state with the reference before the state is tracked.
+
+    The reference moves as one body; its coarse radiographs are compared with those of the state under the geometry
+    given and under the usual mistakes: flipped, transposed or permuted radiographs, angles with the wrong sign, in
+    radians, with another start or span, other pixels; single views that are blank, repeated or of something else.
+
+    Parameters
+    ----------
+    grains : GrainSet
+        The grains of the reference state.
+    scan : Scan
+        Radiographs of the later state, as for `track`.
+    start : Motions, optional
+        Motions from which tracking starts; none is no motion.
+    where : str
+        What the findings are about, such as the key of the state.
+    names : sequence of str
+        Names of the radiographs, such as their files; none if they have none.
+
+    Returns
+    -------
+    tuple of Finding
+        Empty if the state fits.  A finding of level "error" means that tracking would fail.
+    """
+    words, count = ViewNames(where, tuple(names)), len(scan)
+    likeness = Likeness.of(grains, starting_pose(grains, start), scan)
+    blank = blank_views(likeness, scan)
+    findings = words.blank([int(k) for k in np.flatnonzero(blank)], count)
+    kept = [int(k) for k in np.flatnonzero(~blank)]
+    if not kept:
+        return tuple(findings)
+    shown, scan = likeness.select(kept), scan.select(kept)
+    pairs = [(kept[i], kept[j]) for i, j in repeated_views(shown, scan)]
+    findings += words.repeated(pairs, count)
+    return tuple(findings + _State(shown, grains, words, kept, count).findings())
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """A state under test: the views that show a sample, their numbers, and that of all views."""
+
+    likeness: Likeness
+    grains: GrainSet
+    words: ViewNames
+    kept: list[int]
+    count: int
+
+    def findings(self) -> list[Finding]:
+        """What is wrong with the geometry as a whole, or with single views."""
+        now = self._trial(as_given(self.likeness))
+        changes = [self._trial(c) for c in single_mistakes(self.likeness)]
+        singles = [t for t in changes if t.candidate.fixes[0] not in SMALL_CHANGES]
+        if singles and _is_clear(now, singles):
+            return []
+        sweep = Sweep.of(self.likeness)
+        strange = strange_views(self.likeness, sweep, len(self.grains))
+        doubles = [c for c in double_mistakes(self.likeness) if c.fixes[0] not in SMALL_CHANGES]
+        named = singles + [self._trial(c) for c in doubles]
+        order = [self._trial(c) for c in other_order(self.likeness, sweep)]
+        small = [t for t in changes if t.candidate.fixes[0] in SMALL_CHANGES]
+        free = [self._trial(c) for c in (*other_starts(self.likeness, sweep), *other_scales(self.likeness))]
+        best = _best(now, named, [*order, *small, *free], len(self.kept))
+        if best is not None:
+            return [self._mistake(now, best, [*named, *order])]
+        if strange:
+            return [self._strange(*view) for view in strange]
+        return self._unlike(now, named, sweep)
+
+    def _trial(self, candidate: Candidate) -> Trial:
+        return Trial(candidate, candidate.fit(self.likeness))
+
+    def _mistake(self, now: Trial, best: Trial, others: list[Trial]) -> Finding:
+        """The mistake that explains the state, and others that explain it as well."""
+        likely = best.candidate
+        similar = [t.candidate for t in others if t is not best and gain(t.fit, best.fit) < SIMILAR_GAIN]
+        equals = [c for c in similar if len(c.fixes) == 1]
+        equals += [c for c in similar if not c.fixes and not any(alike(c, other) for other in (likely, *equals))]
+        fact = f"its views do not fit the reference as given; probably {likely.text}"
+        fact += "".join(f", or {c.text}" for c in equals[:MAX_NAMED])
+        fact += " (or the reference is upside down)" if likely.panel == "rows-flipped" else ""
+        evidence = f"likeness to the reference {now.fit.mean:.2f} as given, {best.fit.mean:.2f} so; 1 is equal"
+        remedies = [HYPOTHESES[name].remedy for name in likely.fixes]
+        remedy = "; ".join(remedies or ["correct angles_deg, or the order of the files"])
+        fixes = [c.fixes for c in (likely, *equals) if c.fixes]
+        if fixes:
+            keys = " or ".join("fixes = [" + ", ".join(f'"{name}"' for name in names) + "]" for names in fixes)
+            remedy += f"; or write {keys} in the state's table"
+        fix = likely.fixes[0] if len(likely.fixes) == 1 else ""
+        return self.words.finding(Level.ERROR, fact, evidence, remedy, fix)
+
+    def _strange(self, view: int, now: float, others: float, angle: float | None) -> Finding:
+        """A view that does not belong to the others."""
+        fact = f"{self.words(self.kept[view])} does not fit the reference at its angle, though the other views do"
+        if angle is None:
+            fact += ": probably another sample, or a damaged radiograph"
+        else:
+            fact += f": it seems to be taken at about {angle:g} degrees"
+            fact += ", or its columns are flipped" if self._is_behind(view, angle) else ""
+        evidence = f"likeness {now:.2f}, of the others {others:.2f}; 1 is equal"
+        return self.words.finding(Level.ERROR, fact, evidence, self.words.without([self.kept[view]], self.count))
+
+    def _is_behind(self, view: int, angle: float) -> bool:
+        given = stage_angles_deg(self.likeness.geometry)[view]
+        return abs((angle - given) % 360 - 180) < 15
+
+    def _unlike(self, now: Trial, named: list[Trial], sweep: Sweep) -> list[Finding]:
+        """A state that fits under no hypothesis."""
+        given = np.diagonal(sweep.at(stage_angles_deg(self.likeness.geometry)))
+        lead = gain(float(np.median(sweep.upright, axis=1).mean()), float(given.mean()))
+        if lead > MIN_LEAD or now.fit.mean > MAX_STRANGE_LIKENESS:
+            return []
+        best = max(named, key=lambda t: t.fit.mean) if named else now
+        fact = "its radiographs look no more like the reference as given than from any other side: "
+        fact += "probably another sample, or motions of more than a grain"
+        evidence = (
+            f"likeness {now.fit.mean:.2f} as given, {best.fit.mean:.2f} at best of the usual mistakes; 1 is equal"
+        )
+        remedy = 'check radiographs and geometry of this state, or start from a nearer state: initial = "previous"'
+        return [self.words.finding(Level.WARNING, fact, evidence, remedy)]
+
+
+def _is_clear(now: Trial, singles: list[Trial]) -> bool:
+    """Whether the geometry as given is better than all usual mistakes, and clearly than most of them, in every view."""
+    usual = np.median([t.fit.each for t in singles], axis=0)
+    lead = min(gain(u, f) for u, f in zip(usual, now.fit.each, strict=True))
+    return lead > CLEAR_LEAD and all(gain(now.fit, t.fit) < 0 for t in singles)
+
+
+def _best(now: Trial, named: list[Trial], free: list[Trial], views: int) -> Trial | None:
+    """The hypothesis that explains the state clearly better than the geometry as given; the simplest if several do."""
+    least = MIN_GAIN + MIN_GAIN_ONE_VIEW / views
+    first, other = _highest(named), _highest(free)
+    beaten = first is not None and other is not None and gain(first.fit, other.fit) > FREE_GAIN
+    if first is not None and gain(now.fit, first.fit) > least and not beaten:
+        return _simplest(first, named)
+    if other is not None and gain(now.fit, other.fit) > least + FREE_GAIN:
+        return other
+    return None
+
+
+def _highest(trials: list[Trial]) -> Trial | None:
+    return max(trials, key=lambda t: t.fit.mean) if trials else None
+
+
+def _simplest(best: Trial, named: list[Trial]) -> Trial:
+    """A single mistake in place of two at once, if it explains nearly as much."""
+    singles = [t for t in named if len(t.candidate.fixes) == 1]
+    single = max(singles, key=lambda t: t.fit.mean)
+    return single if gain(single.fit, best.fit) < SIMILAR_GAIN else best

@@ -1,0 +1,90 @@
+"""Check of each later state of a run before it is tracked; a state that cannot be tracked is refused, not the run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from grainmotion.diagnosis.state_geometry import check_state
+from grainmotion.experiment.config import StateTable
+from grainmotion.experiment.scan_inputs import ScanInput
+from grainmotion.experiment.state_tracking import errors_of_state
+from grainmotion.io.findings_json import read_findings, write_findings
+from grainmotion.model.finding import Finding, Level, worst_first
+from grainmotion.model.grains import GrainSet
+from grainmotion.model.motions import Motions
+from grainmotion.workflow.checks import CHECKS, applied
+from grainmotion.workflow.context import RunContext, load_result
+from grainmotion.workflow.reference_stages import SegmentedReference
+
+
+def check_tracked_state(
+    context: RunContext, reference: Callable[[], SegmentedReference], table: StateTable, start: Motions | None
+) -> None:
+    """Compare a state with the reference; apply what its findings propose if that is wanted, else refuse the state.
+
+    Parameters
+    ----------
+    context : RunContext
+        Its inputs change if a fix is applied, its refused states if the state is refused.
+    reference : callable
+        Gives the grains, if the check has to be made.
+    table : StateTable
+        The state.
+    start : Motions, optional
+        Motions from which it is tracked.
+    """
+    source = next(s for t, s in context.states if t.name == table.name)
+    findings = _findings(context, reference, table, source, start)
+    if context.tables.check.try_fixes:
+        fixes = [f for f in findings if f.fix]
+        if fixes:
+            findings = tuple(applied(context, source, f) if f is fixes[0] else f for f in findings)
+    context.add(findings)
+    errors = [f for f in findings if f.level is Level.ERROR]
+    if errors and not context.tables.check.force:
+        context.refuse(table.name, worst_first(errors)[0])
+
+
+def refused_motions(grains: GrainSet, finding: Finding) -> Motions:
+    """Unknown motions of all grains of a state that is not tracked, with the finding as their reason."""
+    nothing = np.full((len(grains), 3), np.nan)
+    reason = f"the state was not tracked: {finding.fact}; see its finding"
+    still = Motions.identity(grains.labels, grains.centers)
+    return replace(still, translations=nothing, rotations=nothing.copy(), reasons=(reason,) * len(grains))
+
+
+def _findings(
+    context: RunContext,
+    reference: Callable[[], SegmentedReference],
+    table: StateTable,
+    source: ScanInput,
+    start: Motions | None,
+) -> tuple[Finding, ...]:
+    """The findings on a state, from their file if an earlier run made them of the same input."""
+    name, path = f"{table.name}/check", context.folder / table.name / CHECKS
+    fingerprint = context.cache.fingerprint("check of a state", (), [context.fingerprints.tracks[table.name]])
+    if context.cache.is_done(name, fingerprint):
+        return load_result(read_findings, path) if context.cache.files(name) else ()
+    context.notify(f"{table.name}: comparing with the reference")
+    scan = context.radiographs(source)
+    grains, names = reference().grains, radiograph_names(source)
+    with errors_of_state(source.key, table.initial):
+        findings = check_state(grains, scan, start, where=source.key, names=names)
+    context.cache.discard(name)
+    path.unlink(missing_ok=True)
+    if findings:  # a good state leaves no file
+        write_findings(path, findings)
+    context.cache.add(name, fingerprint, [path] if findings else [])
+    return findings
+
+
+def radiograph_names(source: ScanInput) -> tuple[str, ...]:
+    """Names of the files of the views; none if files hold several."""
+    files = [part.path.name for part in source.radiographs.parts]
+    views = range(len(source.geometry)) if source.views is None else source.views
+    if len(files) <= max(views):
+        return ()
+    return tuple(files[int(k)] for k in views)

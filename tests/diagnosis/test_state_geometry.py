@@ -1,0 +1,142 @@
+"""Check of a later state against the reference: mistakes are named, good states are not blamed.
+
+Radiographs are those of exact solids; the grains are their voxels, without the package's reconstruction.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+import pytest
+
+from grainmotion.diagnosis.state_geometry import check_state
+from grainmotion.model.finding import Level
+from grainmotion.model.geometry import Geometry
+from grainmotion.model.grains import GrainSet
+from grainmotion.model.motions import Motions
+from grainmotion.model.scan import Scan
+from grainmotion.model.volume import Volume
+from grainmotion.segmentation.extraction import grains_from_labels
+from grainmotion.simulate import PackingSettings, Particle, Physics, pack, random, record_line_integrals, stone
+from grainmotion.simulate.voxelise import attenuation_volume, label_volume
+
+VOXEL, PANEL, COUNT = 0.125, (64, 60), 12
+ANGLES = np.array([0.0, 45.0, 90.0, 135.0])
+
+
+def geometry(angles: np.ndarray) -> Geometry:
+    """Views of a cone-beam scanner with magnification 4."""
+    return Geometry.cone(angles, PANEL, 4 * VOXEL, source_to_axis=120.0, source_to_detector=480.0)
+
+
+@cache
+def state(seed: int = 0) -> tuple[GrainSet, Scan]:
+    """Twelve stones, and their radiographs all around after random motions of 1 voxel and 5 degrees."""
+    shapes = [stone(seed + k, 12 * VOXEL, 3) for k in range(COUNT)]
+    sample = pack([Particle(shape, 0.2) for shape in shapes], PackingSettings(18 * VOXEL), seed)
+    grid = Volume.zeros((PANEL[0], PANEL[1], PANEL[1]), VOXEL)
+    middle = np.mean([p.center for p in sample.particles], axis=0)
+    sample = dataclasses.replace(sample, particles=tuple(p.moved(np.eye(3), -middle) for p in sample.particles))
+    grains = grains_from_labels(attenuation_volume(sample, grid, 2), label_volume(sample, grid), finer=1)
+    later = sample.moved(random(sample, VOXEL, 5.0, seed + 1))
+    return grains, record_line_integrals(later, geometry(np.arange(8) * 45.0), Physics(photons=2e4), seed)
+
+
+def taken(angles: np.ndarray, seed: int = 0) -> np.ndarray:
+    """Radiographs at multiples of 45 degrees."""
+    return state(seed)[1].line_integrals[(np.asarray(angles) / 45).astype(int) % 8]
+
+
+def with_view(k: int, image: np.ndarray) -> np.ndarray:
+    """The radiographs with one replaced."""
+    images = taken(ANGLES).copy()
+    images[k] = image
+    return images
+
+
+def findings(images: np.ndarray, nominal: np.ndarray = ANGLES):
+    return check_state(state()[0], Scan(np.ascontiguousarray(images), geometry(nominal)), where="states.one")
+
+
+@pytest.mark.parametrize("views", [(0,), (0, 2), (0, 1, 2), (0, 1, 2, 3)])
+def test_a_good_state_gives_no_finding(views: tuple[int, ...]):
+    assert findings(taken(ANGLES[list(views)]), ANGLES[list(views)]) == ()
+
+
+MISTAKES: dict[str, tuple[Callable[[], np.ndarray], np.ndarray]] = {
+    "angles-negated": (lambda: taken(-ANGLES), ANGLES),
+    "columns-flipped": (lambda: taken(ANGLES)[:, :, ::-1], ANGLES),
+    "rows-flipped": (lambda: taken(ANGLES)[:, ::-1], ANGLES),
+    "order-reversed": (lambda: taken(ANGLES)[::-1], ANGLES),
+    "start-at-90": (lambda: taken(ANGLES + 90), ANGLES),
+    "angles-in-radians": (lambda: taken(ANGLES), np.deg2rad(ANGLES)),
+    "half-the-span": (lambda: taken(ANGLES), 2 * ANGLES),
+}
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_a_mistake_is_named_with_its_fix(name: str):
+    images, nominal = MISTAKES[name]
+    (finding,) = findings(images(), nominal)
+    assert finding.level is Level.ERROR
+    assert f'fixes = ["{name}"]' in finding.remedy
+    assert finding.fix == name or name == "columns-flipped"  # in a narrow cone this is a view from behind
+
+
+def test_two_mistakes_are_named_together():
+    (finding,) = findings(taken(-ANGLES)[:, ::-1])
+    assert 'fixes = ["angles-negated", "rows-flipped"]' in finding.remedy
+
+
+def test_a_permutation_is_told_by_its_angles():
+    (finding,) = findings(taken(ANGLES[[2, 0, 3, 1]]))
+    assert "in their order, the angles are 90, 0, 135, 45 degrees" in finding.fact
+
+
+def test_a_blank_view_is_named_with_what_to_leave_out():
+    blank = np.random.default_rng(1).normal(0, 0.01, PANEL)
+    (finding,) = findings(with_view(2, blank))
+    assert "view 2 shows no sample" in finding.fact
+    assert "views = [0, 1, 3]" in finding.remedy
+
+
+def test_no_view_shows_the_sample():
+    (finding,) = findings(np.zeros((4, *PANEL)))
+    assert finding.level is Level.ERROR
+    assert "all are blank" in finding.fact
+
+
+def test_a_repeated_radiograph_is_named():
+    found = findings(with_view(1, taken(ANGLES)[0]))
+    assert any("view 1 and view 0 are the same radiograph" in f.fact for f in found)
+
+
+def test_views_of_one_angle_may_be_equal():
+    assert findings(taken([0.0, 0.0, 90.0]), np.array([0.0, 0.0, 90.0])) == ()
+
+
+def test_a_view_of_another_angle_is_named():
+    (finding,) = findings(with_view(1, taken([270.0])[0]))
+    assert "view 1 does not fit" in finding.fact
+    assert "about 270 degrees" in finding.fact
+
+
+def test_another_sample_is_a_warning():
+    images = taken(ANGLES, seed=40)
+    (finding,) = findings(images)
+    assert finding.level is Level.WARNING
+    assert "another sample" in finding.fact
+
+
+def test_a_start_far_from_the_reference_is_used():
+    grains, _ = state()
+    still = Motions.identity(grains.labels, grains.centers)
+    turn = np.tile([0.0, 0.0, np.pi / 2], (len(grains), 1))
+    away = np.stack([-grains.centers[:, 1], grains.centers[:, 0], grains.centers[:, 2]], axis=1) - grains.centers
+    start = dataclasses.replace(still, rotations=turn, translations=away)
+    rotated = Scan(taken(ANGLES - 90), geometry(ANGLES))  # the sample has turned by 90 degrees
+    assert check_state(grains, rotated, start) == ()
+    assert check_state(grains, rotated)[0].level is Level.ERROR
