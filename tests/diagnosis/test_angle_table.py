@@ -60,3 +60,20 @@ def test_wrong_angles_are_named(angles, level, word):
 def test_remedy_of_the_counted_end_point_is_the_last_angle():
     (finding,) = angle_findings("reference.geometry.angles_deg", np.linspace(0, 360, 60))
     assert "its last angle is 354" in finding.remedy
+
+
+def test_units_and_misprints_at_any_step():
+    """20 seeds: radians and misprints named, none about the same angles in degrees."""
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        count, span = int(rng.integers(20, 900)), float(rng.choice([180, 360, -180, 360 * 2]))
+        angles = rng.uniform(-90, 90) + np.arange(count) * span / count
+        jitter = rng.normal(0, 0.05 * abs(span) / count, count)
+        assert angle_findings("a", angles + jitter) == (), seed
+        if abs(span) <= 360:
+            (finding,) = angle_findings("a", np.radians(angles))
+            assert "radians" in finding.fact, seed
+        k = int(rng.integers(1, count - 1))
+        wrong = np.where(np.arange(count) == k, angles + 100.3, angles)
+        (finding,) = angle_findings("a", wrong)
+        assert f"angle of view {k}" in finding.fact, seed

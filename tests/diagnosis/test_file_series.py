@@ -109,6 +109,8 @@ def test_list_sorted_as_text():
     names = sorted(f"p_{k}.tif" for k in range(20))
     (finding,) = listed_order("reference.radiographs", names)
     assert "p_0.tif, p_1.tif, p_10.tif, p_11.tif" in finding.evidence
+    (finding,) = listed_order("reference.radiographs", [*NAMES[:4], NAMES[2]])
+    assert "proj_0002.tif is listed more than once" in finding.fact
     assert listed_order("reference.radiographs", NAMES) == ()
     assert listed_order("reference.radiographs", [NAMES[k] for k in (3, 1, 2)]) == ()
 
@@ -129,3 +131,26 @@ class TestCountHint:
 
     def test_flats_among_them(self):
         assert "flats or darks" in count_hint(["scan.npy"], 60, (80, 40, 50), ANGLES)
+
+
+def random_series(rng):
+    """Names of a series as a scanner may write it, and the step and first number of its counter."""
+    count, start, step = int(rng.integers(20, 400)), int(rng.integers(0, 3)), int(rng.choice([1, 1, 1, 2, 5]))
+    digits = int(rng.choice([0, 4, 6]))
+    prefix = rng.choice(["proj_", "scan-", "2024-05-12_sample 3_", "IMG", "a.b_", "tomo_bin2_r"])
+    return [f"{prefix}{start + step * k:0{max(digits, 1)}d}{rng.choice(['.tif'])}" for k in range(count)]
+
+
+def test_gaps_are_found_in_any_series_and_only_there():
+    """20 seeds: all gaps named, no finding without one."""
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        names = random_series(rng)
+        told = np.arange(len(names)) * 180.0 / len(names)
+        assert facts(names, told) == [], seed
+        lost = int(rng.integers(1, len(names) - 1))
+        kept = names[:lost] + names[lost + 1 :]
+        (fact,) = facts(kept, told[:-1])
+        assert f"{names[lost]} is not there" in fact, seed
+        hint = count_hint(kept, len(names), (len(kept), 40, 50), told)
+        assert names[lost] in hint, seed

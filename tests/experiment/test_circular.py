@@ -94,6 +94,8 @@ class TestCircular:
         [
             ("angles_deg = [0, 30, 60]", "3 views, but all.npy .* holds 4 radiographs"),
             ('angles_deg = "none.txt"', "none.txt.*no such file"),
+            ("angles_deg = [0, 30, 60, 90]\nfirst = 0", "angles_deg and first are both given"),
+            ("first = 0\nlast = 90", "reference.geometry.count: it is missing beside first, last"),
             ("angles_deg = [0, 30, 60, nan]", "reference.geometry.angles_deg"),
         ],
     )

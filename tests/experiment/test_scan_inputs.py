@@ -125,6 +125,25 @@ class TestFilesAndAngles:
         assert finding.where == "reference.radiographs"
         assert "proj_0007.tif is not there" in finding.fact
 
+    def test_errors_of_several_scans_are_told_at_once(self, series):
+        toml = CIRCLE.format(radiographs='"*.tif"', angles="[0, 30]")
+        for name in ("one", "two"):
+            toml += f'[[states]]\nname = "{name}"\nradiographs = "{name}*.tif"\ngeometry = {{ angles_deg = [0, 90] }}\n'
+        with pytest.raises(InputError) as error:
+            inputs_of(series, toml)
+        first, second, third = str(error.value).splitlines()
+        assert "reference.geometry: 2 views, but *.tif" in first
+        assert "one*.tif (states.one.radiographs): no file matches" in second
+        assert "two*.tif (states.two.radiographs): no file matches" in third
+
+    @pytest.mark.parametrize("dtype", [np.float16, np.float64, np.int16, np.int32, np.uint8])
+    def test_types_of_counts(self, tmp_path, dtype):
+        for name, count in (("scan", 50), ("flat", 100)):
+            np.save(tmp_path / f"{name}.npy", np.full((3, *PANEL), count, dtype))
+        views = geometry([0, 30, 60])
+        scan = read_scan(tmp_path / "scan.npy", views, flats=tmp_path / "flat.npy")
+        np.testing.assert_allclose(scan.line_integrals, np.log(2), rtol=1e-5)
+
     def test_gap_is_the_cause_of_too_few_files(self, series):
         (series / "proj_0007.tif").unlink()
         with pytest.raises(InputError, match=r"holds 11 radiographs \(missing in the series: proj_0007.tif\)"):

@@ -62,11 +62,15 @@ def stranger_findings(where: str, names: Sequence[str]) -> tuple[Finding, ...]:
 
 
 def listed_order(where: str, names: Sequence[str]) -> tuple[Finding, ...]:
-    """A finding about a list of files that is sorted as text: 1, 10, 11, 2."""
+    """A finding about a list of files that names one twice, or is sorted as text: 1, 10, 11, 2."""
+    twice = [name for name, times in Counter(names).items() if times > 1]
+    if twice:
+        fact = f"{_shown(twice)} {_is(twice)} listed more than once"
+        return (Finding(Level.WARNING, FILE_SERIES, where, fact, f"{len(names)} files", "list each view's own file"),)
     order = natural_order(names)
     if len(names) < MIN_FILES_OF_A_SERIES or order == list(range(len(names))) or list(names) != sorted(names):
         return ()
-    if len(series_of(names)) > 1 or len(set(names)) < len(names):
+    if len(series_of(names)) > 1:
         return ()
     shown = ", ".join(names[:MAX_NAMES_SHOWN])
     fact = "the files are listed as sorted text, not by the numbers in their names"

@@ -19,6 +19,16 @@ from grainmotion.model.geometry import Geometry
 def scan_angles_deg(table: Circular, folder: Path, nxtomo: NXtomo | None) -> Float:
     """Angles of the views, degrees: those of the table, else those of the NXtomo file."""
     angles = table.angles_deg
+    of_range = {"first": table.first, "last": table.last, "count": table.count}
+    given = [name for name, value in of_range.items() if value is not None]
+    if angles is not None and given:
+        fact = f"angles_deg and {', '.join(given)} are both given"
+        raise InputError("geometry.angles_deg", fact, "give either")
+    if given and len(given) < len(of_range):
+        missing = next(name for name in of_range if name not in given)
+        raise InputError(
+            f"geometry.{missing}", f"it is missing beside {', '.join(given)}", "give first, last and count"
+        )
     if isinstance(angles, AngleRange):
         return np.linspace(angles.first, angles.last, angles.count)
     if isinstance(angles, str):

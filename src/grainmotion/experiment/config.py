@@ -259,8 +259,8 @@ def _toml_remedy(fact: str) -> str:
     """What to do about TOML that cannot be parsed."""
     if "\\" in fact or "hex" in fact.lower():
         return "write paths with / instead of \\, on Windows too, or between single quotes: 'C:\\data\\ref'"
-    if "Invalid value" in fact:
-        return 'correct it there; text stands between quotation marks, as in kind = "counts"'
+    if "Invalid value" in fact or "Expected newline" in fact or "Unclosed" in fact:
+        return 'correct it there; numbers have a decimal point and no unit, text has quotation marks: kind = "counts"'
     return "correct it there"
 
 

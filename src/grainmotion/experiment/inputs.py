@@ -11,7 +11,8 @@ from scipy import ndimage
 from grainmotion._typing import Float
 from grainmotion.backends.device import backend_of
 from grainmotion.errors import InputError
-from grainmotion.experiment.config import Experiment
+from grainmotion.experiment.config import Experiment, ScanTable
+from grainmotion.experiment.config_errors import together
 from grainmotion.experiment.scan_inputs import ScanInput, find_scan, named_stack
 from grainmotion.io.motions_csv import read_motions
 from grainmotion.io.spam import read_ddic_tsv
@@ -52,19 +53,39 @@ def find_inputs(experiment: Experiment) -> Inputs:
     if volume is not None and calibrates:
         fact = "the reference is a volume, and calibration needs its full scan"
         raise InputError("calibrate", fact, "leave [calibrate] out, or reference.volume")
-    reference = None
-    if volume is None or tables.reference.radiographs is not None:
-        reference = find_scan("reference", tables.reference, tables.reference, folder)
+    scans, errors = _find_scans(experiment, given=volume is not None)
+    if errors:
+        raise together(errors)
+    reference = scans.get("reference")
     grid = _grid(experiment, reference, volume)
     if labels is not None and labels.info()[0] != grid.shape:
         fact = f"labels of {labels.info()[0]} voxels, but the volume has {grid.shape}"
         raise InputError(f"{labels.spec} (reference.labels)", fact, "give labels of that volume, z y x")
-    states = tuple(find_scan(f"states.{t.name}", t, tables.reference, folder) for t in tables.states)
+    states = tuple(scans[f"states.{t.name}"] for t in tables.states)
     for scan in (reference, *states):
         if scan is not None:
             check_plausible(scan.key, scan.geometry, grid)
     starts = tuple(_start(folder, t.initial, grid) for t in tables.states)
     return Inputs(None if volume is not None else reference, states, starts, grid, volume, labels)
+
+
+def _find_scans(experiment: Experiment, *, given: bool) -> tuple[dict[str, ScanInput], list[InputError]]:
+    """The scans by their keys, and the errors of those that cannot be used.
+
+    The reference may be left out beside a given volume.  What a state has from it is not reported again.
+    """
+    tables = experiment.tables
+    wanted: dict[str, ScanTable] = {f"states.{table.name}": table for table in tables.states}
+    if not given or tables.reference.radiographs is not None:
+        wanted = {"reference": tables.reference, **wanted}
+    scans, errors = dict[str, ScanInput](), list[InputError]()
+    for key, table in wanted.items():
+        try:
+            scans[key] = find_scan(key, table, tables.reference, experiment.folder)
+        except InputError as error:
+            if (error.fact, error.remedy) not in [(e.fact, e.remedy) for e in errors if "reference." in e.where]:
+                errors.append(error)
+    return scans, errors
 
 
 def _start(folder: Path, initial: str, grid: Volume) -> Motions | None:
