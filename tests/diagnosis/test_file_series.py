@@ -27,6 +27,8 @@ class TestGoodSeriesGiveNoFinding:
             ["p_0.tif", "p_17.tif", "p_30.tif", "p_45.tif"],
             [f"raw_{k:05d}.tif" for k in (11, 33, 55, 77)],
             ["one.tif"],
+            [f"img_10{15 + k // 6}{10 * (k % 6):02d}.tif" for k in range(60)],
+            [f"img_2024051210{15 + k // 12}{5 * (k % 12):02d}.tif" for k in range(60)],
         ],
     )
     def test_usual_names(self, names):
@@ -77,6 +79,12 @@ def test_stranger_is_named(stranger):
     fact = facts([*NAMES, stranger])[0]
     assert f"{stranger} is named unlike the other files" in fact
     assert "proj_*.tif" in fact
+
+
+def test_two_series_of_one_size_are_noted():
+    (finding,) = series_findings("a", [f"{s}_{k:03d}.tif" for s in ("day1", "night1") for k in range(30)], None)
+    assert finding.level is Level.NOTE
+    assert "day#_#.tif and night#_#.tif" in finding.fact
 
 
 def test_files_of_one_number():

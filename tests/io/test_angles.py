@@ -91,6 +91,17 @@ def test_unclear_files_are_refused(tmp_path, text, fact):
         read_angles(tmp_path / "a.txt")
 
 
+def test_array_and_spreadsheet(tmp_path):
+    np.save(tmp_path / "a.npy", ANGLES[:, None])
+    np.testing.assert_array_equal(read_angles(tmp_path / "a.npy"), ANGLES)
+    np.save(tmp_path / "a.npy", np.zeros((3, 4)))
+    with pytest.raises(InputError, match=r"an array \(3, 4\) of float64; give one angle a view"):
+        read_angles(tmp_path / "a.npy")
+    (tmp_path / "a.xlsx").write_bytes(b"PK\x03\x04rest")
+    with pytest.raises(InputError, match="a spreadsheet or an archive, no text; save the sheet as CSV"):
+        read_angles(tmp_path / "a.xlsx")
+
+
 @pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le"])
 def test_utf_16_is_named(tmp_path, encoding):
     (tmp_path / "a.txt").write_bytes(column(ANGLES).encode(encoding))

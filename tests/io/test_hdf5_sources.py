@@ -74,6 +74,16 @@ class TestOtherFiles:
             file["data"] = STACK
         np.testing.assert_array_equal(read_dataset(tmp_path / "a.h5", "/entry/data"), STACK)
 
+    def test_frames_of_nxtomo_behind_a_link(self, tmp_path):
+        with h5py.File(tmp_path / "a.nxs", "w") as file:
+            file["entry/instrument/detector/data"] = h5py.ExternalLink("raw.h5", "/data")
+            file["entry/instrument/detector/image_key"] = np.zeros(12, int)
+        with pytest.raises(InputError, match=r"a link to raw\.h5, which is not there"):
+            read_nxtomo(tmp_path / "a.nxs")
+        with h5py.File(tmp_path / "raw.h5", "w") as file:
+            file["data"] = STACK
+        np.testing.assert_array_equal(find_stack("a.nxs", tmp_path).read(), STACK)
+
 
 class TestNeverWritten:
     @pytest.mark.parametrize("chunks", [(1, 8, 10), (2, 4, 10)])

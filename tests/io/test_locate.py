@@ -71,6 +71,18 @@ def test_folder_without_images_is_refused(tmp_path):
         locate("scan", tmp_path)
 
 
+def test_home_folder(tmp_path, monkeypatch):
+    images(tmp_path / "scan", "a.tif")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert names(locate("~/scan/*.tif", tmp_path / "elsewhere")) == ["a.tif"]
+
+
+def test_backslashes_are_named(tmp_path):
+    images(tmp_path / "scan", "a.tif")
+    with pytest.raises(InputError, match="write / instead of"):
+        locate("scan\\*.tif", tmp_path)
+
+
 def test_errors_tell_what_there_is(tmp_path):
     images(tmp_path / "scan", "stack.tif", "b.tiff", "c.tiff")
     with pytest.raises(InputError, match=r"no file matches, and the folder holds 2 \*\.tiff, 1 \*\.tif"):

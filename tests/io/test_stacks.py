@@ -68,12 +68,14 @@ def test_selected_images_of_a_folder(folder):
         ([], "empty"),
         (["stack.npy", "small.npy"], r"\(2, 2\) pixels, but stack.npy has \(4, 5\)"),
         ("none.npy", "it holds no image"),
+        ("complex.npy", "its pixels are complex128, no real numbers"),
     ],
 )
 def test_bad_specifications_are_refused(folder, spec, fact):
     (folder / "notes.txt").write_text("hello")
     np.save(folder / "small.npy", np.zeros((2, 2)))
     np.save(folder / "none.npy", np.zeros((0, 2, 2)))
+    np.save(folder / "complex.npy", np.zeros((2, 2, 2), complex))
     with pytest.raises(InputError, match=fact):
         find_stack(spec, folder).info()
 

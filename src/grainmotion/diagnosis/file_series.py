@@ -17,6 +17,8 @@ MIN_FILES_FOR_A_GAP = 6
 """Of fewer files no usual step of their numbers can be told."""
 MIN_FILES_OF_A_SERIES = 3
 MAX_NAMES_SHOWN = 4
+DIGITS_OF_TIMES = (6, 12, 14)
+"""Of hhmmss, yymmddhhmmss and yyyymmddhhmmss."""
 MAX_ANGLE_ERROR_DEG = 0.51
 """Largest rounding of angles in names, whole degrees.  Wrong orders differ by a step or more."""
 
@@ -51,6 +53,10 @@ def stranger_findings(where: str, names: Sequence[str]) -> tuple[Finding, ...]:
     """A finding about files that are named unlike the largest series of a pattern's files."""
     series = series_of(names)
     strangers = sorted(k for s in series[1:] for k in s.places)
+    if len(series) == 2 and MIN_FILES_OF_A_SERIES <= len(series[0].places) == len(series[1].places):
+        fact = f"two series of files, taken as they are sorted: {series[0].pattern} and {series[1].pattern}"
+        remedy = "if only one of them belongs to the scan, narrow the pattern"
+        return (Finding(Level.NOTE, FILE_SERIES, where, fact, f"{len(strangers)} files each", remedy),)
     if not strangers or len(series[0].places) <= max(len(strangers), MIN_FILES_OF_A_SERIES - 1):
         return ()
     pattern = series[0].pattern
@@ -122,7 +128,16 @@ def missing_numbers(series: Series) -> list[float]:
         if steps > len(values):
             return []
         missing += [float(before + k * usual) for k in range(1, steps)]
-    return missing
+    return [] if _are_times(series, field, missing) else missing
+
+
+def _are_times(series: Series, field: int, missing: Sequence[float]) -> bool:
+    """Whether numbers are times such as 101550 and 20240512101550, whose next is 101600: they leave nothing out."""
+    if len(series.digits[field]) not in DIGITS_OF_TIMES or not missing:
+        return False
+    minutes, seconds = (series.numbers[:, field] // d % 100 for d in (100, 1))
+    no_times = [number % 100 >= 60 or number // 100 % 100 >= 60 for number in missing]
+    return bool(max(minutes.max(), seconds.max()) < 60 and all(no_times))
 
 
 # ------------------------------------------------------------------------------------------------ checks

@@ -11,6 +11,7 @@ import numpy as np
 
 from grainmotion._typing import Float
 from grainmotion.errors import InputError
+from grainmotion.io.files import checked_file
 from grainmotion.io.text import read_text
 
 _DEGREES_PER_UNIT: Mapping[str, float] = MappingProxyType({
@@ -49,6 +50,8 @@ def read_angles(path: str | Path) -> Float:
     first line of words is a header.
     """
     path = Path(path)
+    if path.suffix.lower() == ".npy":
+        return _of_array(path)
     lines = [(k, line.split("#")[0].strip()) for k, line in enumerate(read_text(path).split("\n"), start=1)]
     lines = [(k, line) for k, line in lines if line]
     if not lines:
@@ -69,6 +72,18 @@ def read_angles(path: str | Path) -> Float:
         fact = f"line {k} has another number of columns than line {lines[0][0]}, {len(rows[0])}"
         raise InputError(str(path), fact, GIVE_ONE_A_LINE)
     return _angle_column(np.array(rows), header, path)
+
+
+def _of_array(path: Path) -> Float:
+    """The angles in a .npy file."""
+    try:
+        angles = np.load(checked_file(path), allow_pickle=False)
+    except (ValueError, EOFError, OSError) as error:
+        fact = f"truncated or damaged .npy ({error})"
+        raise InputError(str(path), fact, "save it again with numpy.save") from error
+    if angles.dtype.kind not in "iuf" or max(angles.shape, default=0) != angles.size:
+        raise InputError(str(path), f"an array {angles.shape} of {angles.dtype}", "give one angle a view, degrees")
+    return np.asarray(angles.ravel(), dtype=float)
 
 
 def _separator(lines: list[str], path: Path) -> Callable[[str], list[str]]:

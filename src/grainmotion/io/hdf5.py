@@ -105,13 +105,16 @@ def read_nxtomo(path: str | Path) -> NXtomo:
     ``image_key_control`` marks as alignment frames (−1) are not used.
     """
     with opened(path) as file:
-        entry = _entry(file)
-        if entry is None:
+        for group in _groups(file):
+            check_link(file, f"{group}/instrument/detector/data")
+        found = _entry(file)
+        if found is None:
             fact = "no NXtomo entry with instrument/detector/data and image_key"
             stacks = [name for name, shape in _datasets(file).items() if len(shape) == 3]
             inside = f"; it holds {', '.join(stacks[:MAX_NAMES_IN_AN_ERROR])}" if stacks else ""
             example = stacks[0] if stacks else "/path/to/data"
             raise InputError(str(path), fact + inside, f'name one dataset in it as "{Path(path).name}::{example}"')
+        entry = file[found]
         detector = entry["instrument/detector"]
         data = detector["data"]
         keys = np.asarray(detector["image_key"][()]).astype(np.int64).ravel()
@@ -123,7 +126,7 @@ def read_nxtomo(path: str | Path) -> NXtomo:
             raise InputError(str(path), fact, "give one image_key a frame")
         return NXtomo(
             path=Path(path),
-            data=str(data.name),
+            data=f"{found}/instrument/detector/data",
             keys=keys,
             angles_deg=_angles_deg(entry, len(keys)),
             shape=(int(data.shape[1]), int(data.shape[2])),
@@ -131,12 +134,17 @@ def read_nxtomo(path: str | Path) -> NXtomo:
         )
 
 
-def _entry(file: h5py.File) -> h5py.Group | None:
-    """The group that holds ``instrument/detector`` with frames and keys."""
+def _entry(file: h5py.File) -> str | None:
+    """Path of the group that holds ``instrument/detector`` with frames and keys."""
     needed = ("instrument/detector/data", "instrument/detector/image_key")
-    groups = [file[name] for name in file if isinstance(file.get(name), h5py.Group)]
-    groups += [g[name] for g in list(groups) for name in g if isinstance(g.get(name), h5py.Group)]
-    return next((g for g in groups if all(n in g for n in needed)), None)
+    return next((path for path, group in _groups(file).items() if all(n in group for n in needed)), None)
+
+
+def _groups(file: h5py.File) -> dict[str, h5py.Group]:
+    """The groups of the two upper levels by their paths in this file, behind links too."""
+    upper = {f"/{name}": file[name] for name in file if isinstance(file.get(name), h5py.Group)}
+    lower = {f"{path}/{n}": g[n] for path, g in upper.items() for n in g if isinstance(g.get(n), h5py.Group)}
+    return {**upper, **lower}
 
 
 def _angles_deg(entry: h5py.Group, frames: int) -> Float:

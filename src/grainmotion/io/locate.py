@@ -38,6 +38,9 @@ class Located:
 def locate(name: str, folder: Path) -> Located:
     """The files that ``name`` means, from ``folder``: a file, all images in a folder, or those of a pattern."""
     path = folder / name
+    if name.startswith("~") and not path.exists():
+        name = str(Path(name).expanduser())
+        path = Path(name)
     if path.is_dir():
         return _of_folder(path)
     if path.exists() or not glob.has_magic(name):
@@ -70,15 +73,24 @@ def _matches(name: str, folder: Path, match: Callable[[str, str], bool]) -> list
             if literal.exists() or part == "..":
                 found.append(literal)
             elif base.is_dir():
-                names = (item.name for item in base.iterdir())
+                names = (item.name for item in _content(base))
                 found += [base / n for n in names if match(n, part) and (part[0] == "." or n[0] != ".")]
         bases = found
     return sorted(bases)
 
 
+def _content(folder: Path) -> list[Path]:
+    try:
+        return list(folder.iterdir())
+    except OSError as error:
+        raise InputError(
+            str(folder), f"the folder cannot be read: {error.strerror}", "change its permissions"
+        ) from error
+
+
 def _of_folder(path: Path) -> Located:
     """All images of a folder, which must be of one format."""
-    files = [item for item in path.iterdir() if item.is_file() and not item.name.startswith(".")]
+    files = [item for item in _content(path) if item.is_file() and not item.name.startswith(".")]
     images = [item for item in files if family(item) is not None]
     suffixes = Counter(item.suffix.lower() for item in files)
     content = ", ".join(f"{count} {suffix or 'without suffix'}" for suffix, count in sorted(suffixes.items()))
@@ -111,6 +123,8 @@ def _no_match(path: Path) -> InputError:
     while glob.has_magic(str(parent)) and not parent.exists():
         parent = parent.parent
     remedy = "check the pattern and its folder; paths start at the experiment file's folder"
+    if "\\" in path.name:
+        return InputError(str(path), "no file matches", "write / instead of \\ between folders")
     if not parent.is_dir():
         return InputError(str(path), f"no file matches: there is no folder {parent}", remedy)
     suffixes = Counter(item.suffix for item in parent.iterdir() if item.is_file())

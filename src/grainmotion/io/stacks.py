@@ -58,6 +58,9 @@ class Stack:
         """Shape (images, rows, columns) and type, from the files' headers."""
         infos = [_info(p) for p in self.parts]
         self._check_sizes([shape for shape, _ in infos])
+        for part, (_, dtype) in zip(self.parts, infos):
+            if dtype.kind not in "buif":
+                raise InputError(str(part.path), f"its pixels are {dtype}, no real numbers", "give counts as numbers")
         count = sum(shape[0] for shape, _ in infos)
         rows, columns = infos[0][0][1:]
         return (count, rows, columns), np.result_type(*{dtype for _, dtype in infos})
