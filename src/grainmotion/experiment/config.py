@@ -68,6 +68,9 @@ def _usable_name(name: str) -> str:
 StateName = Annotated[str, AfterValidator(_usable_name)]
 """Name of a state and of its folder: letters of any alphabet."""
 
+Direction = Literal["x", "-x", "y", "-y", "z", "-z"]
+"""Direction in the lab frame: x to higher columns at an angle of 0, y along the beam, z up the rotation axis."""
+
 
 class _Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -126,6 +129,11 @@ class ScanTable(_Table):
     )
     air: Air | None = Field(default=None, description="where the radiographs show only air, for one factor a view")
     saturation: float | None = Field(default=None, gt=0, description="count from which a pixel is saturated")
+    motors: Literal[False] | tuple[Direction, Direction, Direction] | None = Field(
+        default=None,
+        description="whither x_, y_ and z_translation of an NXtomo file carry the sample, in the lab frame "
+        '(["x", "y", "z"] unless given); false: they are not used',
+    )
     fixes: list[Fix] = Field(
         default=[], description="mistakes in the geometry to undo, by the names that a check gave, in turn"
     )

@@ -17,6 +17,14 @@ from grainmotion.experiment.circular import circular_geometry, scan_angles_deg
 from grainmotion.experiment.config import Air, Circular, Kind, ReferenceTable, ScanTable
 from grainmotion.experiment.config_errors import input_error
 from grainmotion.experiment.file_checks import count_mismatch, file_findings, told_angles_deg
+from grainmotion.experiment.recorded import (
+    CircularScan,
+    Recorded,
+    Told,
+    beam_monitor,
+    recorded_geometry,
+    stage_shifts,
+)
 from grainmotion.io.geometry_csv import read_geometry
 from grainmotion.io.hdf5 import DARK, FLAT, NXtomo
 from grainmotion.io.stacks import Stack, find_stack
@@ -45,9 +53,10 @@ class ScanInput:
     views: Index | None = None  # which radiographs to use; None for all
     air: Air | None = None  # where the radiographs show only air
     saturation: float | None = None  # count from which a pixel is saturated
+    monitor: Float | None = None  # −ln of the recorded beam over that of the flats, in each of the views
     levels: Float | None = None  # of the beam in each of the views, to be subtracted; not part of the `settings`
     hardening: Hardening | None = None  # curve that undoes beam hardening; not part of the `settings`
-    findings: tuple[Finding, ...] = ()  # what the names of the files and the told angles say
+    findings: tuple[Finding, ...] = ()  # about names of files, told angles, and what NXtomo files record
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -71,8 +80,8 @@ class ScanInput:
     def select(self, views: Index) -> ScanInput:
         """The scan of some of its views: indices into the views that it has, in any order."""
         chosen = views if self.views is None else self.views[views]
-        levels = None if self.levels is None else self.levels[views]
-        return replace(self, views=chosen, geometry=self.geometry[views], levels=levels)
+        monitor, levels = (None if a is None else a[views] for a in (self.monitor, self.levels))
+        return replace(self, views=chosen, geometry=self.geometry[views], monitor=monitor, levels=levels)
 
     def fixed(self, fix: str) -> ScanInput:
         """The scan with a geometry in which one more mistake is undone."""
@@ -93,8 +102,8 @@ class ScanInput:
                 scan, report = line_integrals_from_transmission(images, self.geometry)
             else:
                 scan, report = checked_line_integrals(images, self.geometry)
-            if self.levels is not None:
-                scan = scan.levelled(self.levels)
+            for levels in (self.monitor, self.levels):
+                scan = scan if levels is None else scan.levelled(levels)
             if self.air is not None:
                 scan = normalize_air(scan, margin=self.air.margin, region=self.air.region)
         except InputError as error:
@@ -179,11 +188,17 @@ def find_scan(
     kind = table.kind or reference.kind or "counts"
     (count, rows, columns), _ = radiographs.info()
     views = _chosen_views(key, table.views, count)
-    angles: Float | None = None
+    nxtomo, recorded, circle = radiographs.nxtomo, list[Finding](), None
     if geometry is None:
-        geometry, angles = _find_geometry(key, table, reference, folder, (rows, columns), radiographs.nxtomo)
+        geometry, circle = _find_geometry(key, table, reference, folder, (rows, columns), nxtomo)
+        if nxtomo is not None:
+            origin = named_stack("reference.radiographs", reference.radiographs, folder)
+            motors = reference.motors if table.motors is None else table.motors
+            shifts = stage_shifts(key, nxtomo, None if origin is None else origin.nxtomo, motors)
+            geometry, found = recorded_geometry(key, nxtomo, Told(geometry, circle, views), shifts)
+            recorded += found
     geometry = hypotheses.corrected(geometry, table.fixes)
-    angles = told_angles_deg(geometry, None if table.fixes else angles)
+    angles = told_angles_deg(geometry, None if table.fixes or circle is None else circle.angles_deg)
     if len(geometry) == count and views is not None:
         geometry = geometry[views]
     used = count if views is None else len(views)
@@ -198,6 +213,11 @@ def find_scan(
         if stack is not None and stack.info()[0][1:] != (rows, columns):
             fact = f"images of {stack.info()[0][1:]} pixels, but the radiographs have {(rows, columns)}"
             raise InputError(f"{stack.spec} ({key}.{name})", fact, f"give {name} of the same camera settings")
+    monitor = Recorded()
+    if nxtomo is not None and flats is not None:
+        monitor = beam_monitor(key, nxtomo, flats.nxtomo)
+        recorded += monitor.findings
+    stacks = {"radiographs": radiographs, "flats": flats, "darks": darks}
     return ScanInput(
         key=key,
         radiographs=radiographs,
@@ -208,7 +228,8 @@ def find_scan(
         views=views,
         air=table.air or reference.air,
         saturation=table.saturation or reference.saturation,
-        findings=file_findings(key, table, {"radiographs": radiographs, "flats": flats, "darks": darks}, angles),
+        monitor=monitor.monitor if monitor.monitor is None or views is None else monitor.monitor[views],
+        findings=(*recorded, *file_findings(key, table, stacks, angles)),
     )
 
 
@@ -233,11 +254,8 @@ def _find_geometry(
     folder: Path,
     shape: tuple[int, int],
     nxtomo: NXtomo | None,
-) -> tuple[Geometry, Float | None]:
-    """The views of a scan: a CSV, a circular scan, or the reference's circle with the angles of an NXtomo file.
-
-    Also the angles of a circular scan, degrees.
-    """
+) -> tuple[Geometry, CircularScan | None]:
+    """The views of a scan: a CSV, a circular scan, or the reference's circle with the angles of an NXtomo file."""
     given = table.geometry
     circle = reference.geometry if isinstance(reference.geometry, Circular) else None
     if given is None and nxtomo is not None and circle is not None:
@@ -249,7 +267,7 @@ def _find_geometry(
         return read_geometry(folder / given, shape, inherited), None
     try:
         angles = scan_angles_deg(given, folder, nxtomo)
-        return circular_geometry(given, given.beam or inherited, shape, angles), angles
+        return circular_geometry(given, given.beam or inherited, shape, angles), CircularScan(given, angles)
     except InputError as error:
         where = error.where if error.where.startswith(str(folder)) else f"{key}.{error.where}"
         raise InputError(where, error.fact, error.remedy) from error

@@ -17,6 +17,7 @@ from grainmotion.errors import InputError
 from grainmotion.io.angles import in_degrees
 from grainmotion.io.files import checked_file
 from grainmotion.io.hdf5_sources import check_link, check_sources, check_written
+from grainmotion.io.nxtomo_records import Record, read_records
 
 MAX_NAMES_IN_AN_ERROR = 8
 PROJECTION, FLAT, DARK = 0, 1, 2  # NXtomo's image_key; 3 is an invalid frame
@@ -74,6 +75,7 @@ class NXtomo:
     angles_deg: Float  # (frames,): rotation angles; NaN if the file has none
     shape: tuple[int, int]  # rows and columns of a frame
     dtype: np.dtype
+    records: tuple[Record, ...] = ()  # of beam, stage and detector
 
     @property
     def projection_angles_deg(self) -> Float:
@@ -131,6 +133,7 @@ def read_nxtomo(path: str | Path) -> NXtomo:
             angles_deg=_angles_deg(entry, len(keys)),
             shape=(int(data.shape[1]), int(data.shape[2])),
             dtype=data.dtype,
+            records=read_records(entry, len(keys)),
         )
 
 

@@ -24,7 +24,7 @@ def level_reference(context: RunContext) -> None:
     levels = _levels(context, source)
     if levels.source != "none":
         context.level(source, levels.levels)
-        context.add([finding(levels)])
+        context.add([finding(levels, source)])
 
 
 def _levels(context: RunContext, source: ScanInput) -> BeamLevels:
@@ -45,15 +45,20 @@ def _levels(context: RunContext, source: ScanInput) -> BeamLevels:
     return levels
 
 
-def finding(levels: BeamLevels) -> Finding:
+def finding(levels: BeamLevels, source: ScanInput) -> Finding:
     """What was found and done, in words."""
+    monitored = (
+        "" if source.monitor is None else ", although counts were divided by the beam monitor, which seems wrong"
+    )
     view, largest = levels.largest
     origin = {"air": "the air beside the sample", "reconstruction": "the reconstruction, as no air is in view"}
     return Finding(
         Level.WARNING if levels.rms >= UNSTEADY_BEAM else Level.NOTE,
         "beam-level",
         "reference",
-        "the beam is not as bright in every view as in the flats; each view was corrected by one factor, from "
+        "the beam is not as bright in every view as in the flats"
+        + monitored
+        + "; each view was corrected by one factor, from "
         + origin[levels.source],
         f"{100 * np.expm1(levels.rms):.1f} % root mean square, most in view {view}, {100 * np.expm1(-largest):+.1f} %",
         "check that source and shutter are steady; to use the radiographs as they are, set [calibrate] beam_level = "
