@@ -76,6 +76,7 @@ def test_motions_are_those_of_a_stage_at_rest_and_a_constant_beam(case, folder):
     assert {f.check for f in findings} == {"motors", "monitor"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("motors", [("x", "y", "-z"), ("-x", "y", "z"), False])
 def test_another_sign_fails(case, folder, motors):
     result, _ = compared(case, folder, motors)
