@@ -84,6 +84,12 @@ class TestAir:
     def test_what_is_dark_in_all_views_alike_may_be_a_container(self, case, scan):
         assert estimated(case, scan, np.full(VIEWS, 0.1)).source == "none"
 
+    def test_a_thin_container_that_fills_the_panel_is_no_dim_beam(self, case, scan):
+        walled = Scan(scan.line_integrals + np.float32(0.06), scan.geometry)
+        found, true = estimated(case, walled, drift("random")), drift("random")
+        assert found.source == "air"
+        np.testing.assert_allclose(found.levels, true - np.median(true), atol=0.002)
+
     def test_masked_pixels_do_not_count(self, case, scan):
         valid = np.ones(scan.line_integrals.shape, bool)
         valid[:, ::7, ::5] = False
