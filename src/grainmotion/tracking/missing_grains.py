@@ -97,10 +97,15 @@ def suspects(measured: Motions, supports: Float) -> list[NDArray[np.int64]]:
     return [doubtful[k : k + 1] for k in range(min(3, len(doubtful)))]
 
 
+def registered(measured: Motions) -> NDArray[np.bool_]:
+    """Grains that were found, ``(n,)``: converged, or ambiguous only because they look alike in several poses."""
+    return measured.ok | (measured.statuses == Status.AMBIGUOUS.value)
+
+
 def merit(measured: Motions) -> tuple[int, float]:
     """Sorts sets of grains, the best last: by how many converge, then by how little residual is left."""
     residual = measured.fit.costs[-1][1] if measured.fit.costs else np.inf
-    return int(measured.ok.sum()), -residual
+    return int(registered(measured).sum()), -residual
 
 
 def improves(measured: Motions, before: Motions) -> bool:

@@ -24,6 +24,7 @@ from grainmotion.model.volume import Volume
 from grainmotion.objective.evaluation import Evaluation
 from grainmotion.objective.residual import StateProblem
 from grainmotion.tracking.initial_guess import smooth_fields
+from grainmotion.tracking.missing_grains import registered
 from grainmotion.tracking.multistage import MultistageFit
 from grainmotion.uncertainty.goodness_of_fit import misfits
 
@@ -87,7 +88,7 @@ def _grid_around(centers: Float, radius: float) -> Float:
 def may_have_appeared(measured: Motions) -> bool:
     """Whether a fit looks as if a grain too many were on the radiographs."""
     surplus = measured.fit.gain > 1 + SURPLUS_GAIN_SHARE / len(measured)
-    return bool((~measured.ok).mean() > MIN_DOUBTFUL_SHARE and surplus)
+    return bool((~registered(measured)).mean() > MIN_DOUBTFUL_SHARE and surplus)
 
 
 def place_of_new_grain(fit: MultistageFit, start: Pose) -> Float | None:

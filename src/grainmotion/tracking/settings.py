@@ -47,6 +47,10 @@ class TrackSettings:
     search: Annotated[
         bool, Field(description="search widely for grains that fit badly, leave out grains that are not there")
     ] = True
+    alternatives: Annotated[
+        bool,
+        Field(description="try other poses of grains that look alike in several; what fits as well makes it ambiguous"),
+    ] = True
     gain: Annotated[
         Gain,
         _named(on="global", off="none"),
@@ -99,6 +103,7 @@ PAPER = TrackSettings(
     filters=(0.0,),
     fields=False,
     search=False,
+    alternatives=False,
     gain="none",
     trend="none",
     view_corrections="never",

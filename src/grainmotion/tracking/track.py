@@ -3,8 +3,8 @@
 From the given start: (1) all grains as one body, from the start itself and from the shift between the centroids of
 measured and simulated radiographs; (2) a smooth displacement field; (3) all grains free, under Gaussian filters of
 falling width; (4) annealing of the grains that still fit badly, then all grains free again; (5) the refinement: view
-alignment, weights, covariances; (6) trials without grains that seem to be missing, and with a ball in place of a
-grain that seems to be new.
+alignment, weights, covariances; (6) other poses of grains that look alike in several; (7) trials without grains that
+seem to be missing, and with a ball in place of a grain that seems to be new.
 """
 
 from __future__ import annotations
@@ -21,8 +21,12 @@ from grainmotion.backends.device import Device
 from grainmotion.diagnosis.state_geometry import check_state
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions, Status
+from grainmotion.model.pose import Pose
 from grainmotion.model.scan import Scan
 from grainmotion.model.starting_pose import starting_pose
+from grainmotion.objective.residual import StateProblem
+from grainmotion.solvers.gauss_newton import Solution, gauss_newton
+from grainmotion.tracking.ambiguity import MAX_MOVES, find_ambiguities, with_reasons
 from grainmotion.tracking.background_motion import FIXED_BACKGROUND_NOTE, fixed_unless_moved
 from grainmotion.tracking.classification import classify
 from grainmotion.tracking.global_search import SearchResult, search
@@ -34,6 +38,7 @@ from grainmotion.tracking.missing_grains import (
     grain_supports,
     improves,
     merit,
+    registered,
     suspects,
 )
 from grainmotion.tracking.multistage import MultistageFit
@@ -44,7 +49,7 @@ from grainmotion.tracking.new_grains import (
     with_stand_in,
     without_last,
 )
-from grainmotion.tracking.refinement import refine
+from grainmotion.tracking.refinement import RefinedFit, refine
 from grainmotion.tracking.settings import PAPER, TrackSettings
 
 __all__ = ["PAPER", "TrackSettings", "track", "track_with_residual"]
@@ -118,11 +123,11 @@ def track_with_residual(
         first = _attempt(job)
         best = _without_missing(job, first)
         chosen, motions = first, first.motions
-        if best.motions.ok.sum() > first.motions.ok.sum():
+        if registered(best.motions).sum() > registered(first.motions).sum():
             chosen, motions = best, complete(best.motions, grains)
         if job.settings.search and may_have_appeared(motions):
             with_new = _with_new_grain(job)
-            if with_new is not None and with_new.ok.sum() > motions.ok.sum():
+            if with_new is not None and registered(with_new).sum() > registered(motions).sum():
                 return _with_likely_cause(job, with_new), None
     return _with_likely_cause(job, motions), chosen.residual
 
@@ -209,9 +214,10 @@ def _attempt(job: _Job) -> _Attempt:
             result = search(fit, field_pose, problem, solution)
         problem, solution, fixed = fixed_unless_moved(fit, result.problem, result.solution)
         fit.report("classifying the grains", fit.expected_stages)
-        refined = refine(fit, field_pose, problem, solution)
+        refined, ambiguous = _without_alternatives(fit, field_pose, problem, solution)
         limits = (settings.max_sd_voxel * grains.voxel_size, float(np.deg2rad(settings.max_sd_deg)))
         motions = classify(grains, refined, result.ambiguous, limits, tuple(fit.costs))
+        motions = with_reasons(motions, ambiguous)
         supports = grain_supports(refined.problem, refined.solution.state)
     except np.linalg.LinAlgError as error:  # ends one attempt, not the run
         return _Attempt(_unsolved(grains, error), np.ones(len(grains)))
@@ -223,6 +229,24 @@ def _attempt(job: _Job) -> _Attempt:
         residual = refined.evaluation.raw_residual
         residual = residual if job.scan.valid is None else np.where(job.scan.valid, residual, np.nan)
     return _Attempt(motions, np.array([support.share for support in supports]), residual)
+
+
+def _without_alternatives(
+    fit: MultistageFit, field_pose: Pose, problem: StateProblem, solution: Solution[Pose]
+) -> tuple[RefinedFit, dict[int, str]]:
+    """Refine a solution, move grains to alternative poses that fit better, and the reasons of those left ambiguous."""
+    refined, reasons = refine(fit, field_pose, problem, solution), dict[int, str]()
+    if not fit.settings.alternatives:
+        return refined, reasons
+    for repetition in range(MAX_MOVES + 1):
+        reasons, moved = find_ambiguities(refined.problem, refined.solution.state, fit.grains, field_pose)
+        if moved is None or repetition == MAX_MOVES:
+            break
+        start = solution.state.moved(moved.translations, moved.matrices)
+        observe = fit.observer(problem.target, "alternative poses")
+        solution = gauss_newton(problem, start, fit.fine_stopping(), observe)
+        refined = refine(fit, field_pose, problem, solution)
+    return refined, reasons
 
 
 def _unsolved(grains: GrainSet, error: np.linalg.LinAlgError) -> Motions:

@@ -1,0 +1,157 @@
+"""Fits of single grains from other poses, their neighbours fixed, and whether the radiographs contradict the results.
+
+With D the change of the simulated radiographs from the pose found to the alternative, and r the residual of the former,
+
+    contradicted = (‖r − D‖² − ‖r‖²) / ‖D‖² = 1 − 2 r·D / ‖D‖²,
+
+as in `uncertainty.rotation_identifiability`: 1 if the radiographs hold the difference, 0 if it is only the reference's
+own noise, which the alternative rotates, and −1 if they hold the alternative.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grainmotion._typing import Float, Image, Projector
+from grainmotion.backends.cpu import CPU
+from grainmotion.model.geometry import Geometry
+from grainmotion.model.pose import Pose
+from grainmotion.objective.evaluation import Evaluation
+from grainmotion.objective.nuisance_motions import corrected_geometry
+from grainmotion.objective.residual import StateProblem
+from grainmotion.projection.footprints import Patches, footprint_patches
+from grainmotion.projection.grain_arrays import GrainArrays, ball_directions
+from grainmotion.projection.grains import differentiate_patches, project_patches
+from grainmotion.rotations import rotation_matrix
+from grainmotion.solvers.semidefinite import pseudo_inverse
+
+STEPS = 4
+"""Gauss–Newton steps of an alternative."""
+MAX_STEP_VOXELS = 2.0
+"""Largest displacement of a grain's surface in one of them."""
+BALL_MARGIN_VOXELS = 4.0
+"""How far beyond the ball around a grain an alternative may reach."""
+CANDIDATES_PER_BATCH = 64
+"""Alternatives fitted together, so that memory does not grow with their number."""
+
+
+@dataclass(frozen=True, eq=False)
+class AlternativeFits:
+    """Alternatives after their fits.
+
+    ``owners (k,)`` are the rows of their grains, ``translations (k, 3)`` (mm) and ``matrices (k, 3, 3)`` their poses;
+    ``contradicted (k,)`` as at the top of this module, and ``deviations (k,)`` the increase of ‖r‖² over its standard
+    deviation.
+    """
+
+    owners: NDArray[np.int64]
+    translations: Float
+    matrices: Float
+    contradicted: Float
+    deviations: Float
+
+    def select(self, which: NDArray[np.bool_] | NDArray[np.int64]) -> AlternativeFits:
+        """Some of them."""
+        return AlternativeFits(*(each[which] for each in vars(self).values()))
+
+
+@dataclass(frozen=True, eq=False)
+class _Setup:
+    """How alternatives are projected and compared; ``middle (3,)`` as in `footprint_patches`."""
+
+    geometry: Geometry
+    projector: Projector
+    kernel: Image
+    middle: Float
+
+
+def fit_alternatives(
+    problem: StateProblem, pose: Pose, evaluation: Evaluation, owners: NDArray[np.int64], matrices: Float
+) -> AlternativeFits:
+    """Fit each of some alternatives of grains ``owners (k,)``, which start rotated to ``matrices (k, 3, 3)``."""
+    target, grains = problem.target, problem.grains
+    factor = target.root_weights * evaluation.response.derivative(evaluation.line_integrals)
+    views = corrected_geometry(target.scan.geometry, pose.nuisance)
+    setup = _Setup(views, target.projector, target.kernel, grains.centers.mean(axis=0))
+    twice = np.repeat(owners, 2)  # each alternative follows the pose found, so that both stay together on a cluster
+    pairs = pose.matrices[twice]
+    pairs[1::2] = matrices
+    both = pose.moved(pose.translations[twice], pairs)
+    images = factor, evaluation.residual
+    out = grains.backend.map_grains(_in_batches, grains.select(twice), both, images, setup)[1::2]
+    return AlternativeFits(owners, out[:, :3], out[:, 3:12].reshape(-1, 3, 3), out[:, 12], out[:, 13])
+
+
+def _in_batches(grains: GrainArrays, pose: Pose, images: tuple[Image, ...], setup: _Setup) -> Float:
+    """Translation, matrix, contradicted share and deviations of each alternative ``(n, 14)``, of every second row."""
+    size, n = 2 * CANDIDATES_PER_BATCH, len(grains)
+    out = np.zeros((n, 14))
+    for k in range(0, n, size):
+        rows = np.arange(k, min(k + size, n))
+        out[rows[1::2]] = _fit(grains, pose, images, setup, rows)
+    return out
+
+
+def _fit(grains: GrainArrays, pose: Pose, images: tuple[Image, ...], setup: _Setup, rows: NDArray[np.int64]) -> Float:
+    """Those of a batch, ``(k, 14)``."""
+    own = grains.select(rows[1::2])
+    found = pose.moved(pose.translations[rows[::2]], pose.matrices[rows[::2]])
+    factor, all_residuals = images
+    patches = footprint_patches(_balls(own), found, setup.geometry, len(setup.kernel) - 1, setup.middle)
+    slices = _pixels(patches, len(own))
+    residual = np.concatenate([all_residuals[v, a:b, c:d].ravel() for _, v, a, b, c, d in patches.boxes])
+    residual = residual.astype(float)
+    before = project_patches(own, found, setup.geometry, patches, setup.projector)
+    translations, matrices = found.translations.copy(), pose.matrices[rows[1::2]]
+
+    def change(values: Image) -> Float:
+        images = (values - before)[None].copy()
+        CPU.filter_patches(images, patches.table, factor, setup.kernel)
+        return images[0].astype(float)
+
+    for _ in range(STEPS):
+        here = found.moved(translations, matrices)
+        values, derivatives = differentiate_patches(own, here, setup.geometry, patches, setup.projector)
+        CPU.filter_patches(derivatives, patches.table, factor, setup.kernel)
+        left = residual - change(values)
+        normal = np.array([derivatives[:, s].astype(float) @ derivatives[:, s].T for s in slices])
+        gradient = np.array([derivatives[:, s] @ left[s] for s in slices])
+        steps = np.einsum("nij,nj->ni", pseudo_inverse(normal), gradient)
+        size = np.linalg.norm(steps[:, :3], axis=1) + np.linalg.norm(steps[:, 3:], axis=1) * own.radii
+        steps *= np.minimum(1.0, MAX_STEP_VOXELS * own.unit / np.maximum(size, 1e-300))[:, None]
+        translations, matrices = translations + steps[:, :3], rotation_matrix(steps[:, 3:]) @ matrices
+    here = found.moved(translations, matrices)
+    difference = change(project_patches(own, here, setup.geometry, patches, setup.projector))
+    squares = np.array([difference[s] @ difference[s] for s in slices])
+    products = np.array([residual[s] @ difference[s] for s in slices])
+    spread = np.array([_rms(residual[s][before[s] > 0]) for s in slices]) / _white_share(setup.kernel)
+    increase = squares - 2 * products
+    return np.column_stack([
+        translations, matrices.reshape(-1, 9), increase / np.maximum(squares, 1e-300),
+        increase / np.maximum(2 * spread * np.sqrt(squares), 1e-300),
+    ])  # fmt: skip
+
+
+def _rms(values: Float) -> float:
+    return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0
+
+
+def _white_share(kernel: Image) -> float:
+    """Standard deviation of filtered white noise over that of the noise."""
+    return float(2 * (kernel.astype(float) ** 2).sum() - kernel[0] ** 2)
+
+
+def _balls(grains: GrainArrays) -> GrainArrays:
+    """The grains with hulls that hold them at any rotation, and a little beyond."""
+    reach = np.linalg.norm(grains.hulls, axis=2).max(axis=1) + BALL_MARGIN_VOXELS * grains.unit
+    return replace(grains, hulls=reach[:, None, None] * ball_directions())
+
+
+def _pixels(patches: Patches, n: int) -> list[slice]:
+    """Where the patches of each grain, which follow each other, lie in the flat buffers."""
+    ends = patches.offsets[np.searchsorted(patches.boxes[:, 0], np.arange(n + 1))]
+    return [slice(a, b) for a, b in pairwise(ends)]

@@ -1,0 +1,137 @@
+"""Discrete ambiguity: other poses of a grain that the radiographs do not tell from the one that was found.
+
+A pose Ω has two kinds of alternatives, from the near-symmetries S of the grain (`self_likeness`).  ΩS, for a rotation
+S, carries the grain nearly to itself.  MΩS, for a mirrored S and the mirror M = 1 − 2ddᵀ of a view along d, carries it
+nearly to its mirror image, whose projection along d is the same.  One view cannot tell them apart, nor can several if
+each has an S of its own: cubes rotated by +a and −a about z project alike in parallel beams at 0°, 45° and 90°.
+Since every view must allow an alternative, the mirror of one view is enough to find all.
+
+Each alternative is fitted alone (`alternative_fits`).  A grain moves to one that fits clearly better, or as well and is
+nearer to the expected pose; then all grains are fitted together again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grainmotion._typing import Float
+from grainmotion.model.geometry import Geometry
+from grainmotion.model.motions import Motions, Status
+from grainmotion.model.pose import Pose
+from grainmotion.objective.residual import StateProblem
+from grainmotion.projection.grain_arrays import GrainArrays, planar
+from grainmotion.rotations import rotation_vector
+from grainmotion.tracking.alternative_fits import AlternativeFits, fit_alternatives
+from grainmotion.tracking.classification import MIN_COVERAGE
+from grainmotion.tracking.self_likeness import angles_between, near_symmetries
+
+NEAREST_TRIED, BEST_TRIED = 3, 3
+"""Alternatives of a kind that are fitted: those nearest to the expected pose, and those most alike.  A cube has 23 and
+24; any one of them tells that it is ambiguous."""
+MIN_CONTRADICTED, MIN_DEVIATIONS = 0.5, 4.0
+"""Contradicted share and standard deviations of ‖r‖², both of which the radiographs must reach to tell two poses
+apart."""
+MIN_ANGLE = np.deg2rad(5.0)
+"""Between two poses that count as two."""
+MAX_NAMED = 3
+"""Alternatives named in a reason."""
+MAX_MOVES = 2
+"""Times that all grains are fitted again because some moved to an alternative."""
+
+
+class Ambiguities(NamedTuple):
+    """``reasons`` of the grains, by row, that are ambiguous, and the pose to go on from if a grain should move."""
+
+    reasons: dict[int, str]
+    moved: Pose | None
+
+
+def find_ambiguities(problem: StateProblem, pose: Pose, reference: GrainArrays, expected: Pose) -> Ambiguities:
+    """The ambiguities of all grains at a pose that fits; ``reference`` are the same grains on their original voxels."""
+    if planar(reference, problem.target.scan.geometry):
+        return Ambiguities({}, None)
+    evaluation = problem.evaluate(pose)
+    owners, matrices = _candidates(problem.target.scan.geometry, pose, evaluation.patches.seen, reference, expected)
+    if not len(owners):
+        return Ambiguities({}, None)
+    fits = fit_alternatives(problem, pose, evaluation, owners, matrices)
+    away = angles_between(fits.matrices, pose.matrices[owners])
+    told_apart = (fits.contradicted > MIN_CONTRADICTED) & (fits.deviations > MIN_DEVIATIONS)
+    fits = fits.select(~told_apart & (away > MIN_ANGLE))
+    reasons, translations, rotations = {}, pose.translations.copy(), pose.matrices.copy()
+    for row in np.unique(fits.owners):
+        own = fits.select(fits.owners == row)
+        chosen = _preferred(own, pose.matrices[row], expected.matrices[row])
+        if chosen is not None:
+            translations[row], rotations[row] = own.translations[chosen], own.matrices[chosen]
+        reasons[int(row)] = _reason(own.matrices, pose.matrices[row])
+    moved = pose.moved(translations, rotations) if (rotations != pose.matrices).any() else None
+    return Ambiguities(reasons, moved)
+
+
+def with_reasons(motions: Motions, reasons: dict[int, str]) -> Motions:
+    """The motions with the converged grains among those of ``reasons`` made ambiguous."""
+    rows = [row for row in reasons if motions.ok[row]]
+    statuses, sentences = motions.statuses.copy(), list(motions.reasons)
+    for row in rows:
+        statuses[row], sentences[row] = Status.AMBIGUOUS.value, reasons[row]
+    return replace(motions, statuses=statuses, reasons=tuple(sentences)) if rows else motions
+
+
+def _candidates(
+    geometry: Geometry, pose: Pose, seen: Float, reference: GrainArrays, expected: Pose
+) -> tuple[NDArray[np.int64], Float]:
+    """Rows of grains and the rotations from which they are to be fitted, ``(k,)`` and ``(k, 3, 3)``."""
+    owners, matrices = list[int](), list[Float]()
+    for row in np.flatnonzero(seen.mean(axis=1) >= MIN_COVERAGE).tolist():
+        found = near_symmetries(reference, row)
+        mirrored = np.linalg.det(found.matrices) < 0
+        view = int(np.argmax(seen[row] > 0.5 * seen[row].max()))
+        ray = geometry.source[view]
+        if geometry.beam == "cone":
+            ray = reference.centers[row] + pose.translations[row] - ray
+        mirror = np.eye(3) - 2 * np.outer(ray, ray) / (ray @ ray)
+        for kind, base in ((~mirrored, pose.matrices[row]), (mirrored, mirror @ pose.matrices[row])):
+            each = base @ found.matrices[kind]
+            nearest = np.argsort(angles_between(each, expected.matrices[row]), kind="stable")[:NEAREST_TRIED]
+            tried = np.union1d(nearest, np.arange(min(BEST_TRIED, len(each))))
+            owners += [row] * len(tried)
+            matrices += list(each[tried])
+    return np.array(owners, dtype=np.int64), np.array(matrices).reshape(-1, 3, 3)
+
+
+def _preferred(fits: AlternativeFits, found: Float, expected: Float) -> int | None:
+    """Which of a grain's alternatives that are not told from the pose found it should move to, if any."""
+    better = (fits.contradicted < -MIN_CONTRADICTED) & (fits.deviations < -MIN_DEVIATIONS)
+    angles = angles_between(fits.matrices, expected)
+    if better.any():
+        return int(np.argmin(fits.deviations))
+    nearest = int(np.argmin(angles))
+    nearer = angles[nearest] < float(angles_between(found, expected)) - MIN_ANGLE
+    return nearest if nearer else None
+
+
+def _reason(alternatives: Float, found: Float) -> str:
+    """The sentence that names alternatives by their rotations from the pose found."""
+    vectors = rotation_vector(alternatives @ found.T)
+    vectors = vectors[np.argsort(np.linalg.norm(vectors, axis=1), kind="stable")]
+    names = list(dict.fromkeys(_rotation_name(v) for v in vectors))
+    named = ", or ".join(names[:MAX_NAMED]) + ", or others" * (len(names) > MAX_NAMED)
+    return (
+        f"it looks alike in several poses: rotated further by {named}, it fits the radiographs as well; the pose "
+        "nearest to the start is given, which is right if grains rotate by less than half of that from state to state; "
+        "else take smaller steps, views from other directions, or use its translation alone"
+    )
+
+
+def _rotation_name(vector: Float) -> str:
+    angle = float(np.linalg.norm(vector))
+    axis = vector / angle
+    if angle > np.pi - MIN_ANGLE and axis[np.argmax(np.abs(axis))] < 0:  # half a turn either way is the same
+        axis = -axis
+    x, y, z = (f"{value:g}" for value in np.round(axis, 1) + 0.0)
+    return f"{np.rad2deg(angle):.0f} degrees about ({x}, {y}, {z})"

@@ -1,0 +1,211 @@
+"""Near-symmetries of grains: the rotations and mirrored rotations under which a grain looks like itself.
+
+The attenuation on spheres about a grain's centre of mass, μ(r, x̂) = Σ c_lm(r) Y_lm(x̂) up to degree `DEGREE`, overlaps
+with itself rotated by R, with Euler angles (α, β, γ) about z, y, z, by
+
+    C(R) = Σ_lmm' A_lmm' e^(−imα) d^l_mm'(β) e^(−im'γ),    A_lmm' = ∫ r² conj(c_lm) c_lm' dr,
+
+which is a Fourier transform for each β (Kostelec and Rockmore, J. Fourier Anal. Appl. 14, 2008).  An inversion
+multiplies A_lmm' by (−1)^l, so that the same sum serves mirrored grains.  Without the round part l = 0, and over its
+value at R = 1, C is the likeness: 1 for a symmetry, near 0 for a rotation that has nothing to do with the shape.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
+from scipy.spatial.transform import Rotation
+from scipy.special import sph_harm_y
+
+from grainmotion._typing import Float, Image
+from grainmotion.projection.grain_arrays import GrainArrays
+
+DEGREE = 8
+"""Of the spherical harmonics: a cube's begin with 4, those of a hexagonal prism about its axis with 6."""
+DIRECTION_COUNT, RADIUS_COUNT = 400, 16
+"""Points of a sphere and spheres at which a grain is sampled."""
+EULER_STEPS = 24
+"""Steps of α and γ in a full turn, and of β, of the same size."""
+MIN_GRID_LIKENESS, MIN_LIKENESS = 0.75, (0.85, 0.9)
+"""Likeness of a near-symmetry: on the grid of rotations, which lie up to 12° beside it, and after each refinement.
+Voxels of cubes, prisms, octahedra and ellipsoids, 20 across with 10 % noise, have 0.80 and 0.983 at least; of 95 gravel
+stones 6 have a rotation with more than 0.9, and none with more than 0.95."""
+MIN_DISTANCE = np.deg2rad(25.0)
+"""Between two near-symmetries, and between one and the identity: the width of a peak of C."""
+MAX_SYMMETRIES = 64
+"""Near-symmetries of a grain that are kept, the best: a cube has 47, an icosahedron 119."""
+REFINEMENT_STEPS = (np.deg2rad(8.0), np.deg2rad(4.0))
+"""Steps of the finite differences with which a maximum is refined."""
+
+
+@dataclass(frozen=True, eq=False)
+class NearSymmetries:
+    """Linear maps ``matrices (k, 3, 3)`` that carry a grain nearly to itself, with their ``likeness (k,)``.
+
+    Determinants are 1 for rotations and −1 for mirrored ones; the identity is left out.
+    """
+
+    matrices: Float
+    likeness: Float
+
+
+def near_symmetries(grains: GrainArrays, row: int) -> NearSymmetries:
+    """The near-symmetries of one grain about its centre of mass."""
+    power = _power(grains, row)
+    own = _overlaps(power, np.eye(3)[None])[0]
+    if own <= 0:
+        return NearSymmetries(np.zeros((0, 3, 3)), np.zeros(0))
+    matrices, likeness = list[Float](), list[Float]()
+    signs = (-1.0) ** np.arange(DEGREE + 1)[:, None, None]
+    for sign, each in ((1.0, power), (-1.0, power * signs)):
+        found = _peaks(_grid_overlaps(each) / own)
+        if sign > 0:
+            found = found[angles_between(found, np.eye(3)) > MIN_DISTANCE]
+        for step, least in zip(REFINEMENT_STEPS, MIN_LIKENESS, strict=True):
+            found = _refined(each, found, step)
+            values = _overlaps(each, found) / own
+            found, values = found[values > least], values[values > least]
+        matrices.append(sign * found)
+        likeness.append(values)
+    every, values = np.concatenate(matrices), np.concatenate(likeness)
+    best = np.argsort(-values, kind="stable")[:MAX_SYMMETRIES]
+    return NearSymmetries(every[best], values[best])
+
+
+def angles_between(left: Float, right: Float) -> Float:
+    """Angles of the rotations between matrices ``(..., 3, 3)``, radians."""
+    trace = np.einsum("...ij,...ij->...", left, right)
+    return np.asarray(np.arccos(np.clip((trace - 1) / 2, -1, 1)))
+
+
+def _power(grains: GrainArrays, row: int) -> NDArray[np.complex128]:
+    """A_lmm' of a grain, ``(DEGREE + 1, 2 DEGREE + 1, 2 DEGREE + 1)``, without the round part."""
+    coefficients = _samples(grains, row) @ _harmonics()  # (l, radii, m)
+    power = coefficients.conj().swapaxes(1, 2) @ coefficients
+    power[0] = 0
+    return power
+
+
+def _samples(grains: GrainArrays, row: int) -> NDArray[np.complex128]:
+    """Attenuation at points of spheres about the centre of mass ``(radii, directions)``, times √(r² dr)."""
+    shape = grains.shapes[row]
+    image = grains.images[grains.starts[row] : grains.starts[row] + shape.prod()].reshape(shape)
+    reach = np.linalg.norm(grains.hulls[row], axis=1).max() + grains.voxel_size
+    radii = reach * (np.arange(RADIUS_COUNT) + 0.5) / RADIUS_COUNT
+    points = radii[:, None, None] * _directions() - grains.corners[row]
+    places = points.reshape(-1, 3).T[::-1] / grains.voxel_size
+    values: Image = map_coordinates(image, places, order=1, output=np.float32)
+    return values.reshape(RADIUS_COUNT, DIRECTION_COUNT) * (radii / reach)[:, None]
+
+
+@lru_cache(maxsize=1)
+def _directions() -> Float:
+    """Unit vectors evenly over a sphere ``(DIRECTION_COUNT, 3)``."""
+    k = np.arange(DIRECTION_COUNT) + 0.5
+    height, angle = 1 - 2 * k / DIRECTION_COUNT, np.pi * (1 + 5**0.5) * k
+    ring = np.sqrt(1 - height**2)
+    return np.column_stack([ring * np.cos(angle), ring * np.sin(angle), height])
+
+
+@lru_cache(maxsize=1)
+def _harmonics() -> NDArray[np.complex128]:
+    """Conjugate spherical harmonics of each degree and order at `_directions`, ``(l, directions, m)``."""
+    x, y, z = _directions().T
+    degree, order = np.arange(DEGREE + 1)[:, None, None], np.arange(-DEGREE, DEGREE + 1)
+    inside = np.abs(order) <= degree
+    values = sph_harm_y(degree, np.where(inside, order, 0), np.arccos(z)[:, None], np.arctan2(y, x)[:, None])
+    return np.where(inside, values.conj(), 0)
+
+
+@lru_cache(maxsize=1)
+def _y_rotations() -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
+    """Eigenvectors ``(l, m, m)`` of the generators of rotations about y, and their eigenvalues ``(l, m)``."""
+    count = 2 * DEGREE + 1
+    vectors, values = np.zeros((DEGREE + 1, count, count), complex), np.zeros((DEGREE + 1, count))
+    for degree in range(DEGREE + 1):
+        m = np.arange(-degree, degree)
+        up = np.sqrt(degree * (degree + 1) - m * (m + 1)) / 2j  # J_y = (J₊ − J₋) / 2i
+        inside = slice(DEGREE - degree, DEGREE + degree + 1)
+        values[degree, inside], vectors[degree, inside, inside] = np.linalg.eigh(np.diag(up, -1) + np.diag(-up, 1))
+    return vectors, values
+
+
+def _small_d(beta: NDArray[np.floating]) -> NDArray[np.complex128]:
+    """d^l_mm'(β), ``(b, l, m, m)``."""
+    vectors, values = _y_rotations()
+    turned = vectors * np.exp(-1j * beta[:, None, None] * values)[:, :, None, :]
+    return np.asarray(turned @ vectors.conj().swapaxes(1, 2))
+
+
+@lru_cache(maxsize=1)
+def _grid() -> tuple[NDArray[np.complex128], Float]:
+    """d^l of each β of the grid, and its rotations ``(β·α·γ, 3, 3)``."""
+    step = 2 * np.pi / EULER_STEPS
+    turn, beta = np.arange(EULER_STEPS) * step, np.arange(EULER_STEPS // 2 + 1) * step
+    b, a, c = np.meshgrid(beta, turn, turn, indexing="ij")
+    matrices = Rotation.from_euler("ZYZ", np.stack([a, b, c], axis=-1).reshape(-1, 3)).as_matrix()
+    return _small_d(beta), matrices
+
+
+def _grid_overlaps(power: NDArray[np.complex128]) -> Float:
+    """C at all rotations of the grid."""
+    small_d, matrices = _grid()
+    sums = np.einsum("lmk,blmk->bmk", power, small_d)
+    spectrum = np.zeros((len(sums), EULER_STEPS, EULER_STEPS), complex)
+    orders = np.arange(-DEGREE, DEGREE + 1)
+    spectrum[:, orders[:, None], orders] = sums
+    return np.fft.fft2(spectrum).real.reshape(len(matrices))
+
+
+def _overlaps(power: NDArray[np.complex128], matrices: Float) -> Float:
+    """C at some rotations ``(k, 3, 3)``."""
+    if not len(matrices):
+        return np.zeros(0)
+    alpha, beta, gamma = Rotation.from_matrix(matrices).as_euler("ZYZ", suppress_warnings=True).T
+    vectors, values = _y_rotations()
+    out = np.zeros(len(matrices))
+    for degree in range(1, DEGREE + 1):
+        inside, orders = slice(DEGREE - degree, DEGREE + degree + 1), np.arange(-degree, degree + 1)
+        own = vectors[degree, inside, inside]
+        left = np.exp(-1j * alpha[:, None] * orders)[:, :, None] * own
+        right = np.exp(-1j * gamma[:, None] * orders)[:, :, None] * own.conj()
+        phases = np.exp(-1j * beta[:, None] * values[degree, inside])
+        products = (left * (power[degree, inside, inside] @ right)).sum(axis=1)
+        out += (products * phases).sum(axis=1).real
+    return out
+
+
+def _peaks(likeness: Float) -> Float:
+    """Rotations of the grid that are more alike than all others within a peak's width ``(k, 3, 3)``."""
+    rows = np.flatnonzero(likeness > MIN_GRID_LIKENESS)
+    rows = rows[np.argsort(-likeness[rows], kind="stable")]
+    matrices = _grid()[1][rows]
+    flat = matrices.reshape(-1, 9)
+    peaks: list[int] = []
+    left = np.ones(len(rows), dtype=bool)
+    width = 1 + 2 * np.cos(MIN_DISTANCE)
+    while left.any():
+        k = int(np.argmax(left))
+        near = flat @ flat[k] > width
+        if not near[:k].any():
+            peaks.append(k)
+        left &= ~near
+        left[k] = False
+    return matrices[peaks]
+
+
+def _refined(power: NDArray[np.complex128], matrices: Float, step: float) -> Float:
+    """Rotations moved towards the maximum of C beside each, by Newton's step along three axes."""
+    if not len(matrices):
+        return matrices
+    offsets = step * np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
+    trials = matrices[:, None] @ Rotation.from_rotvec(offsets).as_matrix()
+    values = _overlaps(power, trials.reshape(-1, 3, 3)).reshape(-1, 7)
+    slope = (values[:, 1:4] - values[:, 4:]) / 2
+    curvature = np.maximum(2 * values[:, :1] - values[:, 1:4] - values[:, 4:], 1e-30)
+    moves = step * np.clip(slope / curvature, -1.5, 1.5)
+    return np.asarray(matrices @ Rotation.from_rotvec(moves).as_matrix())
