@@ -22,11 +22,11 @@ from grainmotion._typing import Float
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.motions import Motions, Status
 from grainmotion.model.pose import Pose
-from grainmotion.objective.residual import StateProblem
 from grainmotion.projection.grain_arrays import GrainArrays, planar
 from grainmotion.rotations import rotation_vector
 from grainmotion.tracking.alternative_fits import AlternativeFits, fit_alternatives
 from grainmotion.tracking.classification import MIN_COVERAGE
+from grainmotion.tracking.refinement import RefinedFit
 from grainmotion.tracking.self_likeness import angles_between, near_symmetries
 
 NEAREST_TRIED, BEST_TRIED = 3, 3
@@ -35,6 +35,9 @@ NEAREST_TRIED, BEST_TRIED = 3, 3
 MIN_CONTRADICTED, MIN_DEVIATIONS = 0.5, 4.0
 """Contradicted share and standard deviations of ‖r‖², both of which the radiographs must reach to tell two poses
 apart."""
+BETTER_DEVIATIONS, BETTER_DEVIATIONS_OF_MIRRORED = 8.0, 4.0
+"""Standard deviations by which ‖r‖² must fall for an alternative to be better than the pose found: faces of the
+reference along its rays make one of several equal poses better by up to 5, wrong mirrored poses lose 4 to 7."""
 MIN_ANGLE = np.deg2rad(5.0)
 """Between two poses that count as two."""
 MAX_NAMED = 3
@@ -50,22 +53,28 @@ class Ambiguities(NamedTuple):
     moved: Pose | None
 
 
-def find_ambiguities(problem: StateProblem, pose: Pose, reference: GrainArrays, expected: Pose) -> Ambiguities:
-    """The ambiguities of all grains at a pose that fits; ``reference`` are the same grains on their original voxels."""
+def find_ambiguities(refined: RefinedFit, reference: GrainArrays, expected: Pose) -> Ambiguities:
+    """The ambiguities of all grains after a fit; ``reference`` are the same grains on their original voxels."""
+    problem, pose, evaluation = refined.problem, refined.solution.state, refined.evaluation
     if planar(reference, problem.target.scan.geometry):
         return Ambiguities({}, None)
-    evaluation = problem.evaluate(pose)
-    owners, matrices = _candidates(problem.target.scan.geometry, pose, evaluation.patches.seen, reference, expected)
+    owners, matrices, mirrored = _candidates(
+        problem.target.scan.geometry, pose, evaluation.patches.seen, reference, expected
+    )
     if not len(owners):
         return Ambiguities({}, None)
     fits = fit_alternatives(problem, pose, evaluation, owners, matrices)
     away = angles_between(fits.matrices, pose.matrices[owners])
     told_apart = (fits.contradicted > MIN_CONTRADICTED) & (fits.deviations > MIN_DEVIATIONS)
-    fits = fits.select(~told_apart & (away > MIN_ANGLE))
+    margins = np.where(mirrored, BETTER_DEVIATIONS_OF_MIRRORED, BETTER_DEVIATIONS)
+    better = (fits.contradicted < -MIN_CONTRADICTED) & (fits.deviations < -margins)
+    remaining = ~told_apart & (away > MIN_ANGLE)
+    fits, better = fits.select(remaining), better[remaining]
     reasons, translations, rotations = {}, pose.translations.copy(), pose.matrices.copy()
     for row in np.unique(fits.owners):
-        own = fits.select(fits.owners == row)
-        chosen = _preferred(own, pose.matrices[row], expected.matrices[row])
+        of_row = fits.owners == row
+        own = fits.select(of_row)
+        chosen = _preferred(own, better[of_row], pose.matrices[row], expected.matrices[row])
         if chosen is not None:
             translations[row], rotations[row] = own.translations[chosen], own.matrices[chosen]
         reasons[int(row)] = _reason(own.matrices, pose.matrices[row])
@@ -84,32 +93,33 @@ def with_reasons(motions: Motions, reasons: dict[int, str]) -> Motions:
 
 def _candidates(
     geometry: Geometry, pose: Pose, seen: Float, reference: GrainArrays, expected: Pose
-) -> tuple[NDArray[np.int64], Float]:
-    """Rows of grains and the rotations from which they are to be fitted, ``(k,)`` and ``(k, 3, 3)``."""
-    owners, matrices = list[int](), list[Float]()
+) -> tuple[NDArray[np.int64], Float, NDArray[np.bool_]]:
+    """Rows of grains, the rotations from which they are to be fitted ``(k, 3, 3)``, and which are of mirrored poses."""
+    owners, matrices, kinds = list[int](), list[Float](), list[bool]()
     for row in np.flatnonzero(seen.mean(axis=1) >= MIN_COVERAGE).tolist():
         found = near_symmetries(reference, row)
-        mirrored = np.linalg.det(found.matrices) < 0
+        signs = np.linalg.det(found.matrices)
         view = int(np.argmax(seen[row] > 0.5 * seen[row].max()))
         ray = geometry.source[view]
         if geometry.beam == "cone":
             ray = reference.centers[row] + pose.translations[row] - ray
         mirror = np.eye(3) - 2 * np.outer(ray, ray) / (ray @ ray)
-        for kind, base in ((~mirrored, pose.matrices[row]), (mirrored, mirror @ pose.matrices[row])):
-            each = base @ found.matrices[kind]
+        for mirrored, base in ((False, pose.matrices[row]), (True, mirror @ pose.matrices[row])):
+            each = base @ found.matrices[(signs < 0) == mirrored]
             nearest = np.argsort(angles_between(each, expected.matrices[row]), kind="stable")[:NEAREST_TRIED]
             tried = np.union1d(nearest, np.arange(min(BEST_TRIED, len(each))))
             owners += [row] * len(tried)
             matrices += list(each[tried])
-    return np.array(owners, dtype=np.int64), np.array(matrices).reshape(-1, 3, 3)
+            kinds += [mirrored] * len(tried)
+    return np.array(owners, dtype=np.int64), np.array(matrices).reshape(-1, 3, 3), np.array(kinds, dtype=bool)
 
 
-def _preferred(fits: AlternativeFits, found: Float, expected: Float) -> int | None:
+def _preferred(fits: AlternativeFits, better: NDArray[np.bool_], found: Float, expected: Float) -> int | None:
     """Which of a grain's alternatives that are not told from the pose found it should move to, if any."""
-    better = (fits.contradicted < -MIN_CONTRADICTED) & (fits.deviations < -MIN_DEVIATIONS)
     angles = angles_between(fits.matrices, expected)
-    if better.any():
-        return int(np.argmin(fits.deviations))
+    if better.any():  # of those that fit as well as the best, the nearest
+        as_good = fits.deviations < fits.deviations[better].min() + MIN_DEVIATIONS / 2
+        return int(np.argmin(np.where(as_good, angles, np.inf)))
     nearest = int(np.argmin(angles))
     nearer = angles[nearest] < float(angles_between(found, expected)) - MIN_ANGLE
     return nearest if nearer else None

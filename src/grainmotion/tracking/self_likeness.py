@@ -30,7 +30,7 @@ DIRECTION_COUNT, RADIUS_COUNT = 400, 16
 """Points of a sphere and spheres at which a grain is sampled."""
 EULER_STEPS = 24
 """Steps of α and γ in a full turn, and of β, of the same size."""
-MIN_GRID_LIKENESS, MIN_LIKENESS = 0.75, (0.85, 0.9)
+MIN_GRID_LIKENESS, MIN_LIKENESS = 0.75, (0.88, 0.94)
 """Likeness of a near-symmetry: on the grid of rotations, which lie up to 12° beside it, and after each refinement.
 Voxels of cubes, prisms, octahedra and ellipsoids, 20 across with 10 % noise, have 0.80 and 0.983 at least; of 95 gravel
 stones 6 have a rotation with more than 0.9, and none with more than 0.95."""
@@ -69,8 +69,10 @@ def near_symmetries(grains: GrainArrays, row: int) -> NearSymmetries:
             found = _refined(each, found, step)
             values = _overlaps(each, found) / own
             found, values = found[values > least], values[values > least]
-        matrices.append(sign * found)
-        likeness.append(values)
+        order = np.argsort(-values, kind="stable")
+        first = order[_first_of_each(found[order])]
+        matrices.append(sign * found[first])
+        likeness.append(values[first])
     every, values = np.concatenate(matrices), np.concatenate(likeness)
     best = np.argsort(-values, kind="stable")[:MAX_SYMMETRIES]
     return NearSymmetries(every[best], values[best])
@@ -196,6 +198,12 @@ def _peaks(likeness: Float) -> Float:
         left &= ~near
         left[k] = False
     return matrices[peaks]
+
+
+def _first_of_each(matrices: Float) -> NDArray[np.bool_]:
+    """Which rotations ``(k, 3, 3)`` are far from all before them: two peaks may have been refined to one."""
+    near = angles_between(matrices[:, None], matrices) < MIN_DISTANCE
+    return ~np.tril(near, -1).any(axis=1)
 
 
 def _refined(power: NDArray[np.complex128], matrices: Float, step: float) -> Float:

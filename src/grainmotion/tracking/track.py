@@ -239,7 +239,7 @@ def _without_alternatives(
     if not fit.settings.alternatives:
         return refined, reasons
     for repetition in range(MAX_MOVES + 1):
-        reasons, moved = find_ambiguities(refined.problem, refined.solution.state, fit.grains, field_pose)
+        reasons, moved = find_ambiguities(refined, fit.grains, field_pose)
         if moved is None or repetition == MAX_MOVES:
             break
         start = solution.state.moved(moved.translations, moved.matrices)
