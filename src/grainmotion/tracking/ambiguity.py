@@ -40,7 +40,7 @@ BETTER_DEVIATIONS, BETTER_DEVIATIONS_OF_MIRRORED = 8.0, 4.0
 reference along its rays make one of several equal poses better by up to 5, wrong mirrored poses lose 4 to 7."""
 MIN_ANGLE = np.deg2rad(5.0)
 """Between two poses that count as two."""
-MAX_NAMED = 3
+NAMED_ALTERNATIVES = 3
 """Alternatives named in a reason."""
 MAX_MOVES = 2
 """Times that all grains are fitted again because some moved to an alternative."""
@@ -130,7 +130,7 @@ def _reason(alternatives: Float, found: Float) -> str:
     vectors = rotation_vector(alternatives @ found.T)
     vectors = vectors[np.argsort(np.linalg.norm(vectors, axis=1), kind="stable")]
     names = list(dict.fromkeys(_rotation_name(v) for v in vectors))
-    named = ", or ".join(names[:MAX_NAMED]) + ", or others" * (len(names) > MAX_NAMED)
+    named = ", or ".join(names[:NAMED_ALTERNATIVES]) + ", or others" * (len(names) > NAMED_ALTERNATIVES)
     return (
         f"it looks alike in several poses: rotated further by {named}, it fits the radiographs as well; the pose "
         "nearest to the start is given, which is right if grains rotate by less than half of that from state to state; "

@@ -26,14 +26,14 @@ from grainmotion.projection.grain_arrays import GrainArrays
 
 DEGREE = 8
 """Of the spherical harmonics: a cube's begin with 4, those of a hexagonal prism about its axis with 6."""
-DIRECTION_COUNT, RADIUS_COUNT = 400, 16
+DIRECTION_COUNT, RADIUS_COUNT = 256, 12
 """Points of a sphere and spheres at which a grain is sampled."""
-EULER_STEPS = 24
+EULER_STEPS = 30
 """Steps of α and γ in a full turn, and of β, of the same size."""
-MIN_GRID_LIKENESS, MIN_LIKENESS = 0.75, (0.88, 0.94)
-"""Likeness of a near-symmetry: on the grid of rotations, which lie up to 12° beside it, and after each refinement.
-Voxels of cubes, prisms, octahedra and ellipsoids, 20 across with 10 % noise, have 0.80 and 0.983 at least; of 95 gravel
-stones 6 have a rotation with more than 0.9, and none with more than 0.95."""
+MIN_GRID_LIKENESS, MIN_LIKENESS = 0.82, (0.88, 0.92)
+"""Likeness of a near-symmetry: on the grid of rotations, which lie up to 10° beside it, and after each refinement.
+Voxels of cubes, prisms, octahedra and ellipsoids 16 across have 0.87 and 0.968 at least with 10 % noise, 0.84 and 0.932
+with 20 %; of 95 gravel stones one has a rotation with more than 0.93, and a ball has none."""
 MIN_DISTANCE = np.deg2rad(25.0)
 """Between two near-symmetries, and between one and the identity: the width of a peak of C."""
 MAX_SYMMETRIES = 64
