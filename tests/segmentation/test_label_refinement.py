@@ -139,10 +139,11 @@ class TestTouching:
         assert fine.array.sum(dtype=float) * fine.voxel_size**3 == pytest.approx(volume_of_flake, rel=0.1)
         np.testing.assert_allclose(center_of_mass(fine), np.zeros(3), atol=0.02 * VOXEL)
 
-    def test_a_grain_of_one_voxel_is_kept(self):
+    def test_a_grain_of_few_voxels_is_kept(self):
         labels = np.zeros((9, 9, 9), np.int32)
-        labels[3:6, 3:6, 1:4], labels[4, 4, 4] = 1, 2
+        labels[3:6, 3:6, 1:4], labels[4:6, 4:6, 4:6] = 1, 2
         grains = grains_from_labels(Volume((labels > 0).astype(np.float32), VOXEL), labels)
+        assert len(grains) == 2
         assert all(g.fine is not None and g.fine.array.any() for g in grains.grains)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import replace
 
@@ -17,6 +18,7 @@ from grainmotion.model.grains import Grain, GrainSet
 from grainmotion.model.volume import Volume
 from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.segmentation.label_refinement import Boxed, fine_grains
+from grainmotion.segmentation.labels import checked_labels, without_small_labels
 from grainmotion.segmentation.segment import Segmentation
 from grainmotion.segmentation.settings import Background, SegmentSettings
 
@@ -28,6 +30,8 @@ MAX_REACH_WITH_BACKGROUND = 1.5
 """Largest ``reach`` where there is a background, voxels."""
 BACKGROUND_SIGMA = 2.0
 """Width of the Gaussian filter under which a background is distinguished from noise, voxels."""
+MAX_LABELS_NAMED = 10
+"""Labels that a warning lists."""
 BACKGROUND_LEVEL = 0.02
 """Level from which filtered attenuation is background, over the mean of the grains."""
 
@@ -110,19 +114,18 @@ def grains_from_labels(
     Returns
     -------
     GrainSet
-        The grains, one for each label that holds attenuation, and the background if it is kept.
+        The grains, one for each label that holds attenuation, and the background if it is kept.  Labels of fewer
+        than `labels.MIN_LABEL_VOXELS` voxels are dropped, with a warning.
 
     Raises
     ------
     InputError
         If shapes differ, labels are not integers from 0 on, or there is no grain.
     """
-    if not np.issubdtype(labels.dtype, np.integer):
-        raise InputError("labels", f"they are {labels.dtype}", "give integers, 0 for no grain")
-    if labels.shape != volume.shape:
-        raise InputError("labels", f"shape {labels.shape} is not the volume's {volume.shape}", "give them on one grid")
-    if labels.min() < 0 or labels.max() > labels.size:
-        raise InputError("labels", f"they run from {labels.min()} to {labels.max()}", "number the grains from 1 on")
+    labels, small = without_small_labels(checked_labels(labels, volume.shape))
+    if small:
+        some = ", ".join(str(label) for label in small[:MAX_LABELS_NAMED])
+        warnings.warn(f"{len(small)} labels of too few voxels are no grains: {some}", stacklevel=2)
     grown = expand_labels(labels, distance=reach) if reach > 0 else labels
     if background == "auto":
         kept = min(volume.shape) > 1 and _background_share(volume, labels, grown) > MIN_BACKGROUND_SHARE

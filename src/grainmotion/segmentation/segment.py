@@ -35,6 +35,7 @@ from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Progress
 from grainmotion.errors import InputError
 from grainmotion.model.volume import Volume
+from grainmotion.segmentation.labels import checked_labels
 from grainmotion.segmentation.region_merging import BasinGraph
 from grainmotion.segmentation.settings import SegmentSettings
 
@@ -75,7 +76,7 @@ class Segmentation:
     border: tuple[int, ...]
 
     @classmethod
-    def of(cls, labels: Ints) -> Segmentation:
+    def of(cls, labels: NDArray[np.integer]) -> Segmentation:
         """A segmentation from given labels, without a threshold.
 
         Parameters
@@ -87,8 +88,13 @@ class Segmentation:
         -------
         Segmentation
             With the labels that touch the border of the array.
+
+        Raises
+        ------
+        InputError
+            If they are not integers from 0 on in three dimensions.
         """
-        return cls(labels, float("nan"), border_labels(labels))
+        return cls(checked_labels(labels).astype(np.int32, copy=False), float("nan"), border_labels(labels))
 
 
 @checked_arguments
@@ -135,7 +141,7 @@ def segment(
             raise InputError("segment.threshold", fact, "give a threshold, or check the scan")
         report("distances and watershed", 1)
         distance = edt.edt(_cores(array, solid, threshold), parallel=1)
-        basins = _basins(distance)
+        basins = distance_basins(distance)
         report("merging of basins", 2)
         cores = BasinGraph.of(distance, basins).merged(settings.depth, settings.oneness)[basins]
         report("small objects", 3)
@@ -210,7 +216,7 @@ def _cores(array: NDArray[np.float32], solid: Bools, threshold: float) -> Bools:
     return cores | coreless[pieces]  # a piece too thin or too faint for a core is its own core
 
 
-def _basins(distance: NDArray[np.float32]) -> Ints:
+def distance_basins(distance: NDArray[np.float32]) -> Ints:
     """Watershed basins of the distance, one for each of its local maxima."""
     inside = distance > 0
     peaks = (distance == ndimage.maximum_filter(distance, size=3)) & inside
