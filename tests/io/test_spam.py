@@ -9,14 +9,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import tifffile
 from scipy import ndimage
 
 from grainmotion.analysis.deformed_volume import rebuild
 from grainmotion.errors import InputError
-from grainmotion.io.spam import DDIC_COLUMNS, read_ddic_tsv, write_ddic_tsv
-from grainmotion.model.motions import Motions
+from grainmotion.io.spam import DDIC_COLUMNS, GRADIENT, read_ddic_tsv, write_ddic_tsv
+from grainmotion.model.motions import Motions, Status
 from grainmotion.model.volume import Volume
 from grainmotion.rotations import apply_motion, recenter
 from grainmotion.segmentation.extraction import grains_from_labels
@@ -270,3 +271,26 @@ def about_centres_of(motions: Motions, body: Volume, labels: np.ndarray) -> Moti
     centers = grains_from_labels(body, labels, reach=0).centers
     moved = recenter(motions.matrices, motions.translations, motions.centers, centers)
     return replace(motions, centers=centers, translations=moved)
+
+
+class TestGradientsThatAreNoRotations:
+    @pytest.mark.parametrize(
+        ("gradient", "status", "words"),
+        [
+            (np.diag([1.0, 1.0, -1.0]), Status.NOT_FITTED, "mirrored"),
+            (np.zeros((3, 3)), Status.NOT_FITTED, "singular (rank 0)"),
+            (np.diag([1.0, 0.0, 0.0]), Status.NOT_FITTED, "singular (rank 1)"),
+            (np.diag([1.3, 1.0, 1.0]), Status.NOT_CONVERGED, "strains by 30%"),
+            (np.diag([1.05, 1.0, 0.97]), Status.CONVERGED, ""),
+        ],
+    )
+    def test_status_and_reason(self, tmp_path, motions, gradient, status, words):
+        write_ddic_tsv(tmp_path / "a.tsv", motions, GRID)
+        table = pd.read_csv(tmp_path / "a.tsv", sep="\t")
+        table.loc[2, list(GRADIENT)] = gradient.ravel()
+        table.loc[2, "returnStatus"] = 2
+        table.to_csv(tmp_path / "a.tsv", sep="\t", index=False)
+        read = read_ddic_tsv(tmp_path / "a.tsv", GRID)
+        assert read.statuses[0] == status.value
+        assert words in read.reasons[0]
+        assert np.isfinite(read.rotations[0]).all() == (status != Status.NOT_FITTED)

@@ -50,6 +50,11 @@ RETURN_STATUS: dict[str, int] = {
 }
 """spam's ``returnStatus`` of each status: 2 converged, 1 not converged, 0 not correlated, -7 no grain to correlate."""
 
+MIN_STRETCH = 0.1
+"""Smallest stretch of a gradient; one that flattens a grain more has no rotation."""
+MAX_STRAIN = 0.2
+"""Largest strain of a grain that is still taken for a rigid motion; grains of stone strain by less than 0.01."""
+
 
 def write_ddic_tsv(path: str | Path, motions: Motions, grid: Volume, labels: NDArray[np.integer] | None = None) -> None:
     """Write motions as spam's discrete-correlation TSV, in voxels of ``grid``, the reference volume.
@@ -95,7 +100,9 @@ def read_ddic_tsv(path: str | Path, grid: Volume) -> Motions:
 
     One row a label that has a position; label 0 is dropped.  Centres are the file's positions;
     `grainmotion.rotations.recenter` states the motions about other centres.  Where F strains, its rotation by polar
-    decomposition is taken.  ``returnStatus`` 2 becomes ``converged``, 1 ``not-converged``, 0 or less ``not-fitted``.
+    decomposition is taken; one that strains by more than `MAX_STRAIN` is not converged.  A mirrored or singular F has
+    no rotation: its row is ``not-fitted``, and its motion NaN.  ``returnStatus`` 2 becomes ``converged``,
+    1 ``not-converged``, 0 or less ``not-fitted``.
     Covariances are NaN; ``residuals`` are spam's ``error`` in its own units.
     """
     table = _read_table(checked_file(path))
@@ -103,14 +110,20 @@ def read_ddic_tsv(path: str | Path, grid: Volume) -> Motions:
     n, h = len(table), grid.voxel_size
     disp = table[list(DISPLACEMENT)].to_numpy(float)
     gradients = table[list(GRADIENT)].to_numpy(float).reshape(n, 3, 3)[:, ::-1, ::-1]
-    moved = np.isfinite(disp).all(axis=1) & np.isfinite(gradients).all(axis=(1, 2))
+    given = np.isfinite(disp).all(axis=1) & np.isfinite(gradients).all(axis=(1, 2))
+    faults = [_gradient_fault(f) if g else ("", False) for f, g in zip(gradients, given, strict=True)]
+    moved = given & ~np.array([refused for _, refused in faults], dtype=bool)
     rotations = np.full((n, 3), np.nan)
     rotations[moved] = rotation_vector(_nearest_rotations(gradients[moved]))
     returned = table["returnStatus"].to_numpy(float)
-    converged, stopped = (returned == 2) & moved, (returned == 1) & moved
+    sound = np.array([not fault for fault, _ in faults], dtype=bool)
+    converged, stopped = (returned == 2) & moved & sound, moved & ((returned == 1) | (returned == 2) & ~sound)
     statuses = np.full(n, Status.NOT_FITTED.value, dtype="<U20")
     statuses[converged], statuses[stopped] = Status.CONVERGED.value, Status.NOT_CONVERGED.value
-    reasons = ["" if c else f"spam returned status {int(r)}" for c, r in zip(converged, returned)]
+    reasons = [
+        fault or ("" if c else f"spam returned status {int(r)}")
+        for c, r, (fault, _) in zip(converged, returned, faults, strict=True)
+    ]
     return Motions(
         labels=table["Label"].to_numpy(np.int64),
         centers=table[list(POSITION)].to_numpy(float)[:, ::-1] * h + grid.origin,
@@ -122,6 +135,19 @@ def read_ddic_tsv(path: str | Path, grid: Volume) -> Motions:
         iterations=table["iterations"].to_numpy(np.int64),
         reasons=tuple(reasons),
     )
+
+
+def _gradient_fault(gradient: NDArray[np.float64]) -> tuple[str, bool]:
+    """What is wrong with F as a rotation, and whether it has none."""
+    stretches = np.linalg.svd(gradient, compute_uv=False)
+    if stretches[2] <= MIN_STRETCH:
+        rank = int(np.count_nonzero(stretches > MIN_STRETCH))
+        return f"its gradient F is singular (rank {rank}): no rotation", True
+    determinant = float(np.linalg.det(gradient))
+    if determinant < 0:
+        return f"its gradient F is mirrored (det {determinant:.2f}): no rotation", True
+    strain = float(np.abs(stretches - 1).max())
+    return (f"its gradient F strains by {strain:.0%}: no rigid motion" if strain > MAX_STRAIN else "", False)
 
 
 def _read_table(path: Path) -> pd.DataFrame:
