@@ -124,7 +124,8 @@ class TestResults:
         path, _ = finished
         names = {p.relative_to(path.parent / "results").as_posix() for p in (path.parent / "results").rglob("*")}
         states = {f"{s}/{f}" for s in SHIFTS for f in ("motions.csv", "motions.h5", "residuals.tif")}
-        assert names == {"reference.h5", "report.html", "stages.json", "checks.json", *SHIFTS, *states}
+        checks = {"checks.json", "checks-grains.json"}
+        assert names == {"reference.h5", "report.html", "stages.json", *checks, *SHIFTS, *states}
 
 
 class TestRadiographs:

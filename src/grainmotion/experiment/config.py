@@ -33,7 +33,7 @@ from grainmotion.tracking.track import TrackSettings
 
 RESERVED_STATE_NAMES = (
     "reference.h5", "reconstruction.h5", "report.html", "stages.json", "reference.tif", "reference.vti",
-    "beam_level.json", "calibration.json", "checks.json", "run.log",
+    "beam_level.json", "calibration.json", "checks.json", "checks-grains.json", "checks-volume.json", "run.log",
 )  # fmt: skip
 Kind = Literal["counts", "transmission", "line-integrals"]
 Export = Literal["vtk", "spam"]

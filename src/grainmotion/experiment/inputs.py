@@ -37,6 +37,7 @@ class Inputs:
     grid: Volume  # zeros on the grid of the reference volume
     volume: Stack | None = None  # a reference volume made by other software, 1/mm
     labels: Stack | None = None  # and labels
+    volume_scan: ScanInput | None = None  # radiographs of the given volume, with which it is only compared
 
 
 def find_inputs(experiment: Experiment) -> Inputs:
@@ -60,13 +61,17 @@ def find_inputs(experiment: Experiment) -> Inputs:
     grid = _grid(experiment, reference, volume)
     if labels is not None and labels.info()[0] != grid.shape:
         fact = f"labels of {labels.info()[0]} voxels, but the volume has {grid.shape}"
+        if sorted(labels.info()[0]) == sorted(grid.shape):
+            fact += ": probably their axes are in another order, as x y z"
         raise InputError(f"{labels.spec} (reference.labels)", fact, "give labels of that volume, z y x")
     states = tuple(scans[f"states.{t.name}"] for t in tables.states)
     for scan in (reference, *states):
         if scan is not None:
             check_plausible(scan.key, scan.geometry, grid)
     starts = tuple(_start(folder, t.initial, grid) for t in tables.states)
-    return Inputs(None if volume is not None else reference, states, starts, grid, volume, labels)
+    if volume is not None:
+        return Inputs(None, states, starts, grid, volume, labels, reference)
+    return Inputs(reference, states, starts, grid, None, labels)
 
 
 def _find_scans(experiment: Experiment, *, given: bool) -> tuple[dict[str, ScanInput], list[InputError]]:

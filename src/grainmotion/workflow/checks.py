@@ -44,7 +44,13 @@ def _reference_findings(context: RunContext, source: ScanInput) -> Findings:
 def _findings(context: RunContext, name: str, path: Path, source: ScanInput, check: Callable[[], Findings]) -> Findings:
     """The findings of a check, from its file if an earlier run made it of the same input."""
     settings = ["check", context.tables.check.warn, context.tables.check.stop, source.settings]
-    fingerprint = context.cache.fingerprint(settings, source.files)
+    return findings_once(context, name, path, context.cache.fingerprint(settings, source.files), check)
+
+
+def findings_once(
+    context: RunContext, name: str, path: Path, fingerprint: str, check: Callable[[], Findings]
+) -> Findings:
+    """The findings of a check of what has this fingerprint, from its file if an earlier run made it."""
     if context.cache.is_done(name, fingerprint):
         return load_result(read_findings, path)
     findings = check()

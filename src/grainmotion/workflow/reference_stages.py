@@ -7,12 +7,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
+
 from grainmotion._typing import prefixed
+from grainmotion.diagnosis.labels import grains_in_doubt
 from grainmotion.io.results import StoredReference, read_reference, write_reference
 from grainmotion.model.grains import GrainSet
 from grainmotion.reconstruction.reconstruct import reconstruct
 from grainmotion.segmentation.extraction import Cut, extract_grains
 from grainmotion.segmentation.label_refinement import fine_grains
+from grainmotion.segmentation.labels import CleanLabels
 from grainmotion.segmentation.segment import Segmentation, segment
 from grainmotion.segmentation.settings import SegmentSettings
 from grainmotion.workflow.calibration_stage import corrected_source
@@ -39,6 +43,12 @@ class SegmentedReference:
         segmentation = Segmentation(stored.labels, stored.threshold, stored.border)
         return extract_grains(stored.volume, segmentation, self.settings, cut=self.cut)
 
+    @cached_property
+    def doubts(self) -> dict[int, str]:
+        """Of given labels that hold more than one grain, the reason not to trust their motions."""
+        assert self.stored.labels is not None
+        return grains_in_doubt(self.stored.labels) if np.isnan(self.stored.threshold) else {}
+
 
 def reconstruct_stage(context: RunContext) -> Callable[[], StoredReference]:
     """Reconstruct the reference, or take the volume that was given."""
@@ -64,7 +74,7 @@ def segment_stage(context: RunContext, reference: Callable[[], StoredReference])
     def run() -> SegmentedReference:
         stored = reference()
         if context.given_labels is not None:
-            segmentation = Segmentation.of(context.given_labels)
+            segmentation = Segmentation.of(CleanLabels.of(context.given_labels).labels)
         else:
             segmentation = segment(stored.volume, settings, progress=prefixed(context.progress, "segment"))
         labels, threshold, border = segmentation.labels, segmentation.threshold, segmentation.border

@@ -27,6 +27,7 @@ from grainmotion.workflow.beam_level_stage import BEAM_LEVEL, level_reference
 from grainmotion.workflow.calibration_stage import CALIBRATION, calibrate_stage
 from grainmotion.workflow.checks import check_files, check_reference
 from grainmotion.workflow.context import RunContext, check_inputs
+from grainmotion.workflow.given_checks import check_given, check_grains, check_sizes
 from grainmotion.workflow.outputs import DEFORMED, REFERENCE_EXPORTS, RESIDUALS, report_stage, write_outputs
 from grainmotion.workflow.provenance import StageCache
 from grainmotion.workflow.reference_stages import CHECKPOINT, REFERENCE, reconstruct_stage, segment_stage
@@ -104,17 +105,20 @@ def run(
         check_inputs(context, states=until in ("track", "report"))
         level_reference(context)
         check_reference(context)
+        check_given(context)
         context.scanner = calibrate_stage(context)
         reconstruction = reconstruct_stage(context)
         motions: dict[str, Motions] = {}
         report = None
         if until != "reconstruct":
             reference = segment_stage(context, reconstruction)
+            check_grains(context, reference)
             if until != "segment":
                 tracked = track_side_by_side(context, reference)
                 for table in experiment.tables.states:
                     if table.name not in tracked:
                         tracked[table.name] = context.complete(track_stage(context, reference, table.name, tracked))()
+                check_sizes(context, reference, tracked)
                 motions = {table.name: tracked[table.name].motions for table in experiment.tables.states}
                 if until == "report":
                     write_outputs(context, reference, tracked)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from grainmotion._typing import Image, prefixed
 from grainmotion.cluster.state_tasks import State
+from grainmotion.diagnosis.labels import in_doubt
 from grainmotion.experiment.config import StateTable
 from grainmotion.experiment.scan_inputs import ScanInput
 from grainmotion.experiment.state_tracking import errors_of_state
@@ -66,7 +67,7 @@ def _track(
     progress, backend = prefixed(context.progress, table.name), context.tracking_backend
     with errors_of_state(source.key, table.initial):
         motions, residual = track_with_residual(grains, scan, start, settings, progress=progress, device=backend)
-    return TrackedState(motions, residual)
+    return TrackedState(in_doubt(motions, reference().doubts), residual)
 
 
 def track_side_by_side(context: RunContext, reference: Callable[[], SegmentedReference]) -> dict[str, TrackedState]:
@@ -102,7 +103,7 @@ def track_side_by_side(context: RunContext, reference: Callable[[], SegmentedRef
     tracked: dict[str, TrackedState] = {}
     context.notify("tracking states side by side", 0, len(states))
     for name, motions in cluster.track(reference().grains, states, context.tables.track):
-        run = functools.partial(TrackedState, motions)
+        run = functools.partial(TrackedState, in_doubt(motions, reference().doubts))
         tracked[name] = context.complete(_stage(context, missing[name], run))()
         context.notify(f"tracking states side by side: {name} done", len(tracked), len(states))
     return tracked

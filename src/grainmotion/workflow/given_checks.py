@@ -1,0 +1,104 @@
+"""Checks of a run on what other software made: the reference volume, labels, and motions to start from.
+
+They are made once of each input, before anything is computed from it; `checks` says how findings are kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from grainmotion.diagnosis.coarse_projection import MAX_VIEWS_COMPARED
+from grainmotion.diagnosis.given_volume import check_volume
+from grainmotion.diagnosis.grain_scale import check_scale
+from grainmotion.diagnosis.labels import check_labels
+from grainmotion.diagnosis.start_file import check_start
+from grainmotion.diagnosis.unlabelled import check_fragments, check_grain_sizes, check_unlabelled
+from grainmotion.experiment.scan_inputs import ScanInput
+from grainmotion.model.finding import Finding, Level
+from grainmotion.model.scan import Scan
+from grainmotion.workflow.checks import findings_once, settle
+from grainmotion.workflow.context import RunContext
+from grainmotion.workflow.reference_stages import SegmentedReference
+from grainmotion.workflow.tracking_stage import TrackedState
+
+CHECKS_OF_VOLUME = "checks-volume.json"
+CHECKS_OF_GRAINS = "checks-grains.json"
+CHECKS_OF_SIZES = "checks-sizes.json"
+
+
+def check_given(context: RunContext) -> None:
+    """Check a volume made by other software, against radiographs of the reference or of the first state."""
+    inputs = context.inputs
+    source = inputs.volume_scan or next(iter(inputs.states), None)
+    if inputs.volume is None or source is None:
+        return
+    grid = inputs.grid
+    files = [*inputs.volume.files, *source.files]
+    settings = ["check volume", grid.shape, grid.voxel_size, grid.center, source.settings]
+    fingerprint = context.cache.fingerprint(settings, files)
+
+    def check() -> tuple[Finding, ...]:
+        context.notify("checking the volume")
+        same_state = source is inputs.volume_scan
+        scan = _some_views(source) if same_state else context.measured(source)
+        where = f"{inputs.volume.spec} (reference.volume)"  # type: ignore[union-attr]
+        return check_volume(context.given_volume, None, scan, same_state=same_state, where=where)
+
+    path = context.folder / CHECKS_OF_VOLUME
+    settle(context, source, findings_once(context, "check volume", path, fingerprint, check))
+
+
+def check_grains(context: RunContext, reference: Callable[[], SegmentedReference]) -> None:
+    """Check labels, what they leave out, and motions from files that states start from."""
+    inputs = context.inputs
+    source = inputs.reference or next(iter(inputs.states), None)
+    if source is None:
+        return
+    named = [k for k, start in enumerate(inputs.starts) if start is not None]
+    files = [context.experiment.folder / context.tables.states[k].initial for k in named]
+    fingerprint = context.cache.fingerprint("check grains", files, [context.fingerprints.segment])
+
+    def check() -> tuple[Finding, ...]:
+        stored = reference().stored
+        assert stored.labels is not None
+        found = list[Finding]()
+        if inputs.labels is not None and context.given_labels is not None:
+            found += check_labels(stored.volume, context.given_labels, f"{inputs.labels.spec} (reference.labels)")
+        if not any(f.level is Level.ERROR for f in found):
+            fragments = check_fragments(stored.volume, stored.labels, stored.threshold)
+            found += fragments or check_unlabelled(stored.volume, stored.labels)
+            found += check_grain_sizes(stored.labels)
+        for k in named:
+            start = inputs.starts[k]
+            assert start is not None
+            where = f"{context.tables.states[k].initial} ({inputs.states[k].key}.initial)"
+            found += check_start(start, reference().grains, inputs.grid, where)
+        return tuple(found)
+
+    path = context.folder / CHECKS_OF_GRAINS
+    settle(context, source, findings_once(context, "check grains", path, fingerprint, check))
+
+
+def check_sizes(
+    context: RunContext, reference: Callable[[], SegmentedReference], tracked: Mapping[str, TrackedState]
+) -> None:
+    """Check the size of the grains of a volume made by other software in each state that was tracked."""
+    if context.inputs.volume is None:
+        return
+    for table, source in context.states:
+        path = context.folder / table.name / CHECKS_OF_SIZES
+        fingerprint = context.fingerprints.after_tracking("check sizes", table.name)
+
+        def check(name: str = table.name, source: ScanInput = source) -> tuple[Finding, ...]:
+            scan = context.radiographs(source)
+            return check_scale(reference().grains, tracked[name].motions, scan, source.key)
+
+        settle(context, source, findings_once(context, f"{table.name}/check sizes", path, fingerprint, check))
+
+
+def _some_views(source: ScanInput) -> Scan:
+    """A full scan at a few of its views."""
+    views = np.arange(MAX_VIEWS_COMPARED) * len(source.geometry) // MAX_VIEWS_COMPARED
+    return source.select(np.unique(views)).read()[0]
