@@ -15,6 +15,7 @@ from .diagnosis.state_geometry import check_state as check_state
 from .errors import BackendError as BackendError
 from .errors import GrainmotionError as GrainmotionError
 from .errors import InputError as InputError
+from .errors import InputWarning as InputWarning
 from .experiment.config import Air as Air
 from .experiment.config import read_experiment as read_experiment
 from .experiment.scan_inputs import read_scan as read_scan

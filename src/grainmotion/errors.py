@@ -29,5 +29,9 @@ class InputError(GrainmotionError, ValueError):
     """Something that the user gave cannot be used."""
 
 
+class InputWarning(UserWarning):
+    """Something that the user gave is likely to be wrong."""
+
+
 class BackendError(GrainmotionError, RuntimeError):
     """A device that was asked for cannot be used."""

@@ -98,6 +98,7 @@ def edit_toml(old, new):
     return lambda f: replace_text(f / "experiment.toml", old, new)
 
 
+MANY = (0, slice(0, 10))  # rows of the first image, more than a tenth of its pixels
 CASES = {
     "missing experiment file": (lambda f: (f / "experiment.toml").unlink(), "experiment.toml"),
     "empty experiment file": (lambda f: (f / "experiment.toml").write_text(""), "experiment.toml"),
@@ -127,11 +128,11 @@ CASES = {
     "geometry in µm": (lambda f: multiply_by_thousand(f / "reference.csv"), "reference.geometry"),
     "pixels in µm": (edit_toml("pixel_size = 0.4", "pixel_size = 400"), "states.two.geometry"),
     "distances in m": (edit_toml("source_to_axis = 50", "source_to_axis = 0.05"), "states.two.geometry"),
-    "NaN counts in the reference": (lambda f: set_pixel(f / "reference" / "7.tif", np.nan), "reference.radiographs"),
-    "NaN counts in a state": (lambda f: set_pixel(f / "one.tif", np.nan), "one.tif"),
+    "NaN counts in the reference": (lambda f: set_pixel(f / "reference" / "7.tif", np.nan, MANY), "reference.radio"),
+    "NaN counts in a state": (lambda f: set_pixel(f / "one.tif", np.nan, MANY), "one.tif"),
     "negative counts": (lambda f: set_pixel(f / "one.tif", -5), "one.tif"),
     "flats below darks": (swap_flats_and_darks, "flats.tif"),
-    "NaN in the flats": (lambda f: set_pixel(f / "flats.tif", np.nan), "flats.tif"),
+    "NaN in the flats": (lambda f: set_pixel(f / "flats.tif", np.nan, MANY), "flats.tif"),
     "truncated TIFF": (lambda f: truncate(f / "one.tif", 0.6), "one.tif"),
     "truncated TIFF header": (lambda f: truncate(f / "reference" / "7.tif", 0.02), "7.tif"),
     "truncated HDF5": (lambda f: truncated_hdf5(f, 0.6), "one.h5"),

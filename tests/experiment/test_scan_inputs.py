@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from experiment_inputs import inputs_of
 
-from grainmotion.errors import InputError
+from grainmotion.errors import InputError, InputWarning
 from grainmotion.experiment.config import Air, read_experiment
 from grainmotion.experiment.inputs import find_inputs
 from grainmotion.experiment.scan_inputs import read_scan
-from grainmotion.io.tiff import write_tiff
+from grainmotion.io.tiff import read_tiff, write_tiff
 from grainmotion.model.finding import Level
 from tiny_experiment import PANEL, geometry, write_tiny
 
@@ -166,3 +166,39 @@ class TestFilesAndAngles:
         scan = self.scan(series, '"scan.h5::/exchange/theta"')
         np.testing.assert_allclose(scan.geometry.vectors, geometry(np.arange(12) * 30.0).vectors, atol=1e-9)
         assert scan.findings == ()
+
+
+class TestPixelsOfSomeViews:
+    def test_are_masked_as_in_the_whole_scan(self, tmp_path):
+        path = write_tiny(tmp_path)
+        for file in (tmp_path / "reference").iterdir():
+            image = read_tiff(file)
+            image[:, 9, 12] = 7_000  # stuck: one value in all views
+            write_tiff(file, image)
+        source = find_inputs(read_experiment(path)).reference
+        whole, report = source.read()
+        assert report.stuck == 40
+        for views in (np.array([3]), np.array([38, 2, 21]), np.arange(10, 30)):
+            some, _ = source.select(views).read()
+            twice, _ = source.select(np.arange(39, -1, -1)).select(39 - views).read()
+            for scan in (some, twice):
+                np.testing.assert_array_equal(scan.line_integrals, whole.line_integrals[views])
+                np.testing.assert_array_equal(scan.valid, whole.valid[views])
+
+
+class TestWarningsOfReadScan:
+    def test_flats_of_which_one_is_empty(self, tmp_path):
+        write_tiny(tmp_path)
+        flats = read_tiff(tmp_path / "flats.tif")
+        flats[1] = 0
+        write_tiff(tmp_path / "flats.tif", flats)
+        with pytest.warns(InputWarning, match=r"flats.tif \(scan.flats\): 1 of 3 flats left out of the mean"):
+            scan = read_scan(tmp_path / "one.tif", tmp_path / "one.csv", flats=tmp_path / "flats.tif")
+        assert scan.valid is None
+
+    def test_transmissions_without_flats(self, tmp_path):
+        write_tiny(tmp_path)
+        images = read_tiff(tmp_path / "one.tif") / np.float32(50_100)
+        write_tiff(tmp_path / "one.tif", images)
+        with pytest.raises(InputError, match=r'looks like transmission, not counts; set scan.kind = "transmission"'):
+            read_scan(tmp_path / "one.tif", tmp_path / "one.csv")

@@ -124,21 +124,20 @@ class TestResults:
         path, _ = finished
         names = {p.relative_to(path.parent / "results").as_posix() for p in (path.parent / "results").rglob("*")}
         states = {f"{s}/{f}" for s in SHIFTS for f in ("motions.csv", "motions.h5", "residuals.tif")}
-        checks = {"checks.json", "checks-grains.json"}
-        assert names == {"reference.h5", "report.html", "stages.json", *checks, *SHIFTS, *states}
+        assert names == {"reference.h5", "report.html", "stages.json", *SHIFTS, *states}
 
 
 class TestRadiographs:
     @pytest.fixture
     def reads(self, monkeypatch):
         """Count how often each scan is read."""
-        counts, read = Counter(), ScanInput.read
+        counts, read = Counter(), ScanInput.read_with_raw
 
         def counted(source):
             counts[source.key] += 1
             return read(source)
 
-        monkeypatch.setattr(ScanInput, "read", counted)
+        monkeypatch.setattr(ScanInput, "read_with_raw", counted)
         return counts
 
     def test_each_scan_is_read_once(self, copied, reads):

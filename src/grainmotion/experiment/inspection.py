@@ -14,7 +14,6 @@ from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.preprocessing.flat_field import PixelReport
 
-MAX_MASKED_SHARE = 0.01  # of all pixels; more give a warning
 MAX_AIR_LINE_INTEGRAL = 0.02  # median over the outermost columns; more gives a warning
 USUAL_VOXEL_PIXEL_RATIO = (0.4, 2.5)  # of a voxel and a pixel at the sample; others give a warning
 MAX_PANEL_OVERHANG = 0.1  # of the volume beyond the panel, as a share of its columns; more gives a warning
@@ -82,10 +81,10 @@ def inspect_inputs(inputs: Inputs) -> Inspection:
     for source in (inputs.reference, *inputs.states):
         if source is None:
             continue
-        scan, pixels = source.read()
+        scan, pixels, as_read = source.read_checked()
         facts.append(_facts(source, scan, pixels, inputs.grid))
         first_views.append(FirstViews.of(source.key.removeprefix("states."), scan))
-        findings += (*source.findings, *scan_findings(source, scan, pixels, inputs.grid))
+        findings += (*source.findings, *as_read, *scan_findings(source, facts[-1], inputs.grid))
     reference = inputs.reference
     if not inputs.states:
         findings.append(_warning("states", "no states", "add a [[states]] table for each later state"))
@@ -115,13 +114,9 @@ def _facts(source: ScanInput, scan: Scan, pixels: PixelReport, grid: Volume) -> 
     )
 
 
-def scan_findings(source: ScanInput, scan: Scan, pixels: PixelReport, grid: Volume) -> tuple[Finding, ...]:
+def scan_findings(source: ScanInput, facts: ScanFacts, grid: Volume) -> tuple[Finding, ...]:
     """What is unusual about one scan as it was read."""
-    facts, key, found = _facts(source, scan, pixels, grid), source.key, list[Finding]()
-    if pixels.bad > MAX_MASKED_SHARE * pixels.total:
-        found.append(_warning(key, str(pixels), "check flats, darks and exposure"))
-    elif pixels.bad:
-        found.append(Finding(Level.NOTE, "inspect", key, str(pixels)))
+    key, found = source.key, list[Finding]()
     if abs(facts.air) > MAX_AIR_LINE_INTEGRAL:
         fact = f"the outermost columns have a line integral of {facts.air:.3f}"
         found.append(_warning(key, fact, f"if they see only air, set {key}.air = {{ margin = 2 }}"))

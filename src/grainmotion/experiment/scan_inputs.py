@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -10,9 +11,12 @@ import numpy as np
 from pydantic import ValidationError
 
 from grainmotion._arguments import checked_arguments
-from grainmotion._typing import Beam, Float, Index
+from grainmotion._typing import Beam, Float, Index, Pixels
 from grainmotion.diagnosis import hypotheses
-from grainmotion.errors import InputError
+from grainmotion.diagnosis.frames import frame_findings
+from grainmotion.diagnosis.grey_values import grey_value_findings, likely_kind, wrong_kind
+from grainmotion.diagnosis.read_scan import ReadScan
+from grainmotion.errors import InputError, InputWarning
 from grainmotion.experiment.circular import circular_geometry, scan_angles_deg
 from grainmotion.experiment.config import Air, Circular, Kind, ReferenceTable, ScanTable
 from grainmotion.experiment.config_errors import input_error
@@ -28,7 +32,7 @@ from grainmotion.experiment.recorded import (
 from grainmotion.io.geometry_csv import read_geometry
 from grainmotion.io.hdf5 import DARK, FLAT, NXtomo
 from grainmotion.io.stacks import Stack, find_stack
-from grainmotion.model.finding import Finding
+from grainmotion.model.finding import Finding, Level
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.scan import Scan, normalize_air
 from grainmotion.preprocessing.beam_hardening import Hardening
@@ -38,6 +42,9 @@ from grainmotion.preprocessing.flat_field import (
     line_integrals_from_counts,
     line_integrals_from_transmission,
 )
+from grainmotion.preprocessing.outliers import PanelFacts, panel_facts, sample_views
+
+_PANELS: dict[tuple[object, ...], PanelFacts] = {}  # of the scan of which views were read last
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +63,7 @@ class ScanInput:
     monitor: Float | None = None  # −ln of the recorded beam over that of the flats, in each of the views
     levels: Float | None = None  # of the beam in each of the views, to be subtracted; not part of the `settings`
     hardening: Hardening | None = None  # curve that undoes beam hardening; not part of the `settings`
+    sample: Index | None = None  # radiographs by which the panel is judged; None for some of those in use
     findings: tuple[Finding, ...] = ()  # about names of files, told angles, and what NXtomo files record
 
     @property
@@ -78,10 +86,18 @@ class ScanInput:
         }
 
     def select(self, views: Index) -> ScanInput:
-        """The scan of some of its views: indices into the views that it has, in any order."""
+        """The scan of some of its views: indices into the views that it has, in any order.
+
+        Their pixels are masked as in the whole scan.
+        """
         chosen = views if self.views is None else self.views[views]
+        sample = self.sample
+        if sample is None:
+            sample = sample_views(len(self.geometry))
+            sample = sample if self.views is None else self.views[sample]
         monitor, levels = (None if a is None else a[views] for a in (self.monitor, self.levels))
-        return replace(self, views=chosen, geometry=self.geometry[views], monitor=monitor, levels=levels)
+        scan = replace(self, views=chosen, geometry=self.geometry[views], sample=sample)
+        return replace(scan, monitor=monitor, levels=levels)
 
     def fixed(self, fix: str) -> ScanInput:
         """The scan with a geometry in which one more mistake is undone."""
@@ -89,26 +105,63 @@ class ScanInput:
 
     def read(self) -> tuple[Scan, PixelReport]:
         """Read the radiographs as line integrals; errors name the files and the key."""
+        read = self.read_with_raw()
+        return read.scan, read.pixels
+
+    def read_checked(self) -> tuple[Scan, PixelReport, tuple[Finding, ...]]:
+        """The same, with what the checks of frames and grey values found."""
+        read = self.read_with_raw()
+        return read.scan, read.pixels, (*frame_findings(read), *grey_value_findings(read))
+
+    def read_with_raw(self) -> ReadScan:
+        """The same, with the images as they are in the files."""
         images = self.radiographs.read(self.views)
+        flats = darks = None
+        if self.kind == "counts":
+            flats = None if self.flats is None else self.flats.read()
+            darks = None if self.darks is None else self.darks.read()
         try:
-            if self.kind == "counts":
-                flats = None if self.flats is None else self.flats.read()
-                darks = None if self.darks is None else self.darks.read()
-                assert flats is not None  # find_scan refuses counts without flats
-                scan, report = line_integrals_from_counts(
-                    images, flats, darks, self.geometry, saturation=self.saturation
-                )
-            elif self.kind == "transmission":
-                scan, report = line_integrals_from_transmission(images, self.geometry)
-            else:
-                scan, report = checked_line_integrals(images, self.geometry)
+            panel = panel_facts(images, flats) if self.sample is None else self._panel(flats)
+            scan, pixels = self._line_integrals(images, flats, darks, panel)
             for levels in (self.monitor, self.levels):
                 scan = scan if levels is None else scan.levelled(levels)
             if self.air is not None:
                 scan = normalize_air(scan, margin=self.air.margin, region=self.air.region)
         except InputError as error:
-            raise InputError(self._named(error.where), error.fact, error.remedy) from error
-        return (scan if self.hardening is None else self.hardening.apply(scan)), report
+            wrong = wrong_kind(self.kind, images, flats)
+            fact, remedy = error.fact, error.remedy
+            if wrong is not None:
+                fact = f'the values look like {wrong[0]}, but are told as kind "{self.kind}" ({wrong[1]})'
+                remedy = f'set {self.key}.kind = "{wrong[0]}"'
+                if wrong[0] == "counts":
+                    remedy += " and give flats and darks; if they are transmissions times a factor, divide them by it"
+            raise InputError(self._named(error.where), fact, remedy) from error
+        scan = scan if self.hardening is None else self.hardening.apply(scan)
+        names = {name: self._named(name) for name in ("radiographs", "flats", "darks")}
+        top = panel.top if self.saturation is None else None
+        return ReadScan(self.key, names, self.kind, images, flats, darks, scan, pixels, top)
+
+    def _line_integrals(
+        self, images: Pixels, flats: Pixels | None, darks: Pixels | None, panel: PanelFacts
+    ) -> tuple[Scan, PixelReport]:
+        if self.kind == "counts":
+            assert flats is not None  # find_scan refuses counts without flats
+            return line_integrals_from_counts(
+                images, flats, darks, self.geometry, saturation=self.saturation, panel=panel
+            )
+        convert = line_integrals_from_transmission if self.kind == "transmission" else checked_line_integrals
+        return convert(images, self.geometry, panel=panel)
+
+    def _panel(self, flats: Pixels | None) -> PanelFacts:
+        """The panel as the whole scan shows it, found once a process."""
+        assert self.sample is not None
+        status = [path.stat() for path in self.files]
+        files = tuple((str(path), s.st_mtime_ns, s.st_size) for path, s in zip(self.files, status, strict=True))
+        key = files, tuple(map(int, self.sample)), self.kind
+        if key not in _PANELS:
+            _PANELS.clear()
+            _PANELS[key] = panel_facts(self.radiographs.read(self.sample), flats)
+        return _PANELS[key]
 
     def _named(self, where: str) -> str:
         """File and key for the "counts", "flats" or "darks" that an error names."""
@@ -150,6 +203,11 @@ def read_scan(
     Scan
         Line integrals −ln((I − dark)/(flat − dark)), dimensionless, with a mask where pixels are not valid.
 
+    Warns
+    -----
+    InputWarning
+        If radiographs, flats, darks or pixels look wrong, with the likely cause.
+
     Raises
     ------
     InputError
@@ -169,7 +227,11 @@ def read_scan(
         )
     except ValidationError as error:
         raise input_error(error, ReferenceTable, {}) from error
-    return find_scan("scan", table, table, Path(), given).read()[0]
+    scan, _, findings = find_scan("scan", table, table, Path(), given).read_checked()
+    for finding in findings:
+        if finding.level is not Level.NOTE:
+            warnings.warn(str(finding), InputWarning, stacklevel=2)
+    return scan
 
 
 def _names(files: str | Path | Sequence[str | Path] | None) -> list[str] | None:
@@ -208,7 +270,7 @@ def find_scan(
     if kind != "counts":
         flats = darks = None
     elif flats is None:
-        raise InputError(f"{key}.flats", "it is missing", "give flats, or set kind to what the images are")
+        raise _without_flats(key, radiographs, count)
     for name, stack in (("flats", flats), ("darks", darks)):
         if stack is not None and stack.info()[0][1:] != (rows, columns):
             fact = f"images of {stack.info()[0][1:]} pixels, but the radiographs have {(rows, columns)}"
@@ -231,6 +293,15 @@ def find_scan(
         monitor=monitor.monitor if monitor.monitor is None or views is None else monitor.monitor[views],
         findings=(*recorded, *file_findings(key, table, stacks, angles)),
     )
+
+
+def _without_flats(key: str, radiographs: Stack, count: int) -> InputError:
+    """The error of counts without flats, with the kind that the radiographs look like."""
+    found = likely_kind(radiographs.read(np.unique([0, count // 2])))
+    if found in ("transmission", "line-integrals"):
+        fact = f"it is missing, and {radiographs.spec} looks like {found}, not counts"
+        return InputError(f"{key}.flats", fact, f'set {key}.kind = "{found}"')
+    return InputError(f"{key}.flats", "it is missing", "give flats, or set kind to what the images are")
 
 
 def _find_beam_images(frames: int, key: str, table: ScanTable, reference: ReferenceTable, folder: Path) -> Stack | None:

@@ -6,6 +6,7 @@ A finding of level "error" stops the run unless ``[check] force`` is set.  A fin
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +17,7 @@ from grainmotion.io.findings_json import read_findings, write_findings
 from grainmotion.model.finding import Finding, Level
 from grainmotion.workflow.context import RunContext, load_result
 
-CHECKS = "checks.json"
+CHECKS, RADIOGRAPHS = "checks.json", "radiographs.json"
 Findings = tuple[Finding, ...]
 
 
@@ -25,6 +26,17 @@ def check_files(context: RunContext, *, states: bool) -> None:
     for source in (context.inputs.reference, *(context.inputs.states if states else ())):
         if source is not None:
             settle(context, source, source.findings)
+
+
+def check_radiographs(context: RunContext, *, states: bool) -> None:
+    """Check frames and grey values of the scans that are used."""
+    for source in (context.inputs.reference, *(context.inputs.states if states else ())):
+        if source is not None:
+            name = source.key.removeprefix("states.")
+            folder = context.folder if name == source.key else context.folder / name
+            check = functools.partial(_as_read, context, source)
+            found = _findings(context, f"{source.key}/radiographs", folder / RADIOGRAPHS, source, check)
+            settle(context, source, found)
 
 
 def check_reference(context: RunContext) -> None:
@@ -41,6 +53,14 @@ def _reference_findings(context: RunContext, source: ScanInput) -> Findings:
     return ()
 
 
+def _as_read(context: RunContext, source: ScanInput) -> Findings:
+    """Checks of frames and grey values of a scan."""
+    if source.key not in context.as_read:
+        context.measured(source)
+        context.forget(source)
+    return context.as_read[source.key]
+
+
 def _findings(context: RunContext, name: str, path: Path, source: ScanInput, check: Callable[[], Findings]) -> Findings:
     """The findings of a check, from its file if an earlier run made it of the same input."""
     settings = ["check", context.tables.check.warn, context.tables.check.stop, source.settings]
@@ -52,11 +72,13 @@ def findings_once(
 ) -> Findings:
     """The findings of a check of what has this fingerprint, from its file if an earlier run made it."""
     if context.cache.is_done(name, fingerprint):
-        return load_result(read_findings, path)
+        return load_result(read_findings, path) if path.is_file() else ()
     findings = check()
     context.cache.discard(name)
-    write_findings(path, findings)
-    context.cache.add(name, fingerprint, [path])
+    path.unlink(missing_ok=True)
+    if findings:  # nothing to tell leaves no file
+        write_findings(path, findings)
+    context.cache.add(name, fingerprint, [path] if findings else [])
     return findings
 
 

@@ -48,6 +48,7 @@ class RunContext:
     reused: list[str] = field(default_factory=list)
     findings: list[Finding] = field(default_factory=list)
     refused: dict[str, Finding] = field(default_factory=dict)  # states that are not tracked, and why
+    as_read: dict[str, tuple[Finding, ...]] = field(default_factory=dict)  # findings of scans, by their key
     _measured: dict[str, Scan] = field(default_factory=dict)
     _corrected: dict[str, Scan] = field(default_factory=dict)
 
@@ -134,7 +135,7 @@ class RunContext:
     def measured(self, source: ScanInput) -> Scan:
         """A scan as measured; the number of masked pixels is reported when it is read."""
         if source.key not in self._measured:
-            self._measured[source.key], pixels = source.read()
+            self._measured[source.key], pixels, self.as_read[source.key] = source.read_checked()
             if pixels.bad:
                 self.notify(f"{source.key.removeprefix('states.')}: {pixels}", 1, 1)
         return self._measured[source.key]

@@ -25,7 +25,7 @@ from grainmotion.model.finding import Finding, worst_first
 from grainmotion.model.motions import Motions
 from grainmotion.workflow.beam_level_stage import BEAM_LEVEL, level_reference
 from grainmotion.workflow.calibration_stage import CALIBRATION, calibrate_stage
-from grainmotion.workflow.checks import check_files, check_reference
+from grainmotion.workflow.checks import check_files, check_radiographs, check_reference
 from grainmotion.workflow.context import RunContext, check_inputs
 from grainmotion.workflow.given_checks import check_given, check_grains, check_sizes
 from grainmotion.workflow.outputs import DEFORMED, REFERENCE_EXPORTS, RESIDUALS, report_stage, write_outputs
@@ -103,6 +103,7 @@ def run(
         context = RunContext(experiment, inputs, folder, StageCache(folder), progress, cluster)
         check_files(context, states=until in ("track", "report"))
         check_inputs(context, states=until in ("track", "report"))
+        check_radiographs(context, states=until in ("track", "report"))
         level_reference(context)
         check_reference(context)
         check_given(context)

@@ -1,0 +1,228 @@
+"""Frames, pixels and grey values that are wrong in one way are named, sound ones give no finding."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from ball_radiographs import BEAM, DARK, Measured, line_integrals, measured, transmissions
+from grainmotion.errors import InputError
+from grainmotion.model.finding import Level
+from grainmotion.preprocessing.outliers import spikes
+
+Change = Callable[[Measured, np.random.Generator], Measured]
+
+
+def some(rng, count, most):
+    return rng.permutation(count)[: rng.integers(1, most + 1)]
+
+
+def replaced(stack, frames, values):
+    out = stack.copy()
+    out[frames] = values
+    return out
+
+
+def empty_flats(scan, rng):
+    return scan.having(flats=replaced(scan.flats, some(rng, 8, 5), 0))
+
+
+def flats_with_the_shutter_closed(scan, rng):
+    frames = some(rng, 8, 5)
+    return scan.having(flats=replaced(scan.flats, frames, scan.darks[frames]))
+
+
+def flats_with_the_sample(scan, rng):
+    frames = some(rng, 8, 3)
+    return scan.having(flats=replaced(scan.flats, frames, scan.images[rng.integers(0, len(scan.images), len(frames))]))
+
+
+def darks_with_the_beam(scan, rng):
+    frames = some(rng, 8, 2)
+    return scan.having(darks=replaced(scan.darks, frames, scan.flats[frames]))
+
+
+def all_flats_with_the_sample(scan, rng):
+    return scan.having(flats=scan.images[rng.integers(0, len(scan.images), 1)])
+
+
+def black_radiograph(scan, rng):
+    frame = rng.integers(len(scan.images))
+    return scan.having(images=replaced(scan.images, frame, rng.poisson(DARK, scan.images.shape[1:])))
+
+
+def copied_radiograph(scan, rng):
+    source, copy = rng.permutation(len(scan.images))[:2]
+    return scan.having(images=replaced(scan.images, copy, scan.images[source]))
+
+
+def radiograph_of_another_view(scan, rng):
+    frame = rng.integers(len(scan.images))
+    other = line_integrals(scan.angles_deg[[frame]] + rng.uniform(60, 120))
+    return scan.having(images=replaced(scan.images, frame, rng.poisson(BEAM * np.exp(-other)) + DARK))
+
+
+def short_exposure(scan, rng):
+    frame = rng.integers(len(scan.images))
+    return scan.having(images=replaced(scan.images, frame, DARK + (scan.images[frame] - float(DARK)) / 2))
+
+
+def offset_of_signed_numbers(scan, rng):
+    return scan.having(images=scan.images + np.uint16(32768))
+
+
+def inverted(scan, rng):
+    return scan.having(images=np.uint16(2 * BEAM + DARK) - scan.images)
+
+
+def camera_of_12_bits(scan, rng):
+    """Radiographs whose air is at the top of the range, flats of a shorter exposure."""
+    bits = lambda images, top: (images * (top / BEAM)).clip(0, 4095).astype(np.uint16)  # noqa: E731
+    return scan.having(images=bits(scan.images, 4300), flats=bits(scan.flats, 3500), darks=bits(scan.darks, 3500))
+
+
+def transmissions_as_line_integrals(scan, rng):
+    return scan.having(images=transmissions(scan), flats=None, darks=None, kind="line-integrals")
+
+
+def line_integrals_as_transmissions(scan, rng):
+    images = np.abs(-np.log(transmissions(scan)))
+    return scan.having(images=images, flats=None, darks=None, kind="transmission")
+
+
+def wrong_sign(scan, rng):
+    return scan.having(images=np.log(transmissions(scan)), flats=None, darks=None, kind="line-integrals")
+
+
+REFERENCE_ONLY = {radiograph_of_another_view, short_exposure}
+WRONG: dict[Change, tuple[str, Level, str]] = {
+    empty_flats: ("beam-images", Level.WARNING, "left out of the mean"),
+    flats_with_the_shutter_closed: ("beam-images", Level.WARNING, "left out of the mean"),
+    flats_with_the_sample: ("beam-images", Level.WARNING, "left out of the mean"),
+    darks_with_the_beam: ("beam-images", Level.WARNING, "shutter open"),
+    all_flats_with_the_sample: ("sign", Level.WARNING, "brighter than the flats"),
+    black_radiograph: ("frames", Level.ERROR, "black"),
+    copied_radiograph: ("frames", Level.WARNING, "copied twice"),
+    radiograph_of_another_view: ("frames", Level.WARNING, "unlike those before and after"),
+    short_exposure: ("frames", Level.WARNING, "far brighter or darker"),
+    offset_of_signed_numbers: ("offset", Level.ERROR, "half of the range of 16 bits"),
+    inverted: ("sign", Level.ERROR, "inverted"),
+    camera_of_12_bits: ("saturation", Level.WARNING, "4095"),
+    transmissions_as_line_integrals: ("kind", Level.ERROR, "look like transmission"),
+    line_integrals_as_transmissions: ("kind", Level.ERROR, "look like line-integrals"),
+    wrong_sign: ("sign", Level.ERROR, "sign of the line integrals"),
+}
+
+
+def check(change, seed, state):
+    scan = change(measured(seed, state=state), np.random.default_rng(seed + 1))
+    name, level, words = WRONG[change]
+    found = scan.findings()
+    assert any(f.check == name and words in f.fact and f.level in (level, Level.ERROR) for f in found), found
+
+
+@pytest.mark.parametrize("change", WRONG, ids=lambda change: change.__name__)
+class TestWrongInput:
+    def test_is_named(self, change):
+        check(change, 0, state=False)
+        if change not in REFERENCE_ONLY:
+            check(change, 0, state=True)
+
+    @pytest.mark.slow
+    @pytest.mark.parametrize("seed", range(1, 21))
+    def test_is_named_with_other_seeds(self, change, seed):
+        check(change, seed, state=False)
+        if change not in REFERENCE_ONLY:
+            check(change, seed, state=True)
+
+
+class TestSoundInput:
+    @pytest.mark.parametrize("photons", [100, 1000, 20_000])
+    @pytest.mark.parametrize("state", [False, True])
+    def test_no_finding_and_nothing_masked(self, photons, state):
+        scan = measured(3, state=state, photons=photons)
+        assert scan.findings() == ()
+        assert scan.read().scan.valid is None
+
+    @pytest.mark.parametrize("kind", ["transmission", "line-integrals"])
+    def test_other_kinds(self, kind):
+        scan = measured(4)
+        images = transmissions(scan) if kind == "transmission" else -np.log(transmissions(scan))
+        assert scan.having(images=images, kind=kind, flats=None, darks=None).findings() == ()
+
+    def test_noise_free_images(self):
+        lines = line_integrals(np.arange(48) * 7.5).astype(np.float32)
+        scan = measured(5).having(images=lines, kind="line-integrals", flats=None, darks=None)
+        assert scan.findings() == ()
+        assert scan.read().scan.valid is None
+
+    def test_edges_of_a_dense_sample_are_no_outliers(self):
+        rng = np.random.default_rng(0)
+        for line in line_integrals(np.arange(20) * 18.0) * 6:
+            ideal = np.exp(-line).astype(np.float32)
+            noisy = (rng.poisson(400 * ideal) / 400).astype(np.float32)
+            for image in (ideal, noisy):
+                assert not spikes(image, image > 0).any()
+
+    @pytest.mark.slow
+    @pytest.mark.parametrize("seed", range(20))
+    @pytest.mark.parametrize("photons", [100, 1000, 20_000])
+    @pytest.mark.parametrize("state", [False, True])
+    def test_no_finding_with_other_seeds(self, seed, photons, state):
+        scan = measured(seed, state=state, photons=photons)
+        assert scan.findings() == ()
+        assert scan.read().scan.valid is None
+
+
+class TestPixels:
+    def test_zingers_are_masked_and_nothing_else(self):
+        rng, scan = np.random.default_rng(1), measured(1)
+        hit = rng.random(scan.images.shape) < 1e-3
+        images = (scan.images + hit * rng.uniform(20_000, 40_000, hit.shape)).clip(0, 60_000).astype(np.uint16)
+        read = scan.having(images=images).read()
+        masked = ~read.scan.valid
+        assert (masked & hit).sum() > 0.97 * hit.sum()
+        assert (masked & ~hit).sum() < 1e-4 * hit.size
+        truth = line_integrals(scan.angles_deg)
+        assert np.abs(read.scan.line_integrals - truth)[masked].mean() < 0.05
+
+    def test_zingers_in_flats_are_left_out(self):
+        rng, scan = np.random.default_rng(2), measured(2)
+        hit = rng.random(scan.flats.shape) < 2e-3
+        flats = scan.flats + (hit * rng.uniform(5_000, 40_000, hit.shape)).astype(np.uint16)
+        read = scan.having(flats=flats).read()
+        assert read.pixels.values_left_out == hit.sum()
+        np.testing.assert_allclose(read.scan.line_integrals, scan.read().scan.line_integrals, atol=0.01)
+
+    @pytest.mark.parametrize("state", [False, True])
+    @pytest.mark.parametrize("value", [300, 9_000, 40_000])
+    def test_stuck_columns_rows_and_pixels(self, state, value):
+        scan = measured(3, state=state)
+        images, flats = scan.images.copy(), scan.flats.copy()
+        images[:, :, 20] = flats[:, :, 20] = value
+        images[:, 11] = value
+        images[:, 30, 30] = value
+        valid = scan.having(images=images, flats=flats).read().scan.valid
+        assert not valid[:, :, 20].any()
+        assert not valid[:, 11].any()
+        assert not valid[:, 30, 30].any()
+        assert (~valid).sum() == len(images) * (48 + 40 - 1 + 1)
+
+    def test_nan_in_counts_flats_and_darks_is_masked_and_counted(self):
+        scan = measured(4)
+        images, flats, darks = (stack.astype(np.float32) for stack in (scan.images, scan.flats, scan.darks))
+        images[3, 5, 6], images[:, 8, 9], flats[2, 1, 1], flats[:, 2, 2], darks[:, 3, 3] = np.inf, *[np.nan] * 4
+        read = scan.having(images=images, flats=flats, darks=darks).read()
+        assert read.pixels.missing == 1 + 3 * 48
+        assert (~read.scan.valid).sum() == 1 + 3 * 48
+        assert read.scan.valid[:, 1, 1].all()
+        assert np.isfinite(read.scan.line_integrals).all()
+
+    def test_overexposed_camera_is_named(self):
+        scan = measured(5)
+        with pytest.raises(InputError, match="saturated at 65535; the camera was overexposed"):
+            scan.having(images=(scan.images * 4.0).clip(0, 65535).astype(np.uint16)).having(
+                flats=(scan.flats * 4.0).clip(0, 65535).astype(np.uint16)
+            ).read()
