@@ -18,7 +18,7 @@ MAX_PLAUSIBLE_LINE_INTEGRAL = 6.0
 """exp(-6) = 0.25 % of the beam; more in any number of pixels is implausible.  Sound scans: up to 3."""
 MAX_OPAQUE_SHARE = 1e-3
 """Share of the pixels that may be that opaque."""
-MIN_CONTRAST = 0.03
+MIN_SAMPLE_CONTRAST = 0.03
 """Difference of the centre of the panel and its border that shows where the sample is."""
 BELOW_AIR = 0.05
 """Line integral below that of air of a part of the panel from which it is brighter than air can be."""
@@ -42,9 +42,9 @@ def likely_kind(images: NDArray) -> str:
     if top > MIN_COUNT:
         return "counts"
     low, high = AIR_TRANSMISSION
-    if low < border < high and middle < border - MIN_CONTRAST and top < 1.5 * high:
+    if low < border < high and middle < border - MIN_SAMPLE_CONTRAST and top < 1.5 * high:
         return "transmission"
-    if abs(border) < 1 - low and middle > border + MIN_CONTRAST:
+    if abs(border) < 1 - low and middle > border + MIN_SAMPLE_CONTRAST:
         return "line-integrals"
     return ""
 
