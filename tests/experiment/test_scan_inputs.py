@@ -144,6 +144,16 @@ class TestFilesAndAngles:
         scan = read_scan(tmp_path / "scan.npy", views, flats=tmp_path / "flat.npy")
         np.testing.assert_allclose(scan.line_integrals, np.log(2), rtol=1e-5)
 
+    @pytest.mark.parametrize(("flats", "count"), [(np.uint16, 1), (np.uint8, 0), (np.float32, 0)])
+    def test_radiographs_of_8_bits_beside_flats_of_16_are_named(self, series, flats, count):
+        for path in series.glob("proj_*.tif"):
+            write_tiff(path, np.full(PANEL, 50, np.uint8))
+        write_tiff(series / "flat.tif", np.full(PANEL, 200, flats))
+        toml = CIRCLE.format(radiographs='"proj_*.tif"', angles="{ first = 0, last = 330, count = 12 }")
+        reference = inputs_of(series, toml.replace('kind = "line-integrals"', 'flats = "flat.tif"')).reference
+        assert reference is not None
+        assert ["one of them is probably scaled" in f.fact for f in reference.findings] == [True] * count
+
     def test_gap_is_the_cause_of_too_few_files(self, series):
         (series / "proj_0007.tif").unlink()
         with pytest.raises(InputError, match=r"holds 11 radiographs \(missing in the series: proj_0007.tif\)"):

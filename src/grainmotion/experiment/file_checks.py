@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from grainmotion._typing import Float
@@ -50,7 +51,25 @@ def file_findings(
         else:
             found += listed_order(where, names[name])
     place = f"{key}.geometry.angles_deg" if isinstance(table.geometry, Circular) else f"{key}.geometry"
-    return (*found, *angle_findings(place, angles_deg))
+    return (*found, *_depths(key, stacks), *angle_findings(place, angles_deg))
+
+
+def _depths(key: str, stacks: dict[str, Stack | None]) -> list[Finding]:
+    """Radiographs of 8 bits beside flats of more, or the other way: one of them was exported on another scale."""
+    dtypes = {name: _first(stack).info()[1] for name, stack in stacks.items() if stack is not None}
+    whole = {name: dtype for name, dtype in dtypes.items() if dtype.kind in "ui"}
+    if not {"radiographs", "flats"} <= set(whole) or (whole["radiographs"].itemsize == 1) == (
+        whole["flats"].itemsize == 1
+    ):
+        return []
+    fact = f"radiographs are {whole['radiographs']} and flats {whole['flats']}: one of them is probably scaled"
+    remedy = "export radiographs, flats and darks alike, without scaling grey values"
+    return [Finding(Level.WARNING, FILE_SERIES, f"{key}.radiographs", fact, remedy=remedy)]
+
+
+def _first(stack: Stack) -> Stack:
+    """The first file of a stack."""
+    return replace(stack, parts=stack.parts[:1])
 
 
 def count_mismatch(key: str, table: ScanTable, radiographs: Stack, angles_deg: Float, used: int) -> InputError:
