@@ -16,6 +16,8 @@ from grainmotion.objective.residual import StateProblem
 from grainmotion.projection.footprints import footprint_patches
 from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.projection.grains import assemble, differentiate_in_place, project_in_place
+from grainmotion.rotations import rotation_matrix
+from grainmotion.tracking.alternative_fits import fit_alternatives
 from grainmotion.tracking.multistage import MultistageFit
 from grainmotion.tracking.track import TrackSettings, track
 from grainmotion.uncertainty.rotation_identifiability import unconfirmed_rotations
@@ -138,6 +140,22 @@ def test_same_unconfirmed_rotations(workers):
     expected = unconfirmed_rotations(problem, REST_POSE, evaluation)
     assert expected[1].any()
     np.testing.assert_array_equal(unconfirmed_rotations(on_workers, REST_POSE, evaluation), expected)
+
+
+def test_same_fits_of_alternative_poses(workers):
+    """Two alternatives of one grain and one of another, which workers fit where the grains' voxels are."""
+    fit = MultistageFit.of(GRAINS, SCAN, TrackSettings())
+    problem = StateProblem(fit.grains, replace(fit.target, sigma=0.7))
+    on_workers = replace(problem, grains=problem.grains.on(workers))
+    owners, matrices = (
+        np.array([0, 0, 2]),
+        rotation_matrix(np.array([[0.1, 0.0, 0.0], [0.0, 3.1, 0.0], [0.0, 0.2, 1.5]])),
+    )
+    expected, found = (
+        fit_alternatives(p, REST_POSE, problem.evaluate(REST_POSE), owners, matrices) for p in (problem, on_workers)
+    )
+    for name, values in vars(expected).items():
+        np.testing.assert_array_equal(getattr(found, name), values)
 
 
 @pytest.mark.parametrize("search", [False, pytest.param(True, marks=pytest.mark.slow)])
