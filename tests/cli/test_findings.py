@@ -102,8 +102,9 @@ class TestInspect:
     def test_findings_of_inspect_are_findings_of_a_run(self, copied):
         flats = read_tiff(copied.parent / "flats.tif")
         write_tiff(copied.parent / "flats.tif", (flats * 0.9).astype(np.uint16))
-        line = "warning: reference: the outermost columns have a line integral of -0.1"
+        line = "note: reference: the outermost columns have a line integral of -0.1"
         assert line in invoke("inspect", copied).stdout
+        assert line in invoke("reconstruct", copied).stdout
 
     def test_strict(self, copied):
         assert invoke("inspect", copied, "--strict").exit_code == 0

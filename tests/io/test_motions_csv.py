@@ -1,5 +1,8 @@
 """Motions as CSV: mm and degrees, exact round trip; errors name the file and the row."""
 
+import csv
+import dataclasses
+
 import example_motions
 import numpy as np
 import pandas as pd
@@ -18,7 +21,7 @@ def motions_() -> Motions:
 def test_header_is_the_documented_one(tmp_path, motions):
     write_motions(tmp_path / "m.csv", motions)
     assert (tmp_path / "m.csv").read_text().splitlines()[0] == (
-        "label,status,x,y,z,ux,uy,uz,wx,wy,wz,sd_ux,sd_uy,sd_uz,sd_wx,sd_wy,sd_wz,residual,iterations"
+        "label,status,x,y,z,ux,uy,uz,wx,wy,wz,sd_ux,sd_uy,sd_uz,sd_wx,sd_wy,sd_wz,residual,iterations,reason"
     )
 
 
@@ -53,3 +56,28 @@ def test_bad_tables_are_refused(tmp_path, motions, change, fact):
     change(motions.to_table()).to_csv(tmp_path / "m.csv", index=False)
     with pytest.raises(InputError, match=r"m\.csv.*" + fact):
         read_motions(tmp_path / "m.csv")
+
+
+REASONS = ('cut, "in two"; take more views', "", "=1+1 is what it looks like", "line one\nline #2")
+
+
+def test_reasons_survive(tmp_path, motions):
+    write_motions(tmp_path / "m.csv", dataclasses.replace(motions, reasons=REASONS))
+    assert read_motions(tmp_path / "m.csv").reasons == (
+        *REASONS[:2],
+        "1+1 is what it looks like",
+        "line one line no. 2",
+    )
+    assert len((tmp_path / "m.csv").read_text().splitlines()) == 5
+
+
+@pytest.mark.parametrize("first", "=+-@")
+def test_no_reason_is_a_formula_in_a_spreadsheet(tmp_path, motions, first):
+    write_motions(tmp_path / "m.csv", dataclasses.replace(motions, reasons=(f"{first} {first}cmd",) * 4))
+    with (tmp_path / "m.csv").open(newline="") as file:
+        assert [row["reason"] for row in csv.DictReader(file)] == ["cmd"] * 4
+
+
+def test_files_of_older_versions_have_no_reasons(tmp_path, motions):
+    motions.to_table().drop(columns="reason").to_csv(tmp_path / "m.csv", index=False)
+    assert read_motions(tmp_path / "m.csv").reasons == ("",) * 4

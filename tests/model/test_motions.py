@@ -35,7 +35,7 @@ def measured():
 class TestTable:
     def test_exact_columns_in_order(self, measured):
         assert ",".join(measured.to_table().columns) == (
-            "label,status,x,y,z,ux,uy,uz,wx,wy,wz,sd_ux,sd_uy,sd_uz,sd_wx,sd_wy,sd_wz,residual,iterations"
+            "label,status,x,y,z,ux,uy,uz,wx,wy,wz,sd_ux,sd_uy,sd_uz,sd_wx,sd_wy,sd_wz,residual,iterations,reason"
         )
 
     def test_table_is_in_mm_and_degrees(self, measured):

@@ -12,6 +12,7 @@ import numpy as np
 import plotly.graph_objects
 import pytest
 
+from grainmotion.model.finding import Finding, Level
 from grainmotion.model.motions import MOTION_COLUMNS, Motions, Status
 from grainmotion.report import ReportData, StateReport, write_report
 
@@ -203,3 +204,23 @@ class TestMissingData:
         motions = example.motions()
         state = replace(example.state("s"), motions=replace(motions, fit=replace(motions.fit, costs=costs)))
         assert write_and_parse(tmp_path, ReportData("x", states=(state,))).count("svg") == 1
+
+
+class TestFindings:
+    FOUND = (
+        Finding(Level.NOTE, "pixels", "reference", "3 pixels masked"),
+        Finding(Level.ERROR, "common-cause", "states.a", f"6 of 6 fail {example.MARKUP}", "gain 0.8", "check them"),
+        Finding(Level.WARNING, "views", "states.b", "views contradict each other"),
+    )
+
+    def test_are_the_first_section_worst_first(self, tmp_path):
+        page = write_and_parse(tmp_path, replace(example.data(), findings=self.FOUND))
+        assert [a["id"] for t, a in page.elements if t == "section"][:2] == ["findings", "summary"]
+        assert [a["class"] for t, a in page.elements if t == "li"][:3] == ["error", "warning", "note"]
+        text = " ".join("".join(page.words).split())
+        assert f"error states.a: 6 of 6 fail {example.MARKUP} (gain 0.8) What to do: check them" in text
+        assert page.count("a", href="#findings") == 1
+        assert page.count("img", src="x") == 0
+
+    def test_no_block_without_findings(self, page):
+        assert page.count("section", id="findings") == page.count("a", href="#findings") == 0

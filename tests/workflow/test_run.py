@@ -2,6 +2,7 @@
 
 import shutil
 from collections import Counter
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -10,9 +11,12 @@ import pytest
 from grainmotion.errors import InputError
 from grainmotion.experiment.config import read_experiment
 from grainmotion.experiment.scan_inputs import ScanInput
+from grainmotion.io.findings_json import write_findings
 from grainmotion.io.motions_csv import read_motions
 from grainmotion.io.results import read_motions_h5, read_reference
 from grainmotion.io.tiff import read_tiff, write_tiff
+from grainmotion.model.finding import Finding, Level
+from grainmotion.model.motions import Motions
 from grainmotion.workflow import reference_stages
 from grainmotion.workflow import run as workflow
 from tiny_experiment import BALLS, PANEL, SHIFTS, TOML, sample, write_tiny
@@ -124,7 +128,40 @@ class TestResults:
         path, _ = finished
         names = {p.relative_to(path.parent / "results").as_posix() for p in (path.parent / "results").rglob("*")}
         states = {f"{s}/{f}" for s in SHIFTS for f in ("motions.csv", "motions.h5", "residuals.tif")}
-        assert names == {"reference.h5", "report.html", "stages.json", *SHIFTS, *states}
+        assert names == {"reference.h5", "report.html", "stages.json", "run.log", *SHIFTS, *states}
+
+
+class TestFindings:
+    def test_changed_findings_write_the_report_again(self, copied):
+        found = Finding(Level.WARNING, "level", "reference", "the beam fell by half", remedy="give flats")
+        write_findings(copied.parent / "results" / "checks.json", (found,))
+        result = run(copied)
+        assert result.done == ("report",)
+        assert result.findings == (found,)
+        assert "the beam fell by half" in result.report.read_text()
+        assert run(copied).done == ()
+
+    def test_what_is_unusual_about_radiographs_is_kept_for_later_runs(self, copied):
+        flats = read_tiff(copied.parent / "flats.tif")
+        write_tiff(copied.parent / "flats.tif", (flats * 0.9).astype(np.uint16))
+        first, again = run(copied, until="track"), run(copied, until="track")
+        told = {f.where for f in first.findings if "outermost columns" in f.fact}
+        assert told == {"reference", "states.one", "states.two"}
+        assert again.findings == first.findings
+
+    def test_common_cause_is_found_again_in_stored_motions(self, copied, monkeypatch):
+        def nothing(grains, *_, **__):
+            labels = np.arange(1, 7)
+            motions = Motions.identity(labels, np.zeros((6, 3)))
+            return replace(motions, reasons=tuple(f"grain {k} is broken" for k in labels)), None
+
+        monkeypatch.setattr("grainmotion.workflow.tracking_stage.track_with_residual", nothing)
+        shutil.rmtree(copied.parent / "results" / "two")
+        first, again = run(copied, until="track"), run(copied, until="track")
+        assert again.done == ()
+        assert [f.check for f in first.findings] == ["common-cause"]
+        assert first.findings == again.findings
+        assert all(reason.startswith("see the common cause") for reason in again.motions["two"].reasons)
 
 
 class TestRadiographs:

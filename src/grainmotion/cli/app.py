@@ -275,6 +275,7 @@ def demo(
     with console.progress(quiet) as progress:
         outcome = run_demo(folder, seed, device=device.value if device else "auto", progress=progress)
     console.print_comparisons(outcome.comparisons)
+    print_findings(outcome.result.findings, quiet=quiet)
     print(f"report: {outcome.result.report}")
 
 

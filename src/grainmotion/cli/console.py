@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from grainmotion.planning.plan import Plan
     from grainmotion.workflow.run import RunResult
 
-MAX_REASONS = 20  # grains whose reason is printed; the report has all
+MAX_REASONS, MAX_LABELS = 20, 10  # reasons that are printed, and grains of each; the report has all
 Say = Callable[[str], None]
 
 
@@ -136,6 +136,8 @@ def print_states(motions: dict[str, Motions]) -> None:
     """Print how the tracking of each state went, and why grains did not converge."""
     import numpy as np
 
+    from grainmotion.diagnosis.results import SEE_COMMON_CAUSE
+
     if not motions:
         return
     table = Table("state", "grains", "converged", "others", "median |u| (mm)", "median |w| (deg)")
@@ -147,16 +149,17 @@ def print_states(motions: dict[str, Motions]) -> None:
         medians = [f"{np.median(v):.4g}" if len(v) else "-" for v in (u, w)]
         table.add_row(name, str(len(m)), str(int(m.ok.sum())), others or "-", *medians)
     Console(width=None if sys.stdout.isatty() else 120).print(table)
-    lines = [
-        f"{name}, grain {label}: {reason or status}"
-        for name, m in motions.items()
-        for label, status, reason, ok in zip(m.labels, m.statuses, m.reasons, m.ok)
-        if not ok
-    ]
-    for line in lines[:MAX_REASONS]:
-        print(line)
-    if len(lines) > MAX_REASONS:
-        print(f"... and {len(lines) - MAX_REASONS} more, in the report")
+    groups: dict[tuple[str, str], list[int]] = {}
+    for name, m in motions.items():
+        for label, status, reason, ok in zip(m.labels, m.statuses, m.reasons, m.ok):
+            if not ok and not reason.startswith(SEE_COMMON_CAUSE):  # that one is a finding
+                groups.setdefault((name, reason or str(status)), []).append(int(label))
+    for (name, reason), labels in list(groups.items())[:MAX_REASONS]:
+        more = f" and {len(labels) - MAX_LABELS} more" if len(labels) > MAX_LABELS else ""
+        which = f"grain{'s' * (len(labels) > 1)} {', '.join(map(str, labels[:MAX_LABELS]))}{more}"
+        findings.print_message(f"{name}, {which}: {reason}")
+    if len(groups) > MAX_REASONS:
+        print(f"... and {len(groups) - MAX_REASONS} more reasons, in the report")
 
 
 def print_comparisons(comparisons: dict[str, Comparison]) -> None:

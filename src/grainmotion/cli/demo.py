@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -108,7 +109,7 @@ def run_demo(
     inputs = find_inputs(experiment)
     scans = {source.key.removeprefix("states."): source.read()[0] for source in inputs.states}
     results = outputs.Results(experiment, inputs, result.folder, reference, scans, result.motions)
-    outputs.write_report(results, facts)
+    outputs.write_report(dataclasses.replace(results, findings=result.findings), facts)
     return Demo(result, comparisons)
 
 

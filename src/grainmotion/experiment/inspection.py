@@ -82,7 +82,7 @@ def inspect_inputs(inputs: Inputs) -> Inspection:
         if source is None:
             continue
         scan, pixels, as_read = source.read_checked()
-        facts.append(_facts(source, scan, pixels, inputs.grid))
+        facts.append(scan_facts(source, scan, pixels, inputs.grid))
         first_views.append(FirstViews.of(source.key.removeprefix("states."), scan))
         findings += (*source.findings, *as_read, *scan_findings(source, facts[-1], inputs.grid))
     reference = inputs.reference
@@ -95,7 +95,8 @@ def inspect_inputs(inputs: Inputs) -> Inspection:
     return Inspection(tuple(facts), grid.shape, grid.voxel_size, memory, tuple(findings), tuple(first_views))
 
 
-def _facts(source: ScanInput, scan: Scan, pixels: PixelReport, grid: Volume) -> ScanFacts:
+def scan_facts(source: ScanInput, scan: Scan, pixels: PixelReport, grid: Volume) -> ScanFacts:
+    """Facts about one scan as it was read."""
     geometry = scan.geometry
     pixel = geometry.pixel_at(grid.center)
     return ScanFacts(
@@ -119,7 +120,8 @@ def scan_findings(source: ScanInput, facts: ScanFacts, grid: Volume) -> tuple[Fi
     key, found = source.key, list[Finding]()
     if abs(facts.air) > MAX_AIR_LINE_INTEGRAL:
         fact = f"the outermost columns have a line integral of {facts.air:.3f}"
-        found.append(_warning(key, fact, f"if they see only air, set {key}.air = {{ margin = 2 }}"))
+        remedy = f"if they see only air, set {key}.air = {{ margin = 2 }}"
+        found.append(Finding(Level.NOTE, "inspect", key, fact, remedy=remedy))  # offsets and levels of the beam are fitted
     ratio = grid.voxel_size / facts.pixel_at_sample
     if not USUAL_VOXEL_PIXEL_RATIO[0] < ratio < USUAL_VOXEL_PIXEL_RATIO[1]:
         fact = f"a voxel is {ratio:.2f} times a pixel at the sample; near 1 is usual"

@@ -1,4 +1,4 @@
-"""Motions as CSV: one row a grain, the columns of `grainmotion.model.motions.MOTION_COLUMNS`.
+"""Motions as CSV: one row a grain, the columns of `grainmotion.model.motions.MOTION_COLUMNS`, then the reason.
 
 Lengths (x, u and their standard deviations) are in mm, rotation vectors w and their standard deviations in
 **degrees**; `grainmotion.io.results` writes the same motions to ``motions.h5`` in radians, as `Motions` holds them.
@@ -71,7 +71,7 @@ def write_motions(path: str | Path, motions: Motions) -> None:
     path : path
         The file to write.
     motions : Motions
-        What is NaN is left empty.  Covariances between components, reasons and the fit as a whole are not in the file.
+        What is NaN is left empty.  Covariances between components and the fit as a whole are not in the file.
     """
     with atomic_write(path) as temporary:
         motions.to_table().to_csv(temporary, index=False)

@@ -37,6 +37,8 @@ MOTION_COLUMNS = (
     "label", "status", "x", "y", "z", "ux", "uy", "uz", "wx", "wy", "wz",
     "sd_ux", "sd_uy", "sd_uz", "sd_wx", "sd_wy", "sd_wz", "residual", "iterations",
 )  # fmt: skip
+REASON_COLUMN = "reason"
+"""Column of ``motions.csv`` after `MOTION_COLUMNS`; files of older versions lack it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,6 +233,7 @@ class Motions:
         table.insert(1, "status", self.statuses)
         table["residual"] = self.residuals
         table["iterations"] = self.iterations
+        table[REASON_COLUMN] = [_plain_text(reason) for reason in self.reasons]
         return table
 
     @classmethod
@@ -240,7 +243,7 @@ class Motions:
         Parameters
         ----------
         table : DataFrame
-            The columns of `to_table`, mm and degrees.
+            The columns of `to_table`, mm and degrees; the reasons may be missing.
         where : str
             Name of the table in errors.
 
@@ -268,5 +271,16 @@ class Motions:
             statuses=table["status"].to_numpy(str).astype("<U20"),
             residuals=table["residual"].to_numpy(float),
             iterations=table["iterations"].to_numpy(np.int64),
-            reasons=("",) * len(table),
+            reasons=_reasons(table),
         )
+
+
+def _plain_text(sentence: str) -> str:
+    """A sentence in one line that no spreadsheet takes for a formula and no reader for a comment."""
+    return " ".join(sentence.replace("#", "no. ").split()).lstrip("=+-@ ")
+
+
+def _reasons(table: pd.DataFrame) -> tuple[str, ...]:
+    if REASON_COLUMN not in table.columns:
+        return ("",) * len(table)
+    return tuple("" if reason != reason else str(reason) for reason in table[REASON_COLUMN])

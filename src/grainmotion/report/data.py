@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion.errors import InputError
+from grainmotion.model.finding import Finding
 from grainmotion.model.motions import Motions
 from grainmotion.model.volume import Volume
 
@@ -64,6 +65,7 @@ class ReportData:
     volume: Volume | None = None  # the reference volume, of which the page shows the central slices
     labels: NDArray[np.integer] | None = None  # its labels, 0 for no grain
     states: tuple[StateReport, ...] = ()  # in loading order
+    findings: tuple[Finding, ...] = ()  # of checks of the input and of the results
 
     def __post_init__(self) -> None:
         if self.labels is not None and (self.volume is None or self.labels.shape != self.volume.shape):

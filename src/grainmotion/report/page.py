@@ -14,6 +14,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from grainmotion.io.files import atomic_write
+from grainmotion.model.finding import worst_first
 from grainmotion.report import curves, images, tables
 from grainmotion.report.arrows import scenes
 from grainmotion.report.data import ReportData, StateReport
@@ -26,7 +27,7 @@ PACKAGES = ("grainmotion", "numpy", "scipy", "numba", "scikit-image", "matplotli
 
 
 def write_report(path: str | Path, data: ReportData) -> None:
-    """Write one HTML page that opens offline: radiographs, convergence, grains, arrows.
+    """Write one HTML page that opens offline: findings, radiographs, convergence, grains, arrows.
 
     Large radiographs are averaged over blocks of pixels, so that the page stays below about 10 MB.
 
@@ -54,6 +55,7 @@ def _context(data: ReportData) -> dict[str, object]:
     return {
         "title": data.title,
         "written": datetime.now().astimezone().strftime("%Y-%m-%d %H:%M"),
+        "findings": worst_first(data.findings),
         "summary": [tables.summary_row(state) for state in data.states],
         "reference": _reference(data),
         "states": [_state(state, pixels, MAX_TABLE_ROWS // count) for state in data.states],

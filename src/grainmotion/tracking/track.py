@@ -18,6 +18,7 @@ from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Float, Image, Progress
 from grainmotion.backends.base import PatchBackend
 from grainmotion.backends.device import Device
+from grainmotion.diagnosis.results import common_cause, with_common_cause
 from grainmotion.diagnosis.state_geometry import check_state
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions, Status
@@ -133,12 +134,13 @@ def track_with_residual(
 
 
 def _with_likely_cause(job: _Job, motions: Motions) -> Motions:
-    """Where nearly all grains failed, the motions with a note on the one cause that explains it, if there is one."""
+    """Where nearly all grains failed, the motions with the one cause as a note and as the reason of each."""
     if np.isin(motions.statuses, FAILED).mean() < MIN_FAILED_SHARE:
         return motions
     found = check_state(job.grains, job.scan, job.start)
     notes = tuple(f"{f.fact} ({f.evidence}); {f.remedy}" for f in found)
-    return replace(motions, fit=replace(motions.fit, notes=(*notes, *motions.fit.notes)))
+    motions = replace(motions, fit=replace(motions.fit, notes=(*notes, *motions.fit.notes)))
+    return with_common_cause(motions, common_cause(motions, known=found))
 
 
 @dataclass(frozen=True, eq=False)

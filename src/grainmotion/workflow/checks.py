@@ -63,7 +63,8 @@ def _as_read(context: RunContext, source: ScanInput) -> Findings:
 
 def _findings(context: RunContext, name: str, path: Path, source: ScanInput, check: Callable[[], Findings]) -> Findings:
     """The findings of a check, from its file if an earlier run made it of the same input."""
-    settings = ["check", context.tables.check.warn, context.tables.check.stop, source.settings]
+    limits, grid = context.tables.check, context.inputs.grid
+    settings = ["check", limits.warn, limits.stop, source.settings, grid.shape, grid.voxel_size, grid.center]
     return findings_once(context, name, path, context.cache.fingerprint(settings, source.files), check)
 
 

@@ -20,15 +20,16 @@ from grainmotion.cluster.connection import ClusterConnection
 from grainmotion.errors import InputError
 from grainmotion.experiment.config import Experiment, ExperimentFile, StateTable
 from grainmotion.experiment.inputs import Inputs, check_contrast
+from grainmotion.experiment.inspection import scan_facts, scan_findings
 from grainmotion.experiment.scan_inputs import ScanInput
 from grainmotion.io.stacks import Stack
 from grainmotion.model.finding import Finding, Level
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.workflow.fingerprints import Fingerprints
+from grainmotion.workflow.log import PACKAGE_LOG, STAGE_LOG, timed
 from grainmotion.workflow.provenance import Stage, StageCache
 
-LOG = logging.getLogger("grainmotion")
 LOG_LEVELS = {Level.NOTE: logging.INFO, Level.WARNING: logging.WARNING, Level.ERROR: logging.ERROR}
 T = TypeVar("T")
 
@@ -67,7 +68,11 @@ class RunContext:
         for finding in findings:
             if finding not in self.findings:
                 self.findings.append(finding)
-                LOG.log(LOG_LEVELS[finding.level], "%s: %s", finding.level, finding)
+                PACKAGE_LOG.log(LOG_LEVELS[finding.level], "%s: %s", finding.level, finding)
+
+    def findings_on(self, key: str) -> tuple[Finding, ...]:
+        """Findings about one scan, such as ``states.NAME``: about its key or a key below it."""
+        return tuple(f for f in self.findings if f.where == key or f.where.startswith(f"{key}."))
 
     def apply_fix(self, source: ScanInput, fix: str) -> None:
         """Undo a mistake in the geometry of a scan, from here on."""
@@ -124,20 +129,23 @@ class RunContext:
         """Run a stage unless it is done; returns a function that gives its result, read from its files if it was."""
         if self.cache.is_done(stage.name, stage.fingerprint):
             self.reused.append(stage.name)
+            STAGE_LOG.info("kept: %s", stage.name)
             return functools.cache(stage.load)
-        result = stage.run()
-        self.cache.discard(stage.name)
-        stage.write(result)
-        self.cache.add(stage.name, stage.fingerprint, stage.files)
+        with timed(stage.name):
+            result = stage.run()
+            self.cache.discard(stage.name)
+            stage.write(result)
+            self.cache.add(stage.name, stage.fingerprint, stage.files)
         self.done.append(stage.name)
         return lambda: result
 
     def measured(self, source: ScanInput) -> Scan:
-        """A scan as measured; the number of masked pixels is reported when it is read."""
+        """A scan as measured; what was noticed when it was read is in ``as_read``."""
         if source.key not in self._measured:
-            self._measured[source.key], pixels, self.as_read[source.key] = source.read_checked()
-            if pixels.bad:
-                self.notify(f"{source.key.removeprefix('states.')}: {pixels}", 1, 1)
+            scan, pixels, found = source.read_checked()
+            facts = scan_facts(source, scan, pixels, self.inputs.grid)
+            self._measured[source.key] = scan
+            self.as_read[source.key] = (*found, *scan_findings(source, facts, self.inputs.grid))
         return self._measured[source.key]
 
     def radiographs(self, source: ScanInput) -> Scan:

@@ -20,6 +20,7 @@ from grainmotion.io.results import StoredReference
 from grainmotion.io.spam import write_ddic_tsv
 from grainmotion.io.tiff import read_tiff, write_tiff
 from grainmotion.io.vtk import write_grains_vtp, write_image_vti
+from grainmotion.model.finding import Finding
 from grainmotion.model.motions import Motions
 from grainmotion.model.scan import Scan
 from grainmotion.report import ReportData, StateReport
@@ -47,6 +48,7 @@ class Results:
     scans: Mapping[str, Scan]
     motions: Mapping[str, Motions]
     scanner: ScannerCalibration = field(default_factory=ScannerCalibration)
+    findings: tuple[Finding, ...] = ()
 
 
 def write_outputs(
@@ -130,10 +132,13 @@ def report_stage(
 
     def write() -> None:
         scans = {table.name: context.radiographs(source) for table, source in context.states}
-        stored, scanner = reference().stored, context.scanner()
-        write_report(Results(context.experiment, context.inputs, context.folder, stored, scans, motions, scanner))
+        stored, scanner, found = reference().stored, context.scanner(), tuple(context.findings)
+        inputs, folder = context.inputs, context.folder
+        write_report(Results(context.experiment, inputs, folder, stored, scans, motions, scanner, found))
 
-    _complete(context, "report", context.fingerprints.report, [context.folder / REPORT], write)
+    told = [str(finding) for finding in context.findings]
+    fingerprint = context.cache.fingerprint(["findings", told], (), [context.fingerprints.report])
+    _complete(context, "report", fingerprint, [context.folder / REPORT], write)
     return context.folder / REPORT
 
 
@@ -147,6 +152,7 @@ def write_report(results: Results, comparisons: Mapping[str, Rows] | None = None
         volume=reference.volume,
         labels=reference.labels,
         states=tuple(_state_report(results, name, comparisons.get(name, ())) for name in results.motions),
+        findings=results.findings,
     )
     report.write_report(results.folder / REPORT, data)
 

@@ -10,6 +10,7 @@ continues where it was, and a changed setting repeats only the stages that depen
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -17,6 +18,7 @@ from typing import Literal
 from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Progress
 from grainmotion.cluster.connection import LOCAL, ComputeConfig, connect
+from grainmotion.diagnosis.results import check_motions
 from grainmotion.errors import InputError
 from grainmotion.experiment.config import Experiment
 from grainmotion.experiment.inputs import Inputs, find_inputs
@@ -24,14 +26,21 @@ from grainmotion.io.files import checked_folder
 from grainmotion.model.finding import Finding, worst_first
 from grainmotion.model.motions import Motions
 from grainmotion.workflow.beam_level_stage import BEAM_LEVEL, level_reference
-from grainmotion.workflow.calibration_stage import CALIBRATION, calibrate_stage
+from grainmotion.workflow.calibration_stage import CALIBRATION, calibrate_stage, calibration_findings
 from grainmotion.workflow.checks import check_files, check_radiographs, check_reference
 from grainmotion.workflow.context import RunContext, check_inputs
 from grainmotion.workflow.given_checks import check_given, check_grains, check_sizes
+from grainmotion.workflow.log import STAGE_LOG, run_log
 from grainmotion.workflow.outputs import DEFORMED, REFERENCE_EXPORTS, RESIDUALS, report_stage, write_outputs
 from grainmotion.workflow.provenance import StageCache
-from grainmotion.workflow.reference_stages import CHECKPOINT, REFERENCE, reconstruct_stage, segment_stage
-from grainmotion.workflow.tracking_stage import track_side_by_side, track_stage
+from grainmotion.workflow.reference_stages import (
+    CHECKPOINT,
+    REFERENCE,
+    SegmentedReference,
+    reconstruct_stage,
+    segment_stage,
+)
+from grainmotion.workflow.tracking_stage import TrackedState, track_side_by_side, track_stage
 
 Until = Literal["reconstruct", "segment", "track", "report"]
 
@@ -103,29 +112,49 @@ def run(
         context = RunContext(experiment, inputs, folder, StageCache(folder), progress, cluster)
         check_files(context, states=until in ("track", "report"))
         check_inputs(context, states=until in ("track", "report"))
-        check_radiographs(context, states=until in ("track", "report"))
-        level_reference(context)
-        check_reference(context)
-        check_given(context)
-        context.scanner = calibrate_stage(context)
-        reconstruction = reconstruct_stage(context)
-        motions: dict[str, Motions] = {}
-        report = None
-        if until != "reconstruct":
-            reference = segment_stage(context, reconstruction)
-            check_grains(context, reference)
-            if until != "segment":
-                tracked = track_side_by_side(context, reference)
-                for table in experiment.tables.states:
-                    if table.name not in tracked:
-                        tracked[table.name] = context.complete(track_stage(context, reference, table.name, tracked))()
-                check_sizes(context, reference, tracked)
-                motions = {table.name: tracked[table.name].motions for table in experiment.tables.states}
-                if until == "report":
-                    write_outputs(context, reference, tracked)
-                    report = report_stage(context, reference, motions)
-        findings = worst_first(context.findings)
-        return RunResult(folder, motions, tuple(context.done), tuple(context.reused), report, findings)
+        place = "" if workplace == LOCAL else f", {workplace}"
+        with run_log(folder, experiment, inputs, f"run until {until}{place}"):
+            for finding in context.findings:  # before there was a log
+                STAGE_LOG.info("%s: %s", finding.level, finding)
+            check_radiographs(context, states=until in ("track", "report"))
+            return _stages(context, until)
+
+
+def _stages(context: RunContext, until: Until) -> RunResult:
+    """All stages up to one, once the inputs are known to be usable."""
+    level_reference(context)
+    check_reference(context)
+    check_given(context)
+    context.scanner = calibrate_stage(context)
+    if context.inputs.reference is not None:
+        context.add(calibration_findings(context.scanner(), context.inputs.reference.geometry))
+    reconstruction = reconstruct_stage(context)
+    motions: dict[str, Motions] = {}
+    report = None
+    if until != "reconstruct":
+        reference = segment_stage(context, reconstruction)
+        check_grains(context, reference)
+        if until != "segment":
+            tracked = _track_states(context, reference)
+            check_sizes(context, reference, tracked)
+            motions = {name: state.motions for name, state in tracked.items()}
+            if until == "report":
+                write_outputs(context, reference, tracked)
+                report = report_stage(context, reference, motions)
+    findings = worst_first(context.findings)
+    return RunResult(context.folder, motions, tuple(context.done), tuple(context.reused), report, findings)
+
+
+def _track_states(context: RunContext, reference: Callable[[], SegmentedReference]) -> dict[str, TrackedState]:
+    """The motions of all states in their order, each with what it shows."""
+    tracked = track_side_by_side(context, reference)
+    for table in context.tables.states:
+        if table.name not in tracked:
+            tracked[table.name] = context.complete(track_stage(context, reference, table.name, tracked))()
+        motions = tracked[table.name].motions
+        context.add(check_motions(table.name, motions, context.findings_on(f"states.{table.name}")))
+        STAGE_LOG.info("%s: %d of %d grains usable", table.name, motions.usable.sum(), len(motions))
+    return {table.name: tracked[table.name] for table in context.tables.states}
 
 
 def _check_overwriting(inputs: Inputs, folder: Path) -> None:

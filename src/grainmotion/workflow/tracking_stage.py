@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from grainmotion._typing import Image, prefixed
 from grainmotion.cluster.state_tasks import State
 from grainmotion.diagnosis.labels import in_doubt
+from grainmotion.diagnosis.results import common_cause, with_common_cause
 from grainmotion.experiment.config import StateTable
 from grainmotion.experiment.scan_inputs import ScanInput
 from grainmotion.experiment.state_tracking import errors_of_state
@@ -67,7 +68,8 @@ def _track(
     progress, backend = prefixed(context.progress, table.name), context.tracking_backend
     with errors_of_state(source.key, table.initial):
         motions, residual = track_with_residual(grains, scan, start, settings, progress=progress, device=backend)
-    return TrackedState(in_doubt(motions, reference().doubts), residual)
+    cause = common_cause(motions, source.key, context.findings_on(source.key))
+    return TrackedState(in_doubt(with_common_cause(motions, cause), reference().doubts), residual)
 
 
 def track_side_by_side(context: RunContext, reference: Callable[[], SegmentedReference]) -> dict[str, TrackedState]:

@@ -1,0 +1,159 @@
+"""What the motions of a state show: notes of the fit, its gain, and one common cause where nearly all grains fail."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grainmotion.model.finding import Finding, Level
+from grainmotion.model.motions import Motions, Status
+
+MIN_COMMON_GRAINS, MIN_COMMON_SHARE = 4, 0.8
+"""Grains of a state, and the share of them that must fail, for one common cause.
+
+With a wrong geometry or scale all of 5 to 20 grains fail (17 cases of wrong input), with broken or missing grains at
+most a third; a sample mirrored in both scans loses 15 of 20, which is told as a warning."""
+USUAL_GAINS = (0.9, 1.1)
+"""Fitted gains without a remark: 0.99 to 1.01 in good and hard cases, 0.96 with voxels 2 % too large."""
+PLAUSIBLE_GAINS = (0.6, 1.6)
+"""Fitted gains of grains in wrong places, 0.67 to 1.49 in trials; beyond them the line integrals have another scale
+(0.29 and less, 9.8)."""
+SEE_COMMON_CAUSE = "see the common cause"
+"""Beginning of the reason of a grain that failed together with nearly all others."""
+
+_GEOMETRY = (
+    "the radiographs do not show this sample as its geometry says. Usual causes: angles with the wrong sign, unit or "
+    "start; radiographs in another order, or flipped; wrong distances or voxel size; another sample; a poor reference, "
+    "or a volume or labels that are flipped or shifted; motions far beyond a grain's diameter"
+)
+_SCALE = (
+    "the line integrals of the radiographs and of the volume differ in scale. Usual causes: another kind (counts, "
+    "transmission, line-integrals) or the wrong flats; a given volume of grey values instead of 1/mm; a wrong unit of "
+    "length"
+)
+_PANEL = (
+    "the panel does not see them where the geometry puts them. Usual causes: detector_offset, distances or pixel_size "
+    "of this state; a sample that was lifted or taken out"
+)
+
+
+@dataclass(frozen=True)
+class _Kind:
+    """How notes that begin alike are told: level, name of the check, and what to do where the note does not say it."""
+
+    beginning: str
+    level: Level
+    check: str
+    remedy: str = ""
+
+
+_KINDS = (
+    _Kind("the views contradict each other", Level.WARNING, "views"),
+    _Kind("a grain has appeared", Level.WARNING, "new-grain"),
+    _Kind(
+        "something that is no grain attenuates", Level.WARNING, "new-grain",
+        "look at residuals.tif; lower segment.threshold if a grain of the reference has no label",
+    ),
+)  # fmt: skip
+"""Notes that are warnings; all others are notes, and so are views that contradict each other but are too few to be
+corrected: with 2 views beam hardening looks alike (the case ``beam-hardening``), and where views are really out of
+place the grains are poorly determined, which is a warning of its own."""
+
+
+def check_motions(name: str, motions: Motions, known: tuple[Finding, ...] = ()) -> tuple[Finding, ...]:
+    """What the motions of the state ``name`` show; ``known`` was found about it before it was tracked."""
+    where = f"states.{name}"
+    common = common_cause(motions, where, known)
+    if common is not None:
+        return (common,) if common not in known else ()
+    return (*_note_findings(motions, where), *_gain_findings(motions, where), *_many(motions, where))
+
+
+def common_cause(motions: Motions, where: str = "state", known: tuple[Finding, ...] = ()) -> Finding | None:
+    """The cause that all or nearly all grains failed; None if they did not.
+
+    It is the worst of what is ``known`` about the state and stops a run or has a fix; else the usual causes of what
+    the fit looks like.
+    """
+    failed = failures(motions)
+    if len(failed) < MIN_COMMON_GRAINS or failed.mean() < MIN_COMMON_SHARE:
+        return None
+    blamed = [f for f in known if f.level is Level.ERROR or f.fix]
+    if blamed:
+        return blamed[0]
+    count = f"{failed.sum()} of {len(failed)} grains fail"
+    level = Level.WARNING if motions.usable.any() else Level.ERROR
+    gain, reasons = motions.fit.gain, {r for r, f in zip(motions.reasons, failed, strict=True) if f}
+    lost = np.isin(motions.statuses, [Status.LEFT_FIELD.value, Status.NOT_FITTED.value])
+    numbers = f"gain {gain:.3g}"
+    if motions.fit.costs:
+        numbers += f", relative residual {motions.fit.costs[-1][1]:.2g}; about 1 and below 0.1 where all fits"
+    remedy = f"check radiographs, kind and geometry of {where}, and the reference"
+    if len(reasons) == 1 and not (told := reasons.pop()).startswith(SEE_COMMON_CAUSE):
+        return Finding(level, "common-cause", where, f"{count}, all for one reason: {told}", numbers)
+    if not PLAUSIBLE_GAINS[0] < gain < PLAUSIBLE_GAINS[1]:
+        cause = _SCALE
+    else:
+        cause = _PANEL if lost.mean() > 0.5 else _GEOMETRY
+    fact = f"{count}, so the cause is hardly in the grains: {cause}"
+    return Finding(level, "common-cause", where, fact, numbers, remedy)
+
+
+def with_common_cause(motions: Motions, cause: Finding | None) -> Motions:
+    """The motions with the common cause as the reason of all grains that failed, instead of blaming each."""
+    if cause is None:
+        return motions
+    sentence = f"{SEE_COMMON_CAUSE}: {cause.fact}"
+    failed = failures(motions)
+    reasons = (sentence if f else reason for f, reason in zip(failed, motions.reasons, strict=True))
+    return replace(motions, reasons=tuple(reasons))
+
+
+def failures(motions: Motions) -> NDArray[np.bool_]:
+    """Grains that were not found, ``(n,)``; those that fit in several ways were."""
+    return ~(motions.usable | (motions.statuses == Status.AMBIGUOUS.value))
+
+
+def _note_findings(motions: Motions, where: str) -> list[Finding]:
+    """A finding for each note of the fit; for several places of unexplained attenuation one."""
+    found: list[Finding] = []
+    notes = dict.fromkeys(motions.fit.notes)
+    for kind in _KINDS:
+        alike = [note for note in notes if note.startswith(kind.beginning)]
+        if alike:
+            more = f"; {len(alike) - 1} more such places" if len(alike) > 1 else ""
+            level = kind.level
+            if kind.check == "views" and motions.fit.view_corrections is None:
+                level = Level.NOTE
+            found.append(Finding(level, kind.check, where, alike[0] + more, remedy=kind.remedy))
+    known = tuple(kind.beginning for kind in _KINDS)
+    return found + [Finding(Level.NOTE, "fit", where, note) for note in notes if not note.startswith(known)]
+
+
+def _gain_findings(motions: Motions, where: str) -> list[Finding]:
+    gain = motions.fit.gain
+    if USUAL_GAINS[0] < gain < USUAL_GAINS[1] or not motions.usable.any():
+        return []
+    fact = "the radiographs attenuate more or less than the grains as simulated: another voltage or filter, a wrong "
+    fact += "unit or voxel size of a given volume, beam hardening, or missing or new grains"
+    return [Finding(Level.WARNING, "gain", where, fact, f"gain {gain:.3g}, about 1 is usual", "check these")]
+
+
+def _many(motions: Motions, where: str) -> list[Finding]:
+    """Findings if most grains fail, or if the views do not determine a translation of nearly all."""
+    failed, n, found = failures(motions), len(motions), list[Finding]()
+    if n >= MIN_COMMON_GRAINS and failed.mean() > 0.5:
+        fact = f"{failed.sum()} of {n} grains fail, more than is likely by their own fault; if they are whole, "
+        fact += f"{_GEOMETRY}"
+        found.append(Finding(Level.WARNING, "common-cause", where, fact, f"gain {motions.fit.gain:.3g}"))
+    poor = motions.statuses == Status.POORLY_DETERMINED.value
+    poor = poor & np.array(["translation" in reason for reason in motions.reasons], dtype=bool)
+    if n >= MIN_COMMON_GRAINS and poor.mean() >= MIN_COMMON_SHARE:
+        fact = "the views do not determine a translation of nearly all grains: they are too few, look along nearly one "
+        fact += "line, or contradict each other"
+        count = f"{poor.sum()} of {n} grains are poorly determined"
+        remedy = "take views 90 degrees apart, and check the geometry"
+        found.append(Finding(Level.WARNING, "views", where, fact, count, remedy))
+    return found
