@@ -216,7 +216,7 @@ class TestFindings:
     def test_are_the_first_section_worst_first(self, tmp_path):
         page = write_and_parse(tmp_path, replace(example.data(), findings=self.FOUND))
         assert [a["id"] for t, a in page.elements if t == "section"][:2] == ["findings", "summary"]
-        assert [a["class"] for t, a in page.elements if t == "li"][:3] == ["error", "warning", "note"]
+        assert [a.get("class") for t, a in page.elements if t == "li"][:3] == ["error", "warning", "note"]
         text = " ".join("".join(page.words).split())
         assert f"error states.a: 6 of 6 fail {example.MARKUP} (gain 0.8) What to do: check them" in text
         assert page.count("a", href="#findings") == 1

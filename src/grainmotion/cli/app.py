@@ -277,6 +277,7 @@ def demo(
     console.print_comparisons(outcome.comparisons)
     print_findings(outcome.result.findings, quiet=quiet)
     print(f"report: {outcome.result.report}")
+    exit_by(outcome.result.motions, (), strict=False)
 
 
 @app.command("version")

@@ -68,8 +68,12 @@ def _track(
     progress, backend = prefixed(context.progress, table.name), context.tracking_backend
     with errors_of_state(source.key, table.initial):
         motions, residual = track_with_residual(grains, scan, start, settings, progress=progress, device=backend)
-    cause = common_cause(motions, source.key, context.findings_on(source.key))
-    return TrackedState(in_doubt(with_common_cause(motions, cause), reference().doubts), residual)
+    return TrackedState(in_doubt(_explained(context, source.key, motions), reference().doubts), residual)
+
+
+def _explained(context: RunContext, key: str, motions: Motions) -> Motions:
+    """The motions with the common cause as reason, if nearly all grains of the state failed."""
+    return with_common_cause(motions, common_cause(motions, key, context.findings_on(key)))
 
 
 def track_side_by_side(context: RunContext, reference: Callable[[], SegmentedReference]) -> dict[str, TrackedState]:
@@ -105,7 +109,8 @@ def track_side_by_side(context: RunContext, reference: Callable[[], SegmentedRef
     tracked: dict[str, TrackedState] = {}
     context.notify("tracking states side by side", 0, len(states))
     for name, motions in cluster.track(reference().grains, states, context.tables.track):
-        run = functools.partial(TrackedState, in_doubt(motions, reference().doubts))
+        explained = _explained(context, f"states.{name}", motions)
+        run = functools.partial(TrackedState, in_doubt(explained, reference().doubts))
         tracked[name] = context.complete(_stage(context, missing[name], run))()
         context.notify(f"tracking states side by side: {name} done", len(tracked), len(states))
     return tracked
