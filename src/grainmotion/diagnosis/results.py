@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from grainmotion.model.finding import Finding, Level
+from grainmotion.diagnosis.state_views import STATE_CHECK
+from grainmotion.model.finding import Finding, Level, worst_first
 from grainmotion.model.motions import Motions, Status
 
 MIN_COMMON_GRAINS, MIN_COMMON_SHARE = 4, 0.8
@@ -74,13 +75,13 @@ def check_motions(name: str, motions: Motions, known: tuple[Finding, ...] = ()) 
 def common_cause(motions: Motions, where: str = "state", known: tuple[Finding, ...] = ()) -> Finding | None:
     """The cause that all or nearly all grains failed; None if they did not.
 
-    It is the worst of what is ``known`` about the state and stops a run or has a fix; else the usual causes of what
-    the fit looks like.
+    It is the worst of what is ``known`` about the state, if that is an error, has a fix or is about its geometry; else
+    the usual causes of what the fit looks like.
     """
     failed = failures(motions)
     if len(failed) < MIN_COMMON_GRAINS or failed.mean() < MIN_COMMON_SHARE:
         return None
-    blamed = [f for f in known if f.level is Level.ERROR or f.fix]
+    blamed = worst_first([f for f in known if f.level is Level.ERROR or f.fix or f.check == STATE_CHECK])
     if blamed:
         return blamed[0]
     count = f"{failed.sum()} of {len(failed)} grains fail"
