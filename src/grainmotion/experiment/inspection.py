@@ -121,7 +121,7 @@ def scan_findings(source: ScanInput, facts: ScanFacts, grid: Volume) -> tuple[Fi
     if abs(facts.air) > MAX_AIR_LINE_INTEGRAL:
         fact = f"the outermost columns have a line integral of {facts.air:.3f}"
         remedy = f"if they see only air, set {key}.air = {{ margin = 2 }}"
-        found.append(Finding(Level.NOTE, "inspect", key, fact, remedy=remedy))  # offsets and levels of the beam are fitted
+        found.append(Finding(Level.NOTE, "inspect", key, fact, remedy=remedy))  # a level of the beam is fitted
     ratio = grid.voxel_size / facts.pixel_at_sample
     if not USUAL_VOXEL_PIXEL_RATIO[0] < ratio < USUAL_VOXEL_PIXEL_RATIO[1]:
         fact = f"a voxel is {ratio:.2f} times a pixel at the sample; near 1 is usual"
