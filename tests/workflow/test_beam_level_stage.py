@@ -6,6 +6,7 @@ import shutil
 import numpy as np
 import pytest
 
+from grainmotion.calibration.beam_level import BeamLevels
 from grainmotion.cluster.reconstruction_tasks import load_views
 from grainmotion.experiment.config import read_experiment
 from grainmotion.experiment.inputs import find_inputs
@@ -13,6 +14,7 @@ from grainmotion.io.results import read_reference
 from grainmotion.io.tiff import read_tiff, write_tiff
 from grainmotion.model.finding import Level
 from grainmotion.workflow import run as workflow
+from grainmotion.workflow.beam_level_stage import finding
 from tiny_experiment import TOML, VIEWS, write_tiny
 
 BEAM = 1 + 0.05 * np.random.default_rng(4).normal(size=VIEWS)
@@ -72,6 +74,13 @@ class TestUnsteadyBeam:
         result = workflow.run(read_experiment(copied), until="reconstruct")
         assert result.done == ("reconstruct",)
         assert result.findings == ()
+
+
+def test_flats_of_another_beam_are_named(unsteady):
+    source = find_inputs(read_experiment(unsteady[0])).reference
+    found = finding(BeamLevels(np.full(VIEWS, np.log(0.7)), "air"), source)
+    assert "brighter in all views than in the flats" in found.fact
+    assert "42.9 %" in found.evidence
 
 
 class TestWorkers:
