@@ -69,7 +69,7 @@ def test_a_mistyped_key_is_not_reported_missing_as_well(tiny):
         inputs_of(tiny, TOML.replace("first_row", "frist_row"))
 
 
-@pytest.mark.parametrize("name", ["étape 1", "Belastung_ä 5%", "试样", "F=12,5 kN (2)"])
+@pytest.mark.parametrize("name", ["étape 1", "Belastung_ä 5%", "试样", "F=12,5 kN (2)", "étape 1 – 5 %"])
 def test_states_have_names_in_any_alphabet(tiny, name):
     assert inputs_of(tiny, TOML.replace('name = "two"', f'name = "{name}"')).states[1].key == f"states.{name}"
 

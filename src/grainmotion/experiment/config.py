@@ -58,10 +58,8 @@ Fix = Annotated[str, AfterValidator(_known_fix)]
 
 
 def _usable_name(name: str) -> str:
-    if re.fullmatch(r"[^\W_][\w.,%+=() -]*", name) is None:
-        raise ValueError(
-            "it names a folder: use letters, digits, blanks and . , _ - + = % ( ), and begin with a letter"
-        )
+    if re.fullmatch(r"[^\W_][^/\\:*?\"<>|\x00-\x1f]*", name) is None:
+        raise ValueError('it names a folder: begin with a letter or digit, and use none of / \\ : * ? " < > |')
     return name
 
 
