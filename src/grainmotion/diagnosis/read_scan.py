@@ -21,7 +21,7 @@ BORDER_SHARE = 0.02
 MAX_SIDES_APART = 0.02
 """Median difference of the line integrals at the two borders where both see air, beside the noise.
 
-Scans with air at both sides gave up to 0.004, samples wider than the panel 0.05 to 0.4."""
+Scans with air at both sides gave up to 0.003, a sample wider than the panel 0.03 to 0.04."""
 BLACK = 0.1
 """Brightest parts of a black radiograph over those of the other views.  Sound views: 0.7 and more."""
 VIEW_BLOCKS = 24
