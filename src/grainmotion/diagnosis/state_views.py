@@ -28,8 +28,8 @@ called strange.  Good views of 15 grains or more have 0.29 at least; views of an
 or flipped have -0.36 to 0.25, 95 % of them below 0.2."""
 MIN_OTHERS = 0.35
 """The same quantity of the other views, absolute, from which they are taken as right."""
-MIN_OTHERS_FEW, FEW_GRAINS = 1.2, 12
-"""The same for samples of fewer grains, where good views differ: they have up to 1.03."""
+MIN_OTHERS_FEW, FEW_GRAINS = 2.0, 12
+"""The same for samples of fewer grains, where good views differ: others have up to 1.4 beside one that fits nowhere."""
 MIN_VIEWS_TO_COMPARE = 3
 MIN_REPEATED_GAIN = 0.02
 """How much better one of two equal radiographs must fit for the views to differ: two views of one angle give 0."""
