@@ -27,14 +27,14 @@ from grainmotion.diagnosis.state_hypotheses import (
     other_starts,
     single_mistakes,
 )
-from grainmotion.diagnosis.state_views import ViewNames, blank_views, repeated_views, strange_views
+from grainmotion.diagnosis.state_views import FEW_GRAINS, ViewNames, blank_views, repeated_views, strange_views
 from grainmotion.model.finding import Finding, Level
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions
 from grainmotion.model.scan import Scan
 from grainmotion.model.starting_pose import starting_pose
 
-CLEAR_LEAD = 0.3
+CLEAR_LEAD = 0.25
 """Gain of the geometry as given over the median of the usual mistakes, from which nothing else is tried."""
 MIN_GAIN, MIN_GAIN_ONE_VIEW = 0.2, 0.4
 """Gain from which a usual mistake is named: the first and, divided by the number of views, the second.  Good states
@@ -124,10 +124,12 @@ class _State:
     def findings(self) -> list[Finding]:
         """What is wrong with the geometry as a whole, or with single views."""
         now = self._trial(as_given(self.likeness))
-        changes = [self._trial(c) for c in single_mistakes(self.likeness)]
-        singles = [t for t in changes if t.candidate.fixes[0] not in SMALL_CHANGES]
-        if singles and _is_clear(now, singles):
+        candidates = single_mistakes(self.likeness)
+        bounds = [Fit(self.likeness.best(c.images, c.geometry)) for c in candidates]
+        if bounds and _is_clear(now.fit, bounds, len(self.grains)):
             return []
+        changes = [self._trial(c) for c in candidates]
+        singles = [t for t in changes if t.candidate.fixes[0] not in SMALL_CHANGES]
         sweep = Sweep.of(self.likeness)
         strange = strange_views(self.likeness, sweep, len(self.grains))
         doubles = [c for c in double_mistakes(self.likeness) if c.fixes[0] not in SMALL_CHANGES]
@@ -196,11 +198,15 @@ class _State:
         return [self.words.finding(Level.WARNING, fact, evidence, remedy)]
 
 
-def _is_clear(now: Trial, singles: list[Trial]) -> bool:
-    """Whether the geometry as given is better than all usual mistakes, and clearly than most of them, in every view."""
-    usual = np.median([t.fit.each for t in singles], axis=0)
-    lead = min(gain(u, f) for u, f in zip(usual, now.fit.each, strict=True))
-    return lead > CLEAR_LEAD and all(gain(now.fit, t.fit) < 0 for t in singles)
+def _is_clear(now: Fit, bounds: list[Fit], grains: int) -> bool:
+    """Whether the geometry as given is better than all usual mistakes can be, and clearly than most of them.
+
+    Where single views of few grains are not judged, the mean of the views counts, else each view.
+    """
+    usual = np.median([fit.each for fit in bounds], axis=0)
+    leads = [gain(u, f) for u, f in zip(usual, now.each, strict=True)]
+    lead = np.mean(leads) if grains < FEW_GRAINS else np.min(leads)
+    return bool(lead > CLEAR_LEAD and all(gain(now, fit) < 0 for fit in bounds))
 
 
 def _best(now: Trial, named: list[Trial], free: list[Trial], views: int) -> Trial | None:
