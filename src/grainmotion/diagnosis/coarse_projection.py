@@ -7,7 +7,7 @@ by least squares.  What remains, the residual relative to the radiographs, judge
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -29,6 +29,10 @@ MAX_COARSE_SHIFT = 10
 """Largest shift of the volume along each axis, coarse pixels."""
 MAX_VIEWS_COMPARED = 8
 """Views of a full scan with which a volume is compared."""
+AIR_QUANTILE = 0.3
+"""Quantile of the pixels beside the volume that is air."""
+MIN_SHARE_BESIDE = 0.03
+"""Share of a view's pixels beside the volume, from which its air is taken from them."""
 SHIFT_STEPS = (2.0, 1.0, 0.5, 0.25, 0.125)
 """Steps of the search for a shift, coarse pixels."""
 
@@ -132,13 +136,24 @@ class CoarseScan:
             total += ndimage.map_coordinates(image, place, order=order, mode="grid-wrap", prefilter=False)
         return total
 
+    def above_air(self, volume: Volume) -> CoarseScan:
+        """The same with air at 0 in each view that sees some beside the volume: a beam that drifts gives it a level."""
+        images = self.scan.line_integrals.copy()
+        for image, beside in zip(images, self._beside(volume), strict=True):
+            if beside.mean() >= MIN_SHARE_BESIDE:
+                image -= np.quantile(image[beside], AIR_QUANTILE)
+        return CoarseScan(replace(self.scan, line_integrals=images), self.center)
+
     def share_outside(self, volume: Volume) -> float:
         """Share of the radiographs' line integrals on pixels whose rays pass the volume by."""
-        ones = Volume(np.ones(volume.shape, np.float32), volume.voxel_size, volume.center)
-        outside = project(ones, self.scan.geometry) < volume.voxel_size
         images = np.maximum(self.scan.line_integrals, 0)
         total = float(images.sum(dtype=float))
-        return float(images[outside].sum(dtype=float)) / total if total > 0 else 0.0
+        return float(images[self._beside(volume)].sum(dtype=float)) / total if total > 0 else 0.0
+
+    def _beside(self, volume: Volume) -> NDArray[np.bool_]:
+        """Pixels whose rays pass the volume by."""
+        ones = Volume(np.ones(volume.shape, np.float32), volume.voxel_size, volume.center)
+        return project(ones, self.scan.geometry) < volume.voxel_size
 
 
 def coarse_volume(volume: Volume, pixel: float) -> Volume:

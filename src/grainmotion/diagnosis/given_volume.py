@@ -39,8 +39,9 @@ SCALES_OF_THE_SAME_STATE = ((0.01, 0.15, 0.8),)
 """Error of the voxel size, residual without it and that over the residual with it, from which it is told: compared with
 radiographs of the same state.
 """
-SCALES_OF_ANOTHER_STATE = ((0.04, 0.2, 0.85), (0.08, 0.35, 0.75))
-"""The same where grains have moved: motions of single grains may change the best scale by some per cent."""
+SCALES_OF_ANOTHER_STATE = ((0.1, 0.35, 0.75),)
+"""The same where grains have moved: motions of single grains by two voxels changed the best scale by up to 7 %;
+`grain_scale` tells smaller errors after tracking."""
 ATTENUATION_BY_SCALE = 2.5
 """Power of the voxel size by which the fitted attenuation falls: measured between 2.3 and 2.8."""
 MAX_FACTOR_BY_SCALE = 4.0
@@ -53,12 +54,22 @@ NOTED_ATTENUATION_FACTOR = 1.3
 """The same, from which it is told."""
 MAX_RESIDUAL_OF_FACTOR = 0.35
 """Residual up to which a factor of the attenuation, and a shift, are believed."""
+MISSING_GRAINS = 0.3
+"""Squared residual over the missing share of attenuation, from which grains are missing: 0.4 where they were taken
+out.
+"""
 MIN_AIR_LEVEL = 0.05
 """Level of air, over the step from air to grains, from which it is tried whether it is an offset."""
-MAX_SHARE_OUTSIDE = 0.05
-"""Share of the radiographs' line integrals beside the volume, from which the volume is too small."""
+MAX_SHARE_OUTSIDE = 0.1
+"""Share of the radiographs' line integrals beside the volume, from which the volume is too small: 0.06 where a thin
+container lies outside, 0.13 to 0.21 for half of a volume.
+"""
 UNLIKE_RESIDUAL = 0.25
 """Residual from which a volume that matches no better than its mirror images is another sample."""
+UNLIKE_RATIO = 0.9
+"""Residual of the best mirror image over that of the volume, up to which it is another sample: 0.95 and more where a
+third of the grains or half of a liquid was taken out.
+"""
 MIN_SHIFT_VOXELS = 0.5
 """Shift against radiographs of the same state from which it is told, voxels."""
 NOTED_SHIFT_VOXELS = 2.0
@@ -119,7 +130,8 @@ def check_volume(
     if min(volume.shape) == 1 or float(np.ptp(volume.array)) == 0:
         return tuple(found)
     coarse = CoarseScan.of(scan, volume.center)
-    compared = _Comparison(coarse, coarse_volume(volume, coarse.pixel), volume.voxel_size, same_state, where)
+    small = coarse_volume(volume, coarse.pixel)
+    compared = _Comparison(coarse.above_air(small), small, volume.voxel_size, same_state, where)
     return (*_compared(compared, volume), *found)
 
 
@@ -161,7 +173,7 @@ def _unlike(given: _Comparison, told: Match, others: list[tuple[Match, Orientati
     if told.residual <= UNLIKE_RESIDUAL or not others:
         return []
     best, orientation = min(others, key=lambda pair: pair[0].residual)
-    if best.residual >= told.residual:
+    if best.residual >= UNLIKE_RATIO * told.residual:
         return []
     name = orientation_name(orientation)
     fact = f"the volume does not look like the radiographs: another sample, wrong angles, or it is {name}"
@@ -226,9 +238,10 @@ def _attenuation(given: _Comparison, match: Match, air: float) -> Iterable[Findi
         yield given.finding(Level.ERROR, fact, evidence, f"give (volume - {air:.6g}) * {factor:.4g}")
         return
     off = max(factor, 1 / factor) if factor > 0 else np.inf
-    if off < NOTED_ATTENUATION_FACTOR or match.residual > MAX_RESIDUAL_OF_FACTOR:
+    missing = match.residual**2 > MISSING_GRAINS * (1 - 1 / off)  # grains that are not there lower the factor too
+    if off < NOTED_ATTENUATION_FACTOR or match.residual > MAX_RESIDUAL_OF_FACTOR or missing:
         return
-    units = {0.1: "in 1/cm", 10.0: "in 1/cm times 100", 1000.0: "in 1/um", 0.001: "in 1/m"}
+    units = {0.1: "in 1/cm", 10.0: "in 1/cm times 100", 1000.0: "in 1/um", 0.001: "in 1/m, or grey values"}
     units |= {1 / given.voxel_size: "per voxel"}
     cause = next((u for f, u in units.items() if abs(factor / f - 1) < UNIT_TOLERANCE), "grey values or in other units")
     fact = f"the attenuation of the volume is {cause}, not in 1/mm"
