@@ -10,6 +10,7 @@ from .calibration.scanner import ScannerCalibration as ScannerCalibration
 from .calibration.settings import ReferenceSettings as ReferenceSettings
 from .calibration.settings import ScannerSettings as ScannerSettings
 from .diagnosis.given_volume import check_volume as check_volume
+from .diagnosis.scan_geometry import check_scan as check_scan
 from .diagnosis.settings import CheckSettings as CheckSettings
 from .diagnosis.state_geometry import check_state as check_state
 from .errors import BackendError as BackendError

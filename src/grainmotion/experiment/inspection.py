@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from grainmotion.diagnosis.hypotheses import stage_angles_deg
+from grainmotion.diagnosis.scan_geometry import check_scan
 from grainmotion.experiment.inputs import Inputs, cylinder_circle
 from grainmotion.experiment.scan_inputs import ScanInput
 from grainmotion.model.finding import Finding, Level
@@ -85,6 +86,8 @@ def inspect_inputs(inputs: Inputs) -> Inspection:
         facts.append(scan_facts(source, scan, pixels, inputs.grid))
         first_views.append(FirstViews.of(source.key.removeprefix("states."), scan))
         findings += (*source.findings, *as_read, *scan_findings(source, facts[-1], inputs.grid))
+        if source is inputs.reference:
+            findings += check_scan(scan, inputs.grid, where=source.key)
     reference = inputs.reference
     if not inputs.states:
         findings.append(_warning("states", "no states", "add a [[states]] table for each later state"))

@@ -100,8 +100,8 @@ class ScanInput:
         return replace(scan, monitor=monitor, levels=levels)
 
     def fixed(self, fix: str) -> ScanInput:
-        """The scan with a geometry in which one more mistake is undone."""
-        return replace(self, geometry=hypotheses.corrected(self.geometry, [fix]))
+        """The scan with a geometry in which one more mistake is undone, or several: "one, another"."""
+        return replace(self, geometry=hypotheses.corrected(self.geometry, fix.split(", ")))
 
     def read(self) -> tuple[Scan, PixelReport]:
         """Read the radiographs as line integrals; errors name the files and the key."""

@@ -360,6 +360,8 @@ class Geometry:
 
 
 def _check_views(vectors: Float, beam: Beam) -> None:
+    if _are_fine(vectors, beam):
+        return
     for i, row in enumerate(vectors):
         where = f"geometry view {i} (row {i + 1})"
         if not np.isfinite(row).all():
@@ -374,3 +376,16 @@ def _check_views(vectors: Float, beam: Beam) -> None:
         ray = d - s if beam == "cone" else s
         if abs(ray @ normal) < 1e-9 * np.linalg.norm(ray) * np.linalg.norm(normal) or not ray.any():
             raise InputError(where, "the rays run inside the panel's plane", "check the source or direction and u, v")
+
+
+def _are_fine(vectors: Float, beam: Beam) -> bool:
+    """Whether no view is at fault, for all views at once: geometries are made often, view by view in a reconstruction.
+
+    A little stricter than the loop that names the view.
+    """
+    s, d, u, v = vectors[:, :3], vectors[:, 3:6], vectors[:, 6:9], vectors[:, 9:]
+    n = np.stack([u[:, 1] * v[:, 2] - u[:, 2] * v[:, 1], u[:, 2] * v[:, 0] - u[:, 0] * v[:, 2],
+                  u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]], axis=1)  # fmt: skip
+    ray = d - s if beam == "cone" else s
+    uu, vv, nn, rr, rn = ((a * b).sum(axis=1) for a, b in ((u, u), (v, v), (n, n), (ray, ray), (ray, n)))
+    return bool(np.isfinite(vectors).all() and (nn > 1.01e-12 * uu * vv).all() and (rn**2 > 1.01e-18 * rr * nn).all())

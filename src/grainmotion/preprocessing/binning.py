@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from skimage.measure import block_reduce
 
+from grainmotion.model.geometry import Geometry
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 
@@ -40,9 +41,9 @@ def binned_scan(
     r0, c0 = ((n - m * factor) // 2 for n, m in zip(scan.geometry.shape, (height, columns), strict=True))
     views = sufficient_views(len(scan), columns) if views is None else views
     first, end = (0, height) if rows is None else rows
+    geometry = binned_geometry(scan.geometry, factor, views, (first, end))
     r0, height = r0 + first * factor, end - first
     inner = (views[:, None, None], np.arange(r0, r0 + height * factor)[:, None], np.arange(c0, c0 + columns * factor))
-    geometry = scan.geometry[views].window((r0, c0), (height * factor, columns * factor)).binned(factor)
     images = scan.line_integrals[inner]
     if scan.valid is None:
         return Scan(binned_images(images, factor), geometry)
@@ -50,6 +51,16 @@ def binned_scan(
     number = block_reduce(good, block, np.sum)
     mean = block_reduce(np.where(good, images, 0), block, np.sum) / np.maximum(number, 1)
     return Scan(mean, geometry, number > 0)
+
+
+def binned_geometry(
+    geometry: Geometry, factor: int, views: NDArray[np.int64], rows: tuple[int, int] | None = None
+) -> Geometry:
+    """The views of `binned_scan` with the same arguments."""
+    height, columns = (n // factor for n in geometry.shape)
+    r0, c0 = ((n - m * factor) // 2 for n, m in zip(geometry.shape, (height, columns), strict=True))
+    first, end = (0, height) if rows is None else rows
+    return geometry[views].window((r0 + first * factor, c0), ((end - first) * factor, columns * factor)).binned(factor)
 
 
 def sufficient_views(count: int, columns: int) -> NDArray[np.int64]:

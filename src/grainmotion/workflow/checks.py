@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+from grainmotion.diagnosis.scan_geometry import check_scan
 from grainmotion.errors import InputError
 from grainmotion.experiment.scan_inputs import ScanInput
 from grainmotion.io.findings_json import read_findings, write_findings
@@ -50,7 +51,7 @@ def check_reference(context: RunContext) -> None:
 
 def _reference_findings(context: RunContext, source: ScanInput) -> Findings:
     """All checks of the reference scan."""
-    return ()
+    return check_scan(context.measured(source), context.inputs.grid, context.tables.check, where=source.key)
 
 
 def _as_read(context: RunContext, source: ScanInput) -> Findings:
@@ -100,5 +101,6 @@ def settle(context: RunContext, source: ScanInput, findings: Findings) -> None:
 def applied(context: RunContext, source: ScanInput, finding: Finding) -> Finding:
     """The finding after its fix."""
     context.apply_fix(source, finding.fix)
-    remedy = f'the fix was applied; to keep it, write fixes = ["{finding.fix}"] there, or {finding.remedy}'
+    names = ", ".join(f'"{name}"' for name in finding.fix.split(", "))
+    remedy = f"the fix was applied; to keep it, write fixes = [{names}] there, or {finding.remedy}"
     return replace(finding, level=Level.WARNING, remedy=remedy)

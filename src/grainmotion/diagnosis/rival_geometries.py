@@ -1,0 +1,189 @@
+"""Which geometry of a full scan is the right one: rough trials of many, and a fine comparison of two.
+
+Rough trials bin the radiographs to some 20 columns, where one takes some hundredths of a second; each geometry is tried
+with the panel shifted along u, so that an axis that is off is not taken for wrong angles.  They tell apart geometries
+that differ by much.  A wrong sense of rotation, or a counted end point, differs by less than one of those pixels: the
+fine comparison uses the finest pixels, but few rows, and a paired test, view by view.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from grainmotion._typing import Float, Index
+from grainmotion.calibration.calibrate import SEARCH_RANGE
+from grainmotion.diagnosis.hypotheses import HYPOTHESES, corrected
+from grainmotion.diagnosis.view_consistency import BinnedViews, Consistency, best_factor, best_shift
+from grainmotion.model.geometry import Geometry
+from grainmotion.model.scan import Scan
+from grainmotion.model.volume import Volume
+
+ROUGH_STEP = 2
+"""Step of the panel's shift in rough trials, pixels."""
+JUDGED_STEPS = (1.0, 0.5, 0.25)
+"""Steps of the search for the panel's shift from there, pixels of the judged residual."""
+TIE_DECIMALS = 3
+"""Of rough residuals; of hypotheses that are mirror images of each other the first in the list is taken."""
+ROUGH_COLUMNS = (14, 24)
+"""Columns of the radiographs in rough trials, least and most."""
+JUDGED_COLUMNS = (20, 40)
+"""Columns of the radiographs that give the judged residual."""
+FINE_ROWS = 8
+"""Rows of the fine comparison."""
+FINE_COLUMNS = 400
+"""Columns of the fine comparison, at most: a wider panel shows the same at its larger pixels."""
+FINE_STEPS = (0.5, 0.25)
+"""Steps of the search for the panel's shift in the fine comparison, pixels; only where two geometries are close."""
+SIGNIFICANT_T = 5.0
+"""A geometry is better from this many standard errors on: differences of the views' squared residuals, paired.
+
+Sound scans of 24 views or more gave 8 to 42 for the sense of rotation in a cone beam, |t| < 2 in a parallel beam, where
+nothing tells it; with 12 views |t| < 1.
+"""
+CLOSE_T = 3.0
+"""Below it the shift of the panel is searched anew for both geometries."""
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A geometry that was tried.
+
+    Attributes
+    ----------
+    fixes : tuple of str
+        Hypotheses applied to the nominal geometry, in turn; empty for the nominal geometry.
+    geometry : Geometry
+        Of the whole scan.
+    shift : float
+        Best shift of the panel along u, pixels of the scan.
+    consistency : Consistency
+        Agreement of the views.
+    """
+
+    fixes: tuple[str, ...]
+    geometry: Geometry
+    shift: float
+    consistency: Consistency
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One geometry beside another, at the finest pixels.
+
+    Attributes
+    ----------
+    residuals : (float, float)
+        Of half of the views against the other half, in the first and in the second geometry.
+    t : float
+        Standard errors by which the second is worse; negative if it is better.
+    """
+
+    residuals: tuple[float, float]
+    t: float
+
+    @property
+    def second_is_better(self) -> bool:
+        """Whether the second geometry is significantly better."""
+        return self.t < -SIGNIFICANT_T
+
+    @property
+    def undecided(self) -> bool:
+        """Whether the data do not tell."""
+        return abs(self.t) <= SIGNIFICANT_T
+
+
+class Rivals:
+    """Trials of geometries on one scan."""
+
+    def __init__(self, scan: Scan, grid: Volume) -> None:
+        self._scan = scan
+        self._rough, self._judged = (
+            BinnedViews.of(scan, grid, best_factor(scan, grid, columns)) for columns in (ROUGH_COLUMNS, JUDGED_COLUMNS)
+        )
+        fine = -(-scan.geometry.shape[1] // FINE_COLUMNS)
+        self._fine = BinnedViews.of_rows(scan, grid, fine, FINE_ROWS)
+        self._known_squares: dict[tuple[bytes, float], Float] = {}
+
+    @property
+    def nominal(self) -> Geometry:
+        """The geometry as given."""
+        return self._scan.geometry
+
+    @property
+    def views(self) -> Index:
+        """Indices of the views that are judged."""
+        return self._judged.views
+
+    def as_given(self) -> Tried:
+        """The nominal geometry, its panel where it is said to be."""
+        return self._tried((), self._scan.geometry, 0.0)
+
+    def tried(self, fixes: tuple[str, ...]) -> Tried:
+        """The nominal geometry with fixes, the panel shifted along u to where it fits best."""
+        geometry, judged = corrected(self._scan.geometry, fixes), self._judged
+        start = round(self._rough_shift(geometry)[1] * self._rough.factor / judged.factor)
+        starts = np.array(sorted({0.0, float(start)}))
+        shift = best_shift(lambda x: judged.half_residual(judged.geometry(geometry, x)), starts, JUDGED_STEPS)
+        return self._tried(fixes, geometry, shift * judged.factor)
+
+    def ranked(self, candidates: Iterable[tuple[str, ...]]) -> list[tuple[str, ...]]:
+        """Those fixes that change the geometry, the best first, by rough trials."""
+        seen, values = [self._scan.geometry.vectors], {}
+        for fixes in candidates:
+            geometry = corrected(self._scan.geometry, fixes)
+            if not any(np.allclose(geometry.vectors, other) for other in seen):
+                seen.append(geometry.vectors)
+                values[fixes] = round(self._rough_shift(geometry)[0], TIE_DECIMALS)
+        return sorted(values, key=values.__getitem__)
+
+    def _rough_shift(self, geometry: Geometry) -> tuple[float, float]:
+        """Lowest residual of rough trials of a geometry, and its shift of the panel along u, rough pixels."""
+        rough = self._rough
+        reach = int(SEARCH_RANGE * rough.scan.geometry.shape[1]) // ROUGH_STEP * ROUGH_STEP
+        shifts = np.arange(-reach, reach + 1.0, ROUGH_STEP)
+        values = [rough.half_residual(rough.geometry(geometry, float(x))) for x in shifts]
+        return min(values), float(shifts[int(np.argmin(values))])
+
+    def compare(self, first: Tried, second: Geometry) -> Comparison:
+        """A geometry and another one at the finest pixels, few rows."""
+        fine, pair = self._fine, (first.geometry, second)
+        shifts = [first.shift / fine.factor] * 2
+        comparison = self._compared(pair, shifts)
+        if comparison.t < CLOSE_T:
+            for k, geometry in enumerate(pair):
+                shifts[k] = best_shift(
+                    lambda x, g=geometry: fine.half_residual(fine.geometry(g, x)),  # type: ignore[misc]
+                    np.array([shifts[k]]),
+                    FINE_STEPS,
+                )
+            comparison = self._compared(pair, shifts)
+        return comparison
+
+    def _compared(self, pair: tuple[Geometry, Geometry], shifts: list[float]) -> Comparison:
+        first, second = (self._squares(g, x) for g, x in zip(pair, shifts, strict=True))
+        difference = second - first
+        error = float(difference.std()) / np.sqrt(len(difference))
+        scale = 1e-9 * float(first.mean())
+        return Comparison(
+            (float(np.sqrt(first.sum())), float(np.sqrt(second.sum()))), float(difference.mean() / (error + scale))
+        )
+
+    def _squares(self, geometry: Geometry, shift: float) -> Float:
+        """r² of each view at the finest pixels; that of the nominal geometry is needed for each comparison."""
+        key = (geometry.vectors.tobytes(), shift)
+        if key not in self._known_squares:
+            self._known_squares[key] = self._fine.squares_by_view(self._fine.geometry(geometry, shift))
+        return self._known_squares[key]
+
+    def _tried(self, fixes: tuple[str, ...], geometry: Geometry, shift: float) -> Tried:
+        judged = self._judged
+        consistency = judged.consistency(judged.geometry(geometry, shift / judged.factor))
+        return Tried(fixes, geometry, shift, consistency)
+
+
+def singles() -> list[tuple[str, ...]]:
+    """Each hypothesis alone."""
+    return [(name,) for name in HYPOTHESES]

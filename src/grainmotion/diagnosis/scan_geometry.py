@@ -1,0 +1,197 @@
+"""Check of a full scan: whether its views agree with each other in the given geometry, and if not, why.
+
+The usual mistakes are those of `grainmotion.diagnosis.hypotheses`.  The sense of rotation and the end point are tested
+on every scan, because they leave the residual low.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from grainmotion.calibration.calibrate import MIN_CALIBRATION_VIEWS
+from grainmotion.diagnosis.coinciding_views import coinciding_findings
+from grainmotion.diagnosis.hypotheses import HYPOTHESES, corrected
+from grainmotion.diagnosis.misfit_pattern import misfit_pattern, outlying_views
+from grainmotion.diagnosis.rival_geometries import Comparison, Rivals, Tried, singles
+from grainmotion.diagnosis.settings import CheckSettings
+from grainmotion.model.finding import Finding, Level
+from grainmotion.model.scan import Scan
+from grainmotion.model.volume import Volume
+
+CHECK = "reference geometry"
+SENSE = "sense of rotation"
+SENSE_FIX = "angles-negated"
+ALWAYS_TESTED = (SENSE_FIX, "end-point-counted", "end-point-left-out")
+"""Mistakes that leave the residual below ``[check] warn``; each is compared at the finest pixels."""
+MIN_COLUMNS = 12
+"""A narrower panel is not judged."""
+SHIFT_SEARCHED_FROM = 0.5
+"""Share of ``[check] warn`` from which the panel's shift is searched before anything is said."""
+CLEARLY_BETTER = 0.6
+"""A hypothesis explains a bad scan if it leaves less than this share of the judged residual."""
+ERROR_SHARE = 0.98
+"""Of the residual, at the finest pixels: a rival that leaves less, significantly, makes the given geometry an error.
+
+With the mistake undone scans kept 0.38-0.97 (SNR 10-50, 24-120 views); between it and 1 only a warning is given.
+"""
+MAX_ODD_VIEWS = 2
+"""So few views that fit much worse than all others are at fault themselves, not the geometry."""
+CANDIDATES = 2
+"""So many hypotheses, the best of the rough trials, are judged; the very best is also tried with each other one."""
+TWINS = {
+    "transposed": ("quarter-turned", "quarter-turned-back"),
+    "quarter-turned": ("transposed", "quarter-turned-back"),
+    "quarter-turned-back": ("transposed", "quarter-turned"),
+}
+"""Hypotheses that are mirror images of each other, which rough trials do not tell apart."""
+HOW_TO_TELL = (
+    "look at the first radiographs: seen from behind the sample, z up, a grain that is right of the centre at angle 0 "
+    "(at +x) must come nearer to the source as the angle grows"
+)
+MIRRORED = (
+    "the sample is mirrored: either the stage turns the other way than the angles say (the angles have the wrong "
+    "sign, or the radiographs are in reverse order), or the columns of the radiographs run the other way (images "
+    "flipped left to right)"
+)
+TO_UNMIRROR = (
+    "the scan alone does not tell which: if the images are as the camera sees them from behind the sample, give the "
+    "angles with the other sign (fix angles-negated), else flip the images (fix columns-flipped), in all states alike; "
+    + HOW_TO_TELL
+)
+CAUSES = (
+    "check the angles (unit, sense, span, end point), the order and number of the radiographs, first_row, distances, "
+    "flats and darks; saturated or stuck pixels and scatter do it, too"
+)
+
+
+def check_scan(
+    scan: Scan, grid: Volume, settings: CheckSettings | None = None, *, where: str = "reference"
+) -> tuple[Finding, ...]:
+    """Check a full scan: whether its views agree with each other in its geometry.
+
+    Parameters
+    ----------
+    scan : Scan
+        Line integrals of a full scan, with the geometry as given.
+    grid : Volume
+        Where the sample is; its values do not matter.
+    settings : CheckSettings, optional
+        Residuals from which to warn and to stop.
+    where : str
+        What the findings name as their place.
+
+    Returns
+    -------
+    tuple of Finding
+        Empty for a sound scan whose sense of rotation the data confirm, or for one of too few views to be judged
+        (12).  ``fix`` names a hypothesis of `grainmotion.diagnosis.hypotheses`.
+    """
+    settings = settings or CheckSettings()
+    ends = coinciding_findings(scan, where=where)
+    if ends:
+        return ends
+    if len(scan) < MIN_CALIBRATION_VIEWS or scan.geometry.shape[1] < MIN_COLUMNS or not scan.line_integrals.any():
+        return ()
+    rivals = Rivals(scan, grid)
+    nominal = rivals.as_given()
+    if nominal.consistency.judged > SHIFT_SEARCHED_FROM * settings.warn:
+        searched = rivals.tried(())
+        nominal = min(nominal, searched, key=lambda tried: tried.consistency.judged)
+    if nominal.consistency.judged <= settings.warn:
+        return _close_rivals(rivals, nominal, where)
+    if not 0 < len(outlying_views(nominal.consistency)) <= MAX_ODD_VIEWS:
+        explanation = _explanation(rivals, nominal, settings)
+        if explanation is not None:
+            return (_explained(nominal, explanation, where),)
+        close = _close_rivals(rivals, nominal, where)
+        if any(finding.fix for finding in close):
+            return close
+    return (_unexplained(rivals, nominal, settings, where),)
+
+
+def _close_rivals(rivals: Rivals, nominal: Tried, where: str) -> tuple[Finding, ...]:
+    """Findings about mistakes that leave the residual low."""
+    compared = {name: rivals.compare(nominal, corrected(nominal.geometry, [name])) for name in ALWAYS_TESTED}
+    better = {name: c for name, c in compared.items() if c.second_is_better}
+    if better:
+        name = min(better, key=lambda k: better[k].residuals[1])
+        first, second = better[name].residuals
+        level = Level.ERROR if second < ERROR_SHARE * first else Level.WARNING
+        return (_named(level, where, (name,), f"residual of half of the views against the other half {first:.3f} as "
+                       f"given, {second:.3f} then, {-better[name].t:.0f} standard errors"),)  # fmt: skip
+    sense = compared[SENSE_FIX]
+    if sense.undecided:
+        return (_sense_unknown(sense, where),)
+    return ()
+
+
+def _explanation(rivals: Rivals, nominal: Tried, settings: CheckSettings) -> Tried | None:
+    """The best of the hypotheses, one or two together, if it is clearly better than the nominal geometry."""
+    limit = CLEARLY_BETTER * nominal.consistency.judged
+    ranking = rivals.ranked(singles())
+    best = _best(rivals, ranking[:CANDIDATES])
+    if best.consistency.judged > min(limit, settings.warn):
+        pairs = [(*best.fixes, other) for other in HYPOTHESES if other not in best.fixes]
+        pair = _best(rivals, rivals.ranked(pairs)[:CANDIDATES])
+        if pair.consistency.judged < CLEARLY_BETTER * best.consistency.judged:
+            best = pair
+    if best.consistency.judged > limit:
+        return None
+    return _refined(rivals, best)
+
+
+def _best(rivals: Rivals, candidates: list[tuple[str, ...]]) -> Tried:
+    return min((rivals.tried(fixes) for fixes in candidates), key=lambda tried: tried.consistency.residual)
+
+
+def _refined(rivals: Rivals, best: Tried) -> Tried:
+    """The explanation beside those that rough trials cannot tell from it: its mirror image, and similar spans."""
+    *first, last = best.fixes
+    others = [(*first, twin) for twin in TWINS.get(last, ())]
+    for fixes in others or [(*best.fixes, SENSE_FIX)]:
+        if len(set(fixes)) == len(fixes):
+            geometry = corrected(rivals.nominal, fixes)
+            if rivals.compare(best, geometry).second_is_better:
+                best = replace(best, fixes=fixes, geometry=geometry)
+    return best
+
+
+def _explained(nominal: Tried, best: Tried, where: str) -> Finding:
+    evidence = (
+        f"residual of half of the views against the other half {nominal.consistency.residual:.3f} as given, "
+        f"{best.consistency.residual:.3f} then; {nominal.consistency.attainable:.3f} is due to the number of views"
+    )
+    finding = _named(Level.ERROR, where, best.fixes, evidence)
+    twins = TWINS.get(best.fixes[-1], ())
+    if not twins:
+        return finding
+    hint = f"the scan alone does not tell it from its mirror images ({', '.join(twins)}): {HOW_TO_TELL}"
+    return replace(finding, remedy=f"{finding.remedy}; {hint}")
+
+
+def _named(level: Level, where: str, fixes: tuple[str, ...], evidence: str) -> Finding:
+    """The finding that names a mistake, or several."""
+    if fixes == (SENSE_FIX,):
+        return Finding(level, SENSE, where, MIRRORED, evidence, TO_UNMIRROR, SENSE_FIX)
+    causes = [HYPOTHESES[name] for name in fixes]
+    fact = "the views contradict each other: probably " + ", and ".join(c.mistake for c in causes)
+    return Finding(level, CHECK, where, fact, evidence, "; ".join(c.remedy for c in causes), ", ".join(fixes))
+
+
+def _unexplained(rivals: Rivals, nominal: Tried, settings: CheckSettings, where: str) -> Finding:
+    consistency = nominal.consistency
+    level = Level.ERROR if consistency.judged > settings.stop else Level.WARNING
+    evidence = (
+        f"half of the views against the other half leaves {consistency.judged:.3f}; sound scans leave 0.02-0.08; "
+        f"{misfit_pattern(consistency, rivals.views)}"
+    )
+    return Finding(level, CHECK, where, "the views contradict each other", evidence, CAUSES)
+
+
+def _sense_unknown(comparison: Comparison, where: str) -> Finding:
+    first, second = comparison.residuals
+    fact = (
+        "the scan does not tell the sense of rotation: with the angles of the other sign, which mirrors the sample, it "
+        "fits as well"
+    )
+    return Finding(Level.NOTE, SENSE, where, fact, f"residuals {first:.4f} and {second:.4f}", HOW_TO_TELL)
