@@ -12,7 +12,7 @@ from grainmotion.preprocessing.binning import binned_scan, binning_factor
 
 COINCIDING_CHECK = "coinciding views"
 END_POINT_FIX = "end-point-counted"
-COMPARED_COLUMNS = 16
+COINCIDING_COLUMNS = 16
 """Columns to which radiographs are binned before they are compared, which averages the noise."""
 SAME_VIEW_SHARE = 0.8
 """Two radiographs of one view differ by less than this share of what neighbouring views differ by.
@@ -31,7 +31,7 @@ def coinciding_findings(scan: Scan, *, where: str) -> tuple[Finding, ...]:
     scale = float(np.abs(vectors).max())
     if len(scan) < MIN_VIEWS_COMPARED or not np.allclose(vectors[0], vectors[-1], atol=1e-6 * scale):
         return ()
-    factor = binning_factor(scan.geometry.shape, COMPARED_COLUMNS)
+    factor = binning_factor(scan.geometry.shape, COINCIDING_COLUMNS)
     views = np.array([0, 1, 2, len(scan) - 2, len(scan) - 1])
     first, second, third, before, last = binned_scan(scan, factor, views).line_integrals
     step = (relative_norm(second - first, first) + relative_norm(last - before, first)) / 2

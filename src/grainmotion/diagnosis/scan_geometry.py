@@ -27,7 +27,7 @@ MIN_COLUMNS = 12
 """A narrower panel is not judged."""
 SHIFT_SEARCHED_FROM = 0.5
 """Share of ``[check] warn`` from which the panel's shift is searched before anything is said."""
-CLEARLY_BETTER = 0.6
+EXPLAINS_SHARE = 0.6
 """A hypothesis explains a bad scan if it leaves less than this share of the judged residual."""
 ERROR_SHARE = 0.98
 """Of the residual, at the finest pixels: a rival that leaves less, significantly, makes the given geometry an error.
@@ -44,6 +44,10 @@ TWINS = {
     "quarter-turned-back": ("transposed", "quarter-turned"),
 }
 """Hypotheses that are mirror images of each other, which rough trials do not tell apart."""
+MIRROR_FIXES = (("columns-flipped",), ("half-turned",), ("order-reversed",))
+"""Mirror images that fit as well as angles negated, and are told together with it."""
+AS_GOOD = 0.01
+"""Judged residuals that differ by less are equal."""
 HOW_TO_TELL = (
     "look at the first radiographs: seen from behind the sample, z up, a grain that is right of the centre at angle 0 "
     "(at +x) must come nearer to the source as the angle grows"
@@ -127,16 +131,20 @@ def _close_rivals(rivals: Rivals, nominal: Tried, where: str) -> tuple[Finding, 
 
 def _explanation(rivals: Rivals, nominal: Tried, settings: CheckSettings) -> Tried | None:
     """The best of the hypotheses, one or two together, if it is clearly better than the nominal geometry."""
-    limit = CLEARLY_BETTER * nominal.consistency.judged
+    limit = EXPLAINS_SHARE * nominal.consistency.judged
     ranking = rivals.ranked(singles())
     best = _best(rivals, ranking[:CANDIDATES])
     if best.consistency.judged > min(limit, settings.warn):
         pairs = [(*best.fixes, other) for other in HYPOTHESES if other not in best.fixes]
         pair = _best(rivals, rivals.ranked(pairs)[:CANDIDATES])
-        if pair.consistency.judged < CLEARLY_BETTER * best.consistency.judged:
+        if pair.consistency.judged < EXPLAINS_SHARE * best.consistency.judged:
             best = pair
     if best.consistency.judged > limit:
         return None
+    if best.fixes in MIRROR_FIXES:
+        mirrored = rivals.tried((SENSE_FIX,))
+        if mirrored.consistency.judged < best.consistency.judged + AS_GOOD:
+            return mirrored
     return _refined(rivals, best)
 
 
