@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from enum import StrEnum
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TypedDict
 
 import typer
 
@@ -30,9 +32,10 @@ from grainmotion.cli.options import (
 from grainmotion.errors import InputError
 
 if TYPE_CHECKING:
+    from grainmotion._typing import Progress
     from grainmotion.cluster.connection import ComputeConfig
     from grainmotion.experiment.config import Experiment
-    from grainmotion.workflow.run import RunResult, Until
+    from grainmotion.workflow.run import RunResult
 
 app = typer.Typer(
     name="grainmotion",
@@ -82,37 +85,40 @@ class DatasetName(StrEnum):
 @add_command
 def run(paths: Paths, *, device: OnDevice = None, execution: Execution, checks: Checks) -> None:
     """Run all stages; those that are done already and unchanged are not repeated."""
-    result = _run_until("report", _read(paths.file, device), paths.out, execution, checks)
-    console.print_states(result.motions)
+    with _prepared(_read(paths.file, device), execution, checks) as (experiment, options):
+        result = gm.run(experiment, out=paths.out, **options)
     _finish(result, execution, checks, f"report: {result.report}")
 
 
 @add_command
 def reconstruct(paths: Paths, *, device: OnDevice = None, execution: Execution, checks: Checks) -> None:
     """Reconstruct the reference volume and stop."""
-    result = _run_until("reconstruct", _read(paths.file, device), paths.out, execution, checks)
+    with _prepared(_read(paths.file, device), execution, checks) as (experiment, options):
+        result = gm.run(experiment, out=paths.out, until="reconstruct", **options)
     _finish(result, execution, checks, f"volume: in {result.folder}")
 
 
 @add_command
 def segment(paths: Paths, execution: Execution, checks: Checks) -> None:
     """Find the grains of the reference volume and stop."""
-    result = _run_until("segment", _read(paths.file), paths.out, execution, checks)
+    with _prepared(_read(paths.file), execution, checks) as (experiment, options):
+        result = gm.run(experiment, out=paths.out, until="segment", **options)
     _finish(result, execution, checks, f"grains: {result.folder / 'reference.h5'}")
 
 
 @add_command
 def track(paths: Paths, *, device: OnDevice = None, execution: Execution, checks: Checks) -> None:
     """Track the grains through all states and stop before residuals, exports and report."""
-    result = _run_until("track", _read(paths.file, device), paths.out, execution, checks)
-    console.print_states(result.motions)
+    with _prepared(_read(paths.file, device), execution, checks) as (experiment, options):
+        result = gm.run(experiment, out=paths.out, until="track", **options)
     _finish(result, execution, checks)
 
 
 @add_command
 def report(paths: Paths, execution: Execution, checks: Checks) -> None:
     """Write the report; stages that it needs and that are not done yet are done first."""
-    result = _run_until("report", _read(paths.file), paths.out, execution, checks)
+    with _prepared(_read(paths.file), execution, checks) as (experiment, options):
+        result = gm.run(experiment, out=paths.out, until="report", **options)
     _finish(result, execution, checks, f"report: {result.report}")
 
 
@@ -129,7 +135,8 @@ def export(
     wanted = sorted({*experiment.tables.output.exports, *(f.value for f in format)})
     output = experiment.tables.output.model_copy(update={"exports": wanted})
     tables = experiment.tables.model_copy(update={"output": output})
-    result = _run_until("report", dataclasses.replace(experiment, tables=tables), paths.out, execution, checks)
+    with _prepared(dataclasses.replace(experiment, tables=tables), execution, checks) as (experiment, options):
+        result = gm.run(experiment, out=paths.out, **options)
     _finish(result, execution, checks, *(f"exported: {result.folder / name}" for name in result.motions))
 
 
@@ -169,24 +176,28 @@ def _read(file: Path, device: OnDevice = None) -> Experiment:
     return experiment if device is None else experiment.on(device.value)
 
 
-def _workplace(execution: Execution) -> ComputeConfig:
+class RunOptions(TypedDict):
+    """Keywords of `gm.run` that options of the command line set."""
+
+    progress: Progress
+    workplace: ComputeConfig
+
+
+@contextmanager
+def _prepared(experiment: Experiment, execution: Execution, checks: Checks) -> Iterator[tuple[Experiment, RunOptions]]:
+    """The experiment with the options about checks, and what `gm.run` needs to show progress and to find workers."""
     from grainmotion.cluster.connection import ComputeConfig
 
-    return ComputeConfig(execution.scheduler, execution.workers)
-
-
-def _run_until(
-    until: Until, experiment: Experiment, out: Path | None, execution: Execution, checks: Checks
-) -> RunResult:
-    experiment = experiment.checked(force=checks.force, try_fixes=checks.try_fixes)
+    workplace = ComputeConfig(execution.scheduler, execution.workers)
     with console.progress(execution.quiet) as progress:
-        result = gm.run(experiment, out=out, until=until, progress=progress, workplace=_workplace(execution))
-    console.print_stages(result, execution.quiet)
-    return result
+        experiment = experiment.checked(force=checks.force, try_fixes=checks.try_fixes)
+        yield experiment, {"progress": progress, "workplace": workplace}
 
 
 def _finish(result: RunResult, execution: Execution, checks: Checks, *last: str) -> None:
-    """Print all findings again, the last lines, and end with the exit code that follows."""
+    """Print stages, states, all findings again, and the last lines; end with the exit code that follows."""
+    console.print_stages(result, execution.quiet)
+    console.print_states(result.motions)
     print_findings(result.findings, quiet=execution.quiet)
     for line in last:
         print(line)

@@ -22,11 +22,9 @@ from grainmotion.diagnosis.results import common_cause, with_common_cause
 from grainmotion.diagnosis.state_geometry import check_state
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions, Status
-from grainmotion.model.pose import Pose
 from grainmotion.model.scan import Scan
 from grainmotion.model.starting_pose import starting_pose
-from grainmotion.objective.residual import StateProblem
-from grainmotion.solvers.gauss_newton import Solution, gauss_newton
+from grainmotion.solvers.gauss_newton import gauss_newton
 from grainmotion.tracking.ambiguity import MAX_MOVES, find_ambiguities, with_reasons
 from grainmotion.tracking.background_motion import FIXED_BACKGROUND_NOTE, fixed_unless_moved
 from grainmotion.tracking.classification import classify
@@ -50,7 +48,7 @@ from grainmotion.tracking.new_grains import (
     with_stand_in,
     without_last,
 )
-from grainmotion.tracking.refinement import RefinedFit, refine
+from grainmotion.tracking.refinement import refine
 from grainmotion.tracking.settings import PAPER, TrackSettings
 
 __all__ = ["PAPER", "TrackSettings", "track", "track_with_residual"]
@@ -216,7 +214,15 @@ def _attempt(job: _Job) -> _Attempt:
             result = search(fit, field_pose, problem, solution)
         problem, solution, fixed = fixed_unless_moved(fit, result.problem, result.solution)
         fit.report("classifying the grains", fit.expected_stages)
-        refined, ambiguous = _without_alternatives(fit, field_pose, problem, solution)
+        refined, ambiguous = refine(fit, field_pose, problem, solution), dict[int, str]()
+        for moves in range(MAX_MOVES + 1 if settings.alternatives else 0):
+            ambiguous, moved = find_ambiguities(refined, fit.grains, field_pose)
+            if moved is None or moves == MAX_MOVES:
+                break
+            nearer = solution.state.moved(moved.translations, moved.matrices)
+            observe = fit.observer(problem.target, "alternative poses")
+            solution = gauss_newton(problem, nearer, fit.fine_stopping(), observe)
+            refined = refine(fit, field_pose, problem, solution)
         limits = (settings.max_sd_voxel * grains.voxel_size, float(np.deg2rad(settings.max_sd_deg)))
         motions = classify(grains, refined, result.ambiguous, limits, tuple(fit.costs))
         motions = with_reasons(motions, ambiguous)
@@ -231,24 +237,6 @@ def _attempt(job: _Job) -> _Attempt:
         residual = refined.evaluation.raw_residual
         residual = residual if job.scan.valid is None else np.where(job.scan.valid, residual, np.nan)
     return _Attempt(motions, np.array([support.share for support in supports]), residual)
-
-
-def _without_alternatives(
-    fit: MultistageFit, field_pose: Pose, problem: StateProblem, solution: Solution[Pose]
-) -> tuple[RefinedFit, dict[int, str]]:
-    """Refine a solution, move grains to alternative poses that fit better, and the reasons of those left ambiguous."""
-    refined, reasons = refine(fit, field_pose, problem, solution), dict[int, str]()
-    if not fit.settings.alternatives:
-        return refined, reasons
-    for repetition in range(MAX_MOVES + 1):
-        reasons, moved = find_ambiguities(refined, fit.grains, field_pose)
-        if moved is None or repetition == MAX_MOVES:
-            break
-        start = solution.state.moved(moved.translations, moved.matrices)
-        observe = fit.observer(problem.target, "alternative poses")
-        solution = gauss_newton(problem, start, fit.fine_stopping(), observe)
-        refined = refine(fit, field_pose, problem, solution)
-    return refined, reasons
 
 
 def _unsolved(grains: GrainSet, error: np.linalg.LinAlgError) -> Motions:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from grainmotion._arguments import checked_arguments
+from grainmotion._arguments import check_argument
 from grainmotion._typing import Progress
 from grainmotion.cluster.connection import LOCAL, ComputeConfig, connect
 from grainmotion.diagnosis.results import check_motions
@@ -23,6 +23,7 @@ from grainmotion.errors import InputError
 from grainmotion.experiment.config import Experiment
 from grainmotion.experiment.inputs import Inputs, find_inputs
 from grainmotion.io.files import checked_folder
+from grainmotion.io.results import StoredReference
 from grainmotion.model.finding import Finding, worst_first
 from grainmotion.model.motions import Motions
 from grainmotion.workflow.beam_level_stage import BEAM_LEVEL, level_reference
@@ -33,13 +34,7 @@ from grainmotion.workflow.given_checks import check_given, check_grains, check_s
 from grainmotion.workflow.log import STAGE_LOG, run_log
 from grainmotion.workflow.outputs import DEFORMED, REFERENCE_EXPORTS, RESIDUALS, report_stage, write_outputs
 from grainmotion.workflow.provenance import StageCache
-from grainmotion.workflow.reference_stages import (
-    CHECKPOINT,
-    REFERENCE,
-    SegmentedReference,
-    reconstruct_stage,
-    segment_stage,
-)
+from grainmotion.workflow.reference_stages import CHECKPOINT, REFERENCE, reconstruct_stage, segment_stage
 from grainmotion.workflow.tracking_stage import TrackedState, track_side_by_side, track_stage
 
 Until = Literal["reconstruct", "segment", "track", "report"]
@@ -69,7 +64,6 @@ class RunResult:
     findings: tuple[Finding, ...] = ()  # of all checks, the worst first
 
 
-@checked_arguments
 def run(
     experiment: Experiment,
     *,
@@ -105,56 +99,56 @@ def run(
     BackendError
         If the device asked for cannot be used.
     """
-    inputs = find_inputs(experiment)
+    check_argument("run(experiment)", experiment, ["Experiment"])
+    inputs, with_states = find_inputs(experiment), until in ("track", "report")
     folder = checked_folder(out if out is not None else experiment.output)
     _check_overwriting(inputs, folder)
+    place = "" if workplace == LOCAL else f", {workplace}"
+    tracked: dict[str, TrackedState] = {}
+    report = None
     with connect(workplace, folder) as cluster:
         context = RunContext(experiment, inputs, folder, StageCache(folder), progress, cluster)
-        check_files(context, states=until in ("track", "report"))
-        check_inputs(context, states=until in ("track", "report"))
-        place = "" if workplace == LOCAL else f", {workplace}"
+        check_files(context, states=with_states)
+        check_inputs(context, states=with_states)
         with run_log(folder, experiment, inputs, f"run until {until}{place}"):
             for finding in context.findings:  # before there was a log
                 STAGE_LOG.info("%s: %s", finding.level, finding)
-            check_radiographs(context, states=until in ("track", "report"))
-            return _stages(context, until)
+            check_radiographs(context, states=with_states)
+            reconstruction = _reconstructed(context)
+            if until != "reconstruct":
+                reference = segment_stage(context, reconstruction)
+                check_grains(context, reference)
+            if with_states:
+                tracked = track_side_by_side(context, reference)
+                for table in experiment.tables.states:
+                    if table.name not in tracked:
+                        tracked[table.name] = context.complete(track_stage(context, reference, table.name, tracked))()
+                    _check_motions(context, table.name, tracked[table.name].motions)
+                tracked = {table.name: tracked[table.name] for table in experiment.tables.states}
+                check_sizes(context, reference, tracked)
+            motions = {name: state.motions for name, state in tracked.items()}
+            if until == "report":
+                write_outputs(context, reference, tracked)
+                report = report_stage(context, reference, motions)
+    findings = worst_first(context.findings)
+    return RunResult(folder, motions, tuple(context.done), tuple(context.reused), report, findings)
 
 
-def _stages(context: RunContext, until: Until) -> RunResult:
-    """All stages up to one, once the inputs are known to be usable."""
+def _reconstructed(context: RunContext) -> Callable[[], StoredReference]:
+    """The reference volume from checked and calibrated radiographs, or as given."""
     level_reference(context)
     check_reference(context)
     check_given(context)
     context.scanner = calibrate_stage(context)
     if context.inputs.reference is not None:
         context.add(calibration_findings(context.scanner(), context.inputs.reference.geometry))
-    reconstruction = reconstruct_stage(context)
-    motions: dict[str, Motions] = {}
-    report = None
-    if until != "reconstruct":
-        reference = segment_stage(context, reconstruction)
-        check_grains(context, reference)
-        if until != "segment":
-            tracked = _track_states(context, reference)
-            check_sizes(context, reference, tracked)
-            motions = {name: state.motions for name, state in tracked.items()}
-            if until == "report":
-                write_outputs(context, reference, tracked)
-                report = report_stage(context, reference, motions)
-    findings = worst_first(context.findings)
-    return RunResult(context.folder, motions, tuple(context.done), tuple(context.reused), report, findings)
+    return reconstruct_stage(context)
 
 
-def _track_states(context: RunContext, reference: Callable[[], SegmentedReference]) -> dict[str, TrackedState]:
-    """The motions of all states in their order, each with what it shows."""
-    tracked = track_side_by_side(context, reference)
-    for table in context.tables.states:
-        if table.name not in tracked:
-            tracked[table.name] = context.complete(track_stage(context, reference, table.name, tracked))()
-        motions = tracked[table.name].motions
-        context.add(check_motions(table.name, motions, context.findings_on(f"states.{table.name}")))
-        STAGE_LOG.info("%s: %d of %d grains usable", table.name, motions.usable.sum(), len(motions))
-    return {table.name: tracked[table.name] for table in context.tables.states}
+def _check_motions(context: RunContext, name: str, motions: Motions) -> None:
+    """Record what the motions of a state show."""
+    context.add(check_motions(name, motions, context.findings_on(f"states.{name}")))
+    STAGE_LOG.info("%s: %d of %d grains usable", name, motions.usable.sum(), len(motions))
 
 
 def _check_overwriting(inputs: Inputs, folder: Path) -> None:
