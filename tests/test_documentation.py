@@ -6,8 +6,11 @@ import ast
 import re
 from functools import cache
 from pathlib import Path
+from typing import get_args
 
 import pytest
+
+from grainmotion.model.finding import Check
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "src" / "grainmotion"
@@ -154,3 +157,8 @@ def test_decision_records_have_date_and_status(record):
     index = (record.parent / "README.md").read_text()
     row = f"| [{number}]({record.name}) | {lines[0][7:]} | {lines[2][8:]} | {status[1]} |"
     assert row in index, f"docs/decisions/README.md lacks the line\n{row}"
+
+
+def test_troubleshooting_has_a_section_on_every_check():
+    page = (ROOT / "docs" / "troubleshooting.md").read_text()
+    assert set(re.findall(r"^### `([a-z-]+)`$", page, re.MULTILINE)) == set(get_args(Check))

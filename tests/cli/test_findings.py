@@ -17,8 +17,10 @@ from grainmotion.model.motions import Motions
 from tiny_experiment import write_tiny
 
 NOTE = Finding(Level.NOTE, "pixels", "reference", "3 pixels masked")
-WARNING = Finding(Level.WARNING, "level", "states.one", "the beam fell by half", "0.5", "give flats of that day")
-ERROR = Finding(Level.ERROR, "geometry", "reference.geometry", "angles negated", "0.4, 0.03", "give the other sign")
+WARNING = Finding(Level.WARNING, "beam-level", "states.one", "the beam fell by half", "0.5", "give flats of that day")
+ERROR = Finding(
+    Level.ERROR, "reference-geometry", "reference.geometry", "angles negated", "0.4, 0.03", "give the other sign"
+)
 STAGE_COMMANDS = ("run", "reconstruct", "segment", "track", "report", "export")
 
 
@@ -49,7 +51,7 @@ class TestTerminal:
     def test_each_finding_as_it_comes_and_again_at_the_end_worst_first(self, copied):
         path = plant(copied, NOTE, WARNING)
         lines = invoke("run", path).stdout.splitlines()
-        note, warning = f"note: {NOTE}", f"warning: {WARNING}"
+        note, warning = NOTE.line, WARNING.line
         assert lines.count(note) == lines.count(warning) == 2
         assert (
             lines.index(note)
@@ -118,7 +120,7 @@ class TestExitCodes:
         path = plant(copied, WARNING, ERROR)
         result = invoke("run", path)
         assert result.exit_code == 2
-        assert result.stderr == f"error: {ERROR}; or go on with --force\n"
+        assert result.stderr == f"error: {ERROR}; or go on with --force [{ERROR.check}]\n"
         assert f"warning: {WARNING}" in result.stdout
 
     def test_force_goes_on_and_shows_the_error(self, copied):
@@ -129,7 +131,7 @@ class TestExitCodes:
 
     @pytest.mark.parametrize(("level", "code"), [(Level.NOTE, 0), (Level.WARNING, 3)])
     def test_strict_ends_with_3_after_a_warning(self, copied, level, code):
-        path = plant(copied, Finding(level, "x", "reference", "something"))
+        path = plant(copied, Finding(level, "inspect", "reference", "something"))
         assert invoke("run", path).exit_code == 0
         result = invoke("run", path, "--strict")
         assert result.exit_code == code

@@ -81,7 +81,7 @@ class TestCommonCause:
 
     def test_finding_made_before_tracking_is_the_cause(self):
         known = Finding(Level.WARNING, "state-geometry", "states.a", "rows flipped", "0.4, 0.03", fix="rows-flipped")
-        other = Finding(Level.WARNING, "air", "states.a", "level")
+        other = Finding(Level.WARNING, "inspect", "states.a", "level")
         before = failed()
         assert common_cause(before, "states.a", (other, known)) is known
         assert check_motions("a", before, (other, known)) == ()

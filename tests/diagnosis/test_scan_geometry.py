@@ -40,7 +40,7 @@ def test_sound_scan_gives_no_finding(images):
 def test_negated_angles_are_named_and_the_columns_beside_them(images):
     """The axis is off by 2 pixels, too."""
     (finding,) = check(np.roll(images, 2, axis=2), views(-FULL_TURN))
-    assert (finding.level, finding.check, finding.fix) == (gm.Level.ERROR, "sense of rotation", "angles-negated")
+    assert (finding.level, finding.check, finding.fix) == (gm.Level.ERROR, "sense-of-rotation", "angles-negated")
     assert "columns" in finding.fact
     assert "columns-flipped" in finding.remedy
 
@@ -61,6 +61,20 @@ def test_exchanged_rows_and_columns_are_named(images):
     (finding,) = check(images.swapaxes(1, 2).copy(), views(FULL_TURN))
     assert finding.level is gm.Level.ERROR
     assert "quarter-turned" in finding.remedy
+
+
+def test_files_sorted_as_text_are_named(images):
+    order = sorted(range(VIEWS), key=str)
+    (finding,) = check(images[order], views(FULL_TURN))
+    assert (finding.level, finding.fix) == (gm.Level.ERROR, "sorted-as-text")
+
+
+def test_stack_of_sinograms_is_named(sample):
+    geometry = views(FULL_TURN, (VIEWS, 32))
+    scan = record_line_integrals(sample, geometry, Physics(photons=20_000.0), 1)
+    (finding,) = check(scan.line_integrals.swapaxes(0, 1).copy(), geometry)
+    assert finding.level is gm.Level.ERROR
+    assert "sinograms" in finding.fact
 
 
 def test_fix_gives_a_sound_scan(images):
@@ -89,7 +103,7 @@ def test_parallel_beam_does_not_tell_the_sense_of_rotation(sample):
     geometry = gm.Geometry.parallel(FULL_TURN / 2, PANEL, VOXEL)
     scan = record_line_integrals(sample, geometry, Physics(photons=20_000.0), 2)
     (finding,) = check(scan.line_integrals, gm.Geometry.parallel(-FULL_TURN / 2, PANEL, VOXEL))
-    assert (finding.level, finding.check) == (gm.Level.NOTE, "sense of rotation")
+    assert (finding.level, finding.check) == (gm.Level.NOTE, "sense-of-rotation")
 
 
 @pytest.mark.parametrize("number", [12, 20])

@@ -9,8 +9,8 @@ from grainmotion.io.findings_json import read_findings, write_findings
 from grainmotion.model.finding import Finding, Level, worst_first
 
 FINDINGS = (
-    Finding(Level.NOTE, "axis", "reference", "the axis is off", "8 pixels", "nothing to do"),
-    Finding(Level.ERROR, "geometry", "reference.geometry", "wrong sign", fix="angles-negated"),
+    Finding(Level.NOTE, "calibration", "reference", "the axis is off", "8 pixels", "nothing to do"),
+    Finding(Level.ERROR, "reference-geometry", "reference.geometry", "wrong sign", fix="angles-negated"),
 )
 
 

@@ -13,7 +13,7 @@ from grainmotion.workflow import log
 from grainmotion.workflow import run as workflow
 from tiny_experiment import TOML, write_tiny
 
-WARNING = Finding(Level.WARNING, "level", "reference", "the beam fell by half")
+WARNING = Finding(Level.WARNING, "beam-level", "reference", "the beam fell by half")
 
 
 @pytest.fixture
@@ -47,7 +47,7 @@ class TestEntry:
     def test_stages_findings_and_end(self, path):
         lines = run(path).splitlines()
         tail = [line[20:] for line in lines if re.match(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d ", line)]
-        assert tail[0] == f"warning: {WARNING}"
+        assert tail[0] == WARNING.line
         assert re.fullmatch(r"done: reconstruct, [0-9.]+ s, [0-9.]+ s of CPU in this process", tail[1])
         assert tail[-1].startswith("end: success, ")
 

@@ -133,7 +133,7 @@ class TestResults:
 
 class TestFindings:
     def test_changed_findings_write_the_report_again(self, copied):
-        found = Finding(Level.WARNING, "level", "reference", "the beam fell by half", remedy="give flats")
+        found = Finding(Level.WARNING, "beam-level", "reference", "the beam fell by half", remedy="give flats")
         write_findings(copied.parent / "results" / "checks.json", (found,))
         result = run(copied)
         assert result.done == ("report",)

@@ -80,7 +80,7 @@ def print_findings(findings: Iterable[Finding], *, quiet: bool = False) -> None:
     """Print findings in their order; notes only if not ``quiet``."""
     for finding in findings:
         if not (quiet and finding.level is Level.NOTE):
-            print_message(f"{finding.level}: {finding}")
+            print_message(finding.line)
 
 
 def exit_by(motions: dict[str, Motions], findings: Iterable[Finding], *, strict: bool) -> None:

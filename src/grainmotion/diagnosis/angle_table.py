@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 
 from grainmotion._typing import Float
-from grainmotion.model.finding import Finding, Level
+from grainmotion.model.finding import Check, Finding, Level
 
-ANGLE_TABLE = "angle-table"
+ANGLE_TABLE: Check = "angle-table"
 MIN_VIEWS_OF_A_SCAN = 10
 """Fewer are views of a state, or too few to judge their units by their span."""
 MAX_SPAN_OF_RADIANS = 6.4

@@ -6,11 +6,11 @@ import numpy as np
 
 from grainmotion.diagnosis.hypotheses import HYPOTHESES
 from grainmotion.diagnosis.view_consistency import relative_norm
-from grainmotion.model.finding import Finding, Level
+from grainmotion.model.finding import Check, Finding, Level
 from grainmotion.model.scan import Scan
 from grainmotion.preprocessing.binning import binned_scan, binning_factor
 
-COINCIDING_CHECK = "coinciding views"
+COINCIDING_CHECK: Check = "coinciding-views"
 END_POINT_FIX = "end-point-counted"
 COINCIDING_COLUMNS = 16
 """Columns to which radiographs are binned before they are compared, which averages the noise."""

@@ -10,9 +10,9 @@ import numpy as np
 
 from grainmotion._typing import Float
 from grainmotion.diagnosis.file_names import Series, natural_order, series_of
-from grainmotion.model.finding import Finding, Level
+from grainmotion.model.finding import Check, Finding, Level
 
-FILE_SERIES = "file-series"
+FILE_SERIES: Check = "file-series"
 MIN_FILES_FOR_A_GAP = 6
 """Of fewer files no usual step of their numbers can be told."""
 MIN_FILES_OF_A_SERIES = 3

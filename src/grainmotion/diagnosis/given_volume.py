@@ -24,11 +24,11 @@ from grainmotion.diagnosis.orientations import (
     orientation_name,
     oriented,
 )
-from grainmotion.model.finding import Finding, Level
+from grainmotion.model.finding import Check, Finding, Level
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 
-VOLUME_CHECK = "volume"
+VOLUME_CHECK: Check = "given-volume"
 GOOD_RESIDUAL = 0.12
 """Residual up to which no other orientation is tried."""
 CLEARLY_BETTER = 0.65

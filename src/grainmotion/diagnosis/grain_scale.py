@@ -10,14 +10,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from grainmotion.model.finding import Finding, Level
+from grainmotion.model.finding import Check, Finding, Level
 from grainmotion.model.grains import Grain, GrainSet
 from grainmotion.model.motions import Motions
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.projection.grains import simulate_radiographs
 
-SCALE_CHECK = "size of the grains"
+SCALE_CHECK: Check = "grain-scale"
 TRIED_SCALES = (0.98, 1.0, 1.02)
 """Sizes of the grains whose residuals give a parabola."""
 MIN_GRAINS_FOR_SCALE = 3

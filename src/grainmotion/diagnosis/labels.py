@@ -13,7 +13,7 @@ from skimage.measure import block_reduce
 
 from grainmotion._typing import Float
 from grainmotion.diagnosis.orientations import AS_GIVEN, ORIENTATIONS, orientation_code, orientation_name, oriented
-from grainmotion.model.finding import Finding, Level
+from grainmotion.model.finding import Check, Finding, Level
 from grainmotion.model.motions import Motions, Status
 from grainmotion.model.volume import Volume
 from grainmotion.segmentation.labels import CleanLabels, checked_labels
@@ -23,7 +23,7 @@ from grainmotion.segmentation.settings import SegmentSettings
 
 Findings = tuple[Finding, ...]
 
-LABELS_CHECK = "labels"
+LABELS_CHECK: Check = "labels"
 MAX_LABELS_LISTED = 10
 """Labels that one finding lists."""
 MAX_NECK_ONENESS = 0.35

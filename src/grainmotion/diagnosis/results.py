@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion.diagnosis.state_views import STATE_CHECK
-from grainmotion.model.finding import Finding, Level, worst_first
+from grainmotion.model.finding import Check, Finding, Level, worst_first
 from grainmotion.model.motions import Motions, Status
 
 MIN_COMMON_GRAINS, MIN_COMMON_SHARE = 4, 0.8
@@ -46,7 +46,7 @@ class _Kind:
 
     beginning: str
     level: Level
-    check: str
+    check: Check
     remedy: str = ""
 
 

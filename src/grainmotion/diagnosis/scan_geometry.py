@@ -14,12 +14,12 @@ from grainmotion.diagnosis.hypotheses import HYPOTHESES, corrected
 from grainmotion.diagnosis.misfit_pattern import misfit_pattern, outlying_views
 from grainmotion.diagnosis.rival_geometries import Comparison, Rivals, Tried, singles
 from grainmotion.diagnosis.settings import CheckSettings
-from grainmotion.model.finding import Finding, Level
+from grainmotion.model.finding import Check, Finding, Level
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 
-CHECK = "reference geometry"
-SENSE = "sense of rotation"
+CHECK: Check = "reference-geometry"
+SENSE: Check = "sense-of-rotation"
 SENSE_FIX = "angles-negated"
 ALWAYS_TESTED = (SENSE_FIX, "end-point-counted", "end-point-left-out")
 """Mistakes that leave the residual below ``[check] warn``; each is compared at the finest pixels."""
@@ -103,14 +103,32 @@ def check_scan(
         nominal = min(nominal, searched, key=lambda tried: tried.consistency.judged)
     if nominal.consistency.judged <= settings.warn:
         return _close_rivals(rivals, nominal, where)
+    sinograms = _sinogram_order(scan, grid, nominal, where)
+    if sinograms:
+        return sinograms
+    explanation = _explanation(rivals, nominal, settings)
+    if explanation is not None:
+        return (_explained(nominal, explanation, where),)
     if not 0 < len(outlying_views(nominal.consistency)) <= MAX_ODD_VIEWS:
-        explanation = _explanation(rivals, nominal, settings)
-        if explanation is not None:
-            return (_explained(nominal, explanation, where),)
         close = _close_rivals(rivals, nominal, where)
         if any(finding.fix for finding in close):
             return close
     return (_unexplained(rivals, nominal, settings, where),)
+
+
+def _sinogram_order(scan: Scan, grid: Volume, nominal: Tried, where: str) -> tuple[Finding, ...]:
+    """A finding if the stack holds one image a row of the panel instead of one a view; no geometry undoes that."""
+    if len(scan) != scan.geometry.shape[0]:
+        return ()
+    valid = None if scan.valid is None else scan.valid.swapaxes(0, 1)
+    exchanged = replace(scan, line_integrals=scan.line_integrals.swapaxes(0, 1), valid=valid)
+    residual = Rivals(exchanged, grid).tried(()).consistency.judged
+    if residual > EXPLAINS_SHARE * nominal.consistency.judged:
+        return ()
+    fact = "the stack is in the order of sinograms: its images are rows of the panel, not radiographs"
+    evidence = f"half of the views against the other half leaves {nominal.consistency.judged:.3f} as given, "
+    evidence += f"{residual:.3f} with views and rows exchanged"
+    return (Finding(Level.ERROR, CHECK, where, fact, evidence, "exchange the first two axes of the stack"),)
 
 
 def _close_rivals(rivals: Rivals, nominal: Tried, where: str) -> tuple[Finding, ...]:

@@ -8,12 +8,12 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from grainmotion._typing import Float
-from grainmotion.model.finding import Finding, Level
+from grainmotion.model.finding import Check, Finding, Level
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions, Status
 from grainmotion.model.volume import Volume
 
-START_CHECK = "start file"
+START_CHECK: Check = "start-file"
 MAX_CENTER_ERROR = 0.25
 """Median distance of the file's centres from those of the grains, over the grains' radius.
 

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from grainmotion.diagnosis.coarse_likeness import Likeness
 from grainmotion.diagnosis.hypotheses import stage_angles_deg
 from grainmotion.diagnosis.state_hypotheses import Sweep, gain
-from grainmotion.model.finding import Finding, Level
+from grainmotion.model.finding import Check, Finding, Level
 from grainmotion.model.scan import Scan
 from grainmotion.projection.volumes import project
 
-STATE_CHECK = "state geometry"
+STATE_CHECK: Check = "state-geometry"
 MAX_BLANK_CONTRAST = 0.1
 """Contrast of a radiograph over that of the simulated one, up to which it shows no sample.  Radiographs of the hard
 cases and of laboratory cases have 0.5 to 2, without beam or without sample at most 0.02."""

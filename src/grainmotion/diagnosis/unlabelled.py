@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from grainmotion.model.finding import Finding, Level
+from grainmotion.model.finding import Check, Finding, Level
 from grainmotion.model.volume import Volume
 from grainmotion.segmentation.region_merging import BasinGraph
 from grainmotion.segmentation.segment import distance_basins
 from grainmotion.segmentation.settings import SegmentSettings
 
-UNLABELLED_CHECK = "attenuation without label"
+UNLABELLED_CHECK: Check = "unlabelled"
 BLOB_LEVEL = 0.1
 """Attenuation from which a smoothed voxel may belong to a fainter grain, from air (0) to the mean of the grains (1)."""
 BLOB_NOISE = 4.0
@@ -181,7 +181,7 @@ def check_grain_sizes(labels: NDArray[np.integer], where: str = "segment.thresho
     fact = "one grain is far larger than all others: a container, a liquid, or grains that were not separated"
     evidence = f"label {sizes.argmax()} holds {share:.0%} of all labelled voxels"
     remedy = "check the labels; a higher [segment] threshold leaves out a liquid, a lower oneness separates more"
-    return (Finding(Level.WARNING, "grain sizes", where, fact, evidence, remedy),)
+    return (Finding(Level.WARNING, "grain-sizes", where, fact, evidence, remedy),)
 
 
 def check_fragments(

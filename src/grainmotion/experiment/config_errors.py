@@ -85,10 +85,9 @@ def input_error(error: ValidationError, schema: type[BaseModel], data: Mapping[s
 
 def together(errors: Sequence[InputError]) -> InputError:
     """One error that tells several, each on its own line; it is named after the first."""
-    first, others = errors[0], errors[1:]
-    if not others:
-        return first
-    return InputError(first.where, first.fact, "\n  also ".join([first.remedy, *map(str, others)]))
+    first = errors[0]
+    others = [text for text in dict.fromkeys(map(str, errors)) if text != str(first)]
+    return InputError(first.where, first.fact, "\n  also ".join([first.remedy, *others])) if others else first
 
 
 def _without_repetitions(places: Iterable[_Place]) -> list[_Place]:

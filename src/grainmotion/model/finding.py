@@ -4,6 +4,17 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from enum import StrEnum
+from typing import Literal, get_args
+
+from grainmotion.errors import InputError
+
+Check = Literal[
+    "angle-table", "beam-images", "beam-level", "calibration", "coinciding-views", "common-cause", "eight-bit",
+    "file-series", "fit", "frames", "gain", "given-volume", "grain-scale", "grain-sizes", "inspect", "kind", "labels",
+    "monitor", "motors", "new-grain", "offset", "opaque", "pixels", "reference-geometry", "saturation",
+    "sense-of-rotation", "sign", "sizes", "start-file", "state-geometry", "unlabelled", "views",
+]  # fmt: skip
+"""Names of all checks; docs/troubleshooting.md has a section on each."""
 
 
 class Level(StrEnum):
@@ -29,7 +40,7 @@ class Finding:
     Attributes
     ----------
     level : Level
-    check : str
+    check : Check
         Name of the check, as in ``docs/troubleshooting.md``.
     where : str
         File, key, state, view or grain.
@@ -44,17 +55,26 @@ class Finding:
     """
 
     level: Level
-    check: str
+    check: Check
     where: str
     fact: str
     evidence: str = ""
     remedy: str = ""
     fix: str = ""
 
+    def __post_init__(self) -> None:
+        if self.check not in get_args(Check):
+            raise InputError("finding", f"the check '{self.check}' is unknown", f"use one of {get_args(Check)}")
+
     def __str__(self) -> str:
         evidence = f" ({self.evidence})" if self.evidence else ""
         remedy = f"; {self.remedy}" if self.remedy else ""
         return f"{self.where}: {self.fact}{evidence}{remedy}"
+
+    @property
+    def line(self) -> str:
+        """Level, sentence, and the name under which ``docs/troubleshooting.md`` says more."""
+        return f"{self.level}: {self} [{self.check}]"
 
     def to_dict(self) -> dict[str, str]:
         """Plain data, for a JSON file."""

@@ -95,7 +95,7 @@ def settle(context: RunContext, source: ScanInput, findings: Findings) -> None:
         worst = errors[0]
         remedy = f"{worst.remedy}; or go on with --force" if worst.remedy else "go on with --force"
         evidence = f" ({worst.evidence})" if worst.evidence else ""
-        raise InputError(worst.where, worst.fact + evidence, remedy)
+        raise InputError(worst.where, worst.fact + evidence, f"{remedy} [{worst.check}]")
 
 
 def applied(context: RunContext, source: ScanInput, finding: Finding) -> Finding:

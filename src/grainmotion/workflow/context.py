@@ -68,7 +68,7 @@ class RunContext:
         for finding in findings:
             if finding not in self.findings:
                 self.findings.append(finding)
-                PACKAGE_LOG.log(LOG_LEVELS[finding.level], "%s: %s", finding.level, finding)
+                PACKAGE_LOG.log(LOG_LEVELS[finding.level], finding.line)
 
     def findings_on(self, key: str) -> tuple[Finding, ...]:
         """Findings about one scan, such as ``states.NAME``: about its key or a key below it."""

@@ -112,7 +112,7 @@ def run(
         check_inputs(context, states=with_states)
         with run_log(folder, experiment, inputs, f"run until {until}{place}"):
             for finding in context.findings:  # before there was a log
-                STAGE_LOG.info("%s: %s", finding.level, finding)
+                STAGE_LOG.info(finding.line)
             check_radiographs(context, states=with_states)
             reconstruction = _reconstructed(context)
             if until != "reconstruct":
