@@ -81,8 +81,9 @@ class TestAir:
     def test_a_beam_brighter_than_the_flats_in_all_views_is_found(self, case, scan):
         np.testing.assert_allclose(estimated(case, scan, np.full(VIEWS, -0.1)).levels, -0.1, atol=0.001)
 
-    def test_what_is_dark_in_all_views_alike_may_be_a_container(self, case, scan):
-        assert estimated(case, scan, np.full(VIEWS, 0.1)).source == "none"
+    @pytest.mark.parametrize("level", [0.007, 0.03, 0.1])
+    def test_what_is_dark_in_all_views_alike_may_be_a_container(self, case, scan, level):
+        assert estimated(case, scan, np.full(VIEWS, level)).source == "none"
 
     def test_a_thin_container_that_fills_the_panel_is_no_dim_beam(self, case, scan):
         walled = Scan(scan.line_integrals + np.float32(0.06), scan.geometry)

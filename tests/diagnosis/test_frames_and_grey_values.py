@@ -10,7 +10,7 @@ import pytest
 from ball_radiographs import BEAM, DARK, Measured, line_integrals, measured, transmissions
 from grainmotion.errors import InputError
 from grainmotion.model.finding import Level
-from grainmotion.preprocessing.outliers import spikes
+from grainmotion.preprocessing.outliers import spikes, stuck_pixels
 
 Change = Callable[[Measured, np.random.Generator], Measured]
 
@@ -209,6 +209,14 @@ class TestPixels:
         assert not valid[:, 11].any()
         assert not valid[:, 30, 30].any()
         assert (~valid).sum() == len(images) * (48 + 40 - 1 + 1)
+
+    @pytest.mark.parametrize("photons", [100, 1000, 20_000])
+    @pytest.mark.parametrize("views", [2, 3])
+    def test_equal_counts_by_chance_in_few_views_are_not_stuck(self, views, photons):
+        scan = measured(8, state=True, photons=photons)
+        images = scan.images[:views]
+        images[1, 5, 5] = images[0, 5, 5]
+        assert not stuck_pixels(images).any()
 
     def test_nan_in_counts_flats_and_darks_is_masked_and_counted(self):
         scan = measured(4)

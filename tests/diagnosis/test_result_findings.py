@@ -69,10 +69,14 @@ class TestCommonCause:
         assert reasons[0] in common_cause(motions(*["not-fitted"] * 6, reasons=reasons)).fact
 
     def test_reason_of_each_failed_grain_names_it(self):
-        before = failed(10, 1)
+        before = failed(20, 1)
         after = with_common_cause(before, common_cause(before))
         assert after.reasons[0] == ""
         assert all(reason.startswith(SEE_COMMON_CAUSE) and "broken" not in reason for reason in after.reasons[1:])
+
+    def test_one_broken_grain_may_disturb_a_small_sample(self):
+        assert "broken" in common_cause(failed(6)).fact
+        assert "broken" not in common_cause(failed(20)).fact
 
     def test_stored_motions_give_the_same_cause(self):
         before = failed(10, 1, gain=0.01)

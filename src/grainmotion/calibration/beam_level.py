@@ -129,13 +129,17 @@ def _notable(levels: BeamLevels) -> bool:
 
 
 def _air_levels(scan: Scan, air: NDArray[np.bool_], offsets: Float) -> Float:
-    """Levels of the air; about their median if it is not certain that these pixels show air."""
+    """Levels of the air; about their median if it is not certain that these pixels show air.
+
+    A container's wall in all of them gives the same small line integral in all views (0.007 in a hard case).
+    """
     levels = scan.air_medians(air)
     unknown = np.isnan(levels)
     levels[unknown] = offsets[unknown] + np.nanmean(levels - offsets)
     middle = float(np.median(levels))
     ends = min(abs(levels[:END_VIEWS].mean()), abs(levels[-END_VIEWS:].mean()))
-    return levels if middle <= MIN_LARGEST_LEVEL or ends <= ZERO_SHARE * middle else levels - middle
+    near_zero = middle <= 0 or (middle <= MIN_LARGEST_LEVEL and levels.std() > MIN_LEVEL)
+    return levels if near_zero or ends <= ZERO_SHARE * middle else levels - middle
 
 
 def _misfit(scan: Scan, grid: Volume, settings: ReconstructSettings) -> float:

@@ -18,6 +18,8 @@ With a wrong geometry or scale all of 5 to 20 grains fail (17 cases of wrong inp
 broken grain of 6, 2 views); a sample mirrored in both scans loses 15 of 20, which is told as a warning."""
 USUAL_GAINS = (0.9, 1.1)
 """Fitted gains without a remark: 0.976 to 1.007 in the good and the 12 hard cases, 0.96 with voxels 2 % too large."""
+MAX_GRAINS_DISTURBED = 16
+"""Grains up to which one that is not as in the reference may disturb all others (the cases ``broken``, 6 grains)."""
 PLAUSIBLE_GAINS = (0.6, 1.6)
 """Fitted gains of grains in wrong places, 0.67 to 1.49 in trials; beyond them the line integrals have another scale
 (0.29 and less, 9.8)."""
@@ -29,6 +31,7 @@ _GEOMETRY = (
     "start; radiographs in another order, or flipped; wrong distances or voxel size; another sample; a poor reference, "
     "or a volume or labels that are flipped or shifted; motions far beyond a grain's diameter"
 )
+_DISTURBED = f"a grain that is broken, missing or new disturbs all others of so small a sample, or {_GEOMETRY}"
 _SCALE = (
     "the line integrals of the radiographs and of the volume differ in scale. Usual causes: another kind (counts, "
     "transmission, line-integrals) or the wrong flats; a given volume of grey values instead of 1/mm; a wrong unit of "
@@ -97,9 +100,14 @@ def common_cause(motions: Motions, where: str = "state", known: tuple[Finding, .
     if not PLAUSIBLE_GAINS[0] < gain < PLAUSIBLE_GAINS[1]:
         cause = _SCALE
     else:
-        cause = _PANEL if lost.mean() > 0.5 else _GEOMETRY
-    fact = f"{count}, so the cause is hardly in the grains: {cause}"
+        cause = _PANEL if lost.mean() > 0.5 else _wrong_places(motions)
+    fact = f"{count}, so they have one cause: {cause}"
     return Finding(level, "common-cause", where, fact, numbers, remedy)
+
+
+def _wrong_places(motions: Motions) -> str:
+    """Why grains are not where they are looked for; whether the geometry fits was tried before they were tracked."""
+    return _DISTURBED if len(motions) <= MAX_GRAINS_DISTURBED else _GEOMETRY
 
 
 def with_common_cause(motions: Motions, cause: Finding | None) -> Motions:
@@ -147,7 +155,7 @@ def _many(motions: Motions, where: str) -> list[Finding]:
     failed, n, found = failures(motions), len(motions), list[Finding]()
     if n >= MIN_COMMON_GRAINS and failed.mean() > 0.5:
         fact = f"{failed.sum()} of {n} grains fail, more than is likely by their own fault; if they are whole, "
-        fact += f"{_GEOMETRY}"
+        fact += _wrong_places(motions)
         found.append(Finding(Level.WARNING, "common-cause", where, fact, f"gain {motions.fit.gain:.3g}"))
     poor = motions.statuses == Status.POORLY_DETERMINED.value
     poor = poor & np.array(["translation" in reason for reason in motions.reasons], dtype=bool)

@@ -41,6 +41,8 @@ MAX_STUCK_SHARE = 0.1
 """Share of the pixels of most columns or rows that may be stuck; more are images without noise."""
 MAX_CHANCE_OF_STUCK = 1e-5
 """Probability that a pixel has one value in all views by chance; above it stuck pixels are not looked for."""
+QUIET_PERCENTILE, QUIET_SIGMAS = 25.0, 0.319
+"""Percentile of the differences between two images that stands for noise, and that of a normal distribution."""
 MIN_SIDE = 8
 """Rows and columns of an image; a smaller one has too few neighbours to judge by."""
 SAMPLED_VIEWS = 16
@@ -122,12 +124,23 @@ def stuck_pixels(raw: NDArray) -> Mask:
     for former, image in itertools.pairwise(raw):
         equal = image == former
         same &= equal
-        chances.append(min(float(np.median(equal.mean(axis=axis))) for axis in (0, 1)))
+        lines = min(float(np.median(equal.mean(axis=axis))) for axis in (0, 1))
+        chances.append(max(lines, _chance_of_equal(image, former)))
     chance = max(chances, default=1.0) ** (len(raw) - 1) if len(raw) > 1 else 1.0
     share = max(float(np.median(same.mean(axis=axis))) for axis in (0, 1))
     if chance > MAX_CHANCE_OF_STUCK or share > MAX_STUCK_SHARE or not same.any():
         return np.zeros(raw.shape[1:], dtype=bool)
     return same & ~_areas(same)
+
+
+def _chance_of_equal(image: NDArray, former: NDArray) -> float:
+    """Probability that a pixel of noise has one value in two images, from how much most pixels differ."""
+    differences = np.abs(_thinned(image).astype(float) - _thinned(former))
+    changed = differences[differences > 0]
+    if not len(changed):
+        return 1.0
+    spread = float(np.percentile(differences, QUIET_PERCENTILE)) / QUIET_SIGMAS
+    return min(1.0, float(changed.min()) / max(np.sqrt(2 * np.pi) * spread, 1e-12))
 
 
 def _areas(same: Mask) -> Mask:
