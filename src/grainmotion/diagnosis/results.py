@@ -114,7 +114,7 @@ def with_common_cause(motions: Motions, cause: Finding | None) -> Motions:
     """The motions with the common cause as the reason of all grains that failed, instead of blaming each."""
     if cause is None:
         return motions
-    sentence = f"{SEE_COMMON_CAUSE}: {cause.fact}"
+    sentence = f"{SEE_COMMON_CAUSE}: {cause.fact}; {cause.remedy or 'take a look at the radiographs'}"
     failed = failures(motions)
     reasons = (sentence if f else reason for f, reason in zip(failed, motions.reasons, strict=True))
     return replace(motions, reasons=tuple(reasons))

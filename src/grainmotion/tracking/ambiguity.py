@@ -28,6 +28,7 @@ from grainmotion.tracking.alternative_fits import AlternativeFits, fit_alternati
 from grainmotion.tracking.classification import MIN_COVERAGE
 from grainmotion.tracking.refinement import RefinedFit
 from grainmotion.tracking.self_likeness import angles_between, near_symmetries
+from grainmotion.uncertainty.weak_directions import poorly_determined
 
 NEAREST_TRIED, BEST_TRIED = 3, 3
 """Alternatives of a kind that are fitted: those nearest to the expected pose, and those most alike.  A cube has 23 and
@@ -53,14 +54,19 @@ class Ambiguities(NamedTuple):
     moved: Pose | None
 
 
-def find_ambiguities(refined: RefinedFit, reference: GrainArrays, expected: Pose) -> Ambiguities:
-    """The ambiguities of all grains after a fit; ``reference`` are the same grains on their original voxels."""
+def find_ambiguities(
+    refined: RefinedFit, reference: GrainArrays, expected: Pose, limits: tuple[float, float]
+) -> Ambiguities:
+    """The ambiguities of all grains after a fit; ``reference`` are the same grains on their original voxels.
+
+    A grain whose motion is not determined within ``limits``, the largest sd of u (mm) and of ω (rad), has none.
+    """
     problem, pose, evaluation = refined.problem, refined.solution.state, refined.evaluation
     if planar(reference, problem.target.scan.geometry):
         return Ambiguities({}, None)
-    owners, matrices, mirrored = _candidates(
-        problem.target.scan.geometry, pose, evaluation.patches.seen, reference, expected
-    )
+    determined = [not poorly_determined(covariance, limits) for covariance in refined.covariances]
+    seen = evaluation.patches.seen * np.array(determined)[:, None]
+    owners, matrices, mirrored = _candidates(problem.target.scan.geometry, pose, seen, reference, expected)
     if not len(owners):
         return Ambiguities({}, None)
     fits = fit_alternatives(problem, pose, evaluation, owners, matrices)

@@ -214,16 +214,16 @@ def _attempt(job: _Job) -> _Attempt:
             result = search(fit, field_pose, problem, solution)
         problem, solution, fixed = fixed_unless_moved(fit, result.problem, result.solution)
         fit.report("classifying the grains", fit.expected_stages)
+        limits = (settings.max_sd_voxel * grains.voxel_size, float(np.deg2rad(settings.max_sd_deg)))
         refined, ambiguous = refine(fit, field_pose, problem, solution), dict[int, str]()
         for moves in range(MAX_MOVES + 1 if settings.alternatives else 0):
-            ambiguous, moved = find_ambiguities(refined, fit.grains, field_pose)
+            ambiguous, moved = find_ambiguities(refined, fit.grains, field_pose, limits)
             if moved is None or moves == MAX_MOVES:
                 break
             nearer = solution.state.moved(moved.translations, moved.matrices)
             observe = fit.observer(problem.target, "alternative poses")
             solution = gauss_newton(problem, nearer, fit.fine_stopping(), observe)
             refined = refine(fit, field_pose, problem, solution)
-        limits = (settings.max_sd_voxel * grains.voxel_size, float(np.deg2rad(settings.max_sd_deg)))
         motions = classify(grains, refined, result.ambiguous, limits, tuple(fit.costs))
         motions = with_reasons(motions, ambiguous)
         supports = grain_supports(refined.problem, refined.solution.state)
