@@ -165,7 +165,7 @@ def _open_beam(flat: BeamImage, dark_level: NDArray[np.float64]) -> tuple[NDArra
         raise InputError(
             "flats",
             f"{100 * dead.mean():.0f} % of the mean flat is at or below the mean dark",
-            "flats below darks: exchange them if they are swapped, check that the shutter was open and both belong to this scan",
+            "flats below darks: exchange them if they are swapped, and check that the shutter was open",
         )
     beam = flat.mean - dark_level
     typical = ndimage.uniform_filter(np.clip(beam, 0, FLAT_RATIOS[1] * np.median(beam)), 7)
