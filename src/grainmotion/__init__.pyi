@@ -19,7 +19,7 @@ from .errors import InputError as InputError
 from .errors import InputWarning as InputWarning
 from .experiment.config import Air as Air
 from .experiment.config import read_experiment as read_experiment
-from .experiment.scan_inputs import read_scan as read_scan
+from .experiment.scan_files import read_scan as read_scan
 from .io.motions_csv import read_motions as read_motions
 from .io.motions_csv import write_motions as write_motions
 from .model.detector_alignment import DetectorAlignment as DetectorAlignment

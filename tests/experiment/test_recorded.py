@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from grainmotion.experiment.config import Circular, ReferenceTable, ScanTable
-from grainmotion.experiment.scan_inputs import find_scan
+from grainmotion.experiment.scan_files import find_scan
 from grainmotion.model.finding import Level
 from nxtomo_writer import write_nxtomo
 

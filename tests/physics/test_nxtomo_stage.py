@@ -6,7 +6,7 @@ import pytest
 from grainmotion.analysis.validation import compare
 from grainmotion.calibration.settings import ReferenceSettings, ScannerSettings
 from grainmotion.experiment.config import Circular, ReferenceTable, ScanTable
-from grainmotion.experiment.scan_inputs import find_scan
+from grainmotion.experiment.scan_files import find_scan
 from grainmotion.rotations import rotation_matrix
 from grainmotion.simulate import scenarios
 from grainmotion.simulate.detector import record_line_integrals

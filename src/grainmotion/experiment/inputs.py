@@ -13,7 +13,8 @@ from grainmotion.backends.device import backend_of
 from grainmotion.errors import InputError
 from grainmotion.experiment.config import Experiment, ScanTable
 from grainmotion.experiment.config_errors import together
-from grainmotion.experiment.scan_inputs import ScanInput, find_scan, named_stack
+from grainmotion.experiment.scan_files import find_scan, named_stack
+from grainmotion.experiment.scan_inputs import ScanInput
 from grainmotion.io.motions_csv import read_motions
 from grainmotion.io.spam import read_ddic_tsv
 from grainmotion.io.stacks import Stack

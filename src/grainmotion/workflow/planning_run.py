@@ -17,7 +17,8 @@ from grainmotion.errors import InputError
 from grainmotion.experiment.circular import circular_geometry
 from grainmotion.experiment.config import Circular, Experiment, ScanTable
 from grainmotion.experiment.inputs import find_inputs
-from grainmotion.experiment.scan_inputs import ScanInput, find_scan
+from grainmotion.experiment.scan_files import find_scan
+from grainmotion.experiment.scan_inputs import ScanInput
 from grainmotion.io.files import atomic_write, checked_folder
 from grainmotion.io.results import read_reference
 from grainmotion.model.geometry import Geometry
