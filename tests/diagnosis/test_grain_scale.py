@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from convex_grains import VOXEL, ConvexGrains
-from grainmotion.diagnosis.grain_scale import check_scale, grain_scale
+from grainmotion.diagnosis.grain_scale import grain_scale, scale_notes
 from grainmotion.model.motions import Motions
 from grainmotion.model.volume import Volume
 from grainmotion.segmentation.extraction import grains_from_labels
@@ -24,6 +24,6 @@ def test_size_is_found_whatever_the_place(error):
     size, residual, least = grain_scale(given, motions, scan)
     assert size * (1 + error) == pytest.approx(1, abs=0.004)
     assert least <= residual
-    findings = check_scale(given, motions, scan)
-    assert len(findings) == (error != 0)
-    assert all("voxels of the volume" in f.fact for f in findings)
+    notes = scale_notes(given, motions, scan)
+    assert len(notes) == (error != 0)
+    assert all("voxel size" in note for note in notes)

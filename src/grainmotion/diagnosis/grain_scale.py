@@ -1,7 +1,7 @@
 """Size of the grains in a later state: how much larger or smaller they should be, about their own centres.
 
-Motions can take up a wrong place of a grain, not a wrong size.  So after tracking, the size tells whether the voxels of
-the reference volume and the distances of the state's radiographs belong together.
+Motions can take up a wrong place of a grain, not a wrong size.  So after tracking, the size tells whether the distances
+of the state's radiographs are right, and the voxels of a volume from other software.
 """
 
 from __future__ import annotations
@@ -10,16 +10,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from grainmotion.model.finding import Check, Finding, Level
+from grainmotion.model.finding import Check
 from grainmotion.model.grains import Grain, GrainSet
 from grainmotion.model.motions import Motions
 from grainmotion.model.scan import Scan
-from grainmotion.model.volume import Volume
 from grainmotion.projection.grains import simulate_radiographs
 
 SCALE_CHECK: Check = "grain-scale"
-TRIED_SCALES = (0.98, 1.0, 1.02)
-"""Sizes of the grains whose residuals give a parabola."""
+SCALE_NOTE = "the grains are"
+"""Beginning of the note."""
+SIZE_STEP = 0.01
+"""Half the span of sizes between which radiographs are differentiated."""
 MIN_GRAINS_FOR_SCALE = 3
 """Grains with a motion."""
 MAX_SIZE_ERROR = 0.01
@@ -34,8 +35,8 @@ SIZE_IS_BETTER = 0.95
 """
 
 
-def check_scale(grains: GrainSet, motions: Motions, scan: Scan, where: str = "state") -> tuple[Finding, ...]:
-    """A finding if the grains are clearly larger or smaller in the radiographs than in the reference.
+def scale_notes(grains: GrainSet, motions: Motions, scan: Scan) -> tuple[str, ...]:
+    """A sentence if the grains are clearly larger or smaller in the radiographs than in the reference.
 
     Parameters
     ----------
@@ -45,26 +46,24 @@ def check_scale(grains: GrainSet, motions: Motions, scan: Scan, where: str = "st
         One a grain.
     scan : Scan
         Radiographs of the state.
-    where : str
-        Key of the state, for the finding.
 
     Returns
     -------
-    tuple of Finding
+    tuple of str
         At most one.
     """
+    if min(scan.geometry.shape) < 2:  # one slice: motions and sizes in its plane only
+        return ()
     size, residual, least = grain_scale(grains, motions, scan)
     if abs(size - 1) < MAX_SIZE_ERROR or least > MAX_RESIDUAL_OF_SIZES or least > SIZE_IS_BETTER * residual:
         return ()
-    volume = grains.grains[0].volume
     larger = "larger" if size > 1 else "smaller"
-    fact = (
-        f"the grains are {abs(size - 1):.1%} {larger} in the radiographs than in the volume: "
-        "wrong voxels of the volume or distances of the radiographs"
+    voxel = size * grains.grains[0].volume.voxel_size
+    return (
+        f"{SCALE_NOTE} {abs(size - 1):.1%} {larger} in the radiographs than in the reference, so all distances between "
+        f"them are wrong by as much (relative residual {residual:.3f}, and {least:.3f} with that size); correct the "
+        f"distances or the pixel size of these radiographs, or a given volume's voxel size, to {voxel:.4g}",
     )
-    evidence = f"relative residual {residual:.3f}, and {least:.3f} with that size"
-    remedy = f"give volume.voxel_size = {size * volume.voxel_size:.4g}, or correct the distances; u is wrong by as much"
-    return (Finding(Level.WARNING, SCALE_CHECK, where, fact, evidence, remedy),)
 
 
 def grain_scale(grains: GrainSet, motions: Motions, scan: Scan) -> tuple[float, float, float]:
@@ -87,18 +86,20 @@ def grain_scale(grains: GrainSet, motions: Motions, scan: Scan) -> tuple[float, 
     if np.count_nonzero(np.isfinite(motions.translations).all(axis=1)) < MIN_GRAINS_FOR_SCALE:
         return 1.0, 0.0, 0.0
     good = slice(None) if scan.valid is None else scan.valid
-    measured = scan.line_integrals[good].astype(float)
-    squares = []
-    for scale in TRIED_SCALES:
-        simulated = simulate_radiographs(_scaled(grains, scale), motions, scan.geometry)[good].astype(float)
-        gain = float((simulated * measured).sum() / max((simulated**2).sum(), np.finfo(float).tiny))
-        squares.append(float(((measured - gain * simulated) ** 2).sum() / (measured**2).sum()))
-    bend, slope, at_one = np.polyfit(np.log(TRIED_SCALES), squares, 2)
-    if bend <= 0:
-        return 1.0, float(np.sqrt(squares[1])), float(np.sqrt(squares[1]))
-    best = float(-slope / (2 * bend))
-    least = max(float(at_one - slope**2 / (4 * bend)), 0.0)
-    return float(np.exp(np.clip(best, -0.1, 0.1))), float(np.sqrt(squares[1])), float(np.sqrt(least))
+    measured = scan.line_integrals[good].astype(float).ravel()
+    smaller, larger = (
+        simulate_radiographs(_scaled(grains, scale), motions, scan.geometry)[good].astype(float).ravel()
+        for scale in (1 - SIZE_STEP, 1 + SIZE_STEP)
+    )
+    simulated, derivative = (larger + smaller) / 2, (larger - smaller) / (2 * SIZE_STEP)
+    norm = max(float(simulated @ simulated), np.finfo(float).tiny)
+    gain = float(simulated @ measured) / norm
+    derivative = gain * (derivative - float(derivative @ simulated) / norm * simulated)
+    r = measured - gain * simulated
+    slope, bend = float(derivative @ r), max(float(derivative @ derivative), np.finfo(float).tiny)
+    squares, scale = float(r @ r), float(measured @ measured)
+    least = np.sqrt(max(squares - slope**2 / bend, 0.0) / scale)
+    return 1 + float(np.clip(slope / bend, -0.1, 0.1)), float(np.sqrt(squares / scale)), float(least)
 
 
 def _scaled(grains: GrainSet, scale: float) -> GrainSet:
@@ -106,11 +107,8 @@ def _scaled(grains: GrainSet, scale: float) -> GrainSet:
 
 
 def _scaled_grain(grain: Grain, scale: float) -> Grain:
-    """A grain larger by a factor about its centre of mass."""
-    fine = None if grain.fine is None else _scaled_volume(grain.fine, grain, scale)
-    return replace(grain, volume=_scaled_volume(grain.volume, grain, scale), fine=fine)
-
-
-def _scaled_volume(volume: Volume, grain: Grain, scale: float) -> Volume:
+    """A grain larger by a factor about its centre of mass, on the voxels of the reference."""
+    volume = grain.volume
     x, y, z = grain.center + scale * (np.array(volume.center) - grain.center)
-    return replace(volume, voxel_size=scale * volume.voxel_size, center=(x, y, z))
+    scaled = replace(volume, voxel_size=scale * volume.voxel_size, center=(x, y, z))
+    return replace(grain, volume=scaled, fine=None)

@@ -18,6 +18,7 @@ from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Float, Image, Progress
 from grainmotion.backends.base import PatchBackend
 from grainmotion.backends.device import Device
+from grainmotion.diagnosis.grain_scale import scale_notes
 from grainmotion.diagnosis.results import common_cause, with_common_cause
 from grainmotion.diagnosis.state_geometry import check_state
 from grainmotion.model.grains import GrainSet
@@ -132,9 +133,12 @@ def track_with_residual(
 
 
 def _with_likely_cause(job: _Job, motions: Motions) -> Motions:
-    """Where nearly all grains failed, the motions with the one cause as a note and as the reason of each."""
+    """The motions with what the state as a whole shows: wrong sizes as a note, and, where nearly all grains failed, the
+    one cause as a note and as the reason of each.
+    """
     if np.isin(motions.statuses, FAILED).mean() < MIN_FAILED_SHARE:
-        return motions
+        notes = (*scale_notes(job.grains, motions, job.scan), *motions.fit.notes)
+        return replace(motions, fit=replace(motions.fit, notes=notes))
     found = check_state(job.grains, job.scan, job.start)
     notes = tuple(f"{f.fact} ({f.evidence}); {f.remedy}" for f in found)
     motions = replace(motions, fit=replace(motions.fit, notes=(*notes, *motions.fit.notes)))

@@ -5,13 +5,12 @@ They are made once of each input, before anything is computed from it; `checks` 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import numpy as np
 
 from grainmotion.diagnosis.coarse_projection import MAX_VIEWS_COMPARED
 from grainmotion.diagnosis.given_volume import check_volume
-from grainmotion.diagnosis.grain_scale import check_scale
 from grainmotion.diagnosis.labels import check_labels
 from grainmotion.diagnosis.start_file import check_start
 from grainmotion.diagnosis.unlabelled import check_fragments, check_grain_sizes, check_unlabelled
@@ -21,11 +20,9 @@ from grainmotion.model.scan import Scan
 from grainmotion.workflow.checks import findings_once, settle
 from grainmotion.workflow.context import RunContext
 from grainmotion.workflow.reference_stages import SegmentedReference
-from grainmotion.workflow.tracking_stage import TrackedState
 
 CHECKS_OF_VOLUME = "checks-volume.json"
 CHECKS_OF_GRAINS = "checks-grains.json"
-CHECKS_OF_SIZES = "checks-sizes.json"
 
 
 def check_given(context: RunContext) -> None:
@@ -79,23 +76,6 @@ def check_grains(context: RunContext, reference: Callable[[], SegmentedReference
 
     path = context.folder / CHECKS_OF_GRAINS
     settle(context, source, findings_once(context, "check grains", path, fingerprint, check))
-
-
-def check_sizes(
-    context: RunContext, reference: Callable[[], SegmentedReference], tracked: Mapping[str, TrackedState]
-) -> None:
-    """Check the size of the grains of a volume made by other software in each state that was tracked."""
-    if context.inputs.volume is None:
-        return
-    for table, source in context.states:
-        path = context.folder / table.name / CHECKS_OF_SIZES
-        fingerprint = context.fingerprints.after_tracking("check sizes", table.name)
-
-        def check(name: str = table.name, source: ScanInput = source) -> tuple[Finding, ...]:
-            scan = context.radiographs(source)
-            return check_scale(reference().grains, tracked[name].motions, scan, source.key)
-
-        settle(context, source, findings_once(context, f"{table.name}/check sizes", path, fingerprint, check))
 
 
 def _some_views(source: ScanInput) -> Scan:

@@ -30,7 +30,7 @@ from grainmotion.workflow.beam_level_stage import BEAM_LEVEL, level_reference
 from grainmotion.workflow.calibration_stage import CALIBRATION, calibrate_stage, calibration_findings
 from grainmotion.workflow.checks import check_files, check_radiographs, check_reference
 from grainmotion.workflow.context import RunContext, check_inputs
-from grainmotion.workflow.given_checks import check_given, check_grains, check_sizes
+from grainmotion.workflow.given_checks import check_given, check_grains
 from grainmotion.workflow.log import STAGE_LOG, run_log
 from grainmotion.workflow.outputs import DEFORMED, REFERENCE_EXPORTS, RESIDUALS, report_stage, write_outputs
 from grainmotion.workflow.provenance import StageCache
@@ -125,7 +125,6 @@ def run(
                         tracked[table.name] = context.complete(track_stage(context, reference, table.name, tracked))()
                     _check_motions(context, table.name, tracked[table.name].motions)
                 tracked = {table.name: tracked[table.name] for table in experiment.tables.states}
-                check_sizes(context, reference, tracked)
             motions = {name: state.motions for name, state in tracked.items()}
             if until == "report":
                 write_outputs(context, reference, tracked)
