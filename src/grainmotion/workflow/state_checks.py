@@ -11,12 +11,11 @@ from grainmotion.diagnosis.state_geometry import check_state
 from grainmotion.experiment.config import StateTable
 from grainmotion.experiment.scan_inputs import ScanInput
 from grainmotion.experiment.state_tracking import errors_of_state
-from grainmotion.io.findings_json import read_findings, write_findings
 from grainmotion.model.finding import Finding, Level, worst_first
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions
-from grainmotion.workflow.checks import CHECKS, applied
-from grainmotion.workflow.context import RunContext, load_result
+from grainmotion.workflow.checks import CHECKS, applied, findings_once
+from grainmotion.workflow.context import RunContext
 from grainmotion.workflow.reference_stages import SegmentedReference
 
 
@@ -64,21 +63,15 @@ def _findings(
     start: Motions | None,
 ) -> tuple[Finding, ...]:
     """The findings on a state, from their file if an earlier run made them of the same input."""
-    name, path = f"{table.name}/check", context.folder / table.name / CHECKS
     fingerprint = context.cache.fingerprint("check of a state", (), [context.fingerprints.tracks[table.name]])
-    if context.cache.is_done(name, fingerprint):
-        return load_result(read_findings, path) if context.cache.files(name) else ()
-    context.notify(f"{table.name}: comparing with the reference")
-    scan = context.radiographs(source)
-    grains, names = reference().grains, radiograph_names(source)
-    with errors_of_state(source.key, table.initial):
-        findings = check_state(grains, scan, start, where=source.key, names=names)
-    context.cache.discard(name)
-    path.unlink(missing_ok=True)
-    if findings:  # a good state leaves no file
-        write_findings(path, findings)
-    context.cache.add(name, fingerprint, [path] if findings else [])
-    return findings
+
+    def check() -> tuple[Finding, ...]:
+        context.notify(f"{table.name}: comparing with the reference")
+        grains, names = reference().grains, radiograph_names(source)
+        with errors_of_state(source.key, table.initial):
+            return check_state(grains, context.radiographs(source), start, where=source.key, names=names)
+
+    return findings_once(context, f"{table.name}/check", context.folder / table.name / CHECKS, fingerprint, check)
 
 
 def radiograph_names(source: ScanInput) -> tuple[str, ...]:
