@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from grainmotion.calibration.calibrate import MIN_CALIBRATION_VIEWS
 from grainmotion.diagnosis.coinciding_views import coinciding_findings
 from grainmotion.diagnosis.hypotheses import HYPOTHESES, corrected
@@ -46,6 +48,8 @@ TWINS = {
 """Hypotheses that are mirror images of each other, which rough trials do not tell apart."""
 MIRROR_FIXES = (("columns-flipped",), ("half-turned",), ("order-reversed",))
 """Mirror images that fit as well as angles negated, and are told together with it."""
+ROW_AIR_QUANTILE = 0.02
+"""Of the line integrals of a row over all views, what counts as air."""
 AS_GOOD = 0.01
 """Judged residuals that differ by less are equal."""
 HOW_TO_TELL = (
@@ -121,7 +125,9 @@ def _sinogram_order(scan: Scan, grid: Volume, nominal: Tried, where: str) -> tup
     if len(scan) != scan.geometry.shape[0]:
         return ()
     valid = None if scan.valid is None else scan.valid.swapaxes(0, 1)
-    exchanged = replace(scan, line_integrals=scan.line_integrals.swapaxes(0, 1), valid=valid)
+    images = scan.line_integrals.swapaxes(0, 1)
+    images = images - np.quantile(images, ROW_AIR_QUANTILE, axis=(0, 2), keepdims=True)  # levels taken off rows for views
+    exchanged = replace(scan, line_integrals=images.astype(scan.line_integrals.dtype), valid=valid)
     residual = Rivals(exchanged, grid).tried(()).consistency.judged
     if residual > EXPLAINS_SHARE * nominal.consistency.judged:
         return ()
