@@ -126,7 +126,8 @@ def _sinogram_order(scan: Scan, grid: Volume, nominal: Tried, where: str) -> tup
         return ()
     valid = None if scan.valid is None else scan.valid.swapaxes(0, 1)
     images = scan.line_integrals.swapaxes(0, 1)
-    images = images - np.quantile(images, ROW_AIR_QUANTILE, axis=(0, 2), keepdims=True)  # levels taken off rows for views
+    air = np.quantile(images, ROW_AIR_QUANTILE, axis=(0, 2), keepdims=True)  # levels were taken off rows for views
+    images = images - air
     exchanged = replace(scan, line_integrals=images.astype(scan.line_integrals.dtype), valid=valid)
     residual = Rivals(exchanged, grid).tried(()).consistency.judged
     if residual > EXPLAINS_SHARE * nominal.consistency.judged:
