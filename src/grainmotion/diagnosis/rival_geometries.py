@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -95,6 +96,11 @@ class Comparison:
         return abs(self.t) <= SIGNIFICANT_T
 
 
+def _half_residual(views: BinnedViews, geometry: Geometry, shift: float) -> float:
+    """r in a geometry of the whole scan, the panel shifted along u by binned pixels."""
+    return views.half_residual(views.geometry(geometry, shift))
+
+
 class Rivals:
     """Trials of geometries on one scan."""
 
@@ -154,11 +160,7 @@ class Rivals:
         comparison = self._compared(pair, shifts)
         if comparison.t < CLOSE_T:
             for k, geometry in enumerate(pair):
-                shifts[k] = best_shift(
-                    lambda x, g=geometry: fine.half_residual(fine.geometry(g, x)),  # type: ignore[misc]
-                    np.array([shifts[k]]),
-                    FINE_STEPS,
-                )
+                shifts[k] = best_shift(partial(_half_residual, fine, geometry), np.array([shifts[k]]), FINE_STEPS)
             comparison = self._compared(pair, shifts)
         return comparison
 

@@ -28,11 +28,11 @@ CHECKS_OF_GRAINS = "checks-grains.json"
 def check_given(context: RunContext) -> None:
     """Check a volume made by other software, against radiographs of the reference or of the first state."""
     inputs = context.inputs
-    source = inputs.volume_scan or next(iter(inputs.states), None)
-    if inputs.volume is None or source is None:
+    volume, source = inputs.volume, inputs.volume_scan or next(iter(inputs.states), None)
+    if volume is None or source is None:
         return
     grid = inputs.grid
-    files = [*inputs.volume.files, *source.files]
+    files = [*volume.files, *source.files]
     settings = ["check volume", grid.shape, grid.voxel_size, grid.center, source.settings]
     fingerprint = context.cache.fingerprint(settings, files)
 
@@ -40,7 +40,7 @@ def check_given(context: RunContext) -> None:
         context.notify("checking the volume")
         same_state = source is inputs.volume_scan
         scan = _some_views(source) if same_state else context.measured(source)
-        where = f"{inputs.volume.spec} (reference.volume)"  # type: ignore[union-attr]
+        where = f"{volume.spec} (reference.volume)"
         return check_volume(context.given_volume, None, scan, same_state=same_state, where=where)
 
     path = context.folder / CHECKS_OF_VOLUME
