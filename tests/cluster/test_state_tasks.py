@@ -7,6 +7,7 @@ import pytest
 
 from few_grains import grain_set
 from grainmotion.backends.cpu import CPU
+from grainmotion.cluster.connection import ComputeConfig
 from grainmotion.cluster.shared_store import SharedStore
 from grainmotion.cluster.state_tasks import State, track_distributed
 from grainmotion.errors import InputError
@@ -183,3 +184,51 @@ def test_waiting_states_are_passed_over(tmp_path):
     )
     assert [name for name, _ in results] == ["c", "a", "b"]
     assert offered == [["a", "c", None], [None, None], ["b", None]]
+
+
+def with_images(experiment, name, change, *states):
+    """The experiment; the radiographs of these states are changed, and are a file of this name."""
+    folder = experiment.folder
+    np.save(folder / name, change(find_inputs(experiment).states[0].radiographs.read()))
+    path = folder / "experiment.toml"
+    text = path.read_text()
+    for state in states:
+        head, tail = text.split(f'name = "{state}"', 1)
+        text = head + f'name = "{state}"' + tail.replace("one.tif", name, 1)
+    path.write_text(text)
+    return read_experiment(path)
+
+
+def upside_down(images):
+    return images[:, ::-1]
+
+
+def test_each_state_is_checked_once_its_start_is_known(tmp_path):
+    """States that do not fit are refused as in one process, also one that starts from the motions of another."""
+    experiment = tiny(tmp_path, a="reference", b="previous", c="reference", d="previous", e="previous", f="reference")
+    experiment = with_images(experiment, "flipped.npy", upside_down, "b", "c", "e")
+    cluster = RecordingCluster(tmp_path / "store")
+    context = context_of(experiment, cluster)
+    motions = track_states(context)
+    assert [set(states) for states in cluster.asked] == [{"a", "b", "d", "e", "f"}]  # b and e wait for their start
+    assert sorted(context.refused) == ["b", "c", "e"]
+    assert_same_motions(motions, by_one_process(experiment))
+    for name in context.refused:
+        assert "the state was not tracked: its views do not fit the reference" in motions[name].reasons[0]
+
+
+def test_states_are_fixed_and_refused_by_processes_too(tmp_path):
+    pytest.importorskip("distributed")
+    experiment = with_images(
+        tiny(tmp_path, a="reference", b="previous", c="reference"), "flipped.npy", upside_down, "b"
+    )
+    experiment = with_images(experiment, "no-beam.npy", lambda images: np.full_like(images, 130), "c")
+    experiment = experiment.checked(force=False, try_fixes=True)
+    by_processes = run(experiment, until="track", workplace=ComputeConfig(workers=2))
+    expected = run(experiment, out=tmp_path / "one-process", until="track")
+    assert by_processes.findings == expected.findings
+    assert [expected.motions[name].usable.all() for name in "abc"] == [True, True, False]
+    assert set(expected.motions["c"].statuses) == {"not-fitted"}
+    for name, motions in expected.motions.items():
+        np.testing.assert_array_equal(by_processes.motions[name].statuses, motions.statuses)
+        np.testing.assert_allclose(by_processes.motions[name].translations, motions.translations, atol=1e-6)

@@ -6,7 +6,7 @@ starts from another's motions waits for it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -32,8 +32,9 @@ class State:
     Attributes
     ----------
     name : str
-    scan : Scan
-        Its radiographs, corrected.
+    scan : Scan or callable
+        Its radiographs, corrected; or a function that checks the state and reads them, once its start is known.  It is
+        called in this process, with the start, and gives None if the state is not to be tracked.
     initial : str
         What the experiment file says of its start.
     start : Motions or str, optional
@@ -41,7 +42,7 @@ class State:
     """
 
     name: str
-    scan: Scan
+    scan: Scan | Callable[[Motions | None], Scan | None]
     initial: str
     start: Motions | str | None
 
@@ -49,16 +50,24 @@ class State:
 def track_distributed(
     executor: Executor, store: SharedStore, grains: GrainSet, states: Sequence[State], settings: TrackSettings
 ) -> Iterator[tuple[str, Motions]]:
-    """Names of the states and their motions, whichever is there first; no more at once than there are workers."""
-    stored, waiting, tracked = store.put(grains), list(states), dict[str, Motions]()
+    """Names of the states and their motions, whichever is there first; no more at once than there are workers.
+
+    A state that is not to be tracked is left out; the one after it starts from no motion.
+    """
+    stored, waiting, tracked = store.put(grains), list(states), dict[str, Motions | None]()
+
+    def ready() -> State | None:
+        return next((s for s in waiting if not isinstance(s.start, str) or s.start in tracked), None)
 
     def more() -> tuple[str, Delayed] | None:
-        for state in waiting:
-            start = tracked.get(state.start) if isinstance(state.start, str) else state.start
-            if isinstance(state.start, str) and start is None:
-                continue
+        while (state := ready()) is not None:
             waiting.remove(state)
-            given = store.put((replace(state, start=start), settings))
+            start = tracked[state.start] if isinstance(state.start, str) else state.start
+            scan = state.scan if isinstance(state.scan, Scan) else state.scan(start)
+            if scan is None:
+                tracked[state.name] = None
+                continue
+            given = store.put((replace(state, scan=scan, start=start), settings))
             return state.name, executor.task(_track, grains=stored, given=given)
         return None
 

@@ -16,6 +16,7 @@ from grainmotion.experiment.state_tracking import errors_of_state
 from grainmotion.io.motions_csv import write_motions
 from grainmotion.io.results import read_motions_h5, write_motions_h5
 from grainmotion.model.motions import Motions
+from grainmotion.model.scan import Scan
 from grainmotion.tracking.track import track_with_residual
 from grainmotion.workflow.context import RunContext, load_result
 from grainmotion.workflow.provenance import Stage
@@ -77,43 +78,62 @@ def _explained(context: RunContext, key: str, motions: Motions) -> Motions:
 
 
 def track_side_by_side(context: RunContext, reference: Callable[[], SegmentedReference]) -> dict[str, TrackedState]:
-    """Track states of a small sample at the same time, each on one worker, if several do not depend on another."""
-    cluster, states = context.cluster, list[State]()
+    """Track states of a small sample at the same time, each on one worker, if several do not depend on another.
+
+    Each is checked first, as in one process; states that are done or refused are left to `track_stage`.
+    """
+    cluster = context.cluster
     if cluster is None or len(context.states) < 2:
         return {}
-    for (table, _), given in zip(context.states, context.inputs.starts, strict=True):
-        if table.initial != "previous" or table is context.states[0][0]:  # the start of the others is not known yet
-            check_tracked_state(context, reference, table, given)
-    missing = {
-        table.name: table
-        for table, _ in context.states
-        if table.name not in context.refused
-        and not context.cache.is_done(f"{table.name}/track", context.fingerprints.tracks[table.name])
-    }
-    if len(missing) < 2 or not cluster.one_worker_tracks_a_state(reference().grains):
-        return {}
-    start: Motions | str | None
-    previous: Motions | str | None = None
-    for (table, source), named_start in zip(context.states, context.inputs.starts, strict=True):
-        if table.name in context.refused:
-            previous = None
-            continue
-        if table.name not in missing:
-            previous = _load(context, table).motions
-            continue
-        start = previous if table.initial == "previous" else named_start
-        states.append(State(table.name, context.radiographs(source), table.initial, start))
-        previous = table.name
-    if sum(not isinstance(state.start, str) for state in states) < 2:
+    states = _to_be_tracked(context, reference)
+    alone = [state for state in states if not isinstance(state.start, str)]
+    if len(alone) < 2 or not cluster.one_worker_tracks_a_state(reference().grains):
         return {}
     tracked: dict[str, TrackedState] = {}
+    tables = {table.name: table for table, _ in context.states}
     context.notify("tracking states side by side", 0, len(states))
     for name, motions in cluster.track(reference().grains, states, context.tables.track):
         explained = _explained(context, f"states.{name}", motions)
         run = functools.partial(TrackedState, in_doubt(explained, reference().doubts))
-        tracked[name] = context.complete(_stage(context, missing[name], run))()
+        tracked[name] = context.complete(_stage(context, tables[name], run))()
         context.notify(f"tracking states side by side: {name} done", len(tracked), len(states))
     return tracked
+
+
+def _to_be_tracked(context: RunContext, reference: Callable[[], SegmentedReference]) -> list[State]:
+    """The states that are neither done nor refused, in order; one whose start is not known yet is checked once it is."""
+    states, known = list[State](), dict[str, Motions | None]()  # motions of the states that are done or refused
+    for k, (table, given) in enumerate(zip(context.tables.states, context.inputs.starts, strict=True)):
+        start: Motions | str | None = given
+        if table.initial == "previous" and k > 0:
+            before = context.tables.states[k - 1].name
+            start = known[before] if before in known else before
+        if isinstance(start, str):
+            later = functools.partial(_checked_scan, context, reference, k)
+            states.append(State(table.name, later, table.initial, start))
+            continue
+        check_tracked_state(context, reference, table, start)
+        if table.name in context.refused:
+            known[table.name] = None
+        elif context.cache.is_done(f"{table.name}/track", context.fingerprints.tracks[table.name]):
+            known[table.name] = _load(context, table).motions
+        else:
+            states.append(State(table.name, functools.partial(_scan, context, k), table.initial, start))
+    return states
+
+
+def _scan(context: RunContext, index: int, start: Motions | None) -> Scan:
+    """The radiographs of a state that is checked, from whatever it starts."""
+    return context.radiographs(context.states[index][1])
+
+
+def _checked_scan(
+    context: RunContext, reference: Callable[[], SegmentedReference], index: int, start: Motions | None
+) -> Scan | None:
+    """The radiographs of a state that starts from ``start``, once it is checked; None if it is refused."""
+    table = context.tables.states[index]
+    check_tracked_state(context, reference, table, start)
+    return None if table.name in context.refused else _scan(context, index, start)
 
 
 def _stage(context: RunContext, table: StateTable, run: Callable[[], TrackedState]) -> Stage[TrackedState]:
