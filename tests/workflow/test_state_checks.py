@@ -47,6 +47,19 @@ def test_its_fix_gives_the_true_motions(upside_down: Path):
     assert two.translations == pytest.approx(np.tile(SHIFTS["two"], (3, 1)), abs=0.02)
 
 
+def test_two_mistakes_are_fixed_one_after_the_other(tmp_path: Path):
+    """Rows flipped and angles negated have one fix; what is left after a fix is found by another check."""
+    path = write_tiny(tmp_path)
+    path.write_text(path.read_text().replace("[10.0, 55.0, 100.0]", "[-10.0, -55.0, -100.0]"))
+    two = path.parent / "two.npy"
+    np.save(two, np.load(two)[:, ::-1])
+    result = tracked(path, try_fixes=True)
+    (finding,) = (f for f in result.findings if f.where == "states.two" and f.fix)
+    assert finding.fix == "angles-negated, rows-flipped"
+    assert finding.remedy.count("fixes = [") == 1
+    assert result.motions["two"].translations == pytest.approx(np.tile(SHIFTS["two"], (3, 1)), abs=0.02)
+
+
 def test_force_tracks_it_anyway(upside_down: Path, monkeypatch: pytest.MonkeyPatch):
     seen = []
 

@@ -23,6 +23,9 @@ Change = Callable[[Geometry], Geometry]
 MAX_SPAN_IN_RADIANS = 4 * np.pi + 0.1
 """Angles that span more than two turns if they were radians are not taken for radians, degrees."""
 
+OR_WRITE = "; or write "
+"""Between what to change and the key ``fixes`` in the remedy of a finding."""
+
 
 @dataclass(frozen=True)
 class Hypothesis:

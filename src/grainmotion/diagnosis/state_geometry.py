@@ -8,13 +8,13 @@ unexplained is 1 - likeness²; a mistake is named if undoing it lowers that shar
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from grainmotion._arguments import checked_arguments
 from grainmotion.diagnosis.coarse_likeness import Fit, Likeness
-from grainmotion.diagnosis.hypotheses import HYPOTHESES, stage_angles_deg
+from grainmotion.diagnosis.hypotheses import HYPOTHESES, OR_WRITE, stage_angles_deg
 from grainmotion.diagnosis.state_hypotheses import (
     Candidate,
     Sweep,
@@ -26,8 +26,16 @@ from grainmotion.diagnosis.state_hypotheses import (
     other_scales,
     other_starts,
     single_mistakes,
+    twin,
 )
-from grainmotion.diagnosis.state_views import FEW_GRAINS, ViewNames, blank_views, repeated_views, strange_views
+from grainmotion.diagnosis.state_views import (
+    FEW_GRAINS,
+    StrangeView,
+    ViewNames,
+    blank_views,
+    repeated_views,
+    strange_views,
+)
 from grainmotion.model.finding import Finding, Level
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions
@@ -36,6 +44,10 @@ from grainmotion.model.starting_pose import starting_pose
 
 CLEAR_LEAD = 0.25
 """Gain of the geometry as given over the median of the usual mistakes, from which nothing else is tried."""
+LEAST_LEAD = 0.5
+"""The same of each view, over the median of the views; views of twelve stones have 0.78 at least."""
+CLEAR_LOSS = 0.5
+"""Gain of a usual mistake in one view alone up to which nothing else is tried; see `MIN_GAIN_OF_ONE`."""
 MIN_GAIN, MIN_GAIN_ONE_VIEW = 0.2, 0.4
 """Gain from which a usual mistake is named: the first and, divided by the number of views, the second.  Good states
 have up to 0.31 with one view, 0.14 with two, 0.13 with more (decision 0024)."""
@@ -106,32 +118,38 @@ def check_state(
     if not kept:
         return tuple(findings)
     shown, scan = likeness.select(kept), scan.select(kept)
-    pairs = [(kept[i], kept[j]) for i, j in repeated_views(shown, scan)]
-    findings += words.repeated(pairs, count)
-    return tuple(findings + _State(shown, grains, words, kept, count).findings())
+    pairs = repeated_views(shown, scan)
+    findings += words.repeated([(kept[i], kept[j]) for i, j in pairs], count)
+    rest = [k for k in range(len(kept)) if k not in {j for _, j in pairs}]
+    state = _State(shown.select(rest), len(grains), words, [kept[k] for k in rest], count)
+    return tuple(findings + state.findings())
 
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """A state under test: the views that show a sample, their numbers, and that of all views."""
+    """A state under test: the views that show a sample, their numbers, and that of all views.
+
+    ``undone`` says that a mistake has been undone already.
+    """
 
     likeness: Likeness
-    grains: GrainSet
+    grains: int
     words: ViewNames
     kept: list[int]
     count: int
+    undone: bool = False
 
     def findings(self) -> list[Finding]:
         """What is wrong with the geometry as a whole, or with single views."""
         now = self._trial(as_given(self.likeness))
         candidates = single_mistakes(self.likeness)
         bounds = [Fit(self.likeness.best(c.images, c.geometry)) for c in candidates]
-        if bounds and _is_clear(now.fit, bounds, len(self.grains)):
+        if bounds and not self.undone and _is_clear(now.fit, bounds, self.grains):
             return []
         changes = [self._trial(c) for c in candidates]
         singles = [t for t in changes if t.candidate.fixes[0] not in SMALL_CHANGES]
         sweep = Sweep.of(self.likeness)
-        strange = strange_views(self.likeness, sweep, len(self.grains))
+        strange = strange_views(self.likeness, sweep, self.grains)
         doubles = [c for c in double_mistakes(self.likeness) if c.fixes[0] not in SMALL_CHANGES]
         named = singles + [self._trial(c) for c in doubles]
         order = [self._trial(c) for c in other_order(self.likeness, sweep)]
@@ -139,10 +157,19 @@ class _State:
         free = [self._trial(c) for c in (*other_starts(self.likeness, sweep), *other_scales(self.likeness))]
         best = _best(now, named, [*order, *small, *free], len(self.kept))
         if best is not None:
-            return [self._mistake(now, best, [*named, *order])]
+            beside = self._beside(best.candidate)
+            return [self._mistake(now, best, [] if beside else [*named, *order]), *beside]
         if strange:
-            return [self._strange(*view) for view in strange]
-        return self._unlike(now, named, sweep)
+            return [self._strange(view) for view in strange]
+        return [] if self.undone else self._unlike(now, named, sweep)
+
+    def _beside(self, mistake: Candidate) -> list[Finding]:
+        """What else is wrong once a mistake is undone."""
+        if self.undone or mistake.images.shape != self.likeness.measured.shape:
+            return []
+        likeness = replace(self.likeness, measured=mistake.images, geometry=mistake.geometry)
+        found = replace(self, likeness=likeness, undone=True).findings()
+        return [replace(f, fact=f"beside that, {f.fact}", fix="") for f in found]
 
     def _trial(self, candidate: Candidate) -> Trial:
         return Trial(candidate, candidate.fit(self.likeness))
@@ -153,29 +180,35 @@ class _State:
         similar = [t.candidate for t in others if t is not best and gain(t.fit, best.fit) < SIMILAR_GAIN]
         equals = [c for c in similar if len(c.fixes) == 1]
         equals += [c for c in similar if not c.fixes and not any(alike(c, other) for other in (likely, *equals))]
-        fact = f"its views do not fit the reference as given; probably {likely.text}"
-        fact += "".join(f", or {c.text}" for c in equals[:MAX_NAMED])
+        choices = [(c.fixes, c.text) for c in (likely, *equals[:MAX_NAMED])]
+        behind = twin(likely)
+        if 0 < len(behind) <= MAX_NAMED and behind not in [fixes for fixes, _ in choices]:
+            choices.insert(1, (behind, ", and ".join(HYPOTHESES[name].mistake for name in behind)))
+        fact = "its views do not fit the reference" + ("" if self.undone else " as given")
+        fact += "; probably " + ", or ".join(text for _, text in choices)
         fact += " (or the reference is upside down)" if likely.panel == "rows-flipped" else ""
-        evidence = f"likeness to the reference {now.fit.mean:.2f} as given, {best.fit.mean:.2f} so; 1 is equal"
+        state = "with that undone" if self.undone else "as given"
+        evidence = f"likeness to the reference {now.fit.mean:.2f} {state}, {best.fit.mean:.2f} so; 1 is equal"
         remedies = [HYPOTHESES[name].remedy for name in likely.fixes]
         remedy = "; ".join(remedies or ["correct angles_deg, or the order of the files"])
-        fixes = [c.fixes for c in (likely, *equals) if c.fixes]
-        if fixes:
-            keys = " or ".join("fixes = [" + ", ".join(f'"{name}"' for name in names) + "]" for names in fixes)
-            remedy += f"; or write {keys} in the state's table"
-        fix = likely.fixes[0] if len(likely.fixes) == 1 else ""
-        return self.words.finding(Level.ERROR, fact, evidence, remedy, fix)
+        named = [fixes for fixes, _ in choices if fixes]
+        if named:
+            keys = " or ".join("fixes = [" + ", ".join(f'"{name}"' for name in fixes) + "]" for fixes in named)
+            remedy += f"{OR_WRITE}{keys} in the state's table"
+        return self.words.finding(Level.ERROR, fact, evidence, remedy, ", ".join(likely.fixes))
 
-    def _strange(self, view: int, now: float, others: float, angle: float | None) -> Finding:
+    def _strange(self, odd: StrangeView) -> Finding:
         """A view that does not belong to the others."""
-        fact = f"{self.words(self.kept[view])} does not fit the reference at its angle, though the other views do"
-        if angle is None:
+        fact = f"{self.words(self.kept[odd.view])} does not fit the reference at its angle, though the other views do"
+        if odd.flipped:
+            fact += ": its rows seem to run the other way"
+        elif odd.angle_deg is None:
             fact += ": probably another sample, or a damaged radiograph"
         else:
-            fact += f": it seems to be taken at about {angle:g} degrees"
-            fact += ", or its columns are flipped" if self._is_behind(view, angle) else ""
-        evidence = f"likeness {now:.2f}, of the others {others:.2f}; 1 is equal"
-        return self.words.finding(Level.ERROR, fact, evidence, self.words.without([self.kept[view]], self.count))
+            fact += f": it seems to be taken at about {odd.angle_deg:g} degrees"
+            fact += ", or its columns are flipped" if self._is_behind(odd.view, odd.angle_deg) else ""
+        evidence = f"likeness {odd.likeness:.2f}, of the others {odd.others:.2f}; 1 is equal"
+        return self.words.finding(Level.ERROR, fact, evidence, self.words.without([self.kept[odd.view]], self.count))
 
     def _is_behind(self, view: int, angle: float) -> bool:
         given = stage_angles_deg(self.likeness.geometry)[view]
@@ -201,12 +234,17 @@ class _State:
 def _is_clear(now: Fit, bounds: list[Fit], grains: int) -> bool:
     """Whether the geometry as given is better than all usual mistakes can be, and clearly than most of them.
 
-    Where single views of few grains are not judged, the mean of the views counts, else each view.
+    Where single views of few grains are not judged, the mean of the views counts, else each view.  A view that fits
+    much better flipped, or much worse than the others, is looked at closer.
     """
     usual = np.median([fit.each for fit in bounds], axis=0)
-    leads = [gain(u, f) for u, f in zip(usual, now.each, strict=True)]
-    lead = np.mean(leads) if grains < FEW_GRAINS else np.min(leads)
-    return bool(lead > CLEAR_LEAD and all(gain(now, fit) < 0 for fit in bounds))
+    leads = np.array([gain(u, f) for u, f in zip(usual, now.each, strict=True)])
+    lead, least = leads.mean(), 0.0
+    if grains >= FEW_GRAINS:
+        lead, least = leads.min(), LEAST_LEAD * np.median(leads)
+    best = np.max([fit.each for fit in bounds], axis=0)
+    odd = max(gain(f, b) for f, b in zip(now.each, best, strict=True))
+    return bool(lead > max(CLEAR_LEAD, least) and odd < CLEAR_LOSS and all(gain(now, fit) < 0 for fit in bounds))
 
 
 def _best(now: Trial, named: list[Trial], free: list[Trial], views: int) -> Trial | None:

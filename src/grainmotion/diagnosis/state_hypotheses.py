@@ -11,7 +11,7 @@ from scipy.optimize import linear_sum_assignment
 
 from grainmotion._typing import Float, Image
 from grainmotion.diagnosis.coarse_likeness import Fit, Likeness
-from grainmotion.diagnosis.hypotheses import HYPOTHESES, stage_angles_deg, turned
+from grainmotion.diagnosis.hypotheses import HYPOTHESES, corrected, stage_angles_deg, turned
 from grainmotion.model.geometry import Geometry
 
 IMAGE_CHANGES: Mapping[str, Callable[[Image], Image]] = MappingProxyType({
@@ -25,6 +25,13 @@ IMAGE_CHANGES: Mapping[str, Callable[[Image], Image]] = MappingProxyType({
 """Hypotheses about the panel, as changes of the radiographs, so that no other view need be simulated."""
 COMBINED_WITH = ("rows-flipped", "columns-flipped")
 """Hypotheses about the panel that are tried together with each about the angles."""
+NEGATED = "angles-negated"
+COMBINED_WITH_SIGN = (
+    "angles-in-radians", "half-the-span", "twice-the-span", "start-at-90", "start-at-180", "start-at-270",
+)  # fmt: skip
+"""Hypotheses about the angles that are tried together with the wrong sign."""
+OPPOSITE_STARTS = MappingProxyType({"start-at-90": "start-at-270", "start-at-180": "", "start-at-270": "start-at-90"})
+"""Starts from behind; none is the start as given."""
 ANGLE_STEP_DEG = 5.0
 """Step of the angles at which a view may have been taken."""
 SAME_ANGLE_DEG = 4.0
@@ -72,16 +79,33 @@ def single_mistakes(likeness: Likeness) -> list[Candidate]:
 
 
 def double_mistakes(likeness: Likeness) -> list[Candidate]:
-    """Mistakes in the angles with images flipped, where that is not one mistake in disguise."""
+    """Mistakes in the angles with images flipped or a wrong sign, where that is not one mistake in disguise."""
     singles = single_mistakes(likeness)
     found = list[Candidate]()
-    for panel in COMBINED_WITH:
-        for c in singles:
-            if not c.panel:
-                text = f"{c.text}, and {HYPOTHESES[panel].mistake}"
-                images = IMAGE_CHANGES[panel](likeness.measured)
-                found.append(Candidate((*c.fixes, panel), text, images, c.geometry, panel))
-    return [c for c in found if not any(alike(c, other) for other in [as_given(likeness), *singles])]
+    for c in (c for c in singles if not c.panel):
+        for panel in COMBINED_WITH:
+            text = f"{c.text}, and {HYPOTHESES[panel].mistake}"
+            images = IMAGE_CHANGES[panel](likeness.measured)
+            found.append(Candidate((*c.fixes, panel), text, images, c.geometry, panel))
+        if c.fixes != (NEGATED,) and c.fixes[0] in COMBINED_WITH_SIGN:
+            names, text = (NEGATED, *c.fixes), f"{HYPOTHESES[NEGATED].mistake}, and {c.text}"
+            found.append(Candidate(names, text, c.images, corrected(likeness.geometry, names)))
+    known = [as_given(likeness), *singles]
+    for c in found:
+        if not any(alike(c, other) for other in known):
+            known.append(c)
+    return known[1 + len(singles) :]
+
+
+def twin(candidate: Candidate) -> tuple[str, ...]:
+    """Fixes that do the same in a parallel beam, where a view of flipped columns is one from behind; none if alike."""
+    starts = [name for name in candidate.fixes if name in OPPOSITE_STARTS]
+    flipped = "columns-flipped" in candidate.fixes
+    if not starts and not flipped:
+        return ()
+    opposite = OPPOSITE_STARTS[starts[0]] if starts else "start-at-180"
+    others = [name for name in candidate.fixes if name not in (*starts, "columns-flipped")]
+    return tuple(name for name in (*others, opposite, "" if flipped else "columns-flipped") if name)
 
 
 def alike(a: Candidate, b: Candidate) -> bool:
@@ -161,14 +185,18 @@ def other_starts(likeness: Likeness, sweep: Sweep) -> list[Candidate]:
 
 
 def other_order(likeness: Likeness, sweep: Sweep) -> list[Candidate]:
-    """The radiographs in the order that suits the angles given best."""
-    now = stage_angles_deg(likeness.geometry)
-    table = sweep.at(now)
-    order = linear_sum_assignment(-np.log(1 / np.maximum(1 - table**2, 1e-3)))[1]
-    angles = ", ".join(f"{now[k]:g}" for k in order)
-    text = f"the radiographs are in another order: in their order, the angles are {angles} degrees"
-    candidate = Candidate((), text, likeness.measured, likeness.geometry[order])
-    return [] if alike(candidate, as_given(likeness)) else [candidate]
+    """The radiographs in the order that suits the angles given best, or those of the other sign."""
+    now, found = stage_angles_deg(likeness.geometry), []
+    for sense in (1, -1):
+        table = sweep.at(sense * now)
+        order = linear_sum_assignment(-np.log(1 / np.maximum(1 - table**2, 1e-3)))[1]
+        angles = ", ".join(f"{sense * now[k] + 0.0:g}" for k in order)
+        text = "the radiographs are in another order"
+        text += "" if sense > 0 else ", and the angles have the wrong sign"
+        text += f": in their order, the angles are {angles} degrees"
+        geometry = turned(likeness.geometry, sense * now - now)[order]
+        found.append(Candidate((), text, likeness.measured, geometry))
+    return [c for c in found if not alike(c, as_given(likeness))]
 
 
 def other_scales(likeness: Likeness) -> list[Candidate]:

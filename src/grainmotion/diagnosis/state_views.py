@@ -30,6 +30,9 @@ MIN_OTHERS = 0.35
 """The same quantity of the other views, absolute, from which they are taken as right."""
 MIN_OTHERS_FEW, FEW_GRAINS = 2.0, 12
 """The same for samples of fewer grains, where good views differ: others have up to 1.4 beside one that fits nowhere."""
+MIN_GAIN_OF_ONE = 1.0
+"""Gain of another side, or of flipped rows, over a view as given from which the view is called strange.  Good views of
+twelve stones (12 seeds) and of the hard cases (3 seeds) have up to 0.5; one that is flipped has 1.8 to 2.3."""
 MIN_VIEWS_TO_COMPARE = 3
 MIN_REPEATED_GAIN = 0.02
 """How much better one of two equal radiographs must fit for the views to differ: two views of one angle give 0."""
@@ -55,29 +58,44 @@ def repeated_views(likeness: Likeness, scan: Scan) -> list[tuple[int, int]]:
     return pairs
 
 
-def strange_views(likeness: Likeness, sweep: Sweep, count: int) -> list[tuple[int, float, float, float | None]]:
+@dataclass(frozen=True)
+class StrangeView:
+    """A view that does not belong to the others: its number, its likeness as given and the median of the others.
+
+    ``angle_deg`` is the angle at which it fits as well as they do, if there is one; ``flipped`` says that it does so
+    upside down.
+    """
+
+    view: int
+    likeness: float
+    others: float
+    angle_deg: float | None
+    flipped: bool
+
+
+def strange_views(likeness: Likeness, sweep: Sweep, count: int) -> list[StrangeView]:
     """Views that fit the reference no better as given than from any other side, where the others do.
 
-    ``count`` is the number of grains.  Each comes with its likeness as given, the median of the others, and the angle
-    at which it fits as well as they do, if there is one.
+    So are those that fit clearly better from another side, or upside down.  ``count`` is the number of grains.
     """
     n = len(likeness.geometry)
     if n < MIN_VIEWS_TO_COMPARE:
         return []
-    now = np.diagonal(sweep.at(stage_angles_deg(likeness.geometry)))
-    usual = np.median(sweep.upright, axis=1)
+    angles = stage_angles_deg(likeness.geometry)
+    now, flipped = np.diagonal(sweep.at(angles)), np.diagonal(sweep.at(angles, flipped=True))
+    best, usual = sweep.upright.max(axis=1), np.median(sweep.upright, axis=1)
     lead = np.array([gain(u, f) for u, f in zip(usual, now, strict=True)])
     found = []
     for k in range(n):
         others = np.delete(np.arange(n), k)
         reference = float(np.median(lead[others]))
         least = MIN_OTHERS_FEW if count < FEW_GRAINS else MIN_OTHERS
-        if reference > least and lead[k] < MAX_STRANGE_SHARE * reference:
-            best = float(sweep.upright[k].max())
-            angle = None
-            if gain(usual[k], best) > reference / 2:
-                angle = float(sweep.angles_deg[int(sweep.upright[k].argmax())])
-            found.append((k, float(now[k]), float(np.median(now[others])), angle))
+        lost = reference > least and lead[k] < MAX_STRANGE_SHARE * reference
+        if lost or (reference > MIN_OTHERS and gain(now[k], max(best[k], flipped[k])) > MIN_GAIN_OF_ONE):
+            upside_down = bool(flipped[k] > best[k] and gain(usual[k], flipped[k]) > reference / 2)
+            elsewhere = not upside_down and gain(usual[k], best[k]) > reference / 2
+            angle = float(sweep.angles_deg[int(sweep.upright[k].argmax())]) if elsewhere else None
+            found.append(StrangeView(k, float(now[k]), float(np.median(now[others])), angle, upside_down))
     return found if len(found) <= (n - 1) // 2 else []
 
 

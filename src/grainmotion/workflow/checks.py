@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+from grainmotion.diagnosis.hypotheses import OR_WRITE
 from grainmotion.diagnosis.scan_geometry import check_scan
 from grainmotion.errors import InputError
 from grainmotion.experiment.scan_inputs import ScanInput
@@ -102,5 +103,7 @@ def applied(context: RunContext, source: ScanInput, finding: Finding) -> Finding
     """The finding after its fix."""
     context.apply_fix(source, finding.fix)
     names = ", ".join(f'"{name}"' for name in finding.fix.split(", "))
-    remedy = f"the fix was applied; to keep it, write fixes = [{names}] there, or {finding.remedy}"
+    remedy = (
+        f"the fix was applied; to keep it, write fixes = [{names}] there, or {finding.remedy.partition(OR_WRITE)[0]}"
+    )
     return replace(finding, level=Level.WARNING, remedy=remedy)

@@ -18,6 +18,9 @@ from grainmotion.workflow.checks import CHECKS, applied, findings_once
 from grainmotion.workflow.context import RunContext
 from grainmotion.workflow.reference_stages import SegmentedReference
 
+MAX_FIXES = 2
+"""Fixes that are tried one after another on one state; each may undo two mistakes."""
+
 
 def check_tracked_state(
     context: RunContext, reference: Callable[[], SegmentedReference], table: StateTable, start: Motions | None
@@ -35,12 +38,13 @@ def check_tracked_state(
     start : Motions, optional
         Motions from which it is tracked.
     """
-    source = next(s for t, s in context.states if t.name == table.name)
-    findings = _findings(context, reference, table, source, start)
-    if context.tables.check.try_fixes:
-        fixes = [f for f in findings if f.fix]
-        if fixes:
-            findings = tuple(applied(context, source, f) if f is fixes[0] else f for f in findings)
+    for attempt in range(1 + MAX_FIXES):
+        source = next(s for t, s in context.states if t.name == table.name)
+        findings = _findings(context, reference, table, source, start, attempt)
+        fixable = [f for f in findings if f.fix] if context.tables.check.try_fixes and attempt < MAX_FIXES else []
+        if not fixable:
+            break
+        context.add([applied(context, source, fixable[0])])  # the next check tells what is left
     context.add(findings)
     errors = [f for f in findings if f.level is Level.ERROR]
     if errors and not context.tables.check.force:
@@ -61,8 +65,9 @@ def _findings(
     table: StateTable,
     source: ScanInput,
     start: Motions | None,
+    attempt: int,
 ) -> tuple[Finding, ...]:
-    """The findings on a state, from their file if an earlier run made them of the same input."""
+    """The findings on a state after so many fixes, from their file if an earlier run made them of the same input."""
     fingerprint = context.cache.fingerprint("check of a state", (), [context.fingerprints.tracks[table.name]])
 
     def check() -> tuple[Finding, ...]:
@@ -71,7 +76,11 @@ def _findings(
         with errors_of_state(source.key, table.initial):
             return check_state(grains, context.radiographs(source), start, where=source.key, names=names)
 
-    return findings_once(context, f"{table.name}/check", context.folder / table.name / CHECKS, fingerprint, check)
+    path = context.folder / table.name / CHECKS
+    name = f"{table.name}/check"
+    if attempt:
+        name, path = f"{name}-{attempt}", path.with_stem(f"{path.stem}-{attempt}")
+    return findings_once(context, name, path, fingerprint, check)
 
 
 def radiograph_names(source: ScanInput) -> tuple[str, ...]:

@@ -101,13 +101,13 @@ def track_side_by_side(context: RunContext, reference: Callable[[], SegmentedRef
 
 
 def _to_be_tracked(context: RunContext, reference: Callable[[], SegmentedReference]) -> list[State]:
-    """The states that are neither done nor refused, in order; one whose start is not known yet is checked once it is."""
+    """The states that are neither done nor refused; one whose start is not known yet is checked once it is."""
     states, known = list[State](), dict[str, Motions | None]()  # motions of the states that are done or refused
     for k, (table, given) in enumerate(zip(context.tables.states, context.inputs.starts, strict=True)):
         start: Motions | str | None = given
         if table.initial == "previous" and k > 0:
             before = context.tables.states[k - 1].name
-            start = known[before] if before in known else before
+            start = known.get(before, before)
         if isinstance(start, str):
             later = functools.partial(_checked_scan, context, reference, k)
             states.append(State(table.name, later, table.initial, start))
