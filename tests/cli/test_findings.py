@@ -14,13 +14,22 @@ from grainmotion.io.findings_json import write_findings
 from grainmotion.io.tiff import read_tiff, write_tiff
 from grainmotion.model.finding import Finding, Level
 from grainmotion.model.motions import Motions
-from tiny_experiment import write_tiny
+from tiny_experiment import VIEWS, sample, write_tiny
 
 NOTE = Finding(Level.NOTE, "pixels", "reference", "3 pixels masked")
 WARNING = Finding(Level.WARNING, "beam-level", "states.one", "the beam fell by half", "0.5", "give flats of that day")
 ERROR = Finding(
     Level.ERROR, "reference-geometry", "reference.geometry", "angles negated", "0.4, 0.03", "give the other sign"
 )
+REFERENCE_TABLE = f"""
+[reference.geometry]
+beam = "cone"
+source_to_axis = 50
+source_to_detector = 200
+pixel_size = 0.4
+first_row = "bottom"
+angles_deg = {[-360 / VIEWS * k for k in range(VIEWS)]}
+"""
 STAGE_COMMANDS = ("run", "reconstruct", "segment", "track", "report", "export")
 
 
@@ -107,6 +116,33 @@ class TestInspect:
         line = "note: reference: the outermost columns have a line integral of -0.1"
         assert line in invoke("inspect", copied).stdout
         assert line in invoke("reconstruct", copied).stdout
+
+    def test_flats_of_another_exposure_are_told_as_a_run_would_mend_them(self, copied):
+        """The level of the beam is taken off before the geometry is judged."""
+        flats = read_tiff(copied.parent / "flats.tif")
+        write_tiff(copied.parent / "flats.tif", (flats * 0.6).astype(np.uint16))
+        inspected = invoke("inspect", copied)
+        assert inspected.exit_code == 0
+        assert "warning: reference: the beam is brighter in all views than in the flats" in inspected.stdout
+        assert "[reference-geometry]" not in inspected.stdout
+
+    def test_an_error_that_would_stop_a_run(self, copied):
+        text = copied.read_text().replace('geometry = "reference.csv"', REFERENCE_TABLE, 1)
+        copied.write_text(text)
+        inspected = invoke("inspect", copied)
+        assert inspected.exit_code == 2
+        assert "the sample is mirrored" in inspected.stdout
+        assert invoke("reconstruct", copied).exit_code == 2
+
+    def test_a_given_volume_is_compared_with_the_first_state(self, copied):
+        write_tiff(copied.parent / "volume.tif", sample().array[::-1].astype(np.float32))
+        text = copied.read_text()
+        head, tail = text.index("[reference]"), text.index("[volume]")
+        given = text[:head] + '[reference]\nvolume = "volume.tif"\n' + text[tail:]
+        copied.write_text(given.replace("[[states]]", '[[states]]\nflats = "flats.tif"\ndarks = "darks.tif"'))
+        inspected = invoke("inspect", copied)
+        assert "[given-volume]" in inspected.stdout
+        assert inspected.exit_code == 2
 
     def test_strict(self, copied):
         assert invoke("inspect", copied, "--strict").exit_code == 0

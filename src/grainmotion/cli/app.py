@@ -16,7 +16,7 @@ import typer
 
 import grainmotion as gm
 from grainmotion.cli import console
-from grainmotion.cli.findings import EXIT_CODES, exit_by, print_findings
+from grainmotion.cli.findings import EXIT_CODES, exit_at_errors, exit_by, print_findings
 from grainmotion.cli.options import (
     Checks,
     Execution,
@@ -154,8 +154,8 @@ def inspect(
     from grainmotion.experiment.inspection import inspect_inputs
     from grainmotion.report.inspection_figure import orientation, write_inspection_figure
 
-    inputs = find_inputs(_read(file))
-    inspection = inspect_inputs(inputs)
+    inputs = find_inputs(experiment := _read(file))
+    inspection = inspect_inputs(inputs, experiment.tables)
     console.print_inspection(inspection)
     path = picture or file.parent / "inspection.png"
     for sentence in orientation(inspection.first_views, inputs.grid):
@@ -167,6 +167,7 @@ def inspect(
         if picture is not None:
             raise
         print(f"no picture: {error.where} {error.fact}; name another file with --picture")
+    exit_at_errors(inspection.findings)
     exit_by({}, inspection.findings, strict=strict)
 
 

@@ -18,6 +18,8 @@ from grainmotion.model.finding import Finding, Level
 if TYPE_CHECKING:
     from grainmotion.model.motions import Motions
 
+BAD_INPUT = 2
+"""Exit code if an input cannot be used."""
 NO_RESULT = 3
 """Exit code if no grain of some state is usable, or if there is a warning and ``--strict`` is given."""
 EXIT_CODES = (
@@ -95,3 +97,10 @@ def exit_by(motions: dict[str, Motions], findings: Iterable[Finding], *, strict:
     else:
         return
     raise typer.Exit(NO_RESULT)
+
+
+def exit_at_errors(findings: Iterable[Finding]) -> None:
+    """End an inspection with `BAD_INPUT` if a run would stop at a finding."""
+    if any(f.level is Level.ERROR for f in findings):
+        print(f"exit code {BAD_INPUT}: `grainmotion run` would stop there", file=sys.stderr)
+        raise typer.Exit(BAD_INPUT)

@@ -6,8 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from grainmotion.calibration.beam_level import beam_levels
 from grainmotion.diagnosis.hypotheses import stage_angles_deg
 from grainmotion.diagnosis.scan_geometry import check_scan
+from grainmotion.experiment.beam_level import finding, levels_wanted
+from grainmotion.experiment.config import ExperimentFile
+from grainmotion.experiment.given_inputs import (
+    given_label_findings,
+    given_volume_findings,
+    read_given_labels,
+    read_given_volume,
+)
 from grainmotion.experiment.inputs import Inputs, cylinder_circle
 from grainmotion.experiment.scan_inputs import ScanInput
 from grainmotion.model.finding import Finding, Level
@@ -74,11 +83,12 @@ class Inspection:
         return tuple(str(f) for f in self.findings if f.level is not Level.NOTE)
 
 
-def inspect_inputs(inputs: Inputs) -> Inspection:
-    """Read all radiographs once and report facts and what is unusual; errors are those of a run."""
+def inspect_inputs(inputs: Inputs, tables: ExperimentFile) -> Inspection:
+    """Read all radiographs once and report facts and what is unusual, as a run would before its reconstruction."""
     facts: list[ScanFacts] = []
     findings: list[Finding] = []
     first_views: list[FirstViews] = []
+    first_state: Scan | None = None
     for source in (inputs.reference, *inputs.states):
         if source is None:
             continue
@@ -87,7 +97,14 @@ def inspect_inputs(inputs: Inputs) -> Inspection:
         first_views.append(FirstViews.of(source.key.removeprefix("states."), scan))
         findings += (*source.findings, *as_read, *scan_findings(source, facts[-1], inputs.grid))
         if source is inputs.reference:
-            findings += check_scan(scan, inputs.grid, where=source.key)
+            findings += _reference_findings(source, scan, inputs.grid, tables)
+        elif first_state is None and inputs.volume is not None:
+            first_state = scan
+    if inputs.volume is not None:
+        volume = read_given_volume(inputs.volume, inputs.grid)
+        findings += given_volume_findings(inputs, volume, first_state)
+        if inputs.labels is not None:
+            findings += given_label_findings(inputs, volume, read_given_labels(inputs.labels))
     reference = inputs.reference
     if not inputs.states:
         findings.append(_warning("states", "no states", "add a [[states]] table for each later state"))
@@ -96,6 +113,17 @@ def inspect_inputs(inputs: Inputs) -> Inspection:
     if reference is not None:
         memory = max(memory, 8.0 * np.prod(grid.shape) + 9.0 * facts[0].views * facts[0].rows * facts[0].columns)
     return Inspection(tuple(facts), grid.shape, grid.voxel_size, memory, tuple(findings), tuple(first_views))
+
+
+def _reference_findings(source: ScanInput, scan: Scan, grid: Volume, tables: ExperimentFile) -> list[Finding]:
+    """The level of the beam, and the geometry of the full scan with that level taken off."""
+    found = list[Finding]()
+    if levels_wanted(tables, source):
+        levels = beam_levels(scan, grid, tables.reconstruct)
+        if levels.source != "none":
+            found.append(finding(levels, source))
+            scan = scan.levelled(levels.levels)
+    return [*found, *check_scan(scan, grid, tables.check, where=source.key)]
 
 
 def scan_facts(source: ScanInput, scan: Scan, pixels: PixelReport, grid: Volume) -> ScanFacts:

@@ -19,10 +19,10 @@ from grainmotion.calibration.scanner import ScannerCalibration
 from grainmotion.cluster.connection import ClusterConnection
 from grainmotion.errors import InputError
 from grainmotion.experiment.config import Experiment, ExperimentFile, StateTable
+from grainmotion.experiment.given_inputs import read_given_labels, read_given_volume
 from grainmotion.experiment.inputs import Inputs, check_contrast
 from grainmotion.experiment.inspection import scan_facts, scan_findings
 from grainmotion.experiment.scan_inputs import ScanInput
-from grainmotion.io.stacks import Stack
 from grainmotion.model.finding import Finding, Level
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
@@ -103,17 +103,13 @@ class RunContext:
     @cached_property
     def given_volume(self) -> Volume:
         """The reference volume made by other software."""
-        stack, grid = self.inputs.volume, self.inputs.grid
-        assert stack is not None
-        try:
-            return Volume(stack.read().astype(np.float32), grid.voxel_size, grid.center)
-        except InputError as error:
-            raise InputError(f"{stack.spec} (reference.volume)", error.fact, error.remedy) from error
+        assert self.inputs.volume is not None
+        return read_given_volume(self.inputs.volume, self.inputs.grid)
 
     @cached_property
     def given_labels(self) -> NDArray[np.int32] | None:
         """The labels made by other software, if any are given."""
-        return None if self.inputs.labels is None else _read_labels(self.inputs.labels)
+        return None if self.inputs.labels is None else read_given_labels(self.inputs.labels)
 
     @cached_property
     def tracking_backend(self) -> PatchBackend | None:
@@ -185,15 +181,3 @@ def check_inputs(context: RunContext, *, states: bool) -> None:
         if not is_done(f"{table.name}/track", prints.tracks[table.name]):
             context.notify("checking the radiographs", k, len(context.states))
             context.measured(source)
-
-
-def _read_labels(stack: Stack) -> NDArray[np.int32]:
-    where = f"{stack.spec} (reference.labels)"
-    labels = stack.read()
-    if not np.isfinite(labels).all() or (labels < 0).any() or (labels != np.round(labels)).any():
-        raise InputError(where, "labels are not whole numbers >= 0", "give 0 for no grain, 1, 2, ... for grains")
-    if labels.max(initial=0) > np.iinfo(np.int32).max:
-        raise InputError(where, f"a label of {labels.max()}", "number the grains from 1")
-    if not labels.any():
-        raise InputError(where, "no grains found: all labels are 0", "give 1, 2, ... where grains are")
-    return labels.astype(np.int32)

@@ -7,16 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import numpy as np
-
-from grainmotion.diagnosis.coarse_projection import MAX_VIEWS_COMPARED
-from grainmotion.diagnosis.given_volume import check_volume
-from grainmotion.diagnosis.labels import check_labels
 from grainmotion.diagnosis.start_file import check_start
 from grainmotion.diagnosis.unlabelled import check_fragments, check_grain_sizes, check_unlabelled
-from grainmotion.experiment.scan_inputs import ScanInput
+from grainmotion.experiment.given_inputs import given_label_findings, given_volume_findings
 from grainmotion.model.finding import Finding, Level
-from grainmotion.model.scan import Scan
 from grainmotion.workflow.checks import findings_once, settle
 from grainmotion.workflow.context import RunContext
 from grainmotion.workflow.reference_stages import SegmentedReference
@@ -38,10 +32,8 @@ def check_given(context: RunContext) -> None:
 
     def check() -> tuple[Finding, ...]:
         context.notify("checking the volume")
-        same_state = source is inputs.volume_scan
-        scan = _some_views(source) if same_state else context.measured(source)
-        where = f"{volume.spec} (reference.volume)"
-        return check_volume(context.given_volume, None, scan, same_state=same_state, where=where)
+        later = None if source is inputs.volume_scan else context.measured(source)
+        return given_volume_findings(inputs, context.given_volume, later)
 
     path = context.folder / CHECKS_OF_VOLUME
     settle(context, source, findings_once(context, "check volume", path, fingerprint, check))
@@ -62,7 +54,7 @@ def check_grains(context: RunContext, reference: Callable[[], SegmentedReference
         assert stored.labels is not None
         found = list[Finding]()
         if inputs.labels is not None and context.given_labels is not None:
-            found += check_labels(stored.volume, context.given_labels, f"{inputs.labels.spec} (reference.labels)")
+            found += given_label_findings(inputs, stored.volume, context.given_labels)
         if not any(f.level is Level.ERROR for f in found):
             fragments = check_fragments(stored.volume, stored.labels, stored.threshold)
             found += fragments or check_unlabelled(stored.volume, stored.labels)
@@ -76,9 +68,3 @@ def check_grains(context: RunContext, reference: Callable[[], SegmentedReference
 
     path = context.folder / CHECKS_OF_GRAINS
     settle(context, source, findings_once(context, "check grains", path, fingerprint, check))
-
-
-def _some_views(source: ScanInput) -> Scan:
-    """A full scan at a few of its views."""
-    views = np.arange(MAX_VIEWS_COMPARED) * len(source.geometry) // MAX_VIEWS_COMPARED
-    return source.select(np.unique(views)).read()[0]
