@@ -96,7 +96,8 @@ def inspect_inputs(inputs: Inputs, tables: ExperimentFile) -> Inspection:
         facts.append(scan_facts(source, scan, pixels, inputs.grid))
         first_views.append(FirstViews.of(source.key.removeprefix("states."), scan))
         findings += (*source.findings, *as_read, *scan_findings(source, facts[-1], inputs.grid))
-        if source is inputs.reference:
+        readable = not any(f.level is Level.ERROR for f in (*source.findings, *as_read))
+        if source is inputs.reference and readable:  # else a run would stop before
             findings += _reference_findings(source, scan, inputs.grid, tables)
         elif first_state is None and inputs.volume is not None:
             first_state = scan

@@ -13,7 +13,7 @@ from grainmotion.diagnosis.read_scan import ReadScan
 from grainmotion.errors import InputError
 from grainmotion.experiment.config import Air, Kind
 from grainmotion.io.stacks import Stack
-from grainmotion.model.finding import Finding
+from grainmotion.model.finding import Finding, Level
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.scan import Scan, normalize_air
 from grainmotion.preprocessing.beam_hardening import Hardening
@@ -92,7 +92,12 @@ class ScanInput:
     def read_checked(self) -> tuple[Scan, PixelReport, tuple[Finding, ...]]:
         """The same, with what the checks of frames and grey values found."""
         read = self.read_with_raw()
-        return read.scan, read.pixels, (*frame_findings(read), *grey_value_findings(read))
+        frames, values = frame_findings(read), grey_value_findings(read)
+        if any(
+            f.level is Level.ERROR for f in values
+        ):  # values of another kind are masked, which is no fault of pixels
+            frames = tuple(f for f in frames if f.check != "pixels")
+        return read.scan, read.pixels, (*values, *frames)
 
     def read_with_raw(self) -> ReadScan:
         """The same, with the images as they are in the files."""
