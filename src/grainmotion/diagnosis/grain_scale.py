@@ -15,6 +15,7 @@ from grainmotion.model.grains import Grain, GrainSet
 from grainmotion.model.motions import Motions
 from grainmotion.model.scan import Scan
 from grainmotion.projection.grains import simulate_radiographs
+from grainmotion.projection.volumes import project
 
 SCALE_CHECK: Check = "grain-scale"
 SCALE_NOTE = "the grains are"
@@ -91,6 +92,9 @@ def grain_scale(grains: GrainSet, motions: Motions, scan: Scan) -> tuple[float, 
         simulate_radiographs(_scaled(grains, scale), motions, scan.geometry)[good].astype(float).ravel()
         for scale in (1 - SIZE_STEP, 1 + SIZE_STEP)
     )
+    if grains.background is not None:
+        background = project(grains.background, scan.geometry)[good].astype(float).ravel()
+        smaller, larger = smaller + background, larger + background
     simulated, derivative = (larger + smaller) / 2, (larger - smaller) / (2 * SIZE_STEP)
     norm = max(float(simulated @ simulated), np.finfo(float).tiny)
     gain = float(simulated @ measured) / norm
@@ -103,7 +107,8 @@ def grain_scale(grains: GrainSet, motions: Motions, scan: Scan) -> tuple[float, 
 
 
 def _scaled(grains: GrainSet, scale: float) -> GrainSet:
-    return GrainSet(tuple(_scaled_grain(g, scale) for g in grains.grains), grains.background, grains.background_moves)
+    """The grains alone, larger by a factor."""
+    return GrainSet(tuple(_scaled_grain(g, scale) for g in grains.grains))
 
 
 def _scaled_grain(grain: Grain, scale: float) -> Grain:

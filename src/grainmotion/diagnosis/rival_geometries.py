@@ -86,6 +86,11 @@ class Comparison:
     t: float
 
     @property
+    def first_is_better(self) -> bool:
+        """Whether the first geometry is significantly better."""
+        return self.t > SIGNIFICANT_T
+
+    @property
     def second_is_better(self) -> bool:
         """Whether the second geometry is significantly better."""
         return self.t < -SIGNIFICANT_T
@@ -94,11 +99,6 @@ class Comparison:
     def undecided(self) -> bool:
         """Whether the data do not tell."""
         return abs(self.t) <= SIGNIFICANT_T
-
-
-def _half_residual(views: BinnedViews, geometry: Geometry, shift: float) -> float:
-    """r in a geometry of the whole scan, the panel shifted along u by binned pixels."""
-    return views.half_residual(views.geometry(geometry, shift))
 
 
 class Rivals:
@@ -123,17 +123,17 @@ class Rivals:
         """Indices of the views that are judged."""
         return self._judged.views
 
-    def as_given(self) -> Tried:
-        """The nominal geometry, its panel where it is said to be."""
-        return self._tried((), self._scan.geometry, 0.0)
+    def as_given(self, negligible: float = 0.0) -> Tried:
+        """The nominal geometry, its panel where it is said to be; ``negligible`` as of `BinnedViews.consistency`."""
+        return self._tried((), self.nominal, 0.0, negligible)
 
-    def tried(self, fixes: tuple[str, ...]) -> Tried:
-        """The nominal geometry with fixes, the panel shifted along u to where it fits best."""
+    def tried(self, fixes: tuple[str, ...], negligible: float = 0.0) -> Tried:
+        """The nominal geometry with fixes, the panel shifted along u to where it fits best; else as `as_given`."""
         geometry, judged = corrected(self._scan.geometry, fixes), self._judged
         start = round(self._rough_shift(geometry)[1] * self._rough.factor / judged.factor)
         starts = np.array(sorted({0.0, float(start)}))
         shift = best_shift(lambda x: judged.half_residual(judged.geometry(geometry, x)), starts, JUDGED_STEPS)
-        return self._tried(fixes, geometry, shift * judged.factor)
+        return self._tried(fixes, geometry, shift * judged.factor, negligible)
 
     def ranked(self, candidates: Iterable[tuple[str, ...]]) -> list[tuple[str, ...]]:
         """Those fixes that change the geometry, the best first, by rough trials."""
@@ -160,7 +160,7 @@ class Rivals:
         comparison = self._compared(pair, shifts)
         if comparison.t < CLOSE_T:
             for k, geometry in enumerate(pair):
-                shifts[k] = best_shift(partial(_half_residual, fine, geometry), np.array([shifts[k]]), FINE_STEPS)
+                shifts[k] = best_shift(partial(self._misfit, geometry), np.array([shifts[k]]), FINE_STEPS)
             comparison = self._compared(pair, shifts)
         return comparison
 
@@ -173,6 +173,10 @@ class Rivals:
             (float(np.sqrt(first.sum())), float(np.sqrt(second.sum()))), float(difference.mean() / (error + scale))
         )
 
+    def _misfit(self, geometry: Geometry, shift: float) -> float:
+        """r² at the finest pixels."""
+        return float(self._squares(geometry, shift).sum())
+
     def _squares(self, geometry: Geometry, shift: float) -> Float:
         """r² of each view at the finest pixels; that of the nominal geometry is needed for each comparison."""
         key = (geometry.vectors.tobytes(), shift)
@@ -180,9 +184,9 @@ class Rivals:
             self._known_squares[key] = self._fine.squares_by_view(self._fine.geometry(geometry, shift))
         return self._known_squares[key]
 
-    def _tried(self, fixes: tuple[str, ...], geometry: Geometry, shift: float) -> Tried:
+    def _tried(self, fixes: tuple[str, ...], geometry: Geometry, shift: float, negligible: float = 0.0) -> Tried:
         judged = self._judged
-        consistency = judged.consistency(judged.geometry(geometry, shift / judged.factor))
+        consistency = judged.consistency(judged.geometry(geometry, shift / judged.factor), negligible)
         return Tried(fixes, geometry, shift, consistency)
 
 

@@ -101,9 +101,13 @@ def check_scan(
     if len(scan) < MIN_CALIBRATION_VIEWS or scan.geometry.shape[1] < MIN_COLUMNS or not scan.line_integrals.any():
         return ()
     rivals = Rivals(scan, grid)
-    nominal = rivals.as_given()
-    if nominal.consistency.judged > SHIFT_SEARCHED_FROM * settings.warn:
-        searched = rivals.tried(())
+    negligible = SHIFT_SEARCHED_FROM * settings.warn
+    nominal = rivals.as_given(negligible)
+    is_sound = nominal.consistency.judged <= settings.warn
+    if is_sound and all(c.first_is_better for c in _compared(rivals, nominal).values()):
+        return ()
+    if nominal.consistency.judged > negligible:
+        searched = rivals.tried((), negligible)
         nominal = min(nominal, searched, key=lambda tried: tried.consistency.judged)
     if nominal.consistency.judged <= settings.warn:
         return _close_rivals(rivals, nominal, where)
@@ -138,9 +142,14 @@ def _sinogram_order(scan: Scan, grid: Volume, nominal: Tried, where: str) -> tup
     return (Finding(Level.ERROR, CHECK, where, fact, evidence, "exchange the first two axes of the stack"),)
 
 
+def _compared(rivals: Rivals, nominal: Tried) -> dict[str, Comparison]:
+    """The nominal geometry beside those without a mistake that leaves the residual low."""
+    return {name: rivals.compare(nominal, corrected(nominal.geometry, [name])) for name in ALWAYS_TESTED}
+
+
 def _close_rivals(rivals: Rivals, nominal: Tried, where: str) -> tuple[Finding, ...]:
     """Findings about mistakes that leave the residual low."""
-    compared = {name: rivals.compare(nominal, corrected(nominal.geometry, [name])) for name in ALWAYS_TESTED}
+    compared = _compared(rivals, nominal)
     better = {name: c for name, c in compared.items() if c.second_is_better}
     if better:
         name = min(better, key=lambda k: better[k].residuals[1])

@@ -48,8 +48,8 @@ class HostIterate:
         if momentum and self.slabs[0].before is None:
             self.slabs = [replace(slab, before=slab.image.copy()) for slab in self.slabs]
         strips = [slabs.forward(slab, views) for slab in self.slabs]
-        scan = self.scan.select(views)
-        measured = RadiographRows(0, scan.line_integrals.astype(np.float32, copy=False), scan.valid)
+        valid = None if self.scan.valid is None else self.scan.valid[views]
+        measured = RadiographRows(0, self.scan.line_integrals[views].astype(np.float32, copy=False), valid)
         step = float(relaxation / self.sums[views].sum())
         corrections = slabs.compare(self.layout, views, strips, measured, step)
         for slab in self.slabs:
