@@ -200,7 +200,8 @@ def _misplaced(volume: Volume, labels: NDArray[np.integer], where: str) -> Itera
     array = block_reduce(np.minimum(volume.array, np.quantile(volume.array, 0.999)), factor, np.mean)
     told = _correlation(array, mask)
     best, orientation, shift = told, AS_GIVEN, (0, 0, 0)
-    for candidate in ORIENTATIONS:
+    may_be_better = _correlation(np.sort(array, axis=None), np.sort(mask, axis=None)) > told + MIN_CORRELATION_GAIN
+    for candidate in ORIENTATIONS if may_be_better else ():
         changed = oriented(mask, candidate)
         if changed.shape != mask.shape:
             continue

@@ -44,7 +44,7 @@ FULL_SWEEPS = 4
 
 MAX_VIEWS_TO_CHOOSE_ROWS = 20
 """Views, at most, in which the rows that change most are looked for."""
-CIRCLE_POINTS = 24
+CIRCLE_POINTS = 12
 """Points of a circle that stands for the sides of the sample."""
 
 

@@ -125,11 +125,12 @@ def track_with_residual(
         chosen, motions = first, first.motions
         if registered(best.motions).sum() > registered(first.motions).sum():
             chosen, motions = best, complete(best.motions, grains)
+        residual = chosen.residual
         if job.settings.search and may_have_appeared(motions):
             with_new = _with_new_grain(job)
             if with_new is not None and registered(with_new).sum() > registered(motions).sum():
-                return _with_likely_cause(job, with_new), None
-    return _with_likely_cause(job, motions), chosen.residual
+                motions, residual = with_new, None
+        return _with_likely_cause(job, motions), residual
 
 
 def _with_likely_cause(job: _Job, motions: Motions) -> Motions:
