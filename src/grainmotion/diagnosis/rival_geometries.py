@@ -119,6 +119,11 @@ class Rivals:
         return self._scan.geometry
 
     @property
+    def judged_views(self) -> BinnedViews:
+        """The binned views that are judged."""
+        return self._judged
+
+    @property
     def views(self) -> Index:
         """Indices of the views that are judged."""
         return self._judged.views

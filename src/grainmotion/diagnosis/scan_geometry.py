@@ -14,6 +14,7 @@ from grainmotion.calibration.calibrate import MIN_CALIBRATION_VIEWS
 from grainmotion.diagnosis.coinciding_views import coinciding_findings
 from grainmotion.diagnosis.hypotheses import HYPOTHESES, corrected
 from grainmotion.diagnosis.misfit_pattern import misfit_pattern, outlying_views
+from grainmotion.diagnosis.moving_sample import moving_sample_findings
 from grainmotion.diagnosis.rival_geometries import Comparison, Rivals, Tried, singles
 from grainmotion.diagnosis.settings import CheckSettings
 from grainmotion.model.finding import Check, Finding, Level
@@ -105,12 +106,12 @@ def check_scan(
     nominal = rivals.as_given(negligible)
     is_sound = nominal.consistency.judged <= settings.warn
     if is_sound and all(c.first_is_better for c in _compared(rivals, nominal).values()):
-        return ()
+        return _moving_sample(rivals, nominal, where)
     if nominal.consistency.judged > negligible:
         searched = rivals.tried((), negligible)
         nominal = min(nominal, searched, key=lambda tried: tried.consistency.judged)
     if nominal.consistency.judged <= settings.warn:
-        return _close_rivals(rivals, nominal, where)
+        return _close_rivals(rivals, nominal, where) or _moving_sample(rivals, nominal, where)
     sinograms = _sinogram_order(scan, grid, nominal, where)
     if sinograms:
         return sinograms
@@ -121,7 +122,7 @@ def check_scan(
         close = _close_rivals(rivals, nominal, where)
         if any(finding.fix for finding in close):
             return close
-    return (_unexplained(rivals, nominal, settings, where),)
+    return _moving_sample(rivals, nominal, where) or (_unexplained(rivals, nominal, settings, where),)
 
 
 def _sinogram_order(scan: Scan, grid: Volume, nominal: Tried, where: str) -> tuple[Finding, ...]:
@@ -145,6 +146,12 @@ def _sinogram_order(scan: Scan, grid: Volume, nominal: Tried, where: str) -> tup
 def _compared(rivals: Rivals, nominal: Tried) -> dict[str, Comparison]:
     """The nominal geometry beside those without a mistake that leaves the residual low."""
     return {name: rivals.compare(nominal, corrected(nominal.geometry, [name])) for name in ALWAYS_TESTED}
+
+
+def _moving_sample(rivals: Rivals, nominal: Tried, where: str) -> tuple[Finding, ...]:
+    """A finding if the sample moved during the scan."""
+    views = rivals.judged_views
+    return moving_sample_findings(views, views.geometry(nominal.geometry, nominal.shift / views.factor), where=where)
 
 
 def _close_rivals(rivals: Rivals, nominal: Tried, where: str) -> tuple[Finding, ...]:

@@ -142,6 +142,10 @@ class BinnedViews:
         by_row = np.linalg.norm(r, axis=(0, 2)) / np.linalg.norm(images) * np.sqrt(r.shape[1])
         return Consistency(residual, attainable, np.linalg.norm(r, axis=(1, 2)) / scale, by_row)
 
+    def residual(self, geometry: Geometry) -> Float:
+        """r of each pixel in a geometry of the binned views."""
+        return self._residual(self.scan.line_integrals, geometry)
+
     def _attainable(self, geometry: Geometry) -> float:
         """r₀ in a geometry of the binned views."""
         settings = ReconstructSettings(method="sart", sweeps=FULL_SWEEPS, tolerance=0)
