@@ -21,6 +21,13 @@ from validation.common.trials import run_trials
 MODULES = (scan_rows, given_rows, state_rows, reference_rows)
 """Those that register rows, in the order of the tables."""
 SEEDS = 20
+QUICK = {
+    *("first-row-not-given", "end-point-counted", "virtual-member-missing", "settings-misspelled"),
+    *("volume-xyz", "volume-upside-down", "labels-flipped", "volume-8-bit", "volume-16-bit", "volume-small"),
+    *("reference-radians", "reference-black", "saturated", "offset-32768"),
+    *(name for name, row in ROWS.items() if row.of_state),
+}
+"""Rows that are judged within a second."""
 Job = tuple[str, str, int]
 """Kind (``wrong`` or ``good``), name and seed."""
 
@@ -32,12 +39,12 @@ def rows() -> list[Row]:
 
 
 def jobs(names: Sequence[str] = (), seeds: int = SEEDS) -> list[Job]:
-    """All trials, or those of some names, in the order of their seeds; right experiments, which take longer, later."""
+    """All trials, or those of some names, in the order of their seeds; those that take long, later."""
     found = [("wrong", row.name, seed) for row in rows() for seed in row.seeds(seeds)]
     found += [("good", name, seed) for name, case in GOOD_CASES.items() for seed in range(min(case.seeds, seeds))]
     return sorted(
         (j for j in found if not names or j[1] in names),
-        key=lambda j: (3 * j[2] + 2, 1) if j[0] == "good" else (j[2], 0),
+        key=lambda j: j[2] if j[1] in QUICK else SEEDS + (3 if j[0] == "good" else 1) * j[2],
     )
 
 
@@ -53,9 +60,9 @@ def missing(wanted: Iterable[Job]) -> list[Job]:
 
 def measure(wanted: Iterable[Job]) -> None:
     """Judge; the trials of a seed in one process, as they share files."""
-    left: dict[tuple[str, int], list[Job]] = {}
+    left: dict[tuple[str, bool, int], list[Job]] = {}
     for job in wanted:
-        left.setdefault((job[0], job[2]), []).append(job)
+        left.setdefault((job[0], job[1] in QUICK, job[2]), []).append(job)
     run_trials(some, list(left.values()), page.PROCESSES)
 
 
