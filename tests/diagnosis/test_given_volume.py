@@ -80,6 +80,14 @@ def test_part_of_the_sample(volume, moved):
     assert any("smaller than the sample" in f.fact for f in check(volume.array[14:30, 12:28, 12:28], moved))
 
 
+@pytest.mark.parametrize("cut", [8, 10])
+def test_part_of_the_sample_is_not_taken_for_a_sample_of_smaller_voxels(cut):
+    grains = ConvexGrains.random(8, 12)
+    middle = grains.voxels()[0].array[cut:-cut, cut:-cut, cut:-cut]
+    (finding,) = check(middle, grains.moved(8, 1.5 * VOXEL, 5.0).scan())
+    assert "smaller than the sample" in finding.fact
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(20))
 def test_seeds(seed):

@@ -15,8 +15,7 @@ STATE = r"(error|warning).*state.*"
     "blamed",
     "state flipped left to right",
     before=FAILED,
-    cause=STATE
-    + r"(flipped left to right|columns-flipped|columns of the radiographs|start-at-180|from behind|angles-negated)",
+    cause=STATE + r"(columns-flipped|start-at-180)",
     told_by="`state-geometry`, fix `columns-flipped` or its twin",
     of_state=True,
 )
@@ -29,7 +28,7 @@ def state_left_right(draft: Draft) -> None:
     "blamed",
     "state flipped up-down",
     before=FAILED,
-    cause=STATE + r"(rows-flipped|rows of the radiographs)",
+    cause=STATE + "rows-flipped",
     told_by="`state-geometry`, fix `rows-flipped`, `first_row`",
     of_state=True,
 )
@@ -42,7 +41,7 @@ def state_up_down(draft: Draft) -> None:
     "blamed",
     "files of the state permuted",
     before=FAILED,
-    cause=STATE + r"(order|angles)",
+    cause=STATE + r"(in another order|reverse order|angles start)",
     told_by="`state-geometry` names the order",
     of_state=True,
 )
@@ -59,7 +58,7 @@ def state_permuted(draft: Draft) -> None:
     "blamed",
     "files of the state reversed",
     before=FAILED,
-    cause=STATE + r"(order-reversed|reverse order|order)",
+    cause=STATE + r"(in another order|reverse order|angles start .*wrong sign)",
     told_by="`state-geometry`, fix `order-reversed`",
     of_state=True,
 )
@@ -85,7 +84,7 @@ def state_negated(draft: Draft) -> None:
     "blamed",
     "angles of the state off by 90°",
     before=FAILED,
-    cause=STATE + r"(start-at|start 90|start 85|start 95|degrees (later|earlier))",
+    cause=STATE + r"angles start \d+ degrees (later|earlier)",
     told_by="`state-geometry`, fix `start-at-90` or `start-at-270`",
     of_state=True,
 )
@@ -111,7 +110,7 @@ def state_radians(draft: Draft) -> None:
     "blamed",
     "one radiograph of the state is black",
     before=FAILED,
-    cause=r"(error|warning).*load.*(black|no transmission|dark|hardly any beam)",
+    cause=STATE + "black",
     told_by="`frames`, `views`",
     of_state=True,
 )
@@ -125,7 +124,7 @@ def state_black(draft: Draft) -> None:
     "blamed",
     "radiographs of another sample",
     before=FAILED,
-    cause=STATE + r"another sample|motions of more than",
+    cause=STATE + "another sample",
     told_by="`state-geometry`",
     of_state=True,
 )
