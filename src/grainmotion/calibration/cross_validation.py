@@ -44,15 +44,20 @@ class Trial:
 
     def residual(self, values: Float) -> Float:
         """r(γ), flat, view after view."""
-        geometry, images, valid = self.correct(self.scan.geometry, values), self.scan.line_integrals, self.scan.valid
-        settings = ReconstructSettings(method="sart", sweeps=self.sweeps, tolerance=0)
-        out = np.zeros(images.shape)
+        out = np.zeros(self.scan.line_integrals.shape)
         for half in (0, 1):
-            inside, outside = slice(half, None, 2), slice(1 - half, None, 2)
-            scan = Scan(images[inside], geometry[inside], None if valid is None else valid[inside])
-            volume = reconstruct(scan, self.grid, settings).volume
-            out[outside] = images[outside] - project(volume, geometry[outside])
-        return (out if valid is None else np.where(valid, out, 0)).ravel()
+            out[1 - half :: 2] = self.residual_outside(values, half)
+        return out.ravel()
+
+    def residual_outside(self, values: Float, half: int) -> Float:
+        """r(γ) of the views that are not in a half, 0 or 1, ``(views, rows, columns)``."""
+        geometry, images, valid = self.correct(self.scan.geometry, values), self.scan.line_integrals, self.scan.valid
+        inside, outside = slice(half, None, 2), slice(1 - half, None, 2)
+        scan = Scan(images[inside], geometry[inside], None if valid is None else valid[inside])
+        settings = ReconstructSettings(method="sart", sweeps=self.sweeps, tolerance=0)
+        volume = reconstruct(scan, self.grid, settings).volume
+        out = images[outside].astype(float) - project(volume, geometry[outside])
+        return out if valid is None else np.where(valid[outside], out, 0)
 
     def relative(self, values: Float) -> float:
         """‖r‖/‖b‖."""

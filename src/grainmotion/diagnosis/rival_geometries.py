@@ -111,7 +111,7 @@ class Rivals:
         )
         fine = -(-scan.geometry.shape[1] // FINE_COLUMNS)
         self._fine = BinnedViews.of_rows(scan, grid, fine, FINE_ROWS)
-        self._known_squares: dict[tuple[bytes, float], Float] = {}
+        self._known_squares: dict[tuple[bytes, float, int], Float] = {}
 
     @property
     def nominal(self) -> Geometry:
@@ -159,9 +159,15 @@ class Rivals:
         return min(values), float(shifts[int(np.argmin(values))])
 
     def compare(self, first: Tried, second: Geometry) -> Comparison:
-        """A geometry and another one at the finest pixels, few rows."""
+        """A geometry and another one at the finest pixels, few rows.
+
+        One half of the views is compared first; if the first geometry is clearly better there, it is.
+        """
         fine, pair = self._fine, (first.geometry, second)
         shifts = [first.shift / fine.factor] * 2
+        comparison = self._compared(pair, shifts, (0,))
+        if comparison.first_is_better:
+            return comparison
         comparison = self._compared(pair, shifts)
         if comparison.t < CLOSE_T:
             for k, geometry in enumerate(pair):
@@ -169,8 +175,12 @@ class Rivals:
             comparison = self._compared(pair, shifts)
         return comparison
 
-    def _compared(self, pair: tuple[Geometry, Geometry], shifts: list[float]) -> Comparison:
-        first, second = (self._squares(g, x) for g, x in zip(pair, shifts, strict=True))
+    def _compared(
+        self, pair: tuple[Geometry, Geometry], shifts: list[float], halves: tuple[int, ...] = (0, 1)
+    ) -> Comparison:
+        first, second = (
+            np.concatenate([self._squares(g, x, half) for half in halves]) for g, x in zip(pair, shifts, strict=True)
+        )
         difference = second - first
         error = float(difference.std()) / np.sqrt(len(difference))
         scale = 1e-9 * float(first.mean())
@@ -180,13 +190,13 @@ class Rivals:
 
     def _misfit(self, geometry: Geometry, shift: float) -> float:
         """r² at the finest pixels."""
-        return float(self._squares(geometry, shift).sum())
+        return float(sum(self._squares(geometry, shift, half).sum() for half in (0, 1)))
 
-    def _squares(self, geometry: Geometry, shift: float) -> Float:
-        """r² of each view at the finest pixels; that of the nominal geometry is needed for each comparison."""
-        key = (geometry.vectors.tobytes(), shift)
+    def _squares(self, geometry: Geometry, shift: float, half: int) -> Float:
+        """r² of each view outside a half, finest pixels; that of the nominal geometry is needed for each comparison."""
+        key = (geometry.vectors.tobytes(), shift, half)
         if key not in self._known_squares:
-            self._known_squares[key] = self._fine.squares_by_view(self._fine.geometry(geometry, shift))
+            self._known_squares[key] = self._fine.squares_by_view(self._fine.geometry(geometry, shift), half)
         return self._known_squares[key]
 
     def _tried(self, fixes: tuple[str, ...], geometry: Geometry, shift: float, negligible: float = 0.0) -> Tried:

@@ -126,10 +126,10 @@ class BinnedViews:
         """r in a geometry of the binned views."""
         return relative_norm(self._residual(self.scan.line_integrals, geometry), self.scan.line_integrals)
 
-    def squares_by_view(self, geometry: Geometry) -> Float:
-        """r² of each view, of which r² is the sum, to compare geometries."""
+    def squares_by_view(self, geometry: Geometry, half: int) -> Float:
+        """r² of each view that is not in a half, 0 or 1, to compare geometries; r² is the sum of both halves."""
         sweeps = COMPARED_SWEEPS if len(self.scan) >= MANY_VIEWS else HALF_SWEEPS
-        r = self._residual(self.scan.line_integrals, geometry, sweeps)
+        r = self._trial(self.scan.line_integrals, geometry, sweeps).residual_outside(np.zeros(0), half)
         return (r**2).sum(axis=(1, 2)) / float((self.scan.line_integrals.astype(float) ** 2).sum())
 
     def consistency(self, geometry: Geometry, negligible: float = 0.0) -> Consistency:
@@ -153,9 +153,11 @@ class BinnedViews:
         own = project(reconstruct(scan, self.grid, settings).volume, geometry)
         return relative_norm(self._residual(own, geometry), own)
 
-    def _residual(self, images: NDArray[np.floating], geometry: Geometry, sweeps: int = HALF_SWEEPS) -> Float:
-        trial = Trial(Scan(images, geometry, self.scan.valid), self.grid, (), np.zeros(0), sweeps)
-        return trial.residual(np.zeros(0)).reshape(images.shape)
+    def _residual(self, images: NDArray[np.floating], geometry: Geometry) -> Float:
+        return self._trial(images, geometry, HALF_SWEEPS).residual(np.zeros(0)).reshape(images.shape)
+
+    def _trial(self, images: NDArray[np.floating], geometry: Geometry, sweeps: int) -> Trial:
+        return Trial(Scan(images, geometry, self.scan.valid), self.grid, (), np.zeros(0), sweeps)
 
 
 def _layers_seen(grid: Volume, geometry: Geometry) -> Volume:

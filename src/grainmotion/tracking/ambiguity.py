@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from grainmotion._typing import Float
 from grainmotion.model.geometry import Geometry
+from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions, Status
 from grainmotion.model.pose import Pose
 from grainmotion.projection.grain_arrays import GrainArrays, planar
@@ -27,7 +28,7 @@ from grainmotion.rotations import rotation_vector
 from grainmotion.tracking.alternative_fits import AlternativeFits, fit_alternatives
 from grainmotion.tracking.classification import MIN_COVERAGE
 from grainmotion.tracking.refinement import RefinedFit
-from grainmotion.tracking.self_likeness import angles_between, near_symmetries
+from grainmotion.tracking.self_likeness import angles_between, known_symmetries
 from grainmotion.uncertainty.weak_directions import poorly_determined
 
 NEAREST_TRIED, BEST_TRIED = 3, 3
@@ -55,9 +56,9 @@ class Ambiguities(NamedTuple):
 
 
 def find_ambiguities(
-    refined: RefinedFit, reference: GrainArrays, expected: Pose, limits: tuple[float, float]
+    refined: RefinedFit, grains: GrainSet, reference: GrainArrays, expected: Pose, limits: tuple[float, float]
 ) -> Ambiguities:
-    """The ambiguities of all grains after a fit; ``reference`` are the same grains on their original voxels.
+    """The ambiguities of all ``grains`` after a fit; ``reference`` are these on their original voxels.
 
     A grain whose motion is not determined within ``limits``, the largest sd of u (mm) and of ω (rad), has none.
     """
@@ -66,7 +67,7 @@ def find_ambiguities(
         return Ambiguities({}, None)
     determined = [not poorly_determined(covariance, limits) for covariance in refined.covariances]
     seen = evaluation.patches.seen * np.array(determined)[:, None]
-    owners, matrices, mirrored = _candidates(problem.target.scan.geometry, pose, seen, reference, expected)
+    owners, matrices, mirrored = _candidates(problem.target.scan.geometry, pose, seen, (grains, reference), expected)
     if not len(owners):
         return Ambiguities({}, None)
     fits = fit_alternatives(problem, pose, evaluation, owners, matrices)
@@ -98,12 +99,13 @@ def with_reasons(motions: Motions, reasons: dict[int, str]) -> Motions:
 
 
 def _candidates(
-    geometry: Geometry, pose: Pose, seen: Float, reference: GrainArrays, expected: Pose
+    geometry: Geometry, pose: Pose, seen: Float, references: tuple[GrainSet, GrainArrays], expected: Pose
 ) -> tuple[NDArray[np.int64], Float, NDArray[np.bool_]]:
     """Rows of grains, the rotations from which they are to be fitted ``(k, 3, 3)``, and which are of mirrored poses."""
     owners, matrices, kinds = list[int](), list[Float](), list[bool]()
+    grains, reference = references
     for row in np.flatnonzero(seen.mean(axis=1) >= MIN_COVERAGE).tolist():
-        found = near_symmetries(reference, row)
+        found = known_symmetries(grains.grains[row], reference, row)
         signs = np.linalg.det(found.matrices)
         view = int(np.argmax(seen[row] > 0.5 * seen[row].max()))
         ray = geometry.source[view]

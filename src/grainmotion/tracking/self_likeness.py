@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ from scipy.spatial.transform import Rotation
 from scipy.special import sph_harm_y
 
 from grainmotion._typing import Float, Image
+from grainmotion.model.grains import Grain
 from grainmotion.projection.grain_arrays import GrainArrays
 
 DEGREE = 8
@@ -76,6 +78,16 @@ def near_symmetries(grains: GrainArrays, row: int) -> NearSymmetries:
     every, values = np.concatenate(matrices), np.concatenate(likeness)
     best = np.argsort(-values, kind="stable")[:MAX_SYMMETRIES]
     return NearSymmetries(every[best], values[best])
+
+
+_SYMMETRIES_OF_GRAINS = WeakKeyDictionary[Grain, NearSymmetries]()
+
+
+def known_symmetries(grain: Grain, grains: GrainArrays, row: int) -> NearSymmetries:
+    """`near_symmetries` of ``grain``, which is in a row of ``grains``; found once, however many states it is in."""
+    if grain not in _SYMMETRIES_OF_GRAINS:
+        _SYMMETRIES_OF_GRAINS[grain] = near_symmetries(grains, row)
+    return _SYMMETRIES_OF_GRAINS[grain]
 
 
 def angles_between(left: Float, right: Float) -> Float:

@@ -222,7 +222,7 @@ def _attempt(job: _Job) -> _Attempt:
         limits = (settings.max_sd_voxel * grains.voxel_size, float(np.deg2rad(settings.max_sd_deg)))
         refined, ambiguous = refine(fit, field_pose, problem, solution), dict[int, str]()
         for moves in range(MAX_MOVES + 1 if settings.alternatives else 0):
-            ambiguous, moved = find_ambiguities(refined, fit.grains, field_pose, limits)
+            ambiguous, moved = find_ambiguities(refined, grains, fit.grains, field_pose, limits)
             if moved is None or moves == MAX_MOVES:
                 break
             nearer = solution.state.moved(moved.translations, moved.matrices)
