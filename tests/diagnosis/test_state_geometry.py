@@ -155,6 +155,16 @@ def test_a_permutation_is_told_by_its_angles():
     assert "in their order, the angles are 90, 0, 135, 45 degrees" in finding.fact
 
 
+def test_a_permutation_of_few_grains_that_moved_far_is_told():
+    made = hard_case("noisy", 0)
+    sample, grid = made.case.sample, made.case.scanner.grid
+    grains = grains_from_labels(attenuation_volume(sample, grid, 1), label_volume(sample, grid), finer=1)
+    scan = made.state(tuple(ANGLES))
+    assert check_state(grains, scan) == ()
+    (finding,) = check_state(grains, Scan(scan.line_integrals[[2, 0, 3, 1]], scan.geometry))
+    assert "the radiographs are in another order" in finding.fact
+
+
 def test_a_blank_view_is_named_with_what_to_leave_out():
     blank = np.random.default_rng(1).normal(0, 0.01, PANEL)
     (finding,) = findings(with_view(2, blank))

@@ -36,7 +36,7 @@ _DISTURBED = f"a grain that is broken, missing or new disturbs all others of so 
 _SCALE = (
     "the line integrals of the radiographs and of the volume differ in scale. Usual causes: another kind (counts, "
     "transmission, line-integrals) or the wrong flats; a given volume of grey values instead of 1/mm; a wrong unit of "
-    "length"
+    "length; another sample"
 )
 _PANEL = (
     "the panel does not see them where the geometry puts them. Usual causes: detector_offset, distances or pixel_size "

@@ -52,8 +52,10 @@ MIN_GAIN, MIN_GAIN_ONE_VIEW = 0.2, 0.4
 """Gain from which a usual mistake is named: the first and, divided by the number of views, the second.  Good states
 have up to 0.31 with one view, 0.14 with two, 0.13 with more (decision 0024)."""
 FREE_GAIN = 0.4
-"""What is asked in addition of an order, a start or a scale, as many are tried, and of small changes of the angles.
-Good states have up to 0.62 with two views, 0.42 with more; one view alone is not tried."""
+"""What is asked in addition of a start or a scale, as many are tried, of small changes of the angles, and of the order
+of two views.  Good states have up to 0.62 with two views, 0.42 with more; one view alone is not tried.  Another order
+of three views or more needs no more than a usual mistake: good states have up to 0.11 (12 hard cases and 5 to 8 stones
+that moved by up to 5 voxels and 10 degrees), permuted ones of stones that moved by 3 voxels 0.33 to 1.9."""
 SMALL_CHANGES = ("end-point-counted", "end-point-left-out")
 """Hypotheses that a rotation of the sample between the states can imitate."""
 SIMILAR_GAIN = 0.15
@@ -155,7 +157,7 @@ class _State:
         order = [self._trial(c) for c in other_order(self.likeness, sweep)]
         small = [t for t in changes if t.candidate.fixes[0] in SMALL_CHANGES]
         free = [self._trial(c) for c in (*other_starts(self.likeness, sweep), *other_scales(self.likeness))]
-        best = _best(now, named, [*order, *small, *free], len(self.kept))
+        best = _best(now, named, order, [*small, *free], len(self.kept))
         if best is not None:
             beside = self._beside(best.candidate)
             return [self._mistake(now, best, [] if beside else [*named, *order]), *beside]
@@ -247,15 +249,17 @@ def _is_clear(now: Fit, bounds: list[Fit], grains: int) -> bool:
     return bool(lead > max(CLEAR_LEAD, least) and odd < CLEAR_LOSS and all(gain(now, fit) < 0 for fit in bounds))
 
 
-def _best(now: Trial, named: list[Trial], free: list[Trial], views: int) -> Trial | None:
+def _best(now: Trial, named: list[Trial], orders: list[Trial], free: list[Trial], views: int) -> Trial | None:
     """The hypothesis that explains the state clearly better than the geometry as given; the simplest if several do."""
     least = MIN_GAIN + MIN_GAIN_ONE_VIEW / views
-    first, other = _highest(named), _highest(free)
+    first, order, other = _highest(named), _highest(orders), _highest([*orders, *free])
     beaten = first is not None and other is not None and gain(first.fit, other.fit) > FREE_GAIN
     if first is not None and gain(now.fit, first.fit) > least and not beaten:
         return _simplest(first, named)
     if other is not None and views > 1 and gain(now.fit, other.fit) > least + FREE_GAIN:
         return other
+    if order is not None and views > FEW_VIEWS and gain(now.fit, order.fit) > least:
+        return order
     return None
 
 

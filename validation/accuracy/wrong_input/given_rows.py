@@ -162,7 +162,7 @@ def volume_upside_down(draft: Draft) -> None:
     "blamed",
     "labels alone flipped",
     before=FAILED,
-    cause=r"(error|warning).*labels do not lie.*mirrored",
+    cause=r"(error|warning).*labels do not lie.*(mirrored|upside down)",
     told_by="`labels`",
 )
 def labels_flipped(draft: Draft) -> None:

@@ -41,7 +41,7 @@ def state_up_down(draft: Draft) -> None:
     "blamed",
     "files of the state permuted",
     before=FAILED,
-    cause=STATE + r"(in another order|reverse order|angles start)",
+    cause=STATE + r"(are in another order|are in reverse order|angles start)",
     told_by="`state-geometry` names the order",
     of_state=True,
 )
@@ -58,7 +58,7 @@ def state_permuted(draft: Draft) -> None:
     "blamed",
     "files of the state reversed",
     before=FAILED,
-    cause=STATE + r"(in another order|reverse order|angles start .*wrong sign)",
+    cause=STATE + r"(are in another order|are in reverse order|angles start .*wrong sign)",
     told_by="`state-geometry`, fix `order-reversed`",
     of_state=True,
 )
