@@ -12,6 +12,7 @@ import numpy as np
 
 from grainmotion.calibration.calibrate import MIN_CALIBRATION_VIEWS
 from grainmotion.diagnosis.coinciding_views import coinciding_findings
+from grainmotion.diagnosis.fan_angle import fan_findings
 from grainmotion.diagnosis.hypotheses import HYPOTHESES, corrected
 from grainmotion.diagnosis.misfit_pattern import misfit_pattern, outlying_views
 from grainmotion.diagnosis.moving_sample import moving_sample_findings
@@ -106,12 +107,16 @@ def check_scan(
     nominal = rivals.as_given(negligible)
     is_sound = nominal.consistency.judged <= settings.warn
     if is_sound and all(c.first_is_better for c in _compared(rivals, nominal).values()):
-        return _moving_sample(rivals, nominal, where)
+        return _moving_sample(rivals, nominal, where) or fan_findings(scan, grid, nominal, where)
     if nominal.consistency.judged > negligible:
         searched = rivals.tried((), negligible)
         nominal = min(nominal, searched, key=lambda tried: tried.consistency.judged)
     if nominal.consistency.judged <= settings.warn:
-        return _close_rivals(rivals, nominal, where) or _moving_sample(rivals, nominal, where)
+        close = _close_rivals(rivals, nominal, where)
+        if any(f.check == SENSE and f.level is not Level.NOTE for f in close):
+            return close
+        found = close or _moving_sample(rivals, nominal, where)
+        return (*found, *fan_findings(scan, grid, nominal, where))
     sinograms = _sinogram_order(scan, grid, nominal, where)
     if sinograms:
         return sinograms
@@ -122,7 +127,12 @@ def check_scan(
         close = _close_rivals(rivals, nominal, where)
         if any(finding.fix for finding in close):
             return close
-    return _moving_sample(rivals, nominal, where) or (_unexplained(rivals, nominal, settings, where),)
+    fan = fan_findings(scan, grid, nominal, where, settings.warn)
+    return (
+        tuple(replace(f, level=Level.ERROR) for f in fan)
+        or _moving_sample(rivals, nominal, where)
+        or (_unexplained(rivals, nominal, settings, where),)
+    )
 
 
 def _sinogram_order(scan: Scan, grid: Volume, nominal: Tried, where: str) -> tuple[Finding, ...]:

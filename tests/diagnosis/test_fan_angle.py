@@ -1,0 +1,61 @@
+"""Distances that are wrong in their ratio to the pixel size are named; those that only scale all lengths cannot be."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from grainmotion.diagnosis.scan_geometry import check_scan
+from grainmotion.model.finding import Level
+from grainmotion.model.geometry import Geometry
+from grainmotion.model.scan import Scan
+from grainmotion.model.volume import Volume
+from grainmotion.simulate import PackingSettings, Particle, Physics, pack, record_line_integrals, stone
+
+VOXEL, PANEL = 0.125, (56, 56)
+ANGLES = tuple(np.arange(60) * 6.0)
+
+
+def geometry(source_to_axis: float = 120.0, source_to_detector: float = 480.0, pixel: float = 4 * VOXEL) -> Geometry:
+    """A full scan."""
+    return Geometry.cone(ANGLES, PANEL, pixel, source_to_axis=source_to_axis, source_to_detector=source_to_detector)
+
+
+@cache
+def line_integrals(seed: int = 0) -> np.ndarray:
+    """Radiographs of eight stones of 14 voxels, in the true geometry."""
+    shapes = [stone(seed + k, 14 * VOXEL, 3) for k in range(8)]
+    sample = pack([Particle(shape, 0.2) for shape in shapes], PackingSettings(16 * VOXEL), seed)
+    middle = np.mean([p.center for p in sample.particles], axis=0)
+    particles = tuple(p.moved(np.eye(3), -middle) for p in sample.particles)
+    return record_line_integrals(type(sample)(particles), geometry(), Physics(photons=2e4), seed).line_integrals
+
+
+def facts(told: Geometry, size: int = 56) -> list[str]:
+    found = check_scan(Scan(line_integrals(), told), Volume.zeros((size, size, size), VOXEL))
+    assert all(f.level is not Level.NOTE for f in found)
+    return [f.fact for f in found]
+
+
+def test_right_distances_give_no_finding():
+    assert facts(geometry()) == []
+
+
+def test_lengths_that_are_scaled_alike_cannot_be_told():
+    assert facts(geometry(source_to_axis=132.0)) == []
+
+
+@pytest.mark.parametrize(
+    ("told", "size", "cause"),
+    [
+        ({"pixel": 8 * VOXEL}, 56, "pixel_size is told twice as large"),
+        ({"pixel": 2 * VOXEL}, 28, "pixel_size is told half as large"),
+        ({"source_to_axis": 120.0, "source_to_detector": 240.0}, 112, ""),
+    ],
+)
+def test_another_angle_of_the_rays_is_named_with_its_cause(told: dict[str, float], size: int, cause: str):
+    (fact,) = facts(geometry(**told), size)
+    assert "the rays spread over a" in fact
+    assert cause in fact
