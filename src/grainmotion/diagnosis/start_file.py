@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from functools import partial
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -111,15 +112,20 @@ def _mistakes(given: Float, centers: Float, grid: Volume) -> Iterable[tuple[str,
     for axis, name in enumerate("xyz"):
         sign = np.where(np.arange(3) == axis, -1, 1)
         middle = np.where(np.arange(3) == axis, origin + last, 0)
-        yield f"they are mirrored along {name}", lambda c, s=sign, m=middle: m + s * c  # type: ignore[misc]
+        yield f"they are mirrored along {name}", partial(_scaled, factor=sign, place=middle / 2)
     for place, text in ((origin, "from the corner of the volume"), (np.zeros(3), "from the rotation axis")):
         lengths = ((given - place) ** 2).sum()
         factor = float(((given - place) * (centers - place)).sum() / lengths) if lengths > 0 else 1.0
         name = f"they are {1 / factor:.4g} times as far {text} (another voxel size or unit)" if factor > 0 else ""
-        yield name, lambda c, p=place, f=factor: p + f * (c - p)  # type: ignore[misc]
+        yield name, partial(_scaled, factor=factor, place=place)
     shift = np.median(centers - given, axis=0)
     name = f"they are shifted by ({', '.join(f'{s / h:.1f}' for s in -shift)}) voxels (x, y, z)"
     yield name, lambda c: c + shift
+
+
+def _scaled(centers: Float, factor: Float | float, place: Float) -> Float:
+    """Centres with their distances from a place times a factor; −1 along an axis mirrors them."""
+    return place + factor * (centers - place)
 
 
 def _distance(a: Float, b: Float) -> float:

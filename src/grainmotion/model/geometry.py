@@ -379,7 +379,7 @@ def _check_views(vectors: Float, beam: Beam) -> None:
 
 
 def _are_fine(vectors: Float, beam: Beam) -> bool:
-    """Whether no view is at fault, for all views at once: geometries are made often, view by view in a reconstruction.
+    """Whether no view is at fault, for all views at once: many geometries are made when mistakes are looked for.
 
     A little stricter than the loop that names the view.
     """
