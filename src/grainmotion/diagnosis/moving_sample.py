@@ -63,9 +63,8 @@ class ViewShifts:
     along: Float
 
     @classmethod
-    def of(cls, views: BinnedViews, geometry: Geometry) -> ViewShifts:
-        """Shifts of binned views in a geometry of these."""
-        residual = views.residual(geometry)
+    def of(cls, views: BinnedViews, geometry: Geometry, residual: Float) -> ViewShifts:
+        """Shifts of binned views with these residuals in a geometry of them."""
         predicted = views.scan.line_integrals - residual
         down, right = (np.asarray(np.gradient(predicted, axis=axis)) for axis in (1, 2))
         valid = np.ones(residual.shape, bool) if views.scan.valid is None else views.scan.valid
@@ -114,7 +113,9 @@ class FittedMotion:
         return float(np.linalg.norm(self.amounts))
 
 
-def moving_sample_findings(views: BinnedViews, geometry: Geometry, *, where: str) -> tuple[Finding, ...]:
+def moving_sample_findings(
+    views: BinnedViews, geometry: Geometry, residual: Float, *, where: str
+) -> tuple[Finding, ...]:
     """A finding if the sample moved during a full scan.
 
     Parameters
@@ -123,10 +124,12 @@ def moving_sample_findings(views: BinnedViews, geometry: Geometry, *, where: str
         Radiographs, binned.
     geometry : Geometry
         Of these.
+    residual : (n, rows, columns) array
+        Of half of the views against the other half, each pixel.
     where : str
         The scan.
     """
-    shifts = ViewShifts.of(views, geometry)
+    shifts = ViewShifts.of(views, geometry, residual)
     if len(shifts.times) < 4 * MIN_VIEWS_BESIDE_A_JUMP:
         return ()
     candidates = steady_motion(shifts), panel_motion(shifts), jump_motion(shifts)

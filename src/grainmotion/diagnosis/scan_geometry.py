@@ -161,7 +161,8 @@ def _compared(rivals: Rivals, nominal: Tried) -> dict[str, Comparison]:
 def _moving_sample(rivals: Rivals, nominal: Tried, where: str) -> tuple[Finding, ...]:
     """A finding if the sample moved during the scan."""
     views = rivals.judged_views
-    return moving_sample_findings(views, views.geometry(nominal.geometry, nominal.shift / views.factor), where=where)
+    geometry = views.geometry(nominal.geometry, nominal.shift / views.factor)
+    return moving_sample_findings(views, geometry, nominal.consistency.residuals, where=where)
 
 
 def _close_rivals(rivals: Rivals, nominal: Tried, where: str) -> tuple[Finding, ...]:

@@ -62,12 +62,15 @@ class Consistency:
         Residual of each view over the root mean square of the radiographs' norms.
     by_row : (rows,) float array
         Likewise for each row of the panel, over the views.
+    residuals : (n, rows, columns) float array
+        Residual of each pixel of the binned views.
     """
 
     residual: float
     attainable: float
     by_view: Float
     by_row: Float
+    residuals: Float
 
     @property
     def judged(self) -> float:
@@ -145,11 +148,7 @@ class BinnedViews:
         attainable = 0.0 if residual <= negligible else self._attainable(geometry)
         scale = np.linalg.norm(images) / np.sqrt(len(images))
         by_row = np.linalg.norm(r, axis=(0, 2)) / np.linalg.norm(images) * np.sqrt(r.shape[1])
-        return Consistency(residual, attainable, np.linalg.norm(r, axis=(1, 2)) / scale, by_row)
-
-    def residual(self, geometry: Geometry) -> Float:
-        """r of each pixel in a geometry of the binned views."""
-        return self._residual(self.scan.line_integrals, geometry)
+        return Consistency(residual, attainable, np.linalg.norm(r, axis=(1, 2)) / scale, by_row, r)
 
     def _attainable(self, geometry: Geometry) -> float:
         """r₀ in a geometry of the binned views."""
