@@ -26,7 +26,7 @@ test: $(STAMP)   ## run the fast tests
 	$(BIN)/python -m pytest -m "not slow and not browser and not spam and not targets"
 
 test-targets: $(STAMP) ## compare the motions that kernels compiled for other processors give
-	$(BIN)/python -m pytest -m targets -rP --no-header
+	$(BIN)/python -m pytest -m "targets and not slow" -rP --no-header
 
 test-browser: $(STAMP) ## open the report in a real browser (needs chromium on the PATH)
 	$(BIN)/python -m pytest -m browser

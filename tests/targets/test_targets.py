@@ -43,11 +43,15 @@ def kernels() -> str:
 
 @dataclass(frozen=True)
 class Target:
-    """A processor for which kernels are compiled, or whose BLAS kernels are used; ``needs`` are its instructions."""
+    """A processor for which kernels are compiled, or whose BLAS kernels are used; ``needs`` are its instructions.
+
+    ``like`` another one are those with the same instructions or BLAS kernels: only `make test-all` tests them.
+    """
 
     name: str
     variable: str = "NUMBA_CPU_NAME"
     needs: frozenset[str] = frozenset()
+    like: str = ""
 
     @property
     def can_run(self) -> bool:
@@ -82,26 +86,31 @@ HOST = Target("host", "GRAINMOTION_TARGET")
 TARGETS = (
     Target("generic"),
     Target("haswell", needs=AVX2),
-    Target("znver3", needs=AVX2 | {"sse4a", "vaes"}),
+    Target("znver3", needs=AVX2 | {"sse4a", "vaes"}, like="haswell"),
     Target("skylake-avx512", needs=AVX2 | {"avx512f", "avx512vl", "avx512bw", "avx512dq"}),
     Target("Haswell", "OPENBLAS_CORETYPE", AVX2),
-    Target("Zen", "OPENBLAS_CORETYPE", AVX2),
+    Target("Zen", "OPENBLAS_CORETYPE", AVX2, like="Haswell"),
     Target("SkylakeX", "OPENBLAS_CORETYPE", AVX2 | {"avx512f", "avx512vl", "avx512bw", "avx512dq"}),
 )
 
 
 @pytest.fixture(scope="module")
-def results(tmp_path_factory) -> Iterator[dict[Target, Future[Path]]]:
-    """Start all targets; compiled kernels of an earlier source are removed."""
+def results(request, tmp_path_factory) -> Iterator[dict[Target, Future[Path]]]:
+    """Start the targets whose tests are to run; compiled kernels of an earlier source are removed."""
+    calls = [item.callspec for item in request.session.items if "results" in item.fixturenames]
+    chosen = [HOST, *(call.params["target"] for call in calls)]
     folder = tmp_path_factory.mktemp("targets")
     for old in KERNEL_CACHE.glob("*"):
         if old.name != kernels():
             shutil.rmtree(old)
     with ThreadPoolExecutor(MAX_PROCESSES) as pool:
-        yield {t: pool.submit(t.measured, folder) for t in (HOST, *TARGETS) if t.can_run}
+        yield {t: pool.submit(t.measured, folder) for t in chosen if t.can_run}
 
 
-@pytest.mark.parametrize("target", TARGETS, ids=lambda t: f"{t.variable}={t.name}")
+@pytest.mark.parametrize(
+    "target",
+    [pytest.param(t, id=f"{t.variable}={t.name}", marks=[pytest.mark.slow] if t.like else []) for t in TARGETS],
+)
 def test_motions_are_those_of_the_host(results, target):
     if not target.can_run:
         pytest.skip(f"this processor lacks one of {', '.join(sorted(target.needs))}")

@@ -44,7 +44,7 @@ def assert_equal_motions(one, other):
     assert one.fit.costs == other.fit.costs
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", [pytest.param("plain", marks=pytest.mark.slow), "calibrated", "segmented otherwise"])
 def test_library_and_command_give_the_same_bits(tmp_path, case):
     path = write_tiny(tmp_path, CASES[case])
     settings = gm.read_experiment(path)
