@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ball_radiographs import BEAM, DARK, Measured, line_integrals, measured, transmissions
+from grainmotion.diagnosis.grey_values import stretched
 from grainmotion.errors import InputError
 from grainmotion.model.finding import Level
 from grainmotion.preprocessing.outliers import spikes, stuck_pixels
@@ -97,7 +98,15 @@ def wrong_sign(scan, rng):
 
 
 REFERENCE_ONLY = {radiograph_of_another_view, short_exposure}
+
+
+def automatic_contrast(scan, rng):
+    low, high = (f(scan.images.astype(float), axis=(1, 2), keepdims=True) for f in (np.min, np.max))
+    return scan.having(images=np.round((scan.images - low) / (high - low) * 65_535).astype(np.uint16))
+
+
 WRONG: dict[Change, tuple[str, Level, str]] = {
+    automatic_contrast: ("kind", Level.ERROR, "automatic contrast"),
     empty_flats: ("beam-images", Level.WARNING, "left out of the mean"),
     flats_with_the_shutter_closed: ("beam-images", Level.WARNING, "left out of the mean"),
     flats_with_the_sample: ("beam-images", Level.WARNING, "left out of the mean"),
@@ -151,6 +160,12 @@ class TestSoundInput:
         scan = measured(4)
         images = transmissions(scan) if kind == "transmission" else -np.log(transmissions(scan))
         assert scan.having(images=images, kind=kind, flats=None, darks=None).findings() == ()
+
+    def test_a_dead_and_a_hot_pixel_are_no_automatic_contrast(self):
+        images = measured(6).images.copy()
+        images[:, 3, 4], images[:, 20, 7] = 0, 65_535
+        assert not stretched(images)
+        assert stretched(automatic_contrast(measured(6), None).images)
 
     def test_noise_free_images(self):
         lines = line_integrals(np.arange(48) * 7.5).astype(np.float32)

@@ -28,6 +28,14 @@ HALF_RANGE = 32768.0
 """What is added when signed 16-bit numbers are written as unsigned ones."""
 HALF_RANGE_TOLERANCE = 0.02
 """Relative tolerance of it, with the noise and the drift of the beam."""
+MIN_STRETCHED, MAX_AT_TOP = 3, 0.05
+"""Images that must use the whole range of their numbers to be called stretched, and the largest share of their pixels
+at its top: 0.0002 to 0.01 where each has its own contrast, more where the camera is saturated."""
+STRETCHED = (
+    "each image fills the whole range of its numbers: they were written with automatic contrast, and no two have the "
+    "same scale"
+)
+TO_UNSTRETCH = "export the counts without scaling, all images alike"
 MAX_SAMPLE = 8
 """Views from which the kind of value is judged."""
 
@@ -70,12 +78,33 @@ def wrong_kind(kind: str, images: NDArray, flats: NDArray | None) -> tuple[str, 
     return found, evidence
 
 
+def stretched(images: NDArray) -> bool:
+    """Whether nearly all images use the whole range of their numbers, each from a place and to a place of its own.
+
+    So does what viewers write with automatic contrast; a dead and a hot pixel are at the same places in all images.
+    """
+    counted = np.issubdtype(images.dtype, np.unsignedinteger)
+    if len(images) < MIN_STRETCHED or not (counted or np.issubdtype(images.dtype, np.floating)):
+        return False
+    some = images[np.unique(np.linspace(0, len(images) - 1, min(len(images), MAX_SAMPLE)).astype(int))]
+    flat, top = some.reshape(len(some), -1), np.iinfo(images.dtype).max if counted else 1
+    whole = (flat.min(axis=1) == 0) & (flat.max(axis=1) == top) & ((flat == top).mean(axis=1) < MAX_AT_TOP)
+    moves = all(len(set(places)) > 1 for places in (flat.argmin(axis=1).tolist(), flat.argmax(axis=1).tolist()))
+    return bool(whole.all()) and moves
+
+
 def grey_value_findings(read: ReadScan) -> tuple[Finding, ...]:
     """All checks of grey values."""
     checks: tuple[Callable[[ReadScan], Iterable[Finding]], ...] = (
-        _kind, _sign, _offset, _opaque, _pile_up, _eight_bits,
+        _stretched, _kind, _sign, _offset, _opaque, _pile_up, _eight_bits,
     )  # fmt: skip
     return tuple(finding for check in checks for finding in check(read))
+
+
+def _stretched(read: ReadScan) -> Iterable[Finding]:
+    """Images with a contrast of their own."""
+    if stretched(read.images):
+        yield Finding(Level.ERROR, "kind", read.names["radiographs"], STRETCHED, "", TO_UNSTRETCH)
 
 
 def _kind(read: ReadScan) -> Iterable[Finding]:
