@@ -74,6 +74,12 @@ def offset_of_signed_numbers(scan, rng):
     return scan.having(images=scan.images + np.uint16(32768))
 
 
+def offset_in_a_beam_brighter_on_one_side(scan, rng):
+    bright = np.linspace(1.04, 0.96, scan.images.shape[2])
+    lit = lambda images: (bright * (images - float(DARK)) + DARK).astype(np.uint16)  # noqa: E731
+    return scan.having(images=lit(scan.images) + np.uint16(32768), flats=lit(scan.flats))
+
+
 def inverted(scan, rng):
     return scan.having(images=np.uint16(2 * BEAM + DARK) - scan.images)
 
@@ -117,6 +123,7 @@ WRONG: dict[Change, tuple[str, Level, str]] = {
     radiograph_of_another_view: ("frames", Level.WARNING, "unlike those before and after"),
     short_exposure: ("frames", Level.WARNING, "far brighter or darker"),
     offset_of_signed_numbers: ("offset", Level.ERROR, "half of the range of 16 bits"),
+    offset_in_a_beam_brighter_on_one_side: ("offset", Level.ERROR, "half of the range of 16 bits"),
     inverted: ("sign", Level.ERROR, "inverted"),
     camera_of_12_bits: ("saturation", Level.WARNING, "4095"),
     transmissions_as_line_integrals: ("kind", Level.ERROR, "look like transmission"),

@@ -27,7 +27,10 @@ MAX_BELOW_AIR_SHARE = 0.03
 HALF_RANGE = 32768.0
 """What is added when signed 16-bit numbers are written as unsigned ones."""
 HALF_RANGE_TOLERANCE = 0.02
-"""Relative tolerance of it, with the noise and the drift of the beam."""
+"""Relative tolerance of it, with the noise and the drift of the beam.
+
+It is asked at the border of the panel, whether air is seen there or not: an offset makes a beam that is brighter on one
+side look as if the sample were there."""
 MIN_STRETCHED, MAX_AT_TOP = 3, 0.05
 """Images that must use the whole range of their numbers to be called stretched, and the largest share of their pixels
 at its top: 0.0002 to 0.01 where each has its own contrast, more where the camera is saturated."""
@@ -147,7 +150,7 @@ def _sign(read: ReadScan) -> Iterable[Finding]:
 
 def _offset(read: ReadScan) -> Iterable[Finding]:
     """Half of the range of 16 bits between radiographs and flats."""
-    if read.kind != "counts" or read.flats is None or not read.sees_air:
+    if read.kind != "counts" or read.flats is None:
         return
     border, _, _ = _levels(read.images)
     flat, _, _ = _levels(read.flats)

@@ -44,10 +44,10 @@ def _hard(name: str) -> Callable[[int, Path], Written]:
 
 
 def _laboratory(change: Callable[[Draft], None] | None = None, **recipe: object) -> Callable[[int, Path], Written]:
-    """A laboratory, the geometry calibrated as by default."""
+    """A laboratory, with default settings."""
 
     def write(seed: int, folder: Path) -> Written:
-        draft = Draft.of(replace(Recipe(seed), **recipe), "auto")  # type: ignore[arg-type]
+        draft = Draft.of(replace(Recipe(seed), **recipe), {})  # type: ignore[arg-type]
         if change is not None:
             change(draft)
         return draft.write(folder), draft.laboratory.truth, float(str(draft.keys["volume"]["voxel_size"]))

@@ -163,6 +163,7 @@ def two_materials(draft: Draft) -> None:
 def cubes_50(draft: Draft) -> None:
     """A rotation at which the neighbouring pose is as near."""
     draft.use_recipe(cubes=50.0)
+    draft.keys["track"] = {}
 
 
 @row(
@@ -175,6 +176,7 @@ def cubes_50(draft: Draft) -> None:
 def cubes_85(draft: Draft) -> None:
     """A rotation at which another pose is nearer."""
     draft.use_recipe(cubes=85.0)
+    draft.keys["track"] = {}
 
 
 DISTANCE_BEFORE = "0.13–0.78 voxel, 10–31 sd"

@@ -41,8 +41,9 @@ def section() -> page.Section:
 sample and a scanner of its own: 5 to 8 gravel stones of 14 to 18 voxels, cone beam (even seeds) or parallel beam (odd
 seeds), sense of rotation, `first_row`, distances, attenuation, motions up to 3 voxels and 8°; 60 views of 64 × 64
 pixels, 4 views of the later state, 20,000 photons a pixel, flats and darks. The radiographs are those of
-`grainmotion.simulate`, which has no voxels, written as files and given to `grainmotion run` with default settings; only
-`[calibrate] geometry` is false in the tables of wrong input, as it would take two thirds of the time.
+`grainmotion.simulate`, which has no voxels, written as files and run as by `grainmotion run`. Right experiments are run
+with default settings; wrong ones, to save time, with fewer sweeps, coarser grains, and without calibration and wide
+search (`[calibrate] geometry = false`, `[reconstruct] sweeps = 3`, `[segment] finer = 1`, `[track] search = false`).
 
 - *named*: an error, a warning, or where the data can tell no more a note, says what is wrong.
 - *told in any way*: there is an error or a warning, of whatever content.
