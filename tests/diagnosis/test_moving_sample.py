@@ -38,6 +38,12 @@ def test_sample_at_rest():
     assert check(scan_of_moving(np.zeros((VIEWS, 3)))) == ()
 
 
+def test_a_scan_without_any_attenuation_is_no_moving_sample():
+    still = scan_of_moving(np.zeros((VIEWS, 3)))
+    found = check(replace(still, line_integrals=still.line_integrals - 1))  # counts with an offset
+    assert {f.check for f in found} == {"reference-geometry"}
+
+
 @pytest.mark.parametrize("motion", [(0, 0, 1.0), (0.8, -0.6, 0)])
 def test_creep(motion):
     (finding,) = check(scan_of_moving(STEADY[:, None] * motion))

@@ -135,6 +135,8 @@ def moving_sample_findings(
     candidates = steady_motion(shifts), panel_motion(shifts), jump_motion(shifts)
     least = min(motion.misfit for motion in candidates)
     likely = [motion for motion in candidates if least > CLEARLY_ONE_KIND * motion.misfit]
+    if not likely:  # no shift was measured: the reconstruction is empty, as of line integrals below zero
+        return ()
     best = min(likely, key=lambda motion: round(motion.misfit / max(least, 1e-12), 1))
     if not best.significant:
         return ()
