@@ -50,7 +50,7 @@ def test_lengths_that_are_scaled_alike_cannot_be_told():
 @pytest.mark.parametrize(
     ("told", "size", "cause"),
     [
-        ({"pixel": 8 * VOXEL}, 56, "pixel_size is told twice as large"),
+        ({"pixel": 8 * VOXEL}, 112, "pixel_size is told twice as large"),
         ({"pixel": 2 * VOXEL}, 28, "pixel_size is told half as large"),
         ({"source_to_axis": 120.0, "source_to_detector": 240.0}, 112, ""),
     ],
@@ -59,3 +59,14 @@ def test_another_angle_of_the_rays_is_named_with_its_cause(told: dict[str, float
     (fact,) = facts(geometry(**told), size)
     assert "the rays spread over a" in fact
     assert cause in fact
+
+
+def test_a_volume_that_does_not_hold_the_sample_is_named():
+    (fact,) = facts(geometry(), 24)
+    assert "the volume is smaller than the sample" in fact
+
+
+def test_coarse_voxels_are_named():
+    scan = Scan(line_integrals(), geometry())
+    (found,) = check_scan(scan, Volume.zeros((28, 28, 28), 2 * VOXEL))
+    assert "the voxels are 2.0 times as large as a pixel" in found.fact

@@ -106,6 +106,10 @@ def wrong_sign(scan, rng):
 REFERENCE_ONLY = {radiograph_of_another_view, short_exposure}
 
 
+def eight_bits_beside_flats_of_sixteen(scan, rng):
+    return scan.having(images=np.clip(scan.images / 90, 0, 255).astype(np.uint8), darks=None)
+
+
 def automatic_contrast(scan, rng):
     low, high = (f(scan.images.astype(float), axis=(1, 2), keepdims=True) for f in (np.min, np.max))
     return scan.having(images=np.round((scan.images - low) / (high - low) * 65_535).astype(np.uint16))
@@ -113,6 +117,7 @@ def automatic_contrast(scan, rng):
 
 WRONG: dict[Change, tuple[str, Level, str]] = {
     automatic_contrast: ("kind", Level.ERROR, "automatic contrast"),
+    eight_bits_beside_flats_of_sixteen: ("kind", Level.ERROR, "the radiographs were scaled"),
     empty_flats: ("beam-images", Level.WARNING, "left out of the mean"),
     flats_with_the_shutter_closed: ("beam-images", Level.WARNING, "left out of the mean"),
     flats_with_the_sample: ("beam-images", Level.WARNING, "left out of the mean"),

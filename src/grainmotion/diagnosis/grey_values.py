@@ -38,7 +38,8 @@ STRETCHED = (
     "each image fills the whole range of its numbers: they were written with automatic contrast, and no two have the "
     "same scale"
 )
-TO_UNSTRETCH = "export the counts without scaling, all images alike"
+TO_UNSCALE = "export the counts without scaling, all images alike"
+MAX_OF_BYTE = 255
 MAX_SAMPLE = 8
 """Views from which the kind of value is judged."""
 
@@ -96,18 +97,29 @@ def stretched(images: NDArray) -> bool:
     return bool(whole.all()) and moves
 
 
+def scaled(kind: str, images: NDArray, flats: NDArray | None) -> str:
+    """How radiographs were scaled when they were written, if they were: no counts can be found again."""
+    if stretched(images):
+        return STRETCHED
+    if kind == "counts" and flats is not None and images.dtype == np.uint8 and np.nanmedian(flats) > MAX_OF_BYTE:
+        fact = "the radiographs have 8 bits, 255 at most, and the flats more"
+        return f"{fact} ({np.nanmedian(flats):.0f}): the radiographs were scaled when they were written"
+    return ""
+
+
 def grey_value_findings(read: ReadScan) -> tuple[Finding, ...]:
     """All checks of grey values."""
     checks: tuple[Callable[[ReadScan], Iterable[Finding]], ...] = (
-        _stretched, _kind, _sign, _offset, _opaque, _pile_up, _eight_bits,
+        _scaled, _kind, _sign, _offset, _opaque, _pile_up, _eight_bits,
     )  # fmt: skip
     return tuple(finding for check in checks for finding in check(read))
 
 
-def _stretched(read: ReadScan) -> Iterable[Finding]:
-    """Images with a contrast of their own."""
-    if stretched(read.images):
-        yield Finding(Level.ERROR, "kind", read.names["radiographs"], STRETCHED, "", TO_UNSTRETCH)
+def _scaled(read: ReadScan) -> Iterable[Finding]:
+    """Radiographs that were scaled when they were written."""
+    fact = scaled(read.kind, read.images, read.flats)
+    if fact:
+        yield Finding(Level.ERROR, "kind", read.names["radiographs"], fact, "", TO_UNSCALE)
 
 
 def _kind(read: ReadScan) -> Iterable[Finding]:

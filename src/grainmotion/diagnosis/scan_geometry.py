@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from grainmotion.calibration.calibrate import MIN_CALIBRATION_VIEWS
+from grainmotion.diagnosis.coarse_projection import CoarseScan
 from grainmotion.diagnosis.coinciding_views import coinciding_findings
 from grainmotion.diagnosis.fan_angle import fan_findings
 from grainmotion.diagnosis.hypotheses import HYPOTHESES, corrected
@@ -40,6 +41,11 @@ With the mistake undone scans kept 0.38-0.97 (SNR 10-50, 24-120 views); between 
 """
 MAX_ODD_VIEWS = 2
 """So few views that fit much worse than all others are at fault themselves, not the geometry."""
+MAX_SHARE_OUTSIDE = 0.1
+"""Share of the line integrals beside the volume, from which it is too small: as for a given volume."""
+MAX_VOXEL_RATIO = 1.5
+"""Voxels over pixels at the sample from which they are named where the views contradict each other: twice as large, a
+sound scan left 0.14."""
 CANDIDATES = 2
 """So many hypotheses, the best of the rough trials, are judged; the very best is also tried with each other one."""
 TWINS = {
@@ -102,6 +108,9 @@ def check_scan(
         return ends
     if len(scan) < MIN_CALIBRATION_VIEWS or scan.geometry.shape[1] < MIN_COLUMNS or not scan.line_integrals.any():
         return ()
+    share = CoarseScan.of(scan, grid.center).share_outside(grid)
+    if share > MAX_SHARE_OUTSIDE:
+        return (_beside_the_volume(share, where),)
     rivals = Rivals(scan, grid)
     negligible = SHIFT_SEARCHED_FROM * settings.warn
     nominal = rivals.as_given(negligible)
@@ -131,8 +140,17 @@ def check_scan(
     return (
         tuple(replace(f, level=Level.ERROR) for f in fan)
         or _moving_sample(rivals, nominal, where)
-        or (_unexplained(rivals, nominal, settings, where),)
+        or (_unexplained(rivals, nominal, settings, where, grid.voxel_size),)
     )
+
+
+def _beside_the_volume(share: float, where: str) -> Finding:
+    """A finding on a volume that does not hold the sample: its views contradict each other in any geometry."""
+    fact = "the volume is smaller than the sample, as the distances and the pixel size have it: what lies beside it is "
+    fact += "not modelled, and its views contradict each other"
+    evidence = f"{share:.0%} of the line integrals lie on rays that pass the volume by"
+    remedy = "give a larger volume.shape, or correct volume.voxel_size, pixel_size or the distances"
+    return Finding(Level.ERROR, CHECK, where, fact, evidence, remedy)
 
 
 def _sinogram_order(scan: Scan, grid: Volume, nominal: Tried, where: str) -> tuple[Finding, ...]:
@@ -238,13 +256,20 @@ def _named(level: Level, where: str, fixes: tuple[str, ...], evidence: str) -> F
     return Finding(level, CHECK, where, fact, evidence, "; ".join(c.remedy for c in causes), ", ".join(fixes))
 
 
-def _unexplained(rivals: Rivals, nominal: Tried, settings: CheckSettings, where: str) -> Finding:
+def _unexplained(rivals: Rivals, nominal: Tried, settings: CheckSettings, where: str, voxel_size: float) -> Finding:
     consistency = nominal.consistency
     level = Level.ERROR if consistency.judged > settings.stop else Level.WARNING
     evidence = (
         f"half of the views against the other half leaves {consistency.judged:.3f}; sound scans leave 0.02-0.08; "
         f"{misfit_pattern(consistency, rivals.views)}"
     )
+    ratio = voxel_size / nominal.geometry.pixel_at((0.0, 0.0, 0.0))
+    if ratio > MAX_VOXEL_RATIO:
+        fact = (
+            f"the voxels are {ratio:.1f} times as large as a pixel at the sample, too large to simulate its edges, or "
+        )
+        fact += "the views contradict each other"
+        return Finding(level, CHECK, where, fact, evidence, f"give a volume.voxel_size of about a pixel; else {CAUSES}")
     return Finding(level, CHECK, where, "the views contradict each other", evidence, CAUSES)
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from grainmotion._typing import Float, Index, Pixels
 from grainmotion.diagnosis import hypotheses
 from grainmotion.diagnosis.frames import frame_findings
-from grainmotion.diagnosis.grey_values import STRETCHED, TO_UNSTRETCH, grey_value_findings, stretched, wrong_kind
+from grainmotion.diagnosis.grey_values import TO_UNSCALE, grey_value_findings, scaled, wrong_kind
 from grainmotion.diagnosis.read_scan import ReadScan
 from grainmotion.errors import InputError
 from grainmotion.experiment.config import Air, Kind
@@ -121,8 +121,8 @@ class ScanInput:
                 remedy = f'set {self.key}.kind = "{wrong[0]}"'
                 if wrong[0] == "counts":
                     remedy += " and give flats and darks; if they are transmissions times a factor, divide them by it"
-            elif stretched(images):
-                fact, remedy = STRETCHED, TO_UNSTRETCH
+            elif scaled(self.kind, images, flats):
+                fact, remedy = scaled(self.kind, images, flats), TO_UNSCALE
             raise InputError(self._named(error.where), fact, remedy) from error
         scan = scan if self.hardening is None else self.hardening.apply(scan)
         names = {name: self._named(name) for name in ("radiographs", "flats", "darks")}
