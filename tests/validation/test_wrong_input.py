@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 
 import numpy as np
 import pytest
+from validation.accuracy.page import PAGE
 from validation.accuracy.wrong_input import measure, tables
 from validation.accuracy.wrong_input.draft import Draft, toml
 from validation.accuracy.wrong_input.laboratory import VOXEL, Recipe, laboratory
@@ -76,7 +78,7 @@ class TestTables:
     def test_only_what_names_the_cause_is_named(self):
         found = {0: verdict("error: wrong angles"), 1: verdict("warning: something"), 2: verdict(wrong=3)}
         cells = tables.cells(row(), found)
-        assert cells[2:6] == ["1 of 3 (cone 1 of 2, parallel 0 of 1)", "2 of 3", "1", "2 right"]
+        assert cells[2:6] == ["1 of 3 (cone 1 of 2, parallel 0 of 1)", "2 of 3", "1", "2 right, 1 wrong"]
 
     def test_rows_of_one_beam_have_seeds_of_that_beam(self):
         assert row(beams=("cone",)).seeds(3) == [0, 2, 4]
@@ -85,3 +87,9 @@ class TestTables:
     def test_all_rows_are_in_one_of_the_tables(self):
         assert len(measure.rows()) == len(ROWS)
         assert {r.group for r in measure.rows()} == set(tables.TITLES)
+
+    def test_the_page_has_the_rows_of_the_study(self):
+        text = PAGE.path.read_text()
+        section = text[text.index("<!-- begin wrong_input -->") : text.index("<!-- end wrong_input -->")]
+        inputs = re.findall(r"^\| (.*?) \| .*\d+ of \d+.* \|$", section, re.MULTILINE)
+        assert sorted(inputs) == sorted(r.text for r in measure.rows())

@@ -44,7 +44,7 @@ def jobs(names: Sequence[str] = (), seeds: int = SEEDS) -> list[Job]:
     found += [("good", name, seed) for name, case in GOOD_CASES.items() for seed in range(min(case.seeds, seeds))]
     return sorted(
         (j for j in found if not names or j[1] in names),
-        key=lambda j: j[2] - 8 if j[1] in QUICK else 2 * j[2] + 1 if j[0] == "good" else j[2],
+        key=lambda j: j[2] + 2 if j[1] in QUICK else 2 * j[2] + 1 if j[0] == "good" else j[2],
     )
 
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 from validation.accuracy import page
 from validation.accuracy.wrong_input.good_cases import GOOD_CASES, GoodCase
-from validation.accuracy.wrong_input.measure import jobs, measure, outdated, rows, verdicts
+from validation.accuracy.wrong_input.measure import SEEDS, jobs, measure, outdated, rows, verdicts
 from validation.accuracy.wrong_input.remarks import REMARKS
 from validation.accuracy.wrong_input.rows import BEAMS, ROWS, Group, Row
 from validation.accuracy.wrong_input.verdicts import WRONG_DEG, WRONG_SDS, WRONG_VOXELS, Verdict
@@ -50,9 +50,9 @@ search (`[calibrate] geometry = false`, `[reconstruct] sweeps = 3`, `[segment] f
 - *silent*: a grain that converged is off by more than {WRONG_VOXELS} voxel or {WRONG_DEG}°, and by more than
   {WRONG_SDS:.0f} own standard deviations, or is no true grain, or a grain is in no table; and nothing is told of it.
 - *what came of it*: stopped: nothing was computed from it; right: all grains that converged are right;
-  wrong, told: some are not.
+  wrong: some are not, or are in no table.
 
-{parts}
+{progress(wrong, good)}{parts}
 {remarks(wrong)}### False alarms
 
 Right experiments, some of them odd, all run with default settings to the motions. Nothing but notes should be told.
@@ -63,6 +63,15 @@ Right experiments, some of them odd, all run with default settings to the motion
         f"{alarms} of {experiments} right experiments with a warning or an error"
     )
     return page.Section("Wrong input", text, headline)
+
+
+def progress(wrong: Mapping[str, Found], good: Mapping[str, Found]) -> str:
+    """What has not been run yet."""
+    left = sum(len(row.seeds(SEEDS)) - len(wrong[row.name]) for row in rows())
+    left += sum(case.seeds - len(good[name]) for name, case in GOOD_CASES.items())
+    if not left:
+        return ""
+    return f"Not all of the {SEEDS} seeds a row are run yet, {left} trials are left; the command below continues.\n\n"
 
 
 def silent(row: Row, verdict: Verdict) -> bool:
@@ -80,12 +89,19 @@ def cells(row: Row, found: Found) -> list[str]:
     n = len(found)
     named = {seed: row.named(v) for seed, v in found.items()}
     told = sum(bool(v.told) or named[seed] for seed, v in found.items())
-    came = Counter("stopped" if v.stopped else "right" if v.right else "wrong, told" for v in found.values())
+    came = Counter(outcome_of(v) for v in found.values())
     quiet = sum(silent(row, v) for v in found.values())
-    came["wrong, told"] -= quiet
-    came["silent"] = quiet
-    outcome = ", ".join(f"{count} {what}" for what, count in came.most_common() if count and what != "silent")
+    outcome = ", ".join(f"{count} {what}" for what, count in came.most_common())
     return [row.text, row.before, by_beam(named), f"{told} of {n}", str(quiet), outcome, row.told_by]
+
+
+def outcome_of(verdict: Verdict) -> str:
+    """What came of an input, in a word."""
+    if verdict.stopped:
+        return "stopped"
+    if verdict.right:
+        return "right"
+    return "wrong" if verdict.converged else "none converged"
 
 
 def by_beam(named: Mapping[int, bool]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import tempfile
 import time
 from collections import Counter
@@ -14,6 +15,7 @@ import numpy as np
 from grainmotion.errors import InputError
 from grainmotion.experiment.config import read_experiment
 from grainmotion.model.motions import Motions, Status
+from grainmotion.workflow.log import PACKAGE_LOG
 from grainmotion.workflow.run import run
 from validation.accuracy import outcomes
 
@@ -75,12 +77,15 @@ class Verdict:
 
 def judged(path: Path, truth: Motions, voxel_size: float) -> Verdict:
     """Run an experiment up to its motions, as `grainmotion run` does."""
-    start, folder = time.process_time(), path.parent / "results"
+    start, folder, logged = time.process_time(), path.parent / "results", _Lines()
+    PACKAGE_LOG.addHandler(logged)
     try:
         result = run(read_experiment(path), out=folder, until="track")
     except InputError as error:
-        lines = [f"error: {error}{_fixes(folder, str(error))}", *_stored(folder, str(error))]
+        lines = [f"error: {error}{_fixes(folder, str(error))}", *logged.lines]
         return Verdict(lines, True, 0, 0, 0, 0, (0.0, 0.0), time.process_time() - start)
+    finally:
+        PACKAGE_LOG.removeHandler(logged)
     motions = next(iter(result.motions.values()))
     lines = [f.line + (f" {{{f.fix}}}" if f.fix else "") for f in result.findings]
     lines += [f"grain: {s}: {reason}" for s, reason in Counter(_reasons(motions))]
@@ -104,13 +109,16 @@ def _reasons(motions: Motions) -> list[tuple[str, str]]:
     return [(str(s), r) for s, r, b in zip(motions.statuses, motions.reasons, bad, strict=True) if b]
 
 
-def _stored(folder: Path, told: str = "") -> list[str]:
-    """Findings that a run which was stopped left on disk, except the one that stopped it."""
-    return [
-        f"{f['level']}: {f['where']}: {f['fact']} ({f['evidence']}) [{f['check']}]"
-        for f in _kept(folder)
-        if f["fact"] not in told
-    ]
+class _Lines(logging.Handler):
+    """Findings as they are logged."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.lines = list[str]()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Keep a line."""
+        self.lines.append(record.getMessage())
 
 
 def _fixes(folder: Path, told: str) -> str:
