@@ -70,3 +70,11 @@ def test_coarse_voxels_are_named():
     scan = Scan(line_integrals(), geometry())
     (found,) = check_scan(scan, Volume.zeros((28, 28, 28), 2 * VOXEL))
     assert "the voxels are 2.0 times as large as a pixel" in found.fact
+
+
+def test_a_level_of_all_views_alike_is_named():
+    """The volume is narrower than the panel; where it is as wide, the level is a cylinder of the sample."""
+    scan = Scan(line_integrals() + np.float32(np.log(3)), geometry())
+    (found,) = check_scan(scan, Volume.zeros((56, 48, 48), VOXEL))
+    assert found.check == "beam-level"
+    assert "darker than the flats by a factor of 3.00" in found.fact

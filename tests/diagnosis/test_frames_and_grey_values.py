@@ -103,11 +103,12 @@ def wrong_sign(scan, rng):
     return scan.having(images=np.log(transmissions(scan)), flats=None, darks=None, kind="line-integrals")
 
 
-REFERENCE_ONLY = {radiograph_of_another_view, short_exposure}
-
-
 def eight_bits_beside_flats_of_sixteen(scan, rng):
     return scan.having(images=np.clip(scan.images / 90, 0, 255).astype(np.uint8), darks=None)
+
+
+def flat_among_the_radiographs(scan, rng):
+    return scan.having(images=np.concatenate([scan.flats[:1], scan.images[:-1]]))
 
 
 def automatic_contrast(scan, rng):
@@ -118,6 +119,7 @@ def automatic_contrast(scan, rng):
 WRONG: dict[Change, tuple[str, Level, str]] = {
     automatic_contrast: ("kind", Level.ERROR, "automatic contrast"),
     eight_bits_beside_flats_of_sixteen: ("kind", Level.ERROR, "the radiographs were scaled"),
+    flat_among_the_radiographs: ("frames", Level.ERROR, "without a sample"),
     empty_flats: ("beam-images", Level.WARNING, "left out of the mean"),
     flats_with_the_shutter_closed: ("beam-images", Level.WARNING, "left out of the mean"),
     flats_with_the_sample: ("beam-images", Level.WARNING, "left out of the mean"),
@@ -135,6 +137,9 @@ WRONG: dict[Change, tuple[str, Level, str]] = {
     line_integrals_as_transmissions: ("kind", Level.ERROR, "look like line-integrals"),
     wrong_sign: ("sign", Level.ERROR, "sign of the line integrals"),
 }
+
+
+REFERENCE_ONLY = {radiograph_of_another_view, short_exposure, flat_among_the_radiographs}
 
 
 def check(change, seed, state):

@@ -15,6 +15,9 @@ MAX_MASKED_SHARE = 0.01
 """Share of all pixels that may be masked without a warning."""
 ODD_LEVEL = 1.3
 """Ratio of the brightest parts of a view and of the views around it from which it is odd."""
+EMPTY = 0.1
+"""Contrast of a view over the median of all, below which it shows no sample: 0.5 and more in sound scans, 0.02 to 0.05
+in flats among them."""
 LEVEL_STEPS = 8.0
 """The same in median steps between neighbouring views."""
 NEIGHBOURS = 2
@@ -34,7 +37,7 @@ NAMED_VIEWS = 8
 def frame_findings(read: ReadScan) -> tuple[Finding, ...]:
     """All checks of frames and pixels."""
     checks: tuple[Callable[[ReadScan], Iterable[Finding]], ...] = (
-        _beam_images, _pixels, _black, _odd_levels, _repeated, _unlike,
+        _beam_images, _pixels, _black, _empty, _odd_levels, _repeated, _unlike,
     )  # fmt: skip
     return tuple(finding for check in checks for finding in check(read))
 
@@ -83,6 +86,20 @@ def _black(read: ReadScan) -> Iterable[Finding]:
             "are empty",
             f"the brightest parts transmit {_listed(read.lit[black])}, those of the others {np.median(read.lit):.3g}",
             f"leave them out: {read.key}.views = a list of the others",
+        )  # fmt: skip
+
+
+def _empty(read: ReadScan) -> Iterable[Finding]:
+    """Views of the reference that show no sample, as a flat among the radiographs does."""
+    contrast = read.blocks.std(axis=1)
+    empty = np.flatnonzero((contrast < EMPTY * np.median(contrast)) & ~read.black)
+    if read.key == "reference" and 0 < len(empty) <= MAX_ODD_SHARE * len(contrast):
+        yield Finding(
+            Level.ERROR, "frames", read.names["radiographs"],
+            f"{_numbered('radiographs', empty)} (from 0): without a sample, as a flat among the radiographs; if there "
+            "is one image too many, all behind it are told with the angle of another view",
+            f"contrast {_listed(contrast[empty])}, of the others {np.median(contrast):.3g}",
+            f"leave them out of the files, or of {read.key}.views and the angles",
         )  # fmt: skip
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from grainmotion.calibration.calibrate import MIN_CALIBRATION_VIEWS
 from grainmotion.diagnosis.coarse_projection import CoarseScan
 from grainmotion.diagnosis.coinciding_views import coinciding_findings
+from grainmotion.diagnosis.common_level import common_level_findings
 from grainmotion.diagnosis.fan_angle import fan_findings
 from grainmotion.diagnosis.hypotheses import HYPOTHESES, corrected
 from grainmotion.diagnosis.misfit_pattern import misfit_pattern, outlying_views
@@ -126,9 +127,9 @@ def check_scan(
             return close
         found = close or _moving_sample(rivals, nominal, where)
         return (*found, *fan_findings(scan, grid, nominal, where))
-    sinograms = _sinogram_order(scan, grid, nominal, where)
-    if sinograms:
-        return sinograms
+    known = _sinogram_order(scan, grid, nominal, where) or common_level_findings(scan, grid, nominal, settings, where)
+    if known:
+        return known
     explanation = _explanation(rivals, nominal, settings)
     if explanation is not None:
         return (_explained(nominal, explanation, where),)
