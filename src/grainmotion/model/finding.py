@@ -10,9 +10,10 @@ from grainmotion.errors import InputError
 
 Check = Literal[
     "angle-table", "beam-images", "beam-level", "calibration", "coinciding-views", "common-cause", "eight-bit",
-    "file-series", "fit", "frames", "gain", "given-volume", "grain-scale", "grain-sizes", "inspect", "kind",
-    "labels", "monitor", "motors", "moving-sample", "new-grain", "offset", "opaque", "pixels", "reference-geometry",
-    "saturation", "sense-of-rotation", "sign", "sizes", "start-file", "state-geometry", "unlabelled", "views",
+    "file-series", "fit", "frames", "gain", "given-volume", "grain-scale", "grain-sizes", "hardening", "inspect",
+    "kind", "labels", "monitor", "motors", "moving-sample", "new-grain", "offset", "opaque", "pixels",
+    "reference-geometry", "saturation", "sense-of-rotation", "sign", "sizes", "start-file", "state-geometry",
+    "unlabelled", "views",
 ]  # fmt: skip
 """Names of all checks; docs/troubleshooting.md has a section on each."""
 

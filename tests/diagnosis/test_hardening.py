@@ -1,0 +1,34 @@
+"""Scattered light is told by the curve of line integrals; a scan without it is left alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.convex_grains import ConvexGrains
+
+import grainmotion as gm
+from grainmotion.diagnosis.hardening import check_hardening
+
+VIEWS = tuple(np.arange(24) * 15.0)
+ATTENUATION = 3.3  # times that of the phantom: 0.5 / mm
+
+
+def hardening(scattered: float, seed: int = 0) -> tuple[gm.Finding, ...]:
+    grains = ConvexGrains.random(seed, 10)
+    volume, labels = grains.voxels()
+    scan = grains.scan(VIEWS, photons=1e7)
+    transmission = np.exp(-ATTENUATION * scan.line_integrals)
+    scattered_light = scattered * transmission.mean(axis=(1, 2), keepdims=True)
+    images = -np.log((transmission + scattered_light) / (1 + scattered))
+    return check_hardening(gm.Scan(images, scan.geometry), volume, labels)
+
+
+def test_no_scatter():
+    assert hardening(0.0) == ()
+
+
+@pytest.mark.parametrize(("scattered", "level"), [(0.05, gm.Level.NOTE), (0.2, gm.Level.WARNING)])
+def test_scatter(scattered, level):
+    (finding,) = hardening(scattered)
+    assert (finding.level, finding.check) == (level, "hardening")
+    assert "hardening = 2" in finding.remedy
