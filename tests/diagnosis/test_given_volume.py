@@ -88,6 +88,17 @@ def test_part_of_the_sample_is_not_taken_for_a_sample_of_smaller_voxels(cut):
     assert "smaller than the sample" in finding.fact
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_mirrored_volume_of_grains_that_moved_far_and_another_sample(seed):
+    grains = ConvexGrains.random(seed, 6)
+    scan = grains.moved(seed + 50, 4 * VOXEL, 10.0).scan()
+    (mirrored,) = check(grains.voxels()[0].array[:, :, ::-1], scan)
+    assert mirrored.level is Level.ERROR
+    assert "mirrored along x" in mirrored.fact
+    others = check(ConvexGrains.random(seed + 100, 6).voxels()[0].array, scan)
+    assert all(f.level is not Level.ERROR for f in others)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(20))
 def test_seeds(seed):
