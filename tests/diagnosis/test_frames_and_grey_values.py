@@ -65,6 +65,13 @@ def radiograph_of_another_view(scan, rng):
     return scan.having(images=replaced(scan.images, frame, rng.poisson(BEAM * np.exp(-other)) + DARK))
 
 
+def view_taken_twice(scan, rng):
+    """The stage stood still for one step."""
+    frame = rng.integers(len(scan.images) - 1)
+    again = line_integrals(scan.angles_deg[[frame]])
+    return scan.having(images=replaced(scan.images, frame + 1, rng.poisson(BEAM * np.exp(-again)) + DARK))
+
+
 def short_exposure(scan, rng):
     frame = rng.integers(len(scan.images))
     return scan.having(images=replaced(scan.images, frame, DARK + (scan.images[frame] - float(DARK)) / 2))
@@ -128,6 +135,7 @@ WRONG: dict[Change, tuple[str, Level, str]] = {
     black_radiograph: ("frames", Level.ERROR, "black"),
     copied_radiograph: ("frames", Level.WARNING, "copied twice"),
     radiograph_of_another_view: ("frames", Level.WARNING, "unlike those before and after"),
+    view_taken_twice: ("frames", Level.WARNING, "differ by noise alone"),
     short_exposure: ("frames", Level.WARNING, "far brighter or darker"),
     offset_of_signed_numbers: ("offset", Level.ERROR, "half of the range of 16 bits"),
     offset_in_a_beam_brighter_on_one_side: ("offset", Level.ERROR, "half of the range of 16 bits"),
@@ -139,7 +147,7 @@ WRONG: dict[Change, tuple[str, Level, str]] = {
 }
 
 
-REFERENCE_ONLY = {radiograph_of_another_view, short_exposure, flat_among_the_radiographs}
+REFERENCE_ONLY = {radiograph_of_another_view, view_taken_twice, short_exposure, flat_among_the_radiographs}
 
 
 def check(change, seed, state):

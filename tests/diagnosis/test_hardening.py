@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.convex_grains import ConvexGrains
 
 import grainmotion as gm
+from convex_grains import ConvexGrains
 from grainmotion.diagnosis.hardening import check_hardening
 
 VIEWS = tuple(np.arange(24) * 15.0)

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.convex_grains import DISTANCES, PANEL, SHAPE, VOXEL, ConvexGrains
 
 import grainmotion as gm
+from convex_grains import DISTANCES, PANEL, SHAPE, VOXEL, ConvexGrains
 
 VIEWS = 36
 FULL_TURN = np.arange(VIEWS) * 360 / VIEWS

@@ -9,6 +9,7 @@ import numpy as np
 
 from grainmotion._typing import Float
 from grainmotion.diagnosis.read_scan import MAX_LEVEL_PIXELS, ReadScan
+from grainmotion.diagnosis.stuck_views import stuck_views
 from grainmotion.model.finding import Finding, Level
 
 MAX_MASKED_SHARE = 0.01
@@ -37,7 +38,7 @@ NAMED_VIEWS = 8
 def frame_findings(read: ReadScan) -> tuple[Finding, ...]:
     """All checks of frames and pixels."""
     checks: tuple[Callable[[ReadScan], Iterable[Finding]], ...] = (
-        _beam_images, _pixels, _black, _empty, _odd_levels, _repeated, _unlike,
+        _beam_images, _pixels, _black, _empty, _odd_levels, _repeated, stuck_views, _unlike,
     )  # fmt: skip
     return tuple(finding for check in checks for finding in check(read))
 
