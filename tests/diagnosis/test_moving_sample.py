@@ -44,6 +44,12 @@ def test_a_scan_without_any_attenuation_is_no_moving_sample():
     assert {f.check for f in found} == {"reference-geometry"}
 
 
+def test_missing_directions_are_no_motion():
+    (finding,) = check(scan_of_moving(np.zeros((VIEWS, 3)), angles_deg=np.linspace(0, 120, VIEWS)))
+    assert (finding.level, finding.check) == (gm.Level.WARNING, "reference-geometry")
+    assert "leaves out directions over 60 degrees" in finding.fact
+
+
 @pytest.mark.parametrize("motion", [(0, 0, 1.0), (0.8, -0.6, 0)])
 def test_creep(motion):
     (finding,) = check(scan_of_moving(STEADY[:, None] * motion))

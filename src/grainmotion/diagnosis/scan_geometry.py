@@ -14,6 +14,7 @@ from grainmotion.calibration.calibrate import MIN_CALIBRATION_VIEWS
 from grainmotion.diagnosis.coarse_projection import CoarseScan
 from grainmotion.diagnosis.coinciding_views import coinciding_findings
 from grainmotion.diagnosis.common_level import common_level_findings
+from grainmotion.diagnosis.directions import missing_directions
 from grainmotion.diagnosis.fan_angle import fan_findings
 from grainmotion.diagnosis.hypotheses import HYPOTHESES, corrected
 from grainmotion.diagnosis.misfit_pattern import misfit_pattern, outlying_views
@@ -103,7 +104,14 @@ def check_scan(
         Empty for a sound scan whose sense of rotation the data confirm, or for one of too few views to be judged
         (12).  ``fix`` names a hypothesis of `grainmotion.diagnosis.hypotheses`.
     """
-    settings = settings or CheckSettings()
+    found = _contradictions(scan, grid, settings or CheckSettings(), where)
+    if len(scan) < MIN_CALIBRATION_VIEWS or any(finding.level is Level.ERROR for finding in found):
+        return found
+    return (*found, *missing_directions(scan.geometry, where))
+
+
+def _contradictions(scan: Scan, grid: Volume, settings: CheckSettings, where: str) -> tuple[Finding, ...]:
+    """What the views tell about the geometry by contradicting each other."""
     ends = coinciding_findings(scan, where=where)
     if ends:
         return ends
@@ -135,7 +143,7 @@ def check_scan(
         return (_explained(nominal, explanation, where),)
     if not 0 < len(outlying_views(nominal.consistency)) <= MAX_ODD_VIEWS:
         close = _close_rivals(rivals, nominal, where)
-        if any(finding.fix for finding in close):
+        if any(finding.fix and finding.level is Level.ERROR for finding in close):
             return close
     fan = fan_findings(scan, grid, nominal, where, settings.warn)
     return (
@@ -178,7 +186,9 @@ def _compared(rivals: Rivals, nominal: Tried) -> dict[str, Comparison]:
 
 
 def _moving_sample(rivals: Rivals, nominal: Tried, where: str) -> tuple[Finding, ...]:
-    """A finding if the sample moved during the scan."""
+    """A finding if the sample moved during the scan; with less than half a turn nothing tells it from its shape."""
+    if missing_directions(nominal.geometry, where):
+        return ()
     views = rivals.judged_views
     geometry = views.geometry(nominal.geometry, nominal.shift / views.factor)
     return moving_sample_findings(views, geometry, nominal.consistency.residuals, where=where)

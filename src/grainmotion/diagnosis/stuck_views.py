@@ -19,7 +19,7 @@ Sound scans gave 0.6 to 1.3, six near-spherical grains 0.41; a view taken twice 
 to 0.9, which is not told, where noise is a twentieth of the beam."""
 STUCK_NEIGHBOURHOOD = 8
 """Differences before and after one that it is compared with."""
-MAX_STUCK_SHARE = 0.2
+MAX_STUCK_VIEWS_SHARE = 0.2
 """Share of stuck views; if there are more, the odd thing is the scan."""
 MIN_TOLD_STEP = 0.5
 """Step between two views in the geometry, over the median, from which their radiographs should differ."""
@@ -38,7 +38,7 @@ def stuck_views(read: ReadScan) -> Iterable[Finding]:
     found = np.flatnonzero((ratio < STUCK_SHARE) & (steps > MIN_TOLD_STEP * np.median(steps)))
     copies = [k for k in found if np.array_equal(read.images[lit[k]], read.images[lit[k + 1]])]
     pairs = [(int(lit[k]), int(lit[k + 1])) for k in found if k not in copies]
-    if not pairs or len(found) > MAX_STUCK_SHARE * len(lit):
+    if not pairs or len(found) > MAX_STUCK_VIEWS_SHARE * len(lit):
         return
     more = f" and {len(pairs) - MAX_STUCK_NAMED} more" if len(pairs) > MAX_STUCK_NAMED else ""
     text = ", ".join(f"{a} and {b}" for a, b in pairs[:MAX_STUCK_NAMED]) + more
