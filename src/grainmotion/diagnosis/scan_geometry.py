@@ -122,10 +122,12 @@ def _contradictions(scan: Scan, grid: Volume, settings: CheckSettings, where: st
         return (_beside_the_volume(share, where),)
     rivals = Rivals(scan, grid)
     negligible = SHIFT_SEARCHED_FROM * settings.warn
-    nominal = rivals.as_given(negligible)
+    nominal = rivals.as_given(settings.warn)
     is_sound = nominal.consistency.judged <= settings.warn
     if is_sound and all(c.first_is_better for c in _compared(rivals, nominal).values()):
         return _moving_sample(rivals, nominal, where) or fan_findings(scan, grid, nominal, where)
+    if negligible < nominal.consistency.residual <= settings.warn:
+        nominal = rivals.as_given(negligible)
     if nominal.consistency.judged > negligible:
         searched = rivals.tried((), negligible)
         nominal = min(nominal, searched, key=lambda tried: tried.consistency.judged)

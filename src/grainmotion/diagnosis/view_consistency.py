@@ -135,9 +135,10 @@ class BinnedViews:
         r = self._trial(self.scan.line_integrals, geometry, sweeps).residual_outside(np.zeros(0), half)
         return (r**2).sum(axis=(1, 2)) / float((self.scan.line_integrals.astype(float) ** 2).sum())
 
-    def squares_of_rows(self, geometry: Geometry, rows: slice) -> Float:
-        """r² of each view in some rows, over the square of the radiographs there."""
-        r = self._residual(self.scan.line_integrals, geometry)[:, rows]
+    def squares_of_rows(self, geometry: Geometry, rows: slice, halves: tuple[int, ...]) -> Float:
+        """r² of each view outside of halves, in some rows, over the square of the radiographs there."""
+        trial = self._trial(self.scan.line_integrals, geometry, HALF_SWEEPS)
+        r = np.concatenate([trial.residual_outside(np.zeros(0), half)[:, rows] for half in halves])
         return (r**2).sum(axis=(1, 2)) / float((self.scan.line_integrals[:, rows].astype(float) ** 2).sum())
 
     def consistency(self, geometry: Geometry, negligible: float = 0.0) -> Consistency:
