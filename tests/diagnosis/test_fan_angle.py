@@ -78,3 +78,11 @@ def test_a_level_of_all_views_alike_is_named():
     (found,) = check_scan(scan, Volume.zeros((56, 48, 48), VOXEL))
     assert found.check == "beam-level"
     assert "darker than the flats by a factor of 3.00" in found.fact
+
+
+def test_angles_of_another_scan_are_named():
+    """Sorted golden angles told for equal steps leave a low residual."""
+    golden = np.sort(np.arange(60) * 137.508 % 360)
+    told = Geometry.cone(golden, PANEL, 4 * VOXEL, source_to_axis=120.0, source_to_detector=480.0)
+    (found,) = check_scan(Scan(line_integrals(), told), Volume.zeros((56, 56, 56), VOXEL))
+    assert (found.level, found.fix) == (Level.ERROR, "equal-steps")

@@ -23,6 +23,9 @@ Change = Callable[[Geometry], Geometry]
 MAX_SPAN_IN_RADIANS = 4 * np.pi + 0.1
 """Angles that span more than two turns if they were radians are not taken for radians, degrees."""
 
+EQUAL_STEPS = "equal-steps"
+MAX_UNEQUAL = 0.05
+"""Largest difference of a step between views from their mean, over it, of steps that are equal."""
 OR_WRITE = "; or write "
 """Between what to change and the key ``fixes`` in the remedy of a finding."""
 
@@ -88,6 +91,22 @@ def _from_radians(geometry: Geometry) -> Geometry:
     return turned(geometry, np.rad2deg(angles) - angles)
 
 
+def _equal_steps(geometry: Geometry) -> Geometry:
+    """Angles that are not equally spaced, made so between the first and the last."""
+    angles = stage_angles_deg(geometry)
+    return (
+        geometry
+        if has_equal_steps(geometry)
+        else turned(geometry, np.linspace(angles[0], angles[-1], len(angles)) - angles)
+    )
+
+
+def has_equal_steps(geometry: Geometry) -> bool:
+    """Whether the angles are equally spaced."""
+    steps = np.diff(stage_angles_deg(geometry))
+    return len(steps) < 2 or bool(np.abs(steps - steps.mean()).max() <= MAX_UNEQUAL * max(abs(steps.mean()), 1e-12))
+
+
 def _with_steps(u_from: float, v_from: float, swapped: bool = False) -> Change:
     """Steps of the panel with other signs, or exchanged."""
 
@@ -131,6 +150,8 @@ HYPOTHESES: Mapping[str, Hypothesis] = MappingProxyType({
                    _ANGLES_KEY, _scaled_angles(lambda n: 0.5)),
         Hypothesis("twice-the-span", "the views cover twice the given span, such as 360 instead of 180 degrees",
                    _ANGLES_KEY, _scaled_angles(lambda n: 2.0)),
+        Hypothesis(EQUAL_STEPS, "the views are equally spaced, and the given angles are not (those of another scan?)",
+                   "give the angles of this scan", _equal_steps),
         Hypothesis("rows-flipped", "the rows of the radiographs run the other way", 'change first_row ("top" or '
                    '"bottom")', _with_steps(1, -1)),
         Hypothesis("columns-flipped", "the columns of the radiographs run the other way (images flipped left to right)",

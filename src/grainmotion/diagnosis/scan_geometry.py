@@ -16,7 +16,7 @@ from grainmotion.diagnosis.coinciding_views import coinciding_findings
 from grainmotion.diagnosis.common_level import common_level_findings
 from grainmotion.diagnosis.directions import missing_directions
 from grainmotion.diagnosis.fan_angle import fan_findings
-from grainmotion.diagnosis.hypotheses import HYPOTHESES, corrected
+from grainmotion.diagnosis.hypotheses import EQUAL_STEPS, HYPOTHESES, corrected, has_equal_steps
 from grainmotion.diagnosis.misfit_pattern import misfit_pattern, outlying_views
 from grainmotion.diagnosis.moving_sample import moving_sample_findings
 from grainmotion.diagnosis.rival_geometries import Comparison, Rivals, Tried, singles
@@ -184,7 +184,8 @@ def _sinogram_order(scan: Scan, grid: Volume, nominal: Tried, where: str) -> tup
 
 def _compared(rivals: Rivals, nominal: Tried) -> dict[str, Comparison]:
     """The nominal geometry beside those without a mistake that leaves the residual low."""
-    return {name: rivals.compare(nominal, corrected(nominal.geometry, [name])) for name in ALWAYS_TESTED}
+    names = ALWAYS_TESTED if has_equal_steps(nominal.geometry) else (*ALWAYS_TESTED, EQUAL_STEPS)
+    return {name: rivals.compare(nominal, corrected(nominal.geometry, [name])) for name in names}
 
 
 def _moving_sample(rivals: Rivals, nominal: Tried, where: str) -> tuple[Finding, ...]:

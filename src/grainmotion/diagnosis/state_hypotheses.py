@@ -11,7 +11,7 @@ from scipy.optimize import linear_sum_assignment
 
 from grainmotion._typing import Float, Image
 from grainmotion.diagnosis.coarse_likeness import Fit, Likeness
-from grainmotion.diagnosis.hypotheses import HYPOTHESES, corrected, stage_angles_deg, turned
+from grainmotion.diagnosis.hypotheses import EQUAL_STEPS, HYPOTHESES, corrected, stage_angles_deg, turned
 from grainmotion.model.geometry import Geometry
 
 IMAGE_CHANGES: Mapping[str, Callable[[Image], Image]] = MappingProxyType({
@@ -73,7 +73,7 @@ def single_mistakes(likeness: Likeness) -> list[Candidate]:
             changed = IMAGE_CHANGES[name](images)
             if likeness.fits_window(changed.shape):
                 found.append(Candidate((name,), hypothesis.mistake, changed, geometry, name))
-        else:
+        elif name != EQUAL_STEPS:  # the few views of a state are often spaced unequally
             found.append(Candidate((name,), hypothesis.mistake, images, hypothesis.change(geometry)))
     return [c for c in found if not alike(c, as_given(likeness))]
 
