@@ -199,7 +199,13 @@ def monitor(draft: Draft) -> None:
     nxtomo(draft, control__data=(1e6 * levels, "", 1e6))
 
 
-@row("blamed", "10 % scatter", before=FAILED, cause=r"(error|warning).*scatter", told_by="`reference-geometry`")
+@row(
+    "blamed",
+    "10 % scatter",
+    before=FAILED,
+    cause="light that the sample scatters",
+    told_by="note `hardening`, `[calibrate] hardening`",
+)
 def scatter_10(draft: Draft) -> None:
     """Much scatter."""
     scattered(draft, 0.1)

@@ -6,12 +6,9 @@ REMARKS = {
     "sense-of-both-parallel": "the mirror image of the sample fits exactly as well, so the note says what to look at, "
     "and the run goes on.",
     "distance-5": "distances that are wrong alike in both scans give a sample, and motions, of another size; only the "
-    "angle between the rays tells, and with a panel of 64 columns not below 25 %. "
+    "angle between the rays tells, and with a panel of 64 columns not by 25 %. "
     "[conventions.md](conventions.md#what-no-radiograph-tells) says what it does to the motions.",
-    "distance-25": "likewise; 25 % is where the check of the rays' angle begins to tell, and not in every scan.",
-    "scatter-3": "it changes motions by a few hundredths of a voxel, less than counts as wrong here, and residuals "
-    "hardly; standard deviations are too small by it.",
-    "scatter-10": "likewise.",
+    "distance-25": "likewise.",
     "misaligned-state": "right: each view is off by 0.3 pixel and 0.1° in truth, and is corrected",
     "tall-pixels": "in a parallel beam a sample squeezed along the axis fits all radiographs of the full scan exactly, "
     "and small rotations hardly contradict it; in a cone beam the states fail, which is told, but not this cause. Look "

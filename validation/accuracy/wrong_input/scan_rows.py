@@ -253,8 +253,8 @@ def scattered(draft: Draft, share: float) -> None:
     "silent",
     "3 % scatter",
     before="sd too small by 2.4",
-    cause=r"(error|warning).*scatter",
-    told_by="`reference-geometry`, where it is large enough to tell",
+    cause="light that the sample scatters",
+    told_by="note `hardening`, `[calibrate] hardening`",
 )
 def scatter_3(draft: Draft) -> None:
     """Little scatter."""
