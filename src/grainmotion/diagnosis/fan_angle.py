@@ -29,8 +29,9 @@ MORE_FACTORS = (0.35, 0.5, 2.0, 2.8)
 USUAL_FACTORS = (0.7, 1.25)
 """Estimated factors without a remark.
 
-Sound scans gave 0.95 to 1.16 (hard cases, laboratory cases, 1000 photons a pixel), one in a cell 0.79; distances wrong by 0.5, 1.2, 1.33
-and 2 gave 0.52, 1.20, 1.39 and 2.08, the second and third with 4 and 6 standard errors.
+Sound scans gave 0.95 to 1.16 (hard cases, laboratory cases, 1000 photons a pixel), one in a cell 0.79;
+distances wrong by 0.5, 1.2, 1.33 and 2 gave 0.52, 1.20, 1.39 and 2.08, the second and third with 4 and 6 standard
+errors.
 """
 SURE_FACTORS = (0.85, 1.15)
 """Factors, estimated from the views outside of one half, without a remark: the other half is not asked then."""
