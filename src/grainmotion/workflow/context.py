@@ -13,10 +13,11 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from grainmotion._typing import Float, Progress
+from grainmotion._typing import Float, Index, Progress
 from grainmotion.backends.base import PatchBackend
 from grainmotion.calibration.scanner import ScannerCalibration
 from grainmotion.cluster.connection import ClusterConnection
+from grainmotion.diagnosis.hardening import HARDENING_VIEWS
 from grainmotion.errors import InputError
 from grainmotion.experiment.config import Experiment, ExperimentFile, StateTable
 from grainmotion.experiment.given_inputs import read_given_labels, read_given_volume
@@ -52,6 +53,7 @@ class RunContext:
     as_read: dict[str, tuple[Finding, ...]] = field(default_factory=dict)  # findings of scans, by their key
     _measured: dict[str, Scan] = field(default_factory=dict)
     _corrected: dict[str, Scan] = field(default_factory=dict)
+    _some_views: Scan | None = None  # of the reference, kept when it is dropped
 
     @property
     def tables(self) -> ExperimentFile:
@@ -152,9 +154,23 @@ class RunContext:
         return self._corrected[source.key]
 
     def forget(self, source: ScanInput) -> None:
-        """Drop a scan that is no longer needed."""
+        """Drop a scan that is no longer needed, but for some views of the reference."""
         self._measured.pop(source.key, None)
-        self._corrected.pop(source.key, None)
+        scan = self._corrected.pop(source.key, None)
+        if scan is not None and source is self.inputs.reference:
+            self._some_views = scan.select(_evenly(len(scan)))
+
+    def some_views(self, reference: ScanInput) -> Scan:
+        """`HARDENING_VIEWS` of the reference scan, evenly spaced and corrected, read again only if they have to be."""
+        if self._some_views is None:
+            some = reference.select(_evenly(len(reference.geometry)))
+            self._some_views = self.scanner().apply(some.read()[0])
+        return self._some_views
+
+
+def _evenly(count: int) -> Index:
+    """Indices of some of so many views, evenly spaced."""
+    return np.unique(np.arange(HARDENING_VIEWS) * count // HARDENING_VIEWS)
 
 
 def load_result(read: Callable[[Path], T], path: Path) -> T:

@@ -7,16 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import numpy as np
-
-from grainmotion.diagnosis.hardening import HARDENING_VIEWS, check_hardening
+from grainmotion.diagnosis.hardening import check_hardening
 from grainmotion.diagnosis.start_file import check_start
 from grainmotion.diagnosis.unlabelled import check_fragments, check_grain_sizes, check_unlabelled
 from grainmotion.experiment.given_inputs import given_label_findings, given_volume_findings
-from grainmotion.experiment.scan_inputs import ScanInput
 from grainmotion.model.finding import Finding, Level
-from grainmotion.model.scan import Scan
-from grainmotion.workflow.calibration_stage import corrected_source
 from grainmotion.workflow.checks import findings_once, settle
 from grainmotion.workflow.context import RunContext
 from grainmotion.workflow.reference_stages import SegmentedReference
@@ -45,13 +40,6 @@ def check_given(context: RunContext) -> None:
     settle(context, source, findings_once(context, "check volume", path, fingerprint, check))
 
 
-def _some_views(source: ScanInput) -> Scan:
-    """A full scan at some of its views, evenly spaced."""
-    count = len(source.geometry)
-    views = np.unique(np.arange(HARDENING_VIEWS) * count // HARDENING_VIEWS)
-    return source.select(views).read()[0]
-
-
 def check_grains(context: RunContext, reference: Callable[[], SegmentedReference]) -> None:
     """Check labels, what they leave out, beam hardening, and motions from files that states start from."""
     inputs = context.inputs
@@ -73,7 +61,7 @@ def check_grains(context: RunContext, reference: Callable[[], SegmentedReference
             found += fragments or check_unlabelled(stored.volume, stored.labels)
             found += check_grain_sizes(stored.labels)
         if inputs.reference is not None and inputs.volume is None:
-            scan = _some_views(corrected_source(inputs.reference, context.scanner()))
+            scan = context.some_views(inputs.reference)
             found += check_hardening(scan, stored.volume, stored.labels, inputs.reference.key)
         for k in named:
             start = inputs.starts[k]
