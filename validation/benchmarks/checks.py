@@ -214,8 +214,8 @@ def main() -> int:
             *rows,
             "",
             f"The bar, at most {BAR:.0%} of the command: {'met' if passed else 'MISSED'}.",
-            "Cubes have none: each is fitted in a dozen other poses, and their flat faces leave the angle of the rays in "
-            "doubt.",
+            "Cubes have none: each is fitted in a dozen other poses, and their flat faces leave the angle of the "
+            "rays in doubt.",
             "",
             f"{machine()}.  Made by `python -m validation.benchmarks.checks`.",
             "",
