@@ -69,9 +69,15 @@ def progress(wrong: Mapping[str, Found], good: Mapping[str, Found]) -> str:
     """What has not been run yet."""
     left = sum(len(row.seeds(SEEDS)) - len(wrong[row.name]) for row in rows())
     left += sum(case.seeds - len(good[name]) for name, case in GOOD_CASES.items())
+    sources = {v.source for found in (*wrong.values(), *good.values()) for v in found.values()}
+    mixed = len(sources) > 1
+    versions = f"The trials were made with {len(sources)} successive versions of the package.\n\n" if mixed else ""
     if not left:
-        return ""
-    return f"Not all of the {SEEDS} seeds a row are run yet, {left} trials are left; the command below continues.\n\n"
+        return versions
+    return (
+        versions
+        + f"Not all of the {SEEDS} seeds a row are run yet, {left} trials are left; the command below continues.\n\n"
+    )
 
 
 def silent(row: Row, verdict: Verdict) -> bool:
