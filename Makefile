@@ -23,7 +23,8 @@ demo: $(STAMP)   ## run the whole job on a small simulated packing; ends by nami
 	$(BIN)/grainmotion demo demo
 
 test: $(STAMP)   ## run the fast tests
-	$(BIN)/python -m pytest -m "not slow and not browser and not spam and not targets"
+	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile \
+		-m "not slow and not browser and not spam and not targets"
 
 test-targets: $(STAMP) ## compare the motions that kernels compiled for other processors give
 	$(BIN)/python -m pytest -m "targets and not slow" -rP --no-header
