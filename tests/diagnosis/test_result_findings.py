@@ -96,7 +96,8 @@ class TestCommonCause:
 class TestNotes:
     def test_each_kind_is_a_note_of_tracking(self):
         package = Path(grainmotion.tracking.__file__).parents[1]
-        sources = [p.read_text() for p in (*package.glob("tracking/*.py"), package / "diagnosis" / "grain_scale.py")]
+        notes = [package / "diagnosis" / name for name in ("grain_scale.py", "state_residual.py")]
+        sources = [p.read_text() for p in (*package.glob("tracking/*.py"), *notes)]
         for kind in results._KINDS:
             assert any(f'"{kind.beginning}' in source for source in sources), kind.beginning
 

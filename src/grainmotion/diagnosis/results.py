@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion.diagnosis.grain_scale import SCALE_CHECK, SCALE_NOTE
+from grainmotion.diagnosis.state_residual import RESIDUAL_NOTE
 from grainmotion.diagnosis.state_views import STATE_CHECK
 from grainmotion.model.finding import Check, Finding, Level, worst_first
 from grainmotion.model.motions import Motions, Status
@@ -57,6 +58,7 @@ class _Kind:
 _KINDS = (
     _Kind("the views contradict each other", Level.WARNING, "views"),
     _Kind(SCALE_NOTE, Level.WARNING, SCALE_CHECK),
+    _Kind(RESIDUAL_NOTE, Level.WARNING, "fit", "compare panel and exposure of this state with those of the reference"),
     _Kind("a grain has appeared", Level.WARNING, "new-grain"),
     _Kind(
         "something that is no grain attenuates", Level.WARNING, "new-grain",

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from grainmotion.diagnosis.grain_shapes import check_grain_shapes
 from grainmotion.diagnosis.hardening import check_hardening
 from grainmotion.diagnosis.start_file import check_start
 from grainmotion.diagnosis.unlabelled import check_fragments, check_grain_sizes, check_unlabelled
@@ -60,6 +61,8 @@ def check_grains(context: RunContext, reference: Callable[[], SegmentedReference
             fragments = check_fragments(stored.volume, stored.labels, stored.threshold)
             found += fragments or check_unlabelled(stored.volume, stored.labels)
             found += check_grain_sizes(stored.labels)
+            if inputs.reference is not None:
+                found += check_grain_shapes(stored.labels, f"{source.key}.geometry.pixel_size")
         if inputs.reference is not None and inputs.volume is None:
             scan = context.some_views(inputs.reference)
             found += check_hardening(scan, stored.volume, stored.labels, inputs.reference.key)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from grainmotion._typing import Image, prefixed
 from grainmotion.cluster.state_tasks import State
 from grainmotion.diagnosis.labels import in_doubt
 from grainmotion.diagnosis.results import common_cause, with_common_cause
+from grainmotion.diagnosis.state_residual import residual_notes
 from grainmotion.experiment.config import StateTable
 from grainmotion.experiment.scan_inputs import ScanInput
 from grainmotion.experiment.state_tracking import errors_of_state
@@ -69,12 +70,17 @@ def _track(
     progress, backend = prefixed(context.progress, table.name), context.tracking_backend
     with errors_of_state(source.key, table.initial):
         motions, residual = track_with_residual(grains, scan, start, settings, progress=progress, device=backend)
-    return TrackedState(in_doubt(_explained(context, source.key, motions), reference().doubts), residual)
+    return TrackedState(_explained(context, reference(), source, motions), residual)
 
 
-def _explained(context: RunContext, key: str, motions: Motions) -> Motions:
-    """The motions with the common cause as reason, if nearly all grains of the state failed."""
-    return with_common_cause(motions, common_cause(motions, key, context.findings_on(key)))
+def _explained(context: RunContext, reference: SegmentedReference, source: ScanInput, motions: Motions) -> Motions:
+    """The motions with what reference and findings tell about them: common cause, residual, labels in doubt."""
+    key, residuals = source.key, reference.stored.residuals
+    motions = with_common_cause(motions, common_cause(motions, key, context.findings_on(key)))
+    if residuals:
+        notes = residual_notes(reference.grains, motions, context.radiographs(source), residuals[-1])
+        motions = replace(motions, fit=replace(motions.fit, notes=(*notes, *motions.fit.notes)))
+    return in_doubt(motions, reference.doubts)
 
 
 def track_side_by_side(context: RunContext, reference: Callable[[], SegmentedReference]) -> dict[str, TrackedState]:
@@ -91,10 +97,11 @@ def track_side_by_side(context: RunContext, reference: Callable[[], SegmentedRef
         return {}
     tracked: dict[str, TrackedState] = {}
     tables = {table.name: table for table, _ in context.states}
+    sources = {table.name: source for table, source in context.states}
     context.notify("tracking states side by side", 0, len(states))
     for name, motions in cluster.track(reference().grains, states, context.tables.track):
-        explained = _explained(context, f"states.{name}", motions)
-        run = functools.partial(TrackedState, in_doubt(explained, reference().doubts))
+        explained = _explained(context, reference(), sources[name], motions)
+        run = functools.partial(TrackedState, explained)
         tracked[name] = context.complete(_stage(context, tables[name], run))()
         context.notify(f"tracking states side by side: {name} done", len(tracked), len(states))
     return tracked
