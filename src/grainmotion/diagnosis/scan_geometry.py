@@ -125,7 +125,7 @@ def _contradictions(scan: Scan, grid: Volume, settings: CheckSettings, where: st
     nominal = rivals.as_given(settings.warn)
     is_sound = nominal.consistency.judged <= settings.warn
     if is_sound and all(c.first_is_better for c in _compared(rivals, nominal).values()):
-        return _moving_sample(rivals, nominal, where) or fan_findings(scan, grid, nominal, where)
+        return _moving_sample(rivals, nominal, where) or _wrong_angle_of_rays(scan, grid, nominal, where)
     if negligible < nominal.consistency.residual <= settings.warn:
         nominal = rivals.as_given(negligible)
     if nominal.consistency.judged > negligible:
@@ -136,7 +136,7 @@ def _contradictions(scan: Scan, grid: Volume, settings: CheckSettings, where: st
         if any(f.check == SENSE and f.level is not Level.NOTE for f in close):
             return close
         found = close or _moving_sample(rivals, nominal, where)
-        return (*found, *fan_findings(scan, grid, nominal, where))
+        return (*found, *_wrong_angle_of_rays(scan, grid, nominal, where))
     known = _sinogram_order(scan, grid, nominal, where) or common_level_findings(scan, grid, nominal, settings, where)
     if known:
         return known
@@ -147,7 +147,7 @@ def _contradictions(scan: Scan, grid: Volume, settings: CheckSettings, where: st
         close = _close_rivals(rivals, nominal, where)
         if any(finding.fix and finding.level is Level.ERROR for finding in close):
             return close
-    fan = fan_findings(scan, grid, nominal, where, settings.warn)
+    fan = _wrong_angle_of_rays(scan, grid, nominal, where, settings.warn)
     return (
         tuple(replace(f, level=Level.ERROR) for f in fan)
         or _moving_sample(rivals, nominal, where)
@@ -195,6 +195,15 @@ def _moving_sample(rivals: Rivals, nominal: Tried, where: str) -> tuple[Finding,
     views = rivals.judged_views
     geometry = views.geometry(nominal.geometry, nominal.shift / views.factor)
     return moving_sample_findings(views, geometry, nominal.consistency.residuals, where=where)
+
+
+def _wrong_angle_of_rays(
+    scan: Scan, grid: Volume, nominal: Tried, where: str, most: float = np.inf
+) -> tuple[Finding, ...]:
+    """A finding if the rays spread over another angle; where directions are missing, that is not to be known."""
+    if missing_directions(nominal.geometry, where):
+        return ()
+    return fan_findings(scan, grid, nominal, where, most)
 
 
 def _close_rivals(rivals: Rivals, nominal: Tried, where: str) -> tuple[Finding, ...]:
