@@ -59,7 +59,7 @@ class TestGoodSeriesGiveNoFinding:
         assert facts([f"p_{a:.1f}.tif" for a in angles], angles - 360) == []
 
 
-@pytest.mark.parametrize("skipped", [[17], [1], [58], [17, 40], [30, 31], [10, 20, 30]])
+@pytest.mark.parametrize("skipped", [[17], [1], [6], [53], [58], [17, 40], [30, 31], [10, 20, 30]])
 def test_gap_is_named(skipped):
     names = [n for k, n in enumerate(NAMES) if k not in skipped]
     (fact,) = facts(names, np.linspace(0, 354, len(names)))

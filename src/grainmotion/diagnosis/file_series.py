@@ -17,6 +17,8 @@ MIN_FILES_FOR_A_GAP = 6
 """Of fewer files no usual step of their numbers can be told."""
 MIN_FILES_OF_A_SERIES = 3
 MAX_NAMES_SHOWN = 4
+MAX_STEP_ERROR = 0.3
+"""Of a step of the angles, over the usual one; where a file is missing that is not left out, it is 1."""
 DIGITS_OF_TIMES = (6, 12, 14)
 """Of hhmmss, yymmddhhmmss and yyyymmddhhmmss."""
 MAX_ANGLE_ERROR_DEG = 0.51
@@ -171,10 +173,12 @@ def _gaps(
 
 
 def _left_out(values: Float, angles_deg: Float) -> bool:
-    """Whether angles are proportional to the numbers of the files: they leave out what the files leave out."""
-    slope, start = np.polyfit(values, angles_deg, 1)
-    step = abs(slope) * np.median(np.abs(np.diff(np.sort(values))))
-    return bool(np.abs(slope * values + start - angles_deg).max() < 0.3 * step)
+    """Whether the angle steps wherever the numbers of the files do: angles leave out what the files leave out."""
+    order = np.argsort(values)
+    numbers, angles = np.diff(values[order]), np.diff(angles_deg[order])
+    apart = numbers > 0
+    usual = np.median(angles[apart] / numbers[apart])  # degrees from a number to the next
+    return bool(np.abs(angles - usual * numbers).max() < MAX_STEP_ERROR * abs(usual) * np.median(numbers))
 
 
 def _restarted(where: str, names: Sequence[str], series: Series, field: int) -> list[Finding]:
