@@ -10,8 +10,7 @@ REMARKS = {
     "[conventions.md](conventions.md#what-no-radiograph-tells) says what it does to the motions.",
     "distance-25": "likewise.",
     "misaligned-state": "right: each view is off by 0.3 pixel and 0.1° in truth, and is corrected",
-    "tall-pixels": "in a parallel beam a sample squeezed along the axis fits all radiographs of the full scan exactly, "
-    "and small rotations hardly contradict it; in a cone beam the states fail, which is told, but not this cause. Look "
-    "at the volume: grains that are all flat or all long.",
+    "tall-pixels": "in a parallel beam a sample squeezed along the axis fits all radiographs of the full scan exactly; "
+    "only the shapes of its grains tell.",
 }
 """By the name of the row or of the experiment."""

@@ -265,8 +265,8 @@ def scatter_3(draft: Draft) -> None:
     "silent",
     "pixels twice as tall as told",
     before="sd too small by 6",
-    cause=r"(error|warning).*(tall|binned|pixel_size|square)",
-    told_by="`reference-geometry`",
+    cause=r"(error|warning).*pixels that are not square",
+    told_by="`grain-sizes`: most grains are flat",
 )
 def tall_pixels(draft: Draft) -> None:
     """Rows binned by two, in both scans."""
