@@ -10,6 +10,8 @@ REMARKS = {
     "[conventions.md](conventions.md#what-no-radiograph-tells) says what it does to the motions.",
     "distance-25": "likewise.",
     "misaligned-state": "right: each view is off by 0.3 pixel and 0.1° in truth, and is corrected",
+    "beam-hardening": "right: the beam hardens",
+    "broken": "right: one grain of six broke, and no other fits beside it",
     "tall-pixels": "in a parallel beam a sample squeezed along the axis fits all radiographs of the full scan exactly; "
     "only the shapes of its grains tell.",
 }
