@@ -68,6 +68,13 @@ def test_gap_is_named(skipped):
     assert facts(names) == [fact]
 
 
+def test_gap_is_named_though_flats_have_that_number():
+    """They are counted from 0, too, so that the counter is not common to both."""
+    names = [n for k, n in enumerate(NAMES) if k != 6]
+    (fact,) = facts(names, np.linspace(0, 354, 59), NAMES[:10])
+    assert NAMES[6] in fact
+
+
 def test_counter_that_began_again():
     (fact,) = facts([f"IMG_{k:04d}.tif" for k in [*range(1, 30), *range(9980, 9999)]])
     assert "the numbers of the files jump" in fact

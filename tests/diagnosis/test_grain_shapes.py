@@ -30,3 +30,9 @@ def test_flat_and_upright_grains_are_told_if_there_are_enough(height: float, cou
 
 def test_labels_without_grains_give_no_finding():
     assert check_grain_shapes(np.zeros((3, 3, 3), np.int32)) == ()
+
+
+def test_platens_do_not_count():
+    labels = np.pad(ellipsoids(0.7), ((3, 3), (0, 0), (0, 0)))
+    labels[:3], labels[-3:] = 7, 8
+    assert check_grain_shapes(labels) == ()

@@ -153,14 +153,14 @@ def _gaps(
         return []
     if not missing:
         return _restarted(where, names, series, field)
-    others = {
-        number
-        for s in series_of(elsewhere)
-        if s.texts[0] == series.texts[0] and s.numbers.shape[1] == series.numbers.shape[1]
-        for number in s.numbers[:, field]
-    }
-    missing = [number for number in missing if number not in others]
     values = series.numbers[:, field]
+    others = set[float]()
+    for s in series_of(elsewhere):
+        if s.texts[0] == series.texts[0] and s.numbers.shape[1] == series.numbers.shape[1]:
+            theirs = s.numbers[:, field]
+            if not np.isin(theirs, values).any():  # else they have a counter of their own
+                others.update(theirs.tolist())
+    missing = [number for number in missing if number not in others]
     if not missing or (angles_deg is not None and len(angles_deg) == len(names) and _left_out(values, angles_deg)):
         return []
     gone = _missing_names(series, missing)

@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 from grainmotion._typing import Float
 from grainmotion.model.finding import Finding, Level
 
+PLATE = 0.25
+"""Height over width, or its inverse, below which a body is a plate or a pillar and does not count; platens: 0.18."""
 MIN_GRAINS_FOR_SHAPES = 4
 """Grains from which their mean tells something."""
 USUAL_SLENDERNESS = (0.57, 1.75)
@@ -34,6 +36,7 @@ def check_grain_shapes(labels: NDArray[np.integer], where: str = "pixel_size") -
         At most one.
     """
     ratios = heights_over_widths(labels)
+    ratios = ratios[(ratios > PLATE) & (ratios < 1 / PLATE)]
     ratio = float(np.exp(np.log(ratios).mean())) if len(ratios) >= MIN_GRAINS_FOR_SHAPES else 1.0
     if USUAL_SLENDERNESS[0] < ratio < USUAL_SLENDERNESS[1]:
         return ()
