@@ -83,7 +83,10 @@ def offset_of_signed_numbers(scan, rng):
 
 def offset_in_a_beam_brighter_on_one_side(scan, rng):
     bright = np.linspace(1.04, 0.96, scan.images.shape[2])
-    lit = lambda images: (bright * (images - float(DARK)) + DARK).astype(np.uint16)  # noqa: E731
+
+    def lit(images):
+        return (bright * (images - float(DARK)) + DARK).astype(np.uint16)
+
     return scan.having(images=lit(scan.images) + np.uint16(32768), flats=lit(scan.flats))
 
 
@@ -93,7 +96,10 @@ def inverted(scan, rng):
 
 def camera_of_12_bits(scan, rng):
     """Radiographs whose air is at the top of the range, flats of a shorter exposure."""
-    bits = lambda images, top: (images * (top / BEAM)).clip(0, 4095).astype(np.uint16)  # noqa: E731
+
+    def bits(images, top):
+        return (images * (top / BEAM)).clip(0, 4095).astype(np.uint16)
+
     return scan.having(images=bits(scan.images, 4300), flats=bits(scan.flats, 3500), darks=bits(scan.darks, 3500))
 
 
