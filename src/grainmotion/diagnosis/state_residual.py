@@ -19,9 +19,9 @@ RESIDUAL_NOTE = "the fit leaves"
 MAX_OVER_REFERENCE = 1.2
 """Residual over that of the reconstruction from which it is told.
 
-A hundred states in which all grains converged (hard cases, laboratory cases) gave 0.16 to 1.01, beam hardening the most;
-a camera rolled by 3 degrees in the state 1.43, views out of place 1.95.  Containers gave up to 1.86: with a background
-nothing is told.
+A hundred states in which all grains converged (hard cases, laboratory cases) gave 0.16 to 1.01, beam hardening the
+most; a camera rolled by 3 degrees in the state 1.43, views out of place 1.95.  Containers gave up to 1.86: with a
+background nothing is told.
 """
 FILTERED_NOISE = 0.4
 """Share of the noise that is left after the last filter of the fit, a Gaussian of 0.7 pixel."""
