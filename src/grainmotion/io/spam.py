@@ -47,6 +47,10 @@ RETURN_STATUS: dict[str, int] = {
     Status.LEFT_FIELD.value: -7,
     Status.NOT_FITTED.value: 0,
     Status.AMBIGUOUS.value: 1,
+    Status.ABSENT.value: -7,
+    Status.CUT.value: 1,
+    Status.BROKEN.value: 1,
+    Status.DEFORMED.value: 1,
 }
 """spam's ``returnStatus`` of each status: 2 converged, 1 not converged, 0 not correlated, -7 no grain to correlate."""
 

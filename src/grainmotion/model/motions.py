@@ -31,6 +31,10 @@ class Status(StrEnum):
     LEFT_FIELD = "left-field"
     NOT_FITTED = "not-fitted"
     AMBIGUOUS = "ambiguous"
+    ABSENT = "absent"
+    CUT = "cut"
+    BROKEN = "broken"
+    DEFORMED = "deformed"
 
 
 MOTION_COLUMNS = (

@@ -17,6 +17,10 @@ STATUS_COLOURS = {
     Status.NOT_CONVERGED.value: "#d1453b",
     Status.LEFT_FIELD.value: "#7b6fd0",
     Status.NOT_FITTED.value: "#8b929c",
+    Status.ABSENT.value: "#a7926f",
+    Status.CUT.value: "#4fb0ae",
+    Status.BROKEN.value: "#a3286a",
+    Status.DEFORMED.value: "#c77fb5",
 }
 
 COLUMN_GROUPS = (
