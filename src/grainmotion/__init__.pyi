@@ -34,6 +34,9 @@ from .model.motions import Status as Status
 from .model.scan import Scan as Scan
 from .model.scan import normalize_air as normalize_air
 from .model.scan import snr as snr
+from .model.scene import Body as Body
+from .model.scene import Freedom as Freedom
+from .model.scene import Scene as Scene
 from .model.volume import Volume as Volume
 from .planning.plan import Plan as Plan
 from .planning.plan import PlanSettings as PlanSettings

@@ -12,6 +12,7 @@ from grainmotion.errors import InputError
 from grainmotion.model.grains import Grain, GrainSet
 from grainmotion.model.motions import Motions, Status
 from grainmotion.model.volume import Volume
+from scenes import one_body
 
 H = 0.1  # voxel size, mm
 
@@ -71,7 +72,7 @@ class TestIdentity:
 
     def test_grains_and_background_sum_to_the_reference(self, sample, still, grid):
         noise = np.random.default_rng(0).random(grid.shape).astype(np.float32)
-        with_background = GrainSet(sample.grains, Volume(noise, H, grid.center))
+        with_background = GrainSet(sample.grains, one_body(Volume(noise, H, grid.center)))
         bare, labels = rebuild(sample, still, grid)
         full, labels_full = rebuild(with_background, still, grid)
         np.testing.assert_allclose(full.array - bare.array, noise, atol=1e-6)

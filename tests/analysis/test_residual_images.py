@@ -17,6 +17,7 @@ from grainmotion.objective.nuisance_motions import background_images, corrected_
 from grainmotion.projection.grains import simulate_radiographs
 from grainmotion.rotations import rotation_matrix
 from grainmotion.segmentation.extraction import packed_body
+from scenes import one_body
 
 GRAINS = grain_set(3, finer=1)
 TRUTH = small_motions(GRAINS)
@@ -51,7 +52,7 @@ class TestResidualImages:
         path = simulate_radiographs(GRAINS, TRUTH, views)
         path += background_images(packed_body(wall()), at, views, "trilinear", False)[0]
         scan = Scan(RESPONSE.apply(path) + NOISE, geometry())
-        grains = GrainSet(GRAINS.grains, wall(), True)
+        grains = GrainSet(GRAINS.grains, one_body(wall(), True))
         motions = fitted(response=RESPONSE, view_corrections=ViewCorrections.of(CORRECTIONS), background=BACKGROUND)
         np.testing.assert_allclose(residual_images(grains, motions, scan), NOISE, atol=1e-5)
         for name in ("response", "view_corrections", "background"):
@@ -59,7 +60,7 @@ class TestResidualImages:
             assert np.abs(residual_images(grains, worse, scan) - NOISE).max() > 0.05, name
 
     def test_a_fixed_background(self):
-        grains = GrainSet(GRAINS.grains, wall())
+        grains = GrainSet(GRAINS.grains, one_body(wall()))
         scan = Scan(simulate_radiographs(grains, TRUTH, geometry()) + NOISE, geometry())
         np.testing.assert_allclose(residual_images(grains, TRUTH, scan), NOISE, atol=1e-4)
 

@@ -25,6 +25,7 @@ from grainmotion.workflow.provenance import StageCache
 from grainmotion.workflow.reference_stages import reconstruct_stage, segment_stage
 from grainmotion.workflow.run import run
 from inline_executor import InlineExecutor
+from scenes import one_body
 from tiny_experiment import TOML, write_tiny
 
 STATE = """
@@ -148,7 +149,7 @@ def test_sample_is_sent_with_background_in_one_file(tmp_path, monkeypatch):
     monkeypatch.setattr("grainmotion.cluster.state_tasks.track", record)
     contiguous = [replace(grain, fine=None) for grain in grain_set().grains]
     store_contiguously(contiguous)
-    sample = GrainSet(tuple(contiguous), background=Volume(np.ones((40, 40, 40)), 0.1), background_moves=True)
+    sample = GrainSet(tuple(contiguous), one_body(Volume(np.ones((40, 40, 40)), 0.1), True))
     scan, _ = find_inputs(tiny(tmp_path, a="reference")).states[0].read()
     store = SharedStore(tmp_path / "store")
     list(track_distributed(InlineExecutor(), store, sample, [State("a", scan, "reference", None)], TrackSettings()))

@@ -9,9 +9,12 @@ import pytest
 
 from grainmotion.io.results import StoredReference, read_motions_h5, read_reference, write_motions_h5, write_reference
 from grainmotion.model.detector_response import Response
+from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions, StateFit
 from grainmotion.model.pose import ViewCorrections
+from grainmotion.model.scene import RIGID_MOTION, Body, Freedom, Scene
 from grainmotion.model.volume import Volume
+from grainmotion.segmentation.extraction import grains_from_labels
 
 
 @pytest.fixture(name="motions")
@@ -99,6 +102,25 @@ class TestReferenceFile:
         assert (back.volume.voxel_size, back.volume.center) == (0.1, (1.0, 2.0, 3.0))
         assert (back.residuals, back.threshold, back.border) == ((0.3, 0.1), 0.5, (2,))
         np.testing.assert_array_equal(back.labels, labels)
+
+    def test_scene(self, tmp_path):
+        array = np.zeros((6, 5, 4))
+        array[1:3, 1:3, 1:3], array[4:, :, 0], array[0, 3:, 1] = 1.0, 2.0, 3.0
+        volume, labels = Volume(array, 0.1, (1.0, 2.0, 3.0)), (array == 1).astype(np.int32)
+        bodies = [("upper piston", "piston", 2.0, RIGID_MOTION), ("wall", "wall", 3.0, Freedom.of("z wz"))]
+        scene = Scene(tuple(Body(n, k, volume.cropped(array == mu), f) for n, k, mu, f in bodies))
+        grains = GrainSet(grains_from_labels(volume, labels, reach=0, finer=1, background="ignore").grains, scene)
+        write_reference(tmp_path / "r.h5", StoredReference(volume, (), labels), grains)
+        back = read_reference(tmp_path / "r.h5").scene
+        for one, other in zip(back.bodies, scene.bodies, strict=True):
+            assert (one.name, one.kind, one.freedom) == (other.name, other.kind, other.freedom)
+            np.testing.assert_array_equal(one.volume.array, other.volume.array)
+            np.testing.assert_allclose(one.volume.center, other.volume.center)
+
+    def test_file_of_an_older_version_has_no_scene(self, tmp_path):
+        labels = np.ones((2, 2, 2), np.int32)
+        write_reference(tmp_path / "r.h5", StoredReference(Volume(labels, 1.0), (), labels))
+        assert read_reference(tmp_path / "r.h5").scene is None
 
     def test_volume_without_labels(self, tmp_path):
         write_reference(tmp_path / "r.h5", StoredReference(Volume.zeros((2, 2, 2), 1.0)))

@@ -18,6 +18,7 @@ from grainmotion.tracking import global_search
 from grainmotion.tracking.background_motion import FIXED_BACKGROUND_NOTE
 from grainmotion.tracking.simulated_annealing import anneal
 from grainmotion.tracking.track import TrackSettings, track
+from scenes import one_body
 
 GRAINS = grain_set()
 TRUTH = small_motions(GRAINS)
@@ -47,7 +48,7 @@ def observed(truth):
 
 
 def tracked(moves, settings=None):
-    return track(GrainSet(GRAINS.grains, wall(), moves), observed(TRUTH), settings=settings)
+    return track(GrainSet(GRAINS.grains, one_body(wall(), moves)), observed(TRUTH), settings=settings)
 
 
 @pytest.fixture(scope="module")
@@ -74,19 +75,22 @@ class TestMovingBackground:
 
     def test_a_background_that_did_not_move_is_fixed(self):
         still = motions(GRAINS)
-        images = simulate_radiographs(GrainSet(GRAINS.grains, wall()), still, WIDE)
+        images = simulate_radiographs(GrainSet(GRAINS.grains, one_body(wall())), still, WIDE)
         noisy = Scan(images + 0.01 * np.random.default_rng(3).standard_normal(images.shape), WIDE)
-        measured = track(GrainSet(GRAINS.grains, wall(), True), noisy, settings=TrackSettings(search=False))
+        measured = track(GrainSet(GRAINS.grains, one_body(wall(), True)), noisy, settings=TrackSettings(search=False))
         np.testing.assert_array_equal(measured.fit.background, 0)
         assert FIXED_BACKGROUND_NOTE in measured.fit.notes
         assert np.abs(errors(measured, still)[0]).max() < 0.06
 
     def test_a_wide_last_filter_is_no_evidence_of_a_motion(self):
         """A wide filter correlates pixels, which must not be taken for a motion."""
-        images = simulate_radiographs(GrainSet(GRAINS.grains, wall()), TRUTH, WIDE)
+        images = simulate_radiographs(GrainSet(GRAINS.grains, one_body(wall())), TRUTH, WIDE)
         noisy = Scan(images + 0.01 * np.random.default_rng(3).standard_normal(images.shape), WIDE)
         settings = TrackSettings(search=False, filters=(8.0, 6.0))
-        assert FIXED_BACKGROUND_NOTE in track(GrainSet(GRAINS.grains, wall(), True), noisy, settings=settings).fit.notes
+        assert (
+            FIXED_BACKGROUND_NOTE
+            in track(GrainSet(GRAINS.grains, one_body(wall(), True)), noisy, settings=settings).fit.notes
+        )
 
     @pytest.mark.parametrize("share", [0.05, 0.1])
     def test_a_small_motion_is_measured(self, monkeypatch, share):
@@ -102,7 +106,7 @@ class TestMovingBackground:
         rng = np.random.default_rng(5)
         noise = Volume((0.003 * rng.standard_normal((46, 44, 52))).astype(np.float32), VOXEL)
         scan = radiographs(GRAINS, TRUTH)
-        free, fixed = (track(GrainSet(GRAINS.grains, noise, moves), scan) for moves in (True, False))
+        free, fixed = (track(GrainSet(GRAINS.grains, one_body(noise, moves)), scan) for moves in (True, False))
         np.testing.assert_array_equal(free.fit.background, 0)
         assert free.ok.all(), free.reasons
         np.testing.assert_allclose(free.translations, fixed.translations, atol=2e-3 * VOXEL)
@@ -120,7 +124,7 @@ class TestMovingBackground:
             return anneal(grains, target, *rest)
 
         monkeypatch.setattr(global_search, "anneal", watched)
-        measured = track(GrainSet(GRAINS.grains, wall(), True), observed(truth))
+        measured = track(GrainSet(GRAINS.grains, one_body(wall(), True)), observed(truth))
         assert backgrounds
         expected = wall_projection(NuisanceMotion(NuisanceMotion.still(4).views, SHIFT, rotation_matrix(ROTATION)))
         assert np.abs(backgrounds[-1] - expected).mean() < 0.2 * np.abs(wall_projection() - expected).mean()

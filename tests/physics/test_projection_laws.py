@@ -21,6 +21,7 @@ from grainmotion.projection.volumes import back_project, project
 from grainmotion.rotations import apply_motion, rotation_matrix, rotation_vector
 from grainmotion.segmentation.extraction import grains_from_labels
 from grainmotion.simulate import Ellipsoid, Particle, Sample, attenuation_volume, line_integrals
+from scenes import one_body
 
 PANEL = (13, 16)
 TILTED = DetectorAlignment(
@@ -392,7 +393,7 @@ class TestPatches:
         geometry = GEOMETRIES["cone"]
         still = Motions.identity(grains.labels, grains.centers)
         np.testing.assert_allclose(
-            simulate_radiographs(GrainSet(grains.grains, background), still, geometry, projector=projector),
+            simulate_radiographs(GrainSet(grains.grains, one_body(background)), still, geometry, projector=projector),
             project(volume, geometry, projector=projector) + project(background, geometry, projector=projector),
             atol=5e-6,
         )

@@ -12,6 +12,7 @@ from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.projection.volumes import project
 from grainmotion.tracking.track import PAPER, TrackSettings, track_with_residual
+from scenes import one_body
 
 GRAINS = grain_set()
 TRUTH = small_motions(GRAINS)
@@ -70,7 +71,7 @@ def test_residual_without_a_missing_grain():
 def test_residual_with_a_background(moves):
     scan = radiographs(GRAINS, TRUTH)
     scan = replace(scan, line_integrals=scan.line_integrals + project(wall(), geometry()))
-    assert_residual_equals_simulation(GrainSet(GRAINS.grains, wall(), moves), scan, QUICK)
+    assert_residual_equals_simulation(GrainSet(GRAINS.grains, one_body(wall(), moves)), scan, QUICK)
 
 
 def test_there_is_no_residual_if_a_grain_has_no_motion():

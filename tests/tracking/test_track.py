@@ -28,6 +28,7 @@ from grainmotion.model.volume import Volume
 from grainmotion.rotations import rotation_vector
 from grainmotion.solvers.gauss_newton import SIGNIFICANT_COST_CHANGE
 from grainmotion.tracking.track import PAPER, TrackSettings, track
+from scenes import one_body
 
 GRAINS = grain_set()
 TRUTH = small_motions(GRAINS)
@@ -101,7 +102,7 @@ class TestRegistration:
     def test_a_fixed_background(self):
         y, x = (np.mgrid[:60, :60] - 29.5) * VOXEL
         tube = Volume(np.tile(0.7 * (np.abs(np.hypot(x, y) - 2.6) < 0.15), (46, 1, 1)), VOXEL)
-        grains = GrainSet(GRAINS.grains, tube)
+        grains = GrainSet(GRAINS.grains, one_body(tube))
         assert_registered(track(grains, radiographs(grains, TRUTH)), TRUTH)
 
     def test_the_papers_variant(self):

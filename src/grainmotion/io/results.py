@@ -2,7 +2,9 @@
 
 ``reference.h5`` holds the datasets ``volume`` (1/mm, ``[z, y, x]``; attributes ``voxel_size`` and
 ``center``, mm), ``residuals`` (the relative residual of Eq. 23 after each sweep), ``labels`` (0 = no
-grain; attributes ``threshold``, 1/mm, and ``border``) and the group ``grains`` with one array a column.
+grain; attributes ``threshold``, 1/mm, and ``border``) and the group ``grains`` with one array a column.  If there are
+bodies beside the grains, the dataset ``bodies`` tells to which of them each voxel belongs (0 = none, k = the k-th;
+attributes ``names``, ``kinds`` and ``freedoms``); files of older versions lack it.
 
 ``motions.h5`` holds every field of `Motions` under its own name, in mm and **radians** as in Python (``motions.csv``
 is in degrees), and the group ``fit`` with gain, offset, the convergence curve and the other fields of `StateFit`.
@@ -24,6 +26,7 @@ from grainmotion.model.detector_response import Response
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions, StateFit
 from grainmotion.model.pose import ViewCorrections
+from grainmotion.model.scene import Body, Freedom, Scene, first_voxel
 from grainmotion.model.volume import Volume
 
 _ARRAYS = {
@@ -53,6 +56,7 @@ class StoredReference:
     labels: NDArray[np.int32] | None = None  # (nz, ny, nx); None until the volume is segmented
     threshold: float = float("nan")  # attenuation above which a voxel is grain, 1/mm; NaN if the labels were given
     border: tuple[int, ...] = ()  # labels of the grains that touch the border of the field of view
+    scene: Scene | None = None  # bodies beside the grains; None if the file does not tell
 
 
 def write_reference(path: str | Path, reference: StoredReference, grains: GrainSet | None = None) -> None:
@@ -72,6 +76,32 @@ def write_reference(path: str | Path, reference: StoredReference, grains: GrainS
             table.attrs["units"] = "mm, mm^3"
             for name, values in grain_columns(grains, reference.labels).items():
                 table[name] = values
+            _write_bodies(file, reference.volume, grains.scene)
+
+
+def _write_bodies(file: h5py.File, volume: Volume, scene: Scene) -> None:
+    """To which body each voxel belongs, and what the bodies are."""
+    text = h5py.string_dtype()
+    owners = np.zeros(volume.shape, np.min_scalar_type(len(scene.bodies)))
+    for k, body in enumerate(scene.bodies, start=1):
+        start = first_voxel(body.volume, volume)
+        box = tuple(slice(a, a + n) for a, n in zip(start, body.volume.shape, strict=True))
+        owners[box][body.volume.array != 0] = k
+    data = file.create_dataset("bodies", data=owners, compression="gzip", compression_opts=1, shuffle=True)
+    data.attrs.create("names", [body.name for body in scene.bodies], dtype=text)
+    data.attrs.create("kinds", [body.kind for body in scene.bodies], dtype=text)
+    data.attrs.create("freedoms", [body.freedom.text for body in scene.bodies], dtype=text)
+
+
+def _read_scene(file: h5py.File, volume: Volume) -> Scene | None:
+    """The scene as far as the file tells it."""
+    if "bodies" not in file:
+        return None
+    data = file["bodies"]
+    owners, bodies = data[()], []
+    for k, (name, kind, freedom) in enumerate(zip(*(data.attrs[a] for a in ("names", "kinds", "freedoms"))), start=1):
+        bodies.append(Body(str(name), kind, volume.cropped(owners == k), Freedom.of(str(freedom))))
+    return Scene(tuple(bodies))
 
 
 def read_reference(path: str | Path) -> StoredReference:
@@ -85,7 +115,14 @@ def read_reference(path: str | Path) -> StoredReference:
             return StoredReference(volume, residuals)
         labels = file["labels"]
         border = tuple(int(b) for b in labels.attrs["border"])
-        return StoredReference(volume, residuals, labels[()], float(labels.attrs["threshold"]), border)
+        return StoredReference(
+            volume,
+            residuals,
+            labels[()],
+            float(labels.attrs["threshold"]),
+            border,
+            _read_scene(file, volume),
+        )
 
 
 def grain_columns(grains: GrainSet, labels: NDArray[np.int32]) -> dict[str, NDArray[np.generic]]:

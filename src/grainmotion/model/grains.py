@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion.errors import InputError
+from grainmotion.model.scene import Scene
 from grainmotion.model.volume import Volume
 
 
@@ -39,16 +40,14 @@ class Grain:
 
 @dataclass(frozen=True, eq=False)
 class GrainSet:
-    """The grains of a sample, and the attenuation that belongs to none of them.
+    """The grains of a sample, and everything else that attenuates.
 
     Attributes
     ----------
     grains : tuple of Grain
         All on the same voxel size.
-    background : Volume, optional
-        Attenuation that belongs to no grain (container, fines).
-    background_moves : bool
-        Whether it may move as one rigid body; else it stays where it is.
+    scene : Scene
+        Bodies beside the grains (pistons, a container, fines), fluid, field of view.
 
     Raises
     ------
@@ -57,8 +56,7 @@ class GrainSet:
     """
 
     grains: tuple[Grain, ...]
-    background: Volume | None = None
-    background_moves: bool = False
+    scene: Scene = field(default_factory=Scene)
 
     def __post_init__(self) -> None:
         if not self.grains:
@@ -84,9 +82,19 @@ class GrainSet:
         Returns
         -------
         GrainSet
-            The other grains, with the same background.
+            The other grains, in the same scene.
         """
         return replace(self, grains=tuple(g for k, g in enumerate(self.grains) if k not in rows))
+
+    @property
+    def background(self) -> Volume | None:
+        """Attenuation of all bodies of the scene together; None if there is none."""
+        return self.scene.bodies_volume
+
+    @property
+    def background_moves(self) -> bool:
+        """Whether any body of the scene may move."""
+        return self.scene.moves
 
     @property
     def labels(self) -> NDArray[np.int64]:

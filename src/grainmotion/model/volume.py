@@ -90,5 +90,28 @@ class Volume:
         half = (np.array(self.shape[::-1]) - 1) / 2 * self.voxel_size
         return np.array(self.center) - half
 
+    def cropped(self, mask: NDArray[np.bool_]) -> Volume:
+        """Some of the voxels, on the smallest grid that holds those that are not zero.
+
+        Parameters
+        ----------
+        mask : (nz, ny, nx) bool array
+            Voxels to keep; the others become zero.
+
+        Returns
+        -------
+        Volume
+            In its place; one empty voxel if nothing is left.
+        """
+        filled = mask & (self.array != 0)
+        box = []
+        for axis in range(3):
+            places = np.nonzero(filled.any(axis=tuple({0, 1, 2} - {axis})))[0]
+            box.append(slice(int(places[0]), int(places[-1]) + 1) if len(places) else slice(0, 1))
+        part = np.where(mask[tuple(box)], self.array[tuple(box)], 0)
+        starts = np.array([s.start for s in box[::-1]])
+        x, y, z = self.origin + self.voxel_size * (starts + (np.array(part.shape[::-1]) - 1) / 2)
+        return Volume(part, self.voxel_size, (float(x), float(y), float(z)))
+
     def __repr__(self) -> str:
         return f"<Volume {self.shape} voxel_size={self.voxel_size} center={self.center}>"

@@ -15,6 +15,7 @@ from grainmotion._arguments import checked_arguments
 from grainmotion.errors import InputError
 from grainmotion.kernels.layout import PADDING
 from grainmotion.model.grains import Grain, GrainSet
+from grainmotion.model.scene import NO_MOTION, RIGID_MOTION, Body, Scene
 from grainmotion.model.volume import Volume
 from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.segmentation.label_refinement import Boxed, fine_grains
@@ -147,10 +148,11 @@ def grains_from_labels(
     if not grains:
         raise InputError("labels", "no grains found", "check the threshold, or the labels given")
     store_contiguously(grains)
-    body = None
+    scene = Scene()
     if background != "ignore":
-        body = Volume(np.where(grown > 0, 0, volume.array), volume.voxel_size, volume.center)
-    return GrainSet(tuple(grains), body, background == "moving")
+        rest = volume.cropped(grown == 0)
+        scene = Scene((Body("rest", "rest", rest, RIGID_MOTION if background == "moving" else NO_MOTION),))
+    return GrainSet(tuple(grains), scene)
 
 
 def packed_body(background: Volume) -> GrainArrays:

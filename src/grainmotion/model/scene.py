@@ -1,0 +1,211 @@
+"""Scene: everything that attenuates beside the grains, in parts that may move each in its own ways.
+
+The attenuation of a state is the sum of its grains, which are free, of bodies (pistons, a container's wall), of a
+fluid between them, and of what the field of view of the reference scan did not hold.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grainmotion.errors import InputError
+from grainmotion.model.volume import Volume
+
+Kind = Literal["piston", "wall", "rest", "body"]
+"""What a body is by its place: a sheet above or below the grains, around them, scattered, or anything else."""
+WAYS = ("x", "y", "z", "wx", "wy", "wz")
+"""Ways in which a body may move: along an axis, and about an axis through its centre."""
+SAME_VOXELS = 1e-3
+"""Voxels by which the grids of two volumes may differ and count as one."""
+
+
+@dataclass(frozen=True)
+class Freedom:
+    """The ways in which a body may move.
+
+    Attributes
+    ----------
+    ways : tuple of 6 numbers each
+        Allowed motions (ux, uy, uz, ωx, ωy, ωz), mm and radians about the body's centre; none: it is fixed.
+
+    Raises
+    ------
+    InputError
+        If a way does not have 6 finite numbers, or one follows from the others.
+    """
+
+    ways: tuple[tuple[float, ...], ...] = ()
+
+    def __post_init__(self) -> None:
+        basis = self.basis
+        if not np.isfinite(basis).all() or np.linalg.matrix_rank(basis) < len(self.ways):
+            raise InputError("freedom", f"{self.ways} are no independent motions", f'give "fixed", "free" or {WAYS}')
+
+    @classmethod
+    def of(cls, text: str) -> Freedom:
+        """From a text.
+
+        Parameters
+        ----------
+        text : str
+            "fixed", "free" (in all six ways), some of "x y z wx wy wz" with spaces between them (along an axis, about
+            an axis), or "along a b c" with the direction of one axis.
+
+        Returns
+        -------
+        Freedom
+
+        Raises
+        ------
+        InputError
+            If it is none of these.
+        """
+        words = text.split()
+        if text in ("fixed", "free"):
+            words = list(WAYS) if text == "free" else []
+        elif words and words[0] == "along" and len(words) == 4:
+            try:
+                direction = np.array([float(word) for word in words[1:]])
+            except ValueError:
+                direction = np.zeros(3)
+            length = float(np.linalg.norm(direction))
+            if np.isfinite(length) and length > 0:
+                return cls(((*(float(d) for d in direction / length), 0.0, 0.0, 0.0),))
+        if (text not in ("fixed", "free") and not words) or not set(words) <= set(WAYS):
+            raise InputError("freedom", f"{text!r} is unknown", f'give "fixed", "free", some of {" ".join(WAYS)}')
+        return cls(tuple(tuple(row) for row in np.eye(6)[[k for k, way in enumerate(WAYS) if way in words]].tolist()))
+
+    @property
+    def basis(self) -> NDArray[np.float64]:
+        """The allowed motions as columns ``(6, k)``."""
+        if any(len(way) != len(WAYS) for way in self.ways):
+            raise InputError("freedom", f"{self.ways} are not of 6 numbers each", f'give "fixed", "free" or {WAYS}')
+        return np.array(self.ways, dtype=float).reshape(-1, len(WAYS)).T
+
+    @property
+    def moves(self) -> bool:
+        """Whether it allows any motion."""
+        return bool(self.ways)
+
+    @property
+    def text(self) -> str:
+        """As `of` takes it."""
+        for text in ("fixed", "free"):
+            if self == Freedom.of(text):
+                return text
+        units = np.eye(len(WAYS)).tolist()
+        if all(list(way) in units for way in self.ways):
+            return " ".join(WAYS[units.index(list(way))] for way in self.ways)
+        return "along " + " ".join(f"{value:.9g}" for value in self.ways[0][:3])
+
+
+NO_MOTION, RIGID_MOTION = Freedom(), Freedom.of("free")
+"""No motion, and any motion of a rigid body."""
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A body beside the grains, such as a piston or a container's wall.
+
+    Attributes
+    ----------
+    name : str
+        Such as "upper piston", "wall", "rest"; its own in a scene.
+    kind : {"piston", "wall", "rest", "body"}
+        What it is by its place.
+    volume : Volume
+        Its own attenuation, 1/mm, in its place; cropped as a rule.
+    freedom : Freedom
+        The ways in which it may move.
+    fine : Volume, optional
+        The same attenuation on finer voxels, for the last stages of tracking.
+    """
+
+    name: str
+    kind: Kind
+    volume: Volume
+    freedom: Freedom = RIGID_MOTION
+    fine: Volume | None = None
+
+    @cached_property
+    def center(self) -> NDArray[np.float64]:
+        """Attenuation-weighted centre of mass ``(3,)``, mm, x y z: the centre of its rotations."""
+        array = self.volume.array
+        marginals = [array.sum(axis=tuple({0, 1, 2} - {2 - k}), dtype=float) for k in range(3)]
+        if marginals[0].sum() <= 0:
+            return np.array(self.volume.center)
+        voxels = [float(m @ np.arange(len(m)) / m.sum()) for m in marginals]
+        return np.asarray(self.volume.origin + self.volume.voxel_size * np.array(voxels))
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Everything that attenuates beside the grains.
+
+    Attributes
+    ----------
+    bodies : tuple of Body
+        On voxels of one grid.
+    fluid : None
+        The fluid between them.
+    field : None
+        What the reference scan saw of it.
+
+    Raises
+    ------
+    InputError
+        If two bodies have one name, or their voxels are not of one grid.
+    """
+
+    bodies: tuple[Body, ...] = ()
+    fluid: None = None
+    field: None = None
+
+    def __post_init__(self) -> None:
+        names = [body.name for body in self.bodies]
+        if len(set(names)) < len(names):
+            raise InputError("scene.bodies", f"names {names}", "give each body a name of its own")
+        for body in self.bodies:
+            first_voxel(body.volume, self.bodies[0].volume)
+
+    @property
+    def moves(self) -> bool:
+        """Whether any body may move."""
+        return any(body.freedom.moves for body in self.bodies)
+
+    @cached_property
+    def bodies_volume(self) -> Volume | None:
+        """The sum of all bodies on the smallest grid that holds them; None without bodies."""
+        if len(self.bodies) < 2:
+            return self.bodies[0].volume if self.bodies else None
+        volumes = [body.volume for body in self.bodies]
+        starts = [np.array(first_voxel(volume, volumes[0])) for volume in volumes]
+        low = np.min(starts, axis=0)
+        high = np.max([s + v.shape for s, v in zip(starts, volumes, strict=True)], axis=0)
+        array = np.zeros(high - low, np.result_type(*(volume.array.dtype for volume in volumes)))
+        for start, volume in zip(starts, volumes, strict=True):
+            array[tuple(slice(a, a + n) for a, n in zip(start - low, volume.shape, strict=True))] += volume.array
+        h = volumes[0].voxel_size
+        x, y, z = (float(c) for c in volumes[0].origin + h * (low + (np.array(array.shape) - 1) / 2)[::-1])
+        return Volume(array, h, (x, y, z))
+
+
+def first_voxel(part: Volume, whole: Volume) -> tuple[int, ...]:
+    """Index (z, y, x) of the first voxel of a volume in the grid of another.
+
+    Raises
+    ------
+    InputError
+        If their voxels do not lie on one grid.
+    """
+    steps = ((part.origin - whole.origin) / whole.voxel_size)[::-1]
+    off = float(np.abs(steps - np.round(steps)).max())
+    if off > SAME_VOXELS or abs(part.voxel_size / whole.voxel_size - 1) * max(part.shape) > SAME_VOXELS:
+        fact = f"voxels of {part.voxel_size} and {whole.voxel_size} mm, {off:.3g} of one apart"
+        raise InputError("scene.bodies", fact, "cut them from one volume")
+    return tuple(int(step) for step in np.round(steps))
