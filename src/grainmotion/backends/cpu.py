@@ -9,7 +9,7 @@ import numpy as np
 
 from grainmotion._typing import Float, Image, Index
 from grainmotion.backends.base import BackendArray, Grains, ImageStacks, PatchBackend, Settings
-from grainmotion.kernels import filters, grain_projection, normal_equations
+from grainmotion.kernels import filters, grain_projection, normal_equations, stretched_grain_projection
 from grainmotion.kernels.layout import GrainTable, PatchTable, ViewTable
 from grainmotion.model.pose import Pose
 
@@ -30,7 +30,8 @@ class CpuBackend:
 
     def project(self, grains: GrainTable, views: ViewTable, patches: PatchTable, exact: bool) -> Image:
         values = np.zeros(patches.offsets[-1], np.asarray(grains.voxels).dtype)
-        grain_projection.project(grains, views, patches, exact, values)
+        kernels = grain_projection if grains.stretches is None else stretched_grain_projection
+        kernels.project(grains, views, patches, exact, values)
         return values
 
     def project_with_derivatives(
@@ -38,8 +39,25 @@ class CpuBackend:
     ) -> tuple[Image, Image]:
         pixels, dtype = patches.offsets[-1], np.asarray(grains.voxels).dtype
         values, derivatives = np.zeros(pixels, dtype), np.zeros((6, pixels), dtype)
+        if grains.stretches is not None:
+            return self.project_with_strain_derivatives(grains, views, patches, exact)[:2]
         grain_projection.project_with_derivatives(grains, views, patches, exact, values, derivatives)
         return values, derivatives
+
+    def project_with_strain_derivatives(
+        self, grains: GrainTable, views: ViewTable, patches: PatchTable, exact: bool
+    ) -> tuple[Image, Image, Image]:
+        """Line integrals of stretched grains, and their derivatives by u and δ and by the strains."""
+        pixels, dtype = patches.offsets[-1], np.asarray(grains.voxels).dtype
+        values, derivatives, by_strain = (
+            np.zeros(pixels, dtype),
+            np.zeros((6, pixels), dtype),
+            np.zeros((6, pixels), dtype),
+        )
+        stretched_grain_projection.project_with_derivatives(
+            grains, views, patches, exact, values, derivatives, by_strain
+        )
+        return values, derivatives, by_strain
 
     def add_patches(self, values: BackendArray, patches: PatchTable, shape: tuple[int, int, int]) -> Image:
         images = np.zeros(shape)  # sums of single numbers are exact in double precision, whatever their order

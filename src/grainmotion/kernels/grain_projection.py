@@ -42,8 +42,8 @@ def value_at(image, shape, o, d, low, high, voxel, exact):
 
 
 @_inlined
-def derivatives_at(image, shape, corner, o, d, low, high, m, voxel, exact):
-    """I of the ray o + t d, and its derivatives by u and δ, for a grain rotated by the matrix m."""
+def gradients_at(image, shape, o, d, low, high, exact):
+    """J of the ray o + t d in a grain's voxels, and its gradients G by o and H by d (see `grain_ray_tracing`)."""
     axis, first, count, oo, dd, strides, sizes = ordered(o, d, shape, low, high)
     if exact:
         total, gb, gc, hb, hc = exact_path(image, first, count, oo, dd, strides, sizes)
@@ -58,6 +58,13 @@ def derivatives_at(image, shape, corner, o, d, low, high, m, voxel, exact):
         gx, gy, gz, hx, hy, hz = gb, ga, gc, hb, ha, hc
     else:
         gx, gy, gz, hx, hy, hz = gb, gc, ga, hb, hc, ha
+    return total, (gx, gy, gz), (hx, hy, hz)
+
+
+@_inlined
+def derivatives_at(image, shape, corner, o, d, low, high, m, voxel, exact):
+    """I of the ray o + t d, and its derivatives by u and δ, for a grain rotated by the matrix m."""
+    total, (gx, gy, gz), (hx, hy, hz) = gradients_at(image, shape, o, d, low, high, exact)
     h, length = 1.0 / voxel, voxel * math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
     ox, oy, oz = o[0] + corner[0] * h, o[1] + corner[1] * h, o[2] + corner[2] * h
     tx = -length * (oy * gz - oz * gy + d[1] * hz - d[2] * hy)
@@ -80,7 +87,7 @@ def derivatives_at(image, shape, corner, o, d, low, high, m, voxel, exact):
 @nb.njit(parallel=True, cache=CACHE, error_model="numpy")
 def project(grains, views, patches, exact, values):
     """Line integrals of every patch."""
-    images, starts, shapes, corners, extents, voxel, positions, matrices = grains
+    images, starts, shapes, corners, extents, voxel, positions, matrices, _ = grains
     vectors, cone, panel = views
     boxes, offsets, jobs = patches.boxes, patches.offsets, patches.lines
     for j in nb.prange(len(jobs)):
@@ -107,7 +114,7 @@ def project(grains, views, patches, exact, values):
 @nb.njit(parallel=True, cache=CACHE, error_model="numpy")
 def project_with_derivatives(grains, views, patches, exact, values, derivatives):
     """Line integrals and their derivatives ``(6, pixels)`` by u (mm) and δ (radians)."""
-    images, starts, shapes, corners, extents, voxel, positions, matrices = grains
+    images, starts, shapes, corners, extents, voxel, positions, matrices, _ = grains
     vectors, cone, panel = views
     boxes, offsets, jobs = patches.boxes, patches.offsets, patches.lines
     for j in nb.prange(len(jobs)):

@@ -20,7 +20,8 @@ class GrainTable(NamedTuple):
     ``voxels`` are those of all grains, flat; grain g's begin at ``starts[g]``, in C order with ``shapes[g]`` (z, y, x),
     voxel [0, 0, 0] at ``corners[g]`` (x y z, mm) from its centre, and lie between the planes ``extents[g]``
     ``(2, directions)`` (see `grain_ray_tracing.between`).  ``positions (n, 3)`` are the moved centres, mm, and
-    ``rotations (n, 3, 3)`` turn a grain's frame into the sample's.
+    ``rotations (n, 3, 3)`` turn a grain's frame into the sample's.  ``stretches (n, 3, 3)`` deform the grains before
+    they rotate (see `stretched_grain_projection`); None for rigid grains.
     """
 
     voxels: object
@@ -31,6 +32,7 @@ class GrainTable(NamedTuple):
     voxel_size: float
     positions: NDArray[np.float64]
     rotations: NDArray[np.float64]
+    stretches: NDArray[np.float64] | None = None
 
 
 class ViewTable(NamedTuple):

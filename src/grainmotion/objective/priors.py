@@ -13,6 +13,7 @@ from grainmotion.objective.data_term import Target
 from grainmotion.objective.normal_matrix import PatchNormalMatrix
 from grainmotion.objective.nuisance_motions import nuisance_values
 from grainmotion.rotations import rotation_vector
+from grainmotion.solvers.block_cg import Hessian
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,11 +38,17 @@ class MotionPrior:
 
     def add_to(self, hessian: sparse.bsr_array | PatchNormalMatrix) -> sparse.bsr_array | PatchNormalMatrix:
         """JᵀJ with the precisions added to the 6×6 blocks on its diagonal."""
-        if isinstance(hessian, PatchNormalMatrix):
-            return hessian.lifted(self.precisions)
-        n = len(self.precisions)
-        diagonal = sparse.bsr_array((self.precisions, np.arange(n), np.arange(n + 1)), shape=hessian.shape)
-        return sparse.bsr_array(hessian + diagonal, blocksize=(6, 6))
+        return with_own_blocks(hessian, self.precisions)
+
+
+def with_own_blocks(hessian: Hessian, blocks: Float) -> sparse.bsr_array | PatchNormalMatrix:
+    """JᵀJ of free grains with 6×6 ``blocks (n, 6, 6)`` added on its diagonal."""
+    if isinstance(hessian, PatchNormalMatrix):
+        return hessian.lifted(blocks)
+    assert isinstance(hessian, sparse.bsr_array)
+    n = len(blocks)
+    diagonal = sparse.bsr_array((blocks, np.arange(n), np.arange(n + 1)), shape=hessian.shape)
+    return sparse.bsr_array(hessian + diagonal, blocksize=(6, 6))
 
 
 def nuisance_prior(target: Target, pose: Pose) -> tuple[Float, Float]:

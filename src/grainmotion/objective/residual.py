@@ -53,6 +53,10 @@ class StateProblem:
         evaluation = evaluate_with_derivatives(self.grains, self.target, state, filtered=self.basis is None)
         if self.basis is not None:
             return self._linearize_tied(state, self.basis(self.grains, state), evaluation)
+        return self.linearize_at(state, evaluation)
+
+    def linearize_at(self, state: Pose, evaluation: LinearizedEvaluation) -> Linearization:
+        """The same for free grains, from an evaluation whose Jacobian may have more unknowns than the motions."""
         jacobian, residual = evaluation.jacobian, evaluation.residual
         columns = evaluation.response_columns + evaluation.nuisance_columns
         hessian = normal_of(jacobian)

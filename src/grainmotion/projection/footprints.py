@@ -65,7 +65,7 @@ def footprint_patches(
     # a voxel's image reaches up to √3 voxels beyond its centre, and a ball reaches beyond the points of its hull
     reach = np.linalg.norm(grains.hulls, axis=2).max(axis=1)
     middle = grains.centers.mean(axis=0) if middle is None else middle
-    slack = 0.25 + (1.75 * grains.voxel_size + HULL_SLACK * reach) / geometry.pixel_at(middle)
+    slack = 0.25 + (1.75 * grains.voxel_reach + HULL_SLACK * reach) / geometry.pixel_at(middle)
     ends = np.nan_to_num(found[:, :, [0, len(directions) // 2]], nan=-1e9)  # along rows, along columns
     low = np.ceil(ends[..., 0] - slack[:, None, None]).astype(np.int64)
     high = np.floor(ends[..., 1] + slack[:, None, None]).astype(np.int64) + 1

@@ -34,7 +34,8 @@ class GrainArrays:
     `kernels.grain_ray_tracing`).  ``hulls (n, k, 3)`` are outermost points of each grain from its centre,
     ``radii (n,)`` the radii of balls with the grains' own moments of inertia, both in mm.  ``voxel_size`` is that of
     these images and ``unit`` that of the reference, in which tolerances are given.  ``backend`` projects the grains,
-    from ``placed``, their voxels in its memory (None: the images themselves).
+    from ``placed``, their voxels in its memory (None: the images themselves).  ``stretches (n, 3, 3)`` deform the
+    voxels about the centres (see `kernels.stretched_grain_projection`); None for rigid grains, ``hulls`` are stretched.
     """
 
     images: Image
@@ -49,6 +50,7 @@ class GrainArrays:
     unit: float
     backend: PatchBackend = CPU
     placed: object = None
+    stretches: Float | None = None
 
     def __len__(self) -> int:
         return len(self.starts)
@@ -69,8 +71,15 @@ class GrainArrays:
         return GrainTable(
             self.images if self.placed is None else self.placed,
             self.starts, self.shapes, self.corners, self.extents, self.voxel_size,
-            self.centers + pose.translations, np.ascontiguousarray(pose.matrices),
+            self.centers + pose.translations, np.ascontiguousarray(pose.matrices), self.stretches,
         )  # fmt: skip
+
+    def stretched(self, stretches: Float) -> GrainArrays:
+        """The grains, which are rigid as yet, with ``stretches (n, 3, 3)`` U; the CPU projects them."""
+        assert self.stretches is None
+        stretches = np.ascontiguousarray(stretches)
+        hulls = self.hulls @ stretches  # U is symmetric
+        return replace(self, hulls=hulls, stretches=stretches, backend=CPU, placed=None)
 
     @classmethod
     def of(cls, grains: GrainSet, fine: bool = False) -> GrainArrays:
@@ -104,7 +113,8 @@ class GrainArrays:
         """Some of the grains; a row may come more than once, and shares its voxels."""
         index = np.asarray(which, dtype=np.int64)
         rows = ("starts", "shapes", "corners", "extents", "centers", "hulls", "radii")
-        return replace(self, **{name: vars(self)[name][index] for name in rows})
+        some = replace(self, **{name: vars(self)[name][index] for name in rows})
+        return some if self.stretches is None else replace(some, stretches=self.stretches[index])
 
     def coarsened(self, factor: int) -> GrainArrays:
         """The grains on voxels ``factor`` times as large, each the mean of those that it holds."""
@@ -121,8 +131,14 @@ class GrainArrays:
         return GrainArrays(
             np.concatenate([i.ravel() for i in images]), np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64),
             np.array(shapes, dtype=np.int64), self.corners + shift, np.array([_extents(_line_ends(i)) for i in images]),
-            self.centers, self.hulls, self.radii, self.voxel_size * factor, self.unit,
+            self.centers, self.hulls, self.radii, self.voxel_size * factor, self.unit, stretches=self.stretches,
         )  # fmt: skip
+
+    @property
+    def voxel_reach(self) -> float:
+        """Edge of the largest voxel once it is stretched, mm."""
+        largest = 1.0 if self.stretches is None else float(np.linalg.norm(self.stretches, 2, axis=(1, 2)).max())
+        return self.voxel_size * max(largest, 1.0)
 
 
 def planar(grains: GrainArrays, geometry: Geometry) -> bool:

@@ -22,6 +22,7 @@ from grainmotion.objective.global_parameters import Columns
 from grainmotion.objective.normal_matrix import normal_matrix
 from grainmotion.objective.priors import nuisance_prior
 from grainmotion.objective.residual import StateProblem
+from grainmotion.projection.jacobian import PatchJacobian
 from grainmotion.solvers.block_cg import Hessian, conjugate_gradients, diagonal_blocks, inverse
 from grainmotion.solvers.gauss_newton import Linearization, schur_complement
 from grainmotion.solvers.semidefinite import pseudo_inverse
@@ -45,17 +46,28 @@ is 1,000 times the best one's.  The solver still steps along it, down to `semide
 def covariances(
     problem: StateProblem, pose: Pose, evaluation: LinearizedEvaluation, hessian: Hessian
 ) -> tuple[Float, Float]:
-    """Covariances ``(n, 6, 6)`` of (u, δ), mm and radians, and ``(k, k)`` of the nuisance unknowns."""
+    """Covariances ``(n, 6, 6)`` of (u, δ), mm and radians, and ``(k, k)`` of the nuisance unknowns.
+
+    With strains after the motions in the Jacobian (`strain_problem.with_strains`) they are ``(2n, 6, 6)``.
+    """
+    variances = pixel_variances(problem.target, evaluation)
+    grains, nuisance = propagated_covariances(problem, pose, evaluation, hessian, variances)
+    factors = np.resize(excess_factors(problem, evaluation, variances), len(grains))
+    return grains * factors[:, None, None], nuisance
+
+
+def propagated_covariances(
+    problem: StateProblem, pose: Pose, evaluation: LinearizedEvaluation, hessian: Hessian, variances: Float
+) -> tuple[Float, Float]:
+    """The same by given variances of the pixels alone; 2n blocks ``(2n, 6, 6)`` if strains follow the motions."""
     columns = evaluation.response_columns + evaluation.nuisance_columns
     border, corner = columns.border(evaluation.jacobian), columns.gram()
     free = len(evaluation.nuisance_columns.owners)
     if free:
         corner[-free:, -free:] += nuisance_prior(problem.target, pose)[0]
-    variances = pixel_variances(problem.target, evaluation)
     at = Linearization(evaluation.cost, np.zeros(len(border)), hessian, border, corner, np.zeros(free))
     estimate = exact_covariances if isinstance(hessian, sparse.bsr_array) else sampled_covariances
-    grains, nuisance = estimate(problem.target, evaluation, columns, at, variances)
-    return grains * excess_factors(problem, evaluation, variances)[:, None, None], nuisance
+    return estimate(problem.target, evaluation, columns, at, variances)
 
 
 def exact_covariances(
@@ -121,16 +133,23 @@ def propagated_noise(
     target: Target, evaluation: LinearizedEvaluation, columns: Columns, variances: Float
 ) -> tuple[sparse.bsr_array, Float, Float]:
     """Covariances of the right-hand sides: of grains ``(6n, 6n)``, of these with columns, of columns ``(m, m)``."""
+    jacobian = propagating(evaluation.jacobian, target, variances)
     factor = (target.root_weights * np.sqrt(variances)).astype(target.precision)
-    jacobian = evaluation.jacobian.copy()
-    jacobian.filter(np.ones_like(factor), target.kernel)
-    jacobian.filter(factor, np.ones(1, target.precision))
     stacks = Columns(shared=columns.shared)
     for stack in columns.stacks:
         twice = stack.copy()
         target.backend.filter_images(twice, target.kernel)
         stacks.stacks.append(factor * twice)
     return normal_matrix(jacobian), stacks.border(jacobian), stacks.gram()
+
+
+def propagating(jacobian: PatchJacobian, target: Target, variances: Float) -> PatchJacobian:
+    """A filtered Jacobian J made into K, so that KᵀK is the covariance of Jᵀ F w r by the pixels' variances."""
+    factor = (target.root_weights * np.sqrt(variances)).astype(target.precision)
+    jacobian = jacobian.copy()
+    jacobian.filter(np.ones_like(factor), target.kernel)
+    jacobian.filter(factor, np.ones(1, target.precision))
+    return jacobian
 
 
 def excess_factors(problem: StateProblem, evaluation: LinearizedEvaluation, variances: Float) -> Float:
