@@ -15,7 +15,7 @@ from grainmotion.preprocessing.beam_hardening import calibrate_hardening
 from grainmotion.reconstruction.reconstruct import reconstruct
 from grainmotion.segmentation.extraction import grains_from_labels
 from grainmotion.segmentation.segment import segment
-from grainmotion.simulate import HARD_CASES, LATER_ANGLES_DEG, HardCase, hard_case
+from grainmotion.simulate import HARD_CASES, LABORATORY_CASES, LATER_ANGLES_DEG, HardCase, hard_case
 from grainmotion.workflow.calibration_stage import ScannerCalibration
 from validation.accuracy import page
 from validation.accuracy.outcomes import Outcome, Pool, counted, measure, pool
@@ -23,6 +23,8 @@ from validation.accuracy.remedies import Remedy, remedies
 from validation.common.cache import RECONSTRUCTION, TRACKING
 from validation.common.trials import run_trials
 
+NAMES = tuple(name for name in HARD_CASES if name not in LABORATORY_CASES)
+"""Laboratory samples have a study of their own."""
 SEEDS = range(1)
 VIEWS = (4, 2)
 HARDENING_ROUNDS = 2  # of the curve of beam hardening, as a run does it
@@ -105,9 +107,9 @@ def _reconstructed(scan: Scan, grid: Volume) -> Volume:
 # ---------------------------------------------------------------------- the page
 def study() -> page.Section:
     """All cases."""
-    jobs = [Trial(name, seed, remedies(name)) for name in HARD_CASES for seed in SEEDS]
+    jobs = [Trial(name, seed, remedies(name)) for name in NAMES for seed in SEEDS]
     done = run_trials(trial, jobs, page.PROCESSES)
-    return section({name: [d for job, d in zip(jobs, done) if job.name == name] for name in HARD_CASES})
+    return section({name: [d for job, d in zip(jobs, done) if job.name == name] for name in NAMES})
 
 
 def section(results: Results) -> page.Section:
@@ -120,10 +122,11 @@ def section(results: Results) -> page.Section:
     default = sum(n for key, n in wrong.items() if key[1] == "default")
     where = ", ".join(f"{n} in {' / '.join(map(str, key))}" for key, n in wrong.items() if n)
     cases = "\n".join(f"- *{name}*: {HARD_CASES[name].summary}" for name in results)
-    text = f"""Each case of `simulate.HARD_CASES` at its small scale (stones about 20 voxels across, random motions of
-up to 5 voxels and 10° unless the case has its own; SNR 50 unless stated), {len(SEEDS)} packing each, reconstructed,
-segmented and tracked from a zero start by default settings; and, where the case calls for it, with the setting that a
-user would choose.  *calibrated* is `calibrate` or `calibrate_hardening` on the reference scan.
+    text = f"""Each case of `simulate.HARD_CASES`, but for laboratory samples, at its small scale (stones about 20
+voxels across, random motions of up to 5 voxels and 10° unless the case has its own; SNR 50 unless stated),
+{len(SEEDS)} packing each, reconstructed, segmented and tracked from a zero start by default settings; and, where the
+case calls for it, with the setting that a user would choose.
+*calibrated* is `calibrate` or `calibrate_hardening` on the reference scan.
 
 {cases}
 

@@ -79,6 +79,19 @@ class DatasetName(StrEnum):
     BROKEN = "broken"
     NEAR_SPHERICAL = "near-spherical"
     SHEAR_BAND = "shear-band"
+    PLAIN = "plain"
+    TALL = "tall"
+    WIDE = "wide"
+    PLATENS = "platens"
+    WET = "wet"
+    DRAINS = "drains"
+    SIZES = "sizes"
+    GONE = "gone"
+    SOFT = "soft"
+    SETTLING = "settling"
+    MATERIALS = "materials"
+    COMBINED = "combined"
+    ROUND = "round"
 
 
 # ---------------------------------------------------------------------- the main job and its stages
@@ -259,7 +272,8 @@ def _counts(text: str | None) -> tuple[int, ...] | None:
 def simulate(
     folder: Annotated[Path, typer.Argument(metavar="OUTDIR", help="folder for the experiment")],
     case: Annotated[
-        DatasetName, typer.Option("--case", help="6 grains in seconds, the paper's scale, or a hard case of 6 grains")
+        DatasetName,
+        typer.Option("--case", help="6 grains in seconds, the paper's scale, or a hard case of 6 to 24 grains"),
     ] = DatasetName.SMALL,
     seed: Seed = 0,
     quiet: Quiet = False,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +18,7 @@ from grainmotion.errors import InputError
 from grainmotion.experiment.config import read_experiment
 from grainmotion.experiment.inputs import find_inputs
 from grainmotion.io.geometry_csv import write_geometry
-from grainmotion.io.motions_csv import read_motions
+from grainmotion.io.motions_csv import read_motions, write_motions
 from grainmotion.io.results import read_reference
 from grainmotion.workflow import outputs
 from grainmotion.workflow.dataset import write_dataset
@@ -27,6 +28,8 @@ from grainmotion.workflow.run import RunResult, run
 PLAIN_CASES = {"small": simulate.small, "paper": simulate.paper_scale}
 ALL_STATES = (("unmoved", 4), ("shift", 4), ("shift", 2), ("random", 4), ("random", 2))
 DEMO_STATES = (("shift", 4), ("random", 4))
+STRAIN_COMPONENTS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
+"""Columns of a table of strains: rows and columns of the matrix."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +53,9 @@ def write_case(
     ``case`` is ``small`` or ``paper`` (see `simulate.small` and `simulate.paper_scale`), or one of
     `simulate.HARD_CASES`.  Each of ``states`` is the name of a motion of the case and a number of views (2 or 4); the
     state is called ``NAME-VIEWS``.  A hard case has one motion, and the states ``CASE-4`` and ``CASE-2``; where its
-    true views are not those of the experiment file, they are in ``STATE-true-views.csv``.
+    true views are not those of the experiment file, they are in ``STATE-true-views.csv``.  True motions of pistons are
+    in ``STATE-bodies-truth.csv``, true strains of grains in ``STATE-strains-truth.csv``; ``case.json`` says what is
+    hard, with its sizes.
     """
     if case in simulate.HARD_CASES:
         return _write_hard_case(Path(folder), simulate.hard_case(case, seed, progress=progress), progress)
@@ -83,10 +88,24 @@ def _write_hard_case(folder: Path, hard: simulate.HardCase, progress: Progress |
         progress("simulating radiographs", 2, 3)
     grid = hard.case.scanner.grid
     path = write_dataset(folder, hard.reference_counts(), recordings, grid, initial="reference")
+    _write_more_truth(folder, hard, list(recordings))
     for name, (nominal, true) in views.items():
         if not np.allclose(nominal.vectors, true.vectors, rtol=0, atol=1e-9):
             write_geometry(folder / f"{name}-true-views.csv", true)
     return path
+
+
+def _write_more_truth(folder: Path, hard: simulate.HardCase, states: Sequence[str]) -> None:
+    """What the true motions of the grains do not hold: summary and sizes, bodies, strains."""
+    facts = {"name": hard.name, "summary": hard.summary, "facts": dict(hard.facts)}
+    (folder / "case.json").write_text(json.dumps(facts, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    for state in states:
+        if hard.body_motions is not None:
+            write_motions(folder / f"{state}-bodies-truth.csv", hard.body_motions)
+        if hard.strains is not None:
+            rows = np.column_stack([hard.motions.labels, hard.strains[:, *np.array(STRAIN_COMPONENTS).T]])
+            head = "label," + ",".join(f"e{'xyz'[i]}{'xyz'[j]}" for i, j in STRAIN_COMPONENTS)
+            np.savetxt(folder / f"{state}-strains-truth.csv", rows, "%.9g", delimiter=",", header=head, comments="")
 
 
 def run_demo(

@@ -10,6 +10,7 @@ from .fracture import cut as cut
 from .hard_case_record import HardCase as HardCase
 from .hard_cases import HARD_CASES as HARD_CASES
 from .hard_cases import hard_case as hard_case
+from .laboratory_cases import LABORATORY_CASES as LABORATORY_CASES
 from .misalignment import Misalignment as Misalignment
 from .misalignment import misaligned as misaligned
 from .motion_fields import affine as affine
@@ -34,6 +35,7 @@ from .scenarios import paper_scale as paper_scale
 from .scenarios import small as small
 from .shapes import Ellipsoid as Ellipsoid
 from .shapes import Mesh as Mesh
+from .shapes import disc as disc
 from .shapes import icosphere as icosphere
 from .shapes import polyhedron as polyhedron
 from .shapes import random_polyhedron as random_polyhedron

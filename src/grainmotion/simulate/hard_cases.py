@@ -1,14 +1,13 @@
 """Hard cases: experiments that each violate one assumption of the tracker, with their true motions.
 
-One function makes each case; `HARD_CASES` is their registry, and `hard_case` makes one of them at the size of `small`
-or of `paper_scale`.
+One function makes each case; those of `simulate.laboratory_cases` are samples as laboratories have them.  `HARD_CASES`
+is the registry of all, and `hard_case` makes one of them, small or larger.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal, NamedTuple
 
@@ -17,72 +16,34 @@ from scipy.optimize import brentq
 
 from grainmotion._typing import Progress
 from grainmotion.errors import InputError
-from grainmotion.model.motions import Motions, Status
+from grainmotion.model.motions import Status
 from grainmotion.rotations import rotation_matrix
 from grainmotion.simulate import fracture, motion_fields
 from grainmotion.simulate.hard_case_record import HardCase
+from grainmotion.simulate.hard_case_setup import (
+    DEFAULT_SNR,
+    GRAINS_BY_SCALE,
+    QUARTZ_SPECTRUM,
+    SCALES,
+    Setup,
+    absent,
+    denser,
+    marked,
+    rigid_case,
+)
+from grainmotion.simulate.laboratory_cases import LABORATORY_CASES, RECIPES
 from grainmotion.simulate.misalignment import Misalignment
 from grainmotion.simulate.packing import PackingSettings, pack
-from grainmotion.simulate.sample import Particle, Sample, Tube, ellipsoid_particle
-from grainmotion.simulate.scenarios import (
-    PAPER_SCALE,
-    SMALL_SCALE,
-    STONE_ATTENUATION,
-    Case,
-    Scale,
-    Spectrum,
-    case_of,
-    later_radiographs,
-    stones,
-)
+from grainmotion.simulate.sample import Sample, Tube, ellipsoid_particle
+from grainmotion.simulate.scenarios import STONE_ATTENUATION, case_of, later_radiographs, stones
 
-SCALES: Mapping[str, Scale] = {"small": SMALL_SCALE, "paper": PAPER_SCALE}
-GRAINS_BY_SCALE = {"small": 6, "paper": 15}
 SHEAR_BAND_LAYOUT = {"small": ((112, 96), 34.0), "paper": ((280, 220), 72.0)}  # panel, radius of the cylinder in voxels
-DEFAULT_SNR = 50.0
-# Quartz at 30, 45, 60 and 90 keV (2.3, 0.95, 0.67 and 0.48 per cm) in the filtered beam of a laboratory tube
-QUARTZ_SPECTRUM: Spectrum = ((0.2, 2.16), (0.35, 0.892), (0.3, 0.629), (0.15, 0.451))
 HARDENING_DROP = 0.2  # share of the line integral that hardening takes off along the longest path
-
-
-@dataclass(frozen=True)
-class Setup:
-    """Arguments of `hard_case`, and the plain experiment that the recipes start from."""
-
-    seed: int
-    scale_name: str
-    motion: str
-    inclusion: float | None
-    progress: Progress | None
-
-    @property
-    def scale(self) -> Scale:
-        return SCALES[self.scale_name]
-
-    @property
-    def voxel(self) -> float:
-        return self.scale.scanner.voxel_size
-
-    def sample(self) -> Sample:
-        return stones(self.scale, self.seed, GRAINS_BY_SCALE[self.scale_name], self.inclusion, self.progress)
-
-    def case(self, snr: float = DEFAULT_SNR) -> Case:
-        return case_of(self.sample(), self.scale, self.seed, snr)
-
-    def draws(self) -> np.random.Generator:
-        """Random numbers of the recipe, independent of those of packing and motions."""
-        return np.random.default_rng([self.seed, 2])
-
-
-def _rigid(setup: Setup, case: Case) -> HardCase:
-    """A case without difficulties: every grain moves as a rigid body."""
-    motions = case.motions[setup.motion]
-    return HardCase(case, motions, case.sample.moved(motions))
 
 
 def noisy(setup: Setup) -> HardCase:
     """Few photons: a signal-to-noise ratio of 10."""
-    return _rigid(setup, setup.case(snr=10.0))
+    return rigid_case(setup, setup.case(snr=10.0))
 
 
 def beam_hardening(setup: Setup) -> HardCase:
@@ -96,41 +57,43 @@ def beam_hardening(setup: Setup) -> HardCase:
         return 1 + float(np.log(shares @ np.exp(-ratios * path))) / path
 
     longest_path = brentq(lambda path: drop(path) - HARDENING_DROP, 1e-3, 50.0)
-    dense = Sample(tuple(_denser(p, longest_path / longest) for p in sample.particles))
+    dense = Sample(tuple(denser(p, longest_path / longest) for p in sample.particles))
     spectrum = tuple((float(s), float(r)) for s, r in zip(shares, ratios, strict=True))
     case = case_of(dense, setup.scale, setup.seed, DEFAULT_SNR, spectrum)
-    return dataclasses.replace(_rigid(setup, case), facts={"longest_path": longest_path, "drop": HARDENING_DROP})
+    return dataclasses.replace(rigid_case(setup, case), facts={"longest_path": longest_path, "drop": HARDENING_DROP})
 
 
 def blur(setup: Setup) -> HardCase:
     """The detector blurs by a Gaussian of 1 pixel, in both states."""
     case = setup.case()
-    return _rigid(setup, dataclasses.replace(case, physics=dataclasses.replace(case.physics, blur=1.0)))
+    return rigid_case(setup, dataclasses.replace(case, physics=dataclasses.replace(case.physics, blur=1.0)))
 
 
 def misaligned(setup: Setup) -> HardCase:
     """The panel is off by half a pixel each way and by half a degree in its plane, in both states; the nominal geometry
     does not include it.
     """
-    return dataclasses.replace(_rigid(setup, setup.case()), misalignment=Misalignment((0.5, 0.5), turn_deg=0.5))
+    return dataclasses.replace(rigid_case(setup, setup.case()), misalignment=Misalignment((0.5, 0.5), turn_deg=0.5))
 
 
 def misaligned_state(setup: Setup) -> HardCase:
     """Each view of the later state has its own shift (0.3 pixel each way) and stage angle (0.1°) that the nominal
     geometry does not include.
     """
-    return dataclasses.replace(_rigid(setup, setup.case()), view_misalignment=Misalignment((0.3, 0.3), stage_deg=0.1))
+    return dataclasses.replace(
+        rigid_case(setup, setup.case()), view_misalignment=Misalignment((0.3, 0.3), stage_deg=0.1)
+    )
 
 
 def gain_drift(setup: Setup) -> HardCase:
     """The beam of the later state is 10 % stronger or weaker than its flats."""
     gain = float(setup.draws().choice([0.9, 1.1]))
-    return dataclasses.replace(_rigid(setup, setup.case()), gain=gain, facts={"gain": gain})
+    return dataclasses.replace(rigid_case(setup, setup.case()), gain=gain, facts={"gain": gain})
 
 
 def gain_drift_views(setup: Setup) -> HardCase:
     """The beam differs from the flats by 10 % (standard deviation) from view to view of the later state."""
-    return dataclasses.replace(_rigid(setup, setup.case()), gain_spread=0.1)
+    return dataclasses.replace(rigid_case(setup, setup.case()), gain_spread=0.1)
 
 
 def container(setup: Setup) -> HardCase:
@@ -159,9 +122,7 @@ def missing(setup: Setup) -> HardCase:
     motions = case.motions[setup.motion]
     moved = case.sample.moved(motions)
     rest = Sample(moved.particles[:row] + moved.particles[row + 1 :], moved.tube)
-    truth = _marked(motions, row, Status.NOT_FITTED, "it is missing in this state")
-    for numbers in (truth.translations, truth.rotations, truth.covariances):
-        numbers[row] = np.nan
+    truth = absent(motions, [row])
     return HardCase(case, truth, rest, missing=(row + 1,))
 
 
@@ -179,7 +140,7 @@ def broken(setup: Setup) -> HardCase:
         rotation = rotation_matrix(np.deg2rad(15.0) * (axis / np.linalg.norm(axis)))
         halves.append(half.moved(rotation, half.center - rotation @ half.center + side * 3 * setup.voxel * normal))
     later = Sample((*moved.particles[:row], *halves, *moved.particles[row + 1 :]), moved.tube)
-    truth = _marked(motions, row, Status.NOT_CONVERGED, "it broke in two; the motion is the whole grain's before")
+    truth = marked(motions, [row], Status.BROKEN, "it broke in two; the motion is the whole grain's before")
     return HardCase(case, truth, later, broken=(row + 1,), facts={"apart": 6 * setup.voxel, "turn_deg": 15.0})
 
 
@@ -190,7 +151,7 @@ def near_spherical(setup: Setup) -> HardCase:
     sizes = diameter * (1 + 0.08 * rng.uniform(-1, 1, n))
     balls = [ellipsoid_particle(rng, size, STONE_ATTENUATION, elongation=1.02) for size in sizes]
     sample = pack(balls, PackingSettings(setup.scale.radius * setup.voxel), setup.seed, setup.progress)
-    return _rigid(setup, case_of(sample, setup.scale, setup.seed, DEFAULT_SNR))
+    return rigid_case(setup, case_of(sample, setup.scale, setup.seed, DEFAULT_SNR))
 
 
 def shear_band(setup: Setup) -> HardCase:
@@ -216,15 +177,19 @@ class Recipe(NamedTuple):
 
 
 # The name of a case is that of its function, with hyphens, and its summary is the function's docstring.
-HARD_CASES: Mapping[str, Recipe] = MappingProxyType(
-    {
-        make.__name__.replace("_", "-"): Recipe(" ".join((make.__doc__ or "").split()), make)
+_FUNCTIONS: Mapping[str, Callable[[Setup], HardCase]] = {
+    **{
+        make.__name__.replace("_", "-"): make
         for make in (
             noisy, beam_hardening, blur, misaligned, misaligned_state, gain_drift, gain_drift_views, container, missing,
             broken, near_spherical, shear_band,
         )
-    }
-)  # fmt: skip
+    },
+    **RECIPES,
+}  # fmt: skip
+HARD_CASES: Mapping[str, Recipe] = MappingProxyType(
+    {name: Recipe(" ".join((make.__doc__ or "").split()), make) for name, make in _FUNCTIONS.items()}
+)
 
 
 def hard_case(
@@ -245,11 +210,12 @@ def hard_case(
     seed : int
         Seed of the packing, the motions, the noise, and whatever is random in the case.
     scale : {"small", "paper"}
-        The size of `small` or of `paper_scale`; ``shear-band`` has more grains and a wider panel.
+        The size of `small` or of `paper_scale`; ``shear-band`` has more grains and a wider panel.  Samples of
+        `LABORATORY_CASES` have stones of 20 voxels at both: 6 to 24 seen in 45 views, or 15 to 75 in 90.
     motion : {"unmoved", "shift", "random"}
-        The motion of the grains, see `Case`; ``shear-band`` has its own.
+        The motion of the grains, see `Case`; ``shear-band`` and laboratory samples have their own.
     inclusion : float, optional
-        As in `small`; ``near-spherical`` and ``broken`` take none.
+        As in `small`; ``near-spherical``, ``broken`` and laboratory samples take none.
     progress : callable, optional
         Called as ``progress(message, done, total)``.
 
@@ -269,28 +235,8 @@ def hard_case(
         raise InputError("scale", f"'{scale}' is unknown", f"choose one of {', '.join(SCALES)}")
     if motion not in ("unmoved", "shift", "random"):
         raise InputError("motion", f"'{motion}' is unknown", "choose unmoved, shift or random")
-    if inclusion is not None and name in ("near-spherical", "broken"):
+    if inclusion is not None and name in ("near-spherical", "broken", *LABORATORY_CASES):
         raise InputError("inclusion", f"'{name}' takes none", "leave it out")
     recipe = HARD_CASES[name]
     case = recipe.make(Setup(seed, scale, motion, inclusion, progress))
     return dataclasses.replace(case, name=name, summary=recipe.summary)
-
-
-# ---------------------------------------------------------------------- small parts
-def _denser(particle: Particle, factor: float) -> Particle:
-    inclusions = tuple((shape, factor * value) for shape, value in particle.inclusions)
-    return Particle(particle.shape, factor * particle.attenuation, inclusions)
-
-
-def _marked(motions: Motions, row: int, status: Status, reason: str) -> Motions:
-    """A copy of the true motions with another status of one grain."""
-    statuses, reasons = motions.statuses.copy(), list(motions.reasons)
-    statuses[row], reasons[row] = status.value, reason
-    return dataclasses.replace(
-        motions,
-        translations=motions.translations.copy(),
-        rotations=motions.rotations.copy(),
-        covariances=motions.covariances.copy(),
-        statuses=statuses,
-        reasons=tuple(reasons),
-    )

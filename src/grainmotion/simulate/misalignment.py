@@ -76,3 +76,27 @@ def misaligned(
     about_z = rotation_matrix(np.deg2rad(stage)[:, None] * np.array([0.0, 0.0, 1.0]))
     vectors = np.concatenate([np.einsum("nij,nj->ni", about_z, a) for a in (geometry.source, d, u, v)], axis=1)
     return Geometry(vectors, geometry.shape, geometry.beam)
+
+
+def crept(geometry: Geometry, creep: ArrayLike) -> Geometry:
+    """The true views of a scan in whose course the sample creeps at an even rate.
+
+    A sample that moves by d is seen as a resting one by a scanner that moves by −d.
+
+    Parameters
+    ----------
+    geometry : Geometry
+        The views, in the order in which they were taken.
+    creep : (3,) array_like
+        Displacement of the sample from the first view to the last, mm; midway it is where the geometry has it.
+
+    Returns
+    -------
+    Geometry
+        The views that source and panel have with respect to the sample.
+    """
+    share = np.linspace(-0.5, 0.5, len(geometry))[:, None] if len(geometry) > 1 else np.zeros((1, 1))
+    moved = share * np.asarray(creep, dtype=float)
+    source = geometry.source - moved if geometry.beam == "cone" else geometry.source
+    vectors = np.concatenate([source, geometry.detector - moved, geometry.u, geometry.v], axis=1)
+    return Geometry(vectors, geometry.shape, geometry.beam)

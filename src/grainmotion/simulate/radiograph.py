@@ -31,7 +31,7 @@ def line_integrals(
     Parameters
     ----------
     sample : Sample
-        Particles and tube, mm, 1/mm.
+        Particles, tube and bodies, mm, 1/mm.
     geometry : Geometry
         The views.
     subsamples : int
@@ -95,7 +95,7 @@ def transmission(
     inverses, origins, signs = _frames(Geometry(views, geometry.shape, geometry.beam))
     vertices, faces, face_weights = _triangles(sample)
     _check_in_front(vertices, inverses, origins, cone)
-    ellipsoids = [(s, w) for p in sample.particles for s, w in p.parts if isinstance(s, Ellipsoid)]
+    ellipsoids = [(s, w) for p in (*sample.particles, *sample.bodies) for s, w in p.parts if isinstance(s, Ellipsoid)]
     boxes = np.array([_boxes(s, geometry, subsamples) for s, _ in ellipsoids], dtype=np.int64)
     tube = sample.tube
     out = np.empty((len(views), *geometry.shape))
@@ -136,7 +136,7 @@ def _frames(geometry: Geometry) -> tuple[Float, Float, Float]:
 def _triangles(sample: Sample) -> tuple[Float, NDArray[np.int64], Float]:
     """All meshes of a sample as one: vertices, triangles and the attenuation that each bounds."""
     vertices, faces, weights, count = [np.zeros((0, 3))], [np.zeros((0, 3), np.int64)], [np.zeros(0)], 0
-    for particle in sample.particles:
+    for particle in (*sample.particles, *sample.bodies):
         for shape, weight in particle.parts:
             if isinstance(shape, Mesh):
                 vertices.append(shape.vertices)

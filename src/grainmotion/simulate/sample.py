@@ -1,4 +1,4 @@
-"""Sample: particles with exact shapes, and the tube that contains them."""
+"""Sample: particles with exact shapes, the tube that contains them, and bodies such as pistons."""
 
 from __future__ import annotations
 
@@ -123,16 +123,24 @@ class Tube:
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """Particles, labelled 1 to n in order, and their container.
+    """Particles, labelled 1 to n in order, their container, and what else attenuates.
+
+    Attenuations add up where shapes overlap: in a tube or body that stands for a liquid, a particle has the excess of
+    its attenuation over the liquid's.
 
     Attributes
     ----------
     particles : tuple of Particle
+        The grains.
     tube : Tube, optional
+        A wall, or a column of liquid.
+    bodies : tuple of Particle
+        What attenuates and is no grain, such as pistons; without labels.
     """
 
     particles: tuple[Particle, ...]
     tube: Tube | None = None
+    bodies: tuple[Particle, ...] = ()
 
     def __len__(self) -> int:
         return len(self.particles)
@@ -148,7 +156,7 @@ class Sample:
         return np.array([p.center for p in self.particles]).reshape(-1, 3)
 
     def moved(self, motions: Motions) -> Sample:
-        """Move each particle to x = Ω (X − c) + u + c; the tube stays (see `Tube.moved`).
+        """Move each particle to x = Ω (X − c) + u + c; tube and bodies stay (see `Tube.moved`, `Particle.moved`).
 
         Parameters
         ----------
@@ -168,7 +176,8 @@ class Sample:
         if not np.array_equal(motions.labels, self.labels):
             raise InputError("motions", f"{len(motions)} motions for {len(self)} particles", "give labels 1 to n")
         rows = zip(self.particles, motions.matrices, motions.translations, motions.centers, strict=True)
-        return Sample(tuple(p.moved(matrix, u + c - matrix @ c) for p, matrix, u, c in rows), self.tube)
+        particles = tuple(p.moved(matrix, u + c - matrix @ c) for p, matrix, u, c in rows)
+        return replace(self, particles=particles)
 
 
 def ellipsoid_particle(

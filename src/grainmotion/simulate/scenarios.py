@@ -155,7 +155,8 @@ class Scale:
     """Sizes of a case, and the matching scanner.
 
     ``diameter`` of the stones and ``radius`` of the cylinder around them are in voxels; ``shift`` is the motion of that
-    name, mm; ``level`` counts the subdivisions of each stone's mesh (see `stone`).
+    name, mm; ``level`` counts the subdivisions of each stone's mesh (see `stone`); ``spread`` is half the range of the
+    stones' diameters over their mean.
     """
 
     scanner: Scanner
@@ -163,6 +164,7 @@ class Scale:
     radius: float
     shift: tuple[float, float, float]
     level: int
+    spread: float = 0.08
 
 
 PAPER_SCALE = Scale(Scanner((280, 180), 0.508, 150.0, 0.508 * 150.0 / 0.112, 352), 45, 55, (-2.78, -2.12, 0.0), 5)
@@ -238,7 +240,7 @@ def stones(
     rng = np.random.default_rng(seed)
     voxel = scale.scanner.voxel_size
     shapes = [
-        stone(int(index), scale.diameter * voxel * (1 + 0.08 * rng.uniform(-1, 1)), scale.level)
+        stone(int(index), scale.diameter * voxel * (1 + scale.spread * rng.uniform(-1, 1)), scale.level)
         for index in rng.permutation(STONE_COUNT)[:n_grains]
     ]
     inclusion_rng = np.random.default_rng([seed, 1])

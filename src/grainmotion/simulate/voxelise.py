@@ -61,7 +61,7 @@ def attenuation_volume(sample: Sample, grid: Volume, samples: int = 3) -> Volume
     Parameters
     ----------
     sample : Sample
-        Particles and their inclusions.
+        Particles and bodies with their inclusions.
     grid : Volume
         The voxel grid; its values are not used.
     samples : int
@@ -73,7 +73,7 @@ def attenuation_volume(sample: Sample, grid: Volume, samples: int = 3) -> Volume
         Attenuation, 1/mm, on the same grid.
     """
     out = np.zeros(grid.shape)
-    for particle in sample.particles:
+    for particle in (*sample.particles, *sample.bodies):
         for shape, value in particle.parts:
             box, points = _points(shape, grid, samples)
             nz, ny, nx = out[box].shape
