@@ -112,6 +112,19 @@ def test_failures_are_large_errors_or_not_converged(truth):
     assert np.flatnonzero(strict.failed).tolist() == [0, 1, 3]
 
 
+def test_a_round_grain_counts_by_its_translation(truth):
+    rotations = truth.rotations.copy()
+    rotations[3] += 0.5
+    measured = make(truth.centers, truth.translations, rotations)
+    statuses = measured.statuses.copy()
+    statuses[3] = Status.POORLY_DETERMINED.value
+    measured = dataclasses.replace(measured, statuses=statuses, ok_rotation=np.arange(27) != 3)
+    result = compare(measured, truth, 0.1)
+    assert not result.failed_translation.any()
+    assert np.flatnonzero(result.failed_rotation).tolist() == [3]
+    assert result.rotation_rms_deg < 1e-6
+
+
 def test_without_measured_grains_all_are_missing(truth):
     result = compare(subset(truth, []), truth, 0.1)
     assert result.missing == result.failures == 27

@@ -229,8 +229,8 @@ class TestSimulated:
         text = invoke("demo", tmp_path / "demo").stdout
         rows = [line.split("│")[1:-1] for line in text.splitlines() if line.startswith("│")]
         assert [row[0].strip() for row in rows] == ["shift-4", "random-4"]
-        for _, grains, failures, voxels, degrees in rows:
-            assert int(grains) == 6
+        for _, grains, failures, translations, rotations, voxels, degrees in rows:
+            assert int(grains) == int(translations) == int(rotations) == 6
             assert int(failures) == 0
             assert float(voxels) < 0.1
             assert float(degrees) < 1.0

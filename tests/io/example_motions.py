@@ -23,4 +23,6 @@ def motions() -> Motions:
         iterations=np.array([4, 5, 0, 30]),
         reasons=("", "seen from one side; add a view", "it left; widen the panel", "µ – ε; look"),
         fit=StateFit(1.01, -0.002, (("rigid", 0.2), ("free", 0.01))),
+        ok_translation=np.array([True, True, False, False]),
+        ok_rotation=np.array([True, False, False, False]),
     )

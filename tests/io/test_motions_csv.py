@@ -21,7 +21,8 @@ def motions_() -> Motions:
 def test_header_is_the_documented_one(tmp_path, motions):
     write_motions(tmp_path / "m.csv", motions)
     assert (tmp_path / "m.csv").read_text().splitlines()[0] == (
-        "label,status,x,y,z,ux,uy,uz,wx,wy,wz,sd_ux,sd_uy,sd_uz,sd_wx,sd_wy,sd_wz,residual,iterations,reason"
+        "label,status,x,y,z,ux,uy,uz,wx,wy,wz,sd_ux,sd_uy,sd_uz,sd_wx,sd_wy,sd_wz,residual,iterations,reason,"
+        "ok_translation,ok_rotation"
     )
 
 
@@ -49,6 +50,7 @@ def test_units_are_mm_and_degrees(tmp_path, motions):
         (lambda t: t.assign(label=[1, 1.5, 2, 3]), r"label is '1\.5' in row 2"),
         (lambda t: t.assign(ux=["0", "0", "far", "0"]), "ux is 'far' in row 3"),
         (lambda t: t.assign(status="fine"), "fine"),
+        (lambda t: t.assign(ok_rotation=["True", "no", "False", "1"]), "ok_rotation is 'no' in row 2"),
     ],
 )
 def test_bad_tables_are_refused(tmp_path, motions, change, fact):

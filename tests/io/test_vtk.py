@@ -61,6 +61,8 @@ class TestGrains:
         expected = {
             "label": written.labels,
             "status_code": np.arange(5),
+            "ok_translation": written.ok_translation,
+            "ok_rotation": written.ok_rotation,
             "reference_center": written.centers,
             "displacement": written.translations,
             "rotation_vector_deg": np.rad2deg(written.rotations),

@@ -35,7 +35,8 @@ def measured():
 class TestTable:
     def test_exact_columns_in_order(self, measured):
         assert ",".join(measured.to_table().columns) == (
-            "label,status,x,y,z,ux,uy,uz,wx,wy,wz,sd_ux,sd_uy,sd_uz,sd_wx,sd_wy,sd_wz,residual,iterations,reason"
+            "label,status,x,y,z,ux,uy,uz,wx,wy,wz,sd_ux,sd_uy,sd_uz,sd_wx,sd_wy,sd_wz,residual,iterations,reason,"
+            "ok_translation,ok_rotation"
         )
 
     def test_table_is_in_mm_and_degrees(self, measured):
@@ -90,12 +91,49 @@ class TestMotions:
     def test_ok_is_true_for_converged_grains(self, measured):
         np.testing.assert_array_equal(measured.ok, [True, False, False, False, False])
 
+    def test_translation_and_rotation_are_judged_apart(self, measured):
+        statuses = np.array(["converged", "poorly-determined", "ambiguous", "cut", "not-converged"])
+        yes, no = np.ones(N, dtype=bool), np.zeros(N, dtype=bool)
+        apart = dataclasses.replace(measured, statuses=statuses, ok_translation=yes, ok_rotation=no)
+        np.testing.assert_array_equal(apart.ok_translation, [True, True, True, True, False])
+        np.testing.assert_array_equal(apart.ok_rotation, [True, False, False, False, False])
+        np.testing.assert_array_equal(apart.usable, [True, True, True, True, False])
+        assert apart.counts == "4 translations, 1 rotations of 5"
+        both = dataclasses.replace(apart, ok_rotation=yes)
+        np.testing.assert_array_equal(both.ok_rotation, [True, False, False, True, False])  # nothing is poor then
+
+    def test_which_part_of_a_motion_is_good_follows_its_grain(self, measured):
+        poor = dataclasses.replace(
+            measured,
+            statuses=np.full(N, "poorly-determined"),
+            ok_translation=np.arange(N) < 2,
+            ok_rotation=np.arange(N) > 2,
+        )
+        other = poor.for_grains(np.array([16, 99, 8]), np.zeros((3, 3)))
+        np.testing.assert_array_equal(other.ok_translation, [False, False, True])
+        np.testing.assert_array_equal(other.ok_rotation, [True, False, False])
+        read = Motions.from_table(other.to_table())
+        np.testing.assert_array_equal(read.ok_translation, other.ok_translation)
+        np.testing.assert_array_equal(read.ok_rotation, other.ok_rotation)
+
+    def test_tables_of_older_versions_tell_it_by_the_reason(self, measured):
+        statuses = np.array(["converged", "poorly-determined", "poorly-determined", "ambiguous", "poorly-determined"])
+        reasons = (
+            "", "poorly determined: rotation about any axis; the views, or so round a shape, do not determine it",
+            "poorly determined: translation along y; the views do not", "it looks alike", "its label holds two grains",
+        )  # fmt: skip
+        older = dataclasses.replace(measured, statuses=statuses, reasons=reasons).to_table()
+        read = Motions.from_table(older.drop(columns=["ok_translation", "ok_rotation"]))
+        np.testing.assert_array_equal(read.ok_translation, [True, True, False, True, False])
+        np.testing.assert_array_equal(read.ok_rotation, [True, False, True, False, False])
+
     def test_matrices_are_those_of_the_rotation_vectors(self, measured):
         np.testing.assert_allclose(measured.matrices[1], rotation_matrix(measured.rotations[1]))
 
     def test_words_of_the_statuses(self):
         assert [s.value for s in Status] == [
             "converged", "not-converged", "poorly-determined", "left-field", "not-fitted", "ambiguous",
+            "absent", "cut", "broken", "deformed",
         ]  # fmt: skip
 
     @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ import plotly.graph_objects
 import pytest
 
 from grainmotion.model.finding import Finding, Level
-from grainmotion.model.motions import MOTION_COLUMNS, Motions, Status
+from grainmotion.model.motions import MOTION_COLUMNS, OK_COLUMNS, Motions, Status
 from grainmotion.report import ReportData, StateReport, write_report
 
 
@@ -82,7 +82,7 @@ class TestContent:
     def test_table_has_all_columns_of_motions_csv_and_the_reasons(self, page):
         grains = [table for table in page.tables if "label" in table[min(1, len(table) - 1)]]
         assert len(grains) == 2
-        assert tuple(grains[0][1]) == (*MOTION_COLUMNS, "reason")
+        assert tuple(grains[0][1]) == (*MOTION_COLUMNS, *OK_COLUMNS, "reason")
         motions = example.motions()
         expected = motions.to_table()
         assert len(grains[0]) == 2 + len(expected)
@@ -90,6 +90,7 @@ class TestContent:
             values = dict(zip(grains[0][1], row))
             assert values["reason"] == reason
             assert values["status"] == grain["status"]
+            assert [values[name] for name in OK_COLUMNS] == ["yes" if grain[name] else "no" for name in OK_COLUMNS]
             for name in set(MOTION_COLUMNS) - {"status"}:
                 if np.isnan(grain[name]):
                     assert values[name] == "–"
@@ -103,7 +104,7 @@ class TestContent:
 
     def test_counts_by_status(self, page):
         header, *rows = page.tables[0]
-        assert [header[i].replace("- ", "-") for i in range(2, 8)] == [s.value for s in Status]
+        assert [header[i].replace("- ", "-") for i in range(2, 2 + len(Status))] == [s.value for s in Status]
         assert rows[0][:8] == ["step-01", "6", "2", "1", "1", "1", "1", "0"]
 
     def test_three_images_for_each_view(self, page):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from grainmotion.errors import InputError
-from grainmotion.model.motions import MOTION_COLUMNS, REASON_COLUMN
+from grainmotion.model.motions import MOTION_COLUMNS, OK_COLUMNS, REASON_COLUMN
 from grainmotion.rotations import skew_matrix
 from grainmotion.simulate import Ellipsoid, Particle, Sample, affine, random, rigid, shear_band, unmoved
 
@@ -17,7 +17,7 @@ def sample():
 
 def test_true_motions_have_the_columns_of_a_measurement(sample):
     table = random(sample, 1.0, 10.0, seed=1).to_table()
-    assert tuple(table.columns) == (*MOTION_COLUMNS, REASON_COLUMN)
+    assert tuple(table.columns) == (*MOTION_COLUMNS, REASON_COLUMN, *OK_COLUMNS)
     assert (table["status"] == "converged").all()
     assert np.allclose(table[["x", "y", "z"]], sample.centers)
 

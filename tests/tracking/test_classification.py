@@ -88,9 +88,14 @@ class TestStatuses:
         assert set(measured.statuses) == {Status.POORLY_DETERMINED.value}
         assert "translation along any axis" in measured.reasons[0]
         assert "rotation" not in measured.reasons[0]
+        assert measured.ok_rotation.all()
+        assert not measured.ok_translation.any()
         with_rotation_limit = classified(scan, pose_of(TRUTH), limits=(1.0, 1e-9))
         assert "rotation about any axis" in with_rotation_limit.reasons[0]
         np.testing.assert_allclose(with_rotation_limit.translations, TRUTH.translations)  # kept
+        assert with_rotation_limit.ok_translation.all()
+        assert not with_rotation_limit.ok_rotation.any()
+        assert "its translation is a result to use" in with_rotation_limit.reasons[0]
 
     def test_depth_in_one_parallel_view(self):
         grains = grain_set(1)

@@ -34,8 +34,8 @@ class Comparison:
         Measured − true, at the measured centre, mm, x y z; NaN if missing.
     rotation_errors_deg : (n, 3) array
         Components of log(Ω_measured Ω_trueᵀ), degrees; NaN if missing.
-    failed : (n,) bool array
-        Missing, not converged, or beyond the limits of `compare`.
+    failed_translation, failed_rotation : (n,) bool array
+        Missing, no result to use (`Motions.ok_translation`, `ok_rotation`), or beyond the limits of `compare`.
     spurious : (m,) int array
         Rows of the measurement that are no true grain.
     voxel_size : float, optional
@@ -46,7 +46,8 @@ class Comparison:
     matches: NDArray[np.int64]
     translation_errors: NDArray[np.float64]
     rotation_errors_deg: NDArray[np.float64]
-    failed: NDArray[np.bool_]
+    failed_translation: NDArray[np.bool_]
+    failed_rotation: NDArray[np.bool_]
     spurious: NDArray[np.int64]
     voxel_size: float | None = None
 
@@ -59,19 +60,24 @@ class Comparison:
         return int((self.matches < 0).sum())
 
     @property
+    def failed(self) -> NDArray[np.bool_]:
+        """True grains whose translation or rotation failed, ``(n,)``."""
+        return self.failed_translation | self.failed_rotation
+
+    @property
     def failures(self) -> int:
         """True grains that failed, the missing ones among them."""
         return int(self.failed.sum())
 
     @property
     def translation_rms(self) -> float:
-        """Root mean square over the grains that did not fail and over components, mm; NaN if all failed."""
-        return _rms(self.translation_errors[~self.failed])
+        """Root mean square over the translations that did not fail and over components, mm; NaN if all failed."""
+        return _rms(self.translation_errors[~self.failed_translation])
 
     @property
     def rotation_rms_deg(self) -> float:
-        """Root mean square over the grains that did not fail and over components, degrees."""
-        return _rms(self.rotation_errors_deg[~self.failed])
+        """Root mean square over the rotations that did not fail and over components, degrees."""
+        return _rms(self.rotation_errors_deg[~self.failed_rotation])
 
     @property
     def translation_rms_voxels(self) -> float:
@@ -98,9 +104,9 @@ def compare(
     voxel_size : float, optional
         mm, for errors in voxels.
     limit_voxels : float
-        A grain whose translation error is longer than this has failed; without effect if there is no ``voxel_size``.
+        A translation whose error is longer than this has failed; without effect if there is no ``voxel_size``.
     limit_deg : float
-        A grain whose rotation error is longer than this, in degrees, has failed.
+        A rotation whose error is longer than this, in degrees, has failed.
 
     Returns
     -------
@@ -127,16 +133,18 @@ def compare(
         translations[matched] = measured.translations[pair] - at_measured
         difference = measured.matrices[pair] @ np.swapaxes(true, -1, -2)
         rotations[matched] = np.rad2deg(rotation_vector(difference))
-    failed = np.ones(n, dtype=bool)
-    failed[matched] = ~measured.ok[pair] | ~(np.linalg.norm(rotations[matched], axis=1) <= limit_deg)
+    failed_translation, failed_rotation = np.ones(n, dtype=bool), np.ones(n, dtype=bool)
+    failed_translation[matched], failed_rotation[matched] = ~measured.ok_translation[pair], ~measured.ok_rotation[pair]
+    failed_rotation |= ~(np.linalg.norm(rotations, axis=1) <= limit_deg)
     if voxel_size is not None:
-        failed |= ~(np.linalg.norm(translations, axis=1) <= limit_voxels * voxel_size)
+        failed_translation |= ~(np.linalg.norm(translations, axis=1) <= limit_voxels * voxel_size)
     return Comparison(
         labels=np.asarray(truth.labels),
         matches=matches,
         translation_errors=translations,
         rotation_errors_deg=rotations,
-        failed=failed,
+        failed_translation=failed_translation,
+        failed_rotation=failed_rotation,
         spurious=np.setdiff1d(np.arange(len(measured)), pair),
         voxel_size=voxel_size,
     )

@@ -137,21 +137,22 @@ def print_inspection(inspection: Inspection) -> None:
 
 
 def print_states(motions: dict[str, Motions]) -> None:
-    """Print how the tracking of each state went, and why grains did not converge."""
+    """Print how the tracking of each state went: grains, translations and rotations to use, and why others are not."""
     import numpy as np
 
     from grainmotion.diagnosis.results import SEE_COMMON_CAUSE
 
     if not motions:
         return
-    table = Table("state", "grains", "converged", "others", "median |u| (mm)", "median |w| (deg)")
+    names = "state", "grains", "converged", "translations", "rotations", "others", "median |u| (mm)", "median |w| (deg)"
+    table = Table(*names)
     for name, m in motions.items():
         statuses, counts = np.unique(m.statuses[~m.ok], return_counts=True)
         others = ", ".join(f"{n} {status}" for status, n in zip(statuses, counts))
-        u = np.linalg.norm(m.translations[m.ok], axis=1)
-        w = np.rad2deg(np.linalg.norm(m.rotations[m.ok], axis=1))
+        u = np.linalg.norm(m.translations[m.ok_translation], axis=1)
+        w = np.rad2deg(np.linalg.norm(m.rotations[m.ok_rotation], axis=1))
         medians = [f"{np.median(v):.4g}" if len(v) else "-" for v in (u, w)]
-        table.add_row(name, str(len(m)), str(int(m.ok.sum())), others or "-", *medians)
+        table.add_row(name, str(len(m)), str(int(m.ok.sum())), str(len(u)), str(len(w)), others or "-", *medians)
     Console(width=None if sys.stdout.isatty() else 120).print(table)
     groups: dict[tuple[str, str], list[int]] = {}
     for name, m in motions.items():
@@ -168,10 +169,13 @@ def print_states(motions: dict[str, Motions]) -> None:
 
 def print_comparisons(comparisons: dict[str, Comparison]) -> None:
     """Print the errors of each state against the truth, root mean square over grains and components."""
-    table = Table("state", "grains", "failures", "translation error (voxel)", "rotation error (deg)")
+    table = Table("state", "grains", "failures", "translations", "rotations")
+    table.add_column("translation error (voxel)")
+    table.add_column("rotation error (deg)")
     for name, c in comparisons.items():
         errors = f"{c.translation_rms_voxels:.4f}", f"{c.rotation_rms_deg:.4f}"
-        table.add_row(name, str(len(c)), str(c.failures), *errors)
+        good = str(int((~c.failed_translation).sum())), str(int((~c.failed_rotation).sum()))
+        table.add_row(name, str(len(c)), str(c.failures), *good, *errors)
     Console(width=None if sys.stdout.isatty() else 120).print(table)
 
 

@@ -88,11 +88,15 @@ def in_doubt(motions: Motions, doubts: dict[int, str]) -> Motions:
     if not doubts:
         return motions
     statuses, reasons = motions.statuses.copy(), list(motions.reasons)
+    doubted = np.isin(motions.labels, list(doubts))
     for k, label in enumerate(motions.labels.tolist()):
         if label in doubts and statuses[k] == Status.CONVERGED.value:
             statuses[k] = Status.POORLY_DETERMINED.value
             reasons[k] = f"{doubts[label]}, which may move apart; give each grain its own label"
-    return replace(motions, statuses=statuses, reasons=tuple(reasons))
+    return replace(
+        motions, statuses=statuses, reasons=tuple(reasons),
+        ok_translation=motions.ok_translation & ~doubted, ok_rotation=motions.ok_rotation & ~doubted,
+    )  # fmt: skip
 
 
 def _small(clean: CleanLabels, where: str) -> Iterable[Finding]:

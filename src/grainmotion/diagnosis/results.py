@@ -161,8 +161,7 @@ def _many(motions: Motions, where: str) -> list[Finding]:
         fact = f"{failed.sum()} of {n} grains fail, more than is likely by their own fault; if they are whole, "
         fact += _wrong_places(motions)
         found.append(Finding(Level.WARNING, "common-cause", where, fact, f"gain {motions.fit.gain:.3g}"))
-    poor = motions.statuses == Status.POORLY_DETERMINED.value
-    poor = poor & np.array(["translation" in reason for reason in motions.reasons], dtype=bool)
+    poor = (motions.statuses == Status.POORLY_DETERMINED.value) & ~motions.ok_translation
     if n >= MIN_COMMON_GRAINS and poor.mean() >= MIN_COMMON_SHARE:
         fact = "the views do not determine a translation of nearly all grains: they are too few, look along nearly one "
         fact += "line, or contradict each other"

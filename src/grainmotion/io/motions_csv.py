@@ -1,4 +1,5 @@
-"""Motions as CSV: one row a grain, the columns of `grainmotion.model.motions.MOTION_COLUMNS`, then the reason.
+"""Motions as CSV: one row a grain, the columns of `grainmotion.model.motions.MOTION_COLUMNS`, then the reason, then
+whether translation and rotation are results to use (`OK_COLUMNS`).
 
 Lengths (x, u and their standard deviations) are in mm, rotation vectors w and their standard deviations in
 **degrees**; `grainmotion.io.results` writes the same motions to ``motions.h5`` in radians, as `Motions` holds them.
@@ -14,7 +15,10 @@ import pandas as pd
 from grainmotion._arguments import checked_arguments
 from grainmotion.errors import InputError
 from grainmotion.io.files import atomic_write, checked_file
-from grainmotion.model.motions import MOTION_COLUMNS, Motions
+from grainmotion.model.motions import MOTION_COLUMNS, OK_COLUMNS, Motions
+
+_FLAGS = {"true": True, "false": False, "1": True, "0": False, "1.0": True, "0.0": False}
+"""Words for yes and no."""
 
 
 def read_motions(path: str | Path) -> Motions:
@@ -52,6 +56,14 @@ def read_motions(path: str | Path) -> Motions:
             fact = f"{column} is '{table[column].iloc[row]}' in row {row + 1}"
             raise InputError(str(path), fact, "give a number")
         table[column] = numbers
+    for column in (c for c in OK_COLUMNS if c in table.columns):
+        words = table[column].astype(str).str.strip().str.lower()
+        if not words.isin(_FLAGS).all():
+            row = int(np.argmin(words.isin(_FLAGS).to_numpy()))
+            raise InputError(
+                str(path), f"{column} is '{table[column].iloc[row]}' in row {row + 1}", "give True or False"
+            )
+        table[column] = words.map(_FLAGS).astype(bool)
     if "label" in table.columns and table["label"].duplicated().any():
         repeated = int(table["label"][table["label"].duplicated()].iloc[0])
         raise InputError(str(path), f"label {repeated} is given twice", "give one row a grain")

@@ -23,8 +23,8 @@ from grainmotion.model.motions import Motions, Status
 from grainmotion.model.volume import Volume
 
 STATUS_CODES: dict[str, int] = {status.value: code for code, status in enumerate(Status)}
-"""Code of each status in the point array ``status_code``: 0 converged, 1 not-converged, 2
-poorly-determined, 3 left-field, 4 not-fitted, 5 ambiguous (the order of `Status`)."""
+"""Code of each status in the point array ``status_code``: 0 converged, 1 not-converged, 2 poorly-determined,
+3 left-field, 4 not-fitted, 5 ambiguous, 6 absent, 7 cut, 8 broken, 9 deformed (the order of `Status`)."""
 
 BLOCK_BYTES = 1 << 20  # compressed at a time
 _TYPES = {"f4": "Float32", "f8": "Float64", "i4": "Int32", "i8": "Int64", "u1": "UInt8"}
@@ -33,11 +33,11 @@ _TYPES = {"f4": "Float32", "f8": "Float64", "i4": "Int32", "i8": "Int64", "u1": 
 def write_grains_vtp(path: str | Path, motions: Motions) -> None:
     """Write grains as points of a ``.vtp`` file.
 
-    Each grain is a vertex at its current centre c + u (at c if u is NaN).  Point arrays: ``label``,
-    ``status_code`` (see `STATUS_CODES`), ``reference_center`` (mm), ``displacement`` u (mm),
-    ``rotation_vector_deg`` (degrees), ``rotation_matrix`` Ω (row-major tensor), ``sd_displacement`` (mm),
-    ``sd_rotation_deg`` (degrees), ``displacement_covariance`` (tensor, mm²), ``residual`` (line-integral
-    units) and ``iterations``.  Missing values are NaN: threshold on ``status_code`` before drawing glyphs.
+    Each grain is a vertex at its current centre c + u (at c if u is NaN).  Point arrays: ``label``, ``status_code``
+    (see `STATUS_CODES`), ``ok_translation`` and ``ok_rotation`` (0 or 1), ``reference_center`` (mm), ``displacement``
+    u (mm), ``rotation_vector_deg`` (degrees), ``rotation_matrix`` Ω (row-major tensor), ``sd_displacement`` (mm),
+    ``sd_rotation_deg`` (degrees), ``displacement_covariance`` (tensor, mm²), ``residual`` (line-integral units) and
+    ``iterations``.  Missing values are NaN: threshold on ``ok_translation`` before drawing glyphs.
     """
     n = len(motions)
     points = np.where(np.isfinite(motions.translations), motions.centers + motions.translations, motions.centers)
@@ -46,6 +46,8 @@ def write_grains_vtp(path: str | Path, motions: Motions) -> None:
     data = {
         "label": motions.labels.astype("<i8"),
         "status_code": np.array([STATUS_CODES[str(s)] for s in motions.statuses], dtype="<i4"),
+        "ok_translation": motions.ok_translation.astype("u1"),
+        "ok_rotation": motions.ok_rotation.astype("u1"),
         "reference_center": motions.centers,
         "displacement": motions.translations,
         "rotation_vector_deg": np.rad2deg(motions.rotations),

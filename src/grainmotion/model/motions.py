@@ -43,6 +43,12 @@ MOTION_COLUMNS = (
 )  # fmt: skip
 REASON_COLUMN = "reason"
 """Column of ``motions.csv`` after `MOTION_COLUMNS`; files of older versions lack it."""
+OK_COLUMNS = ("ok_translation", "ok_rotation")
+"""Columns of ``motions.csv`` after `REASON_COLUMN`; files of older versions lack them."""
+PARTIAL = (Status.CUT.value, Status.DEFORMED.value, Status.BROKEN.value)
+"""Statuses of grains whose translation or rotation may be a result to use; the classification says which."""
+POORLY_DETERMINED_REASON = "poorly determined: "
+"""Beginning of the reason of a poorly determined grain; what is not determined follows, up to a semicolon."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,6 +123,10 @@ class Motions:
         A sentence a grain: cause and remedy; empty for grains that converged.
     fit : StateFit
         Gain, offset and convergence curve of the state.
+    ok_translation, ok_rotation : (n,) bool array
+        Whether u, and whether ω, is a result to use: both of a grain that converged; of a poorly determined one that
+        which is determined; of an ambiguous one its translation; of one that is cut, deformed or broken what the
+        classification found good; of all others neither.  Where not given they follow from statuses and reasons.
     """
 
     labels: NDArray[np.int64]
@@ -129,6 +139,8 @@ class Motions:
     iterations: NDArray[np.int64]
     reasons: tuple[str, ...]
     fit: StateFit = field(default_factory=StateFit)
+    ok_translation: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    ok_rotation: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
 
     def __post_init__(self) -> None:
         n = len(self.labels)
@@ -144,6 +156,25 @@ class Motions:
         unknown = {str(s) for s in self.statuses} - {s.value for s in Status}
         if unknown:
             raise InputError("motions.status", f"{sorted(unknown)} unknown", f"use {[s.value for s in Status]}")
+        for name, flags in zip(OK_COLUMNS, self._parts_to_use(), strict=True):
+            object.__setattr__(self, name, flags)
+
+    def _parts_to_use(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Translations and rotations to use, as far as statuses and reasons decide it, else as given."""
+        n = len(self.labels)
+        given = [np.asarray(getattr(self, name), dtype=bool) for name in OK_COLUMNS]
+        # flags of another length were not given, or `replace` kept them while all else is of other grains
+        translation, rotation = (flags.copy() if flags.shape == (n,) else np.zeros(n, dtype=bool) for flags in given)
+        poor = self.statuses == Status.POORLY_DETERMINED.value
+        whole = poor & translation & rotation  # a contradiction: the status is newer
+        named = [r.partition(";")[0] if r.startswith(POORLY_DETERMINED_REASON) else "" for r in self.reasons]
+        told = poor & np.array([bool(name) for name in named], dtype=bool)
+        ok, ambiguous = self.ok, self.statuses == Status.AMBIGUOUS.value
+        partial = poor & ~whole | np.isin(self.statuses, PARTIAL)
+        for flags, part, always in ((translation, "translation", ok | ambiguous), (rotation, "rotation", ok)):
+            by_name = np.array([part not in name for name in named], dtype=bool)
+            flags[:] = always | np.where(told, by_name, flags & partial)
+        return translation, rotation
 
     def __len__(self) -> int:
         return len(self.labels)
@@ -189,8 +220,13 @@ class Motions:
 
     @property
     def usable(self) -> NDArray[np.bool_]:
-        """Grains with a motion to use, ``(n,)``: converged, or poorly determined in the directions that are named."""
-        return self.ok | (self.statuses == Status.POORLY_DETERMINED.value)
+        """Grains with a motion to use, ``(n,)``: in all or in part, or but for the directions that are named."""
+        return self.ok_translation | self.ok_rotation | (self.statuses == Status.POORLY_DETERMINED.value)
+
+    @property
+    def counts(self) -> str:
+        """How many translations and rotations are results to use, as ``75 translations, 37 rotations of 75``."""
+        return f"{self.ok_translation.sum()} translations, {self.ok_rotation.sum()} rotations of {len(self)}"
 
     def for_grains(self, labels: NDArray[np.int64], centers: NDArray[np.float64]) -> Motions:
         """The motions of other grains, matched by label.
@@ -223,6 +259,7 @@ class Motions:
             merged(self.statuses, other.statuses), merged(self.residuals, other.residuals),
             merged(self.iterations, other.iterations),
             tuple(self.reasons[row] if row >= 0 else "" for row in rows), self.fit,
+            merged(self.ok_translation, other.ok_translation), merged(self.ok_rotation, other.ok_rotation),
         )  # fmt: skip
 
     def to_table(self) -> pd.DataFrame:
@@ -238,6 +275,8 @@ class Motions:
         table["residual"] = self.residuals
         table["iterations"] = self.iterations
         table[REASON_COLUMN] = [_plain_text(reason) for reason in self.reasons]
+        for name in OK_COLUMNS:
+            table[name] = getattr(self, name)
         return table
 
     @classmethod
@@ -247,7 +286,7 @@ class Motions:
         Parameters
         ----------
         table : DataFrame
-            The columns of `to_table`, mm and degrees; the reasons may be missing.
+            The columns of `to_table`, mm and degrees; the reasons and what follows them may be missing.
         where : str
             Name of the table in errors.
 
@@ -276,6 +315,7 @@ class Motions:
             residuals=table["residual"].to_numpy(float),
             iterations=table["iterations"].to_numpy(np.int64),
             reasons=_reasons(table),
+            **{name: table[name].to_numpy(bool) for name in OK_COLUMNS if name in table.columns},
         )
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from grainmotion.model.motions import MOTION_COLUMNS, Motions, StateFit, Status
+from grainmotion.model.motions import MOTION_COLUMNS, OK_COLUMNS, Motions, StateFit, Status
 from grainmotion.report.data import Rows, StateReport
 
 STATUS_COLOURS = {
@@ -31,6 +31,7 @@ COLUMN_GROUPS = (
     ("standard deviation of u (mm)", ("sd_ux", "sd_uy", "sd_uz")),
     ("standard deviation of ω (°)", ("sd_wx", "sd_wy", "sd_wz")),
     ("fit", ("residual", "iterations")),
+    ("to use", OK_COLUMNS),
     ("", ("reason",)),
 )
 """Headings with the columns of motions.csv under them, and the reason."""
@@ -62,11 +63,12 @@ def length_decimals(voxel_size: float) -> int:
 
 @dataclass(frozen=True)
 class SummaryRow:
-    """Summary of a state: grains by status; typical motion, typical uncertainty and fit as text."""
+    """Summary of a state: grains by status; translations and rotations to use; typical motion, uncertainty and fit."""
 
     name: str
     grains: int
     counts: tuple[tuple[str, int], ...]
+    to_use: tuple[int, int]
     values: tuple[str, ...]
 
 
@@ -110,13 +112,15 @@ def summary_row(state: StateReport) -> SummaryRow:
         f"{fit.gain:.4f}",
         significant(fit.offset),
     )
-    return SummaryRow(state.name, len(motions), counts, values)
+    to_use = int(motions.ok_translation.sum()), int(motions.ok_rotation.sum())
+    return SummaryRow(state.name, len(motions), counts, to_use, values)
 
 
 def fit_facts(state: StateReport) -> Rows:
     """The fit of a state as a whole: gain, residual, detector response, motion of the background."""
     fit = state.motions.fit
     facts = [
+        ("results to use", state.motions.counts),
         ("views", str(len(state.views))),
         ("gain a", f"{fit.gain:.5f}"),
         ("offset b₀", significant(fit.offset)),
@@ -165,7 +169,8 @@ def grain_table(state: StateReport, max_rows: int) -> GrainTable:
     if len(table) > max_rows:
         order = np.argsort(motions.ok, kind="stable")[:max_rows]
     decimals = length_decimals(state.voxel_size)
-    values = [_column(table[name].to_numpy()[order], name, decimals) for name in MOTION_COLUMNS[2:]]
+    names = (*MOTION_COLUMNS[2:], *OK_COLUMNS)
+    values = [_column(table[name].to_numpy()[order], name, decimals) for name in names]
     labels, statuses = (table[name].to_numpy()[order] for name in MOTION_COLUMNS[:2])
     reasons = [motions.reasons[i] for i in order]
     rows = tuple(zip(map(str, labels), map(str, statuses), zip(*values), reasons))
@@ -175,6 +180,8 @@ def grain_table(state: StateReport, max_rows: int) -> GrainTable:
 def _column(values: np.ndarray, name: str, decimals: int) -> list[str]:
     if name == "iterations":
         return [str(int(v)) for v in values]
+    if name in OK_COLUMNS:
+        return ["yes" if v else "no" for v in values]
     if name.startswith("sd_"):
         return [significant(v, 2) for v in values]
     if name == "residual":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from grainmotion._typing import Float
 from grainmotion.model.detector_response import Response
 from grainmotion.model.grains import GrainSet
-from grainmotion.model.motions import Motions, StateFit, Status
+from grainmotion.model.motions import POORLY_DETERMINED_REASON, Motions, StateFit, Status
 from grainmotion.model.pose import Pose
 from grainmotion.objective.residual import StateProblem
 from grainmotion.rotations import rotation_vector
@@ -25,6 +26,7 @@ from grainmotion.uncertainty.weak_directions import poorly_determined
 AMBIGUOUS_REASON = (
     "another search put it elsewhere, and neither fit is perfect; take more views, or give a nearer start"
 )
+STILL_MOVING = "still moving when iterations ran out; raise track.iterations"
 MAX_DISTURBED_MISFIT = 0.05
 """Residual beyond the noise over line integrals, above which a misregistered neighbour may have shifted a grain."""
 MIN_PIXELS_PER_UNKNOWN = 13.0
@@ -50,17 +52,17 @@ def classify(
     disturbed = misregistered.any() & ~misregistered & (fits.shares > MAX_DISTURBED_MISFIT)
     coverage, moving = evaluation.patches.seen.mean(axis=1), _still_moving(problem, solution)
     supports = grain_supports(problem, solution.state) if misregistered.any() else [GrainSupport()] * n
-    statuses, reasons = np.full(n, Status.CONVERGED.value, dtype="<U20"), [""] * n
+    verdicts = list[_Verdict]()
     for k in range(n):
         fit = _GrainFit(
             fits.rms_residuals[k], fits.rms_line_integrals[k], coverage[k], bool(misregistered[k]),
             bool(disturbed[k]), bool(moving[k]), supports[k],
         )  # fmt: skip
         verdict = _verdict(fit, refined.covariances[k], limits)
-        if verdict is None and ambiguous[k]:
-            verdict = Status.NOT_CONVERGED, AMBIGUOUS_REASON
-        if verdict is not None:
-            statuses[k], reasons[k] = verdict[0].value, verdict[1]
+        if verdict.status is Status.CONVERGED and ambiguous[k]:
+            verdict = _Verdict(Status.NOT_CONVERGED, AMBIGUOUS_REASON)
+        verdicts.append(verdict)
+    statuses = np.array([verdict.status.value for verdict in verdicts], dtype="<U20")
     notes = (*_sparse_note(problem), *unexplained_notes(problem, solution.state, evaluation))
     unknown = np.isin(statuses, [Status.LEFT_FIELD.value, Status.NOT_FITTED.value])
     translations, rotations = solution.state.translations.copy(), rotation_vector(solution.state.matrices)
@@ -69,7 +71,9 @@ def classify(
     covariances[unknown] = np.nan
     return Motions(
         grains.labels, grains.centers, translations, rotations, covariances, statuses, fits.rms_residuals,
-        np.full(n, len(costs), dtype=np.int64), tuple(reasons), _state_fit(refined, evaluation.response, costs, notes),
+        np.full(n, len(costs), dtype=np.int64), tuple(verdict.reason for verdict in verdicts),
+        _state_fit(refined, evaluation.response, costs, notes),
+        *np.array([verdict.ok for verdict in verdicts], dtype=bool).reshape(n, 2).T,
     )  # fmt: skip
 
 
@@ -118,33 +122,53 @@ class _GrainFit:
     support: GrainSupport
 
 
-def _verdict(fit: _GrainFit, covariance: Float, limits: tuple[float, float]) -> tuple[Status, str] | None:
-    """Status and sentence of a grain that did not simply converge."""
+class _Verdict(NamedTuple):
+    """Status and sentence of a grain, and whether its translation and its rotation are results to use."""
+
+    status: Status
+    reason: str = ""
+    ok: tuple[bool, bool] = (False, False)
+
+
+def _verdict(fit: _GrainFit, covariance: Float, limits: tuple[float, float]) -> _Verdict:
+    """What became of a grain."""
     if fit.coverage == 0 or not np.isfinite(fit.path):
-        return Status.NOT_FITTED, "no view sees it; check its place, or give views or a start that see it"
+        return _Verdict(Status.NOT_FITTED, "no view sees it; check its place, or give views or a start that see it")
     if fit.coverage < MIN_COVERAGE:
         share = f"only {fit.coverage:.0%} of its shadows fall on the panel"
-        return Status.LEFT_FIELD, f"{share}; take views that hold it, or leave it out"
+        return _Verdict(Status.LEFT_FIELD, f"{share}; take views that hold it, or leave it out")
     if fit.misregistered:
-        return Status.NOT_CONVERGED, (
+        return _Verdict(
+            Status.NOT_CONVERGED,
             f"its residual {fit.residual:.3g} is too large for its line integrals of {fit.path:.3g}: "
-            f"{fit.support.sentence}; give a nearer start, more views, or check its label"
+            f"{fit.support.sentence}; give a nearer start, more views, or check its label",
         )
     if fit.disturbed:
-        return Status.NOT_CONVERGED, (
+        return _Verdict(
+            Status.NOT_CONVERGED,
             f"a neighbour fits badly, and its own residual {fit.residual:.3g} is large enough for that to have shifted "
-            "it; correct the neighbour first: its label, a nearer start, more views"
+            "it; correct the neighbour first: its label, a nearer start, more views",
         )
     names = poorly_determined(covariance, limits)
     if names:
-        rotations = any(name.startswith("rotation") for name in names)
-        cause = "the views, or so round a shape, do not determine it" if rotations else "the views do not determine it"
-        return Status.POORLY_DETERMINED, (
-            f"poorly determined: {', '.join(names)}; {cause}, take more views or other angles, or use the rest alone"
-        )
+        return _poorly_determined(names, fit.moving)
     if fit.moving:
-        return Status.NOT_CONVERGED, "still moving when iterations ran out; raise track.iterations"
-    return None
+        return _Verdict(Status.NOT_CONVERGED, STILL_MOVING)
+    return _Verdict(Status.CONVERGED, ok=(True, True))
+
+
+def _poorly_determined(names: list[str], moving: bool) -> _Verdict:
+    """The verdict on a grain of which the directions of ``names`` are not determined."""
+    if moving:
+        return _Verdict(
+            Status.POORLY_DETERMINED,
+            f"{POORLY_DETERMINED_REASON}{', '.join(names)}, and translation and rotation were {STILL_MOVING}",
+        )
+    translation, rotation = (not any(name.startswith(part) for name in names) for part in ("translation", "rotation"))
+    cause = "the views do not determine it" if rotation else "the views, or so round a shape, do not determine it"
+    rest = "; its translation is a result to use" if translation else ", or use the rest alone"
+    reason = f"{POORLY_DETERMINED_REASON}{', '.join(names)}; {cause}, take more views or other angles{rest}"
+    return _Verdict(Status.POORLY_DETERMINED, reason, (translation, rotation))
 
 
 def _still_moving(problem: StateProblem, solution: Solution[Pose]) -> NDArray[np.bool_]:

@@ -98,8 +98,8 @@ def suspects(measured: Motions, supports: Float) -> list[NDArray[np.int64]]:
 
 
 def registered(measured: Motions) -> NDArray[np.bool_]:
-    """Grains that were found, ``(n,)``: converged, or ambiguous only because they look alike in several poses."""
-    return measured.ok | (measured.statuses == Status.AMBIGUOUS.value)
+    """Grains that were found, ``(n,)``: those whose place is known, though a round one may have any rotation."""
+    return measured.ok_translation
 
 
 def merit(measured: Motions) -> tuple[int, float]:

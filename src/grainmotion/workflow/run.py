@@ -147,7 +147,7 @@ def _reconstructed(context: RunContext) -> Callable[[], StoredReference]:
 def _check_motions(context: RunContext, name: str, motions: Motions) -> None:
     """Record what the motions of a state show."""
     context.add(check_motions(name, motions, context.findings_on(f"states.{name}")))
-    STAGE_LOG.info("%s: %d of %d grains usable", name, motions.usable.sum(), len(motions))
+    STAGE_LOG.info("%s: %s grains usable", name, motions.counts)
 
 
 def _check_overwriting(inputs: Inputs, folder: Path) -> None:
