@@ -95,7 +95,7 @@ class TestStatuses:
         np.testing.assert_allclose(with_rotation_limit.translations, TRUTH.translations)  # kept
         assert with_rotation_limit.ok_translation.all()
         assert not with_rotation_limit.ok_rotation.any()
-        assert "its translation is a result to use" in with_rotation_limit.reasons[0]
+        assert "the rest is a result to use" in with_rotation_limit.reasons[0]
 
     def test_depth_in_one_parallel_view(self):
         grains = grain_set(1)

@@ -17,7 +17,7 @@ from grainmotion.errors import InputError
 from grainmotion.io.files import atomic_write, checked_file
 from grainmotion.model.motions import MOTION_COLUMNS, OK_COLUMNS, Motions
 
-_FLAGS = {"true": True, "false": False, "1": True, "0": False, "1.0": True, "0.0": False}
+_YES_OR_NO = {"true": True, "false": False, "1": True, "0": False, "1.0": True, "0.0": False}
 """Words for yes and no."""
 
 
@@ -58,12 +58,12 @@ def read_motions(path: str | Path) -> Motions:
         table[column] = numbers
     for column in (c for c in OK_COLUMNS if c in table.columns):
         words = table[column].astype(str).str.strip().str.lower()
-        if not words.isin(_FLAGS).all():
-            row = int(np.argmin(words.isin(_FLAGS).to_numpy()))
+        if not words.isin(_YES_OR_NO).all():
+            row = int(np.argmin(words.isin(_YES_OR_NO).to_numpy()))
             raise InputError(
                 str(path), f"{column} is '{table[column].iloc[row]}' in row {row + 1}", "give True or False"
             )
-        table[column] = words.map(_FLAGS).astype(bool)
+        table[column] = words.map(_YES_OR_NO).astype(bool)
     if "label" in table.columns and table["label"].duplicated().any():
         repeated = int(table["label"][table["label"].duplicated()].iloc[0])
         raise InputError(str(path), f"label {repeated} is given twice", "give one row a grain")

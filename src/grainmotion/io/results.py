@@ -39,7 +39,7 @@ _ARRAYS = {
     "iterations": "1",
 }
 """Arrays of `Motions` and their units, "1" for numbers without one."""
-_FLAGS = ("ok_translation", "ok_rotation")
+_OK_FLAGS = ("ok_translation", "ok_rotation")
 """Arrays of `Motions` that files of older versions lack: 1 where translation or rotation is a result to use."""
 _OPTIONAL = {
     "corrections": "pixel, pixel, rad",  # columns of StateFit.view_corrections
@@ -147,7 +147,7 @@ def write_motions_h5(path: str | Path, motions: Motions) -> None:
     with atomic_write(path) as temporary, h5py.File(temporary, "w") as file:
         for name, unit in _ARRAYS.items():
             file.create_dataset(name, data=getattr(motions, name)).attrs["unit"] = unit
-        for name in _FLAGS:
+        for name in _OK_FLAGS:
             file.create_dataset(name, data=getattr(motions, name).astype(np.uint8)).attrs["unit"] = "1"
         file.create_dataset("statuses", data=[str(s) for s in motions.statuses], dtype=text)
         file.create_dataset("reasons", data=list(motions.reasons), dtype=text)
@@ -176,7 +176,7 @@ def read_motions_h5(path: str | Path) -> Motions:
         polynomial = fit["polynomial"][()] if "polynomial" in fit else None
         return Motions(
             **{name: file[name][()] for name in _ARRAYS},
-            **{name: file[name][()].astype(bool) for name in _FLAGS if name in file},
+            **{name: file[name][()].astype(bool) for name in _OK_FLAGS if name in file},
             statuses=np.array(file["statuses"].asstr()[()], dtype="<U20"),
             reasons=tuple(str(r) for r in file["reasons"].asstr()[()]),
             fit=StateFit(

@@ -315,7 +315,8 @@ class Motions:
             residuals=table["residual"].to_numpy(float),
             iterations=table["iterations"].to_numpy(np.int64),
             reasons=_reasons(table),
-            **{name: table[name].to_numpy(bool) for name in OK_COLUMNS if name in table.columns},
+            ok_translation=_flags(table, "ok_translation"),
+            ok_rotation=_flags(table, "ok_rotation"),
         )
 
 
@@ -328,3 +329,8 @@ def _reasons(table: pd.DataFrame) -> tuple[str, ...]:
     if REASON_COLUMN not in table.columns:
         return ("",) * len(table)
     return tuple("" if reason != reason else str(reason) for reason in table[REASON_COLUMN])
+
+
+def _flags(table: pd.DataFrame, name: str) -> NDArray[np.bool_]:
+    """A column of `OK_COLUMNS`; empty if the table lacks it."""
+    return table[name].to_numpy(bool) if name in table.columns else np.zeros(0, dtype=bool)

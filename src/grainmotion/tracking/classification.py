@@ -166,7 +166,7 @@ def _poorly_determined(names: list[str], moving: bool) -> _Verdict:
         )
     translation, rotation = (not any(name.startswith(part) for name in names) for part in ("translation", "rotation"))
     cause = "the views do not determine it" if rotation else "the views, or so round a shape, do not determine it"
-    rest = "; its translation is a result to use" if translation else ", or use the rest alone"
+    rest = "; the rest is a result to use" if translation else ", or use the rest alone"
     reason = f"{POORLY_DETERMINED_REASON}{', '.join(names)}; {cause}, take more views or other angles{rest}"
     return _Verdict(Status.POORLY_DETERMINED, reason, (translation, rotation))
 
