@@ -70,8 +70,8 @@ def _half_way(array: Floats, regions: Ints, cores: UniformCores) -> Ints:
 def without_shells(array: Floats, of_voxel: NDArray[np.int8], levels: NDArray[np.float64]) -> NDArray[np.int8]:
     """Levels whose faint voxels near the surface of a denser level are those of what lies beyond.
 
-    Within `BLUR_SHELL` voxels of a dense body blur alone gives any lower attenuation, so there only the place counts: the
-    border between a faint grain and air goes on straight to the dense surface.
+    Within `BLUR_SHELL` voxels of a dense body blur alone gives any lower attenuation, so there only the place counts:
+    the border between a faint grain and air goes on straight to the dense surface.
 
     Parameters
     ----------

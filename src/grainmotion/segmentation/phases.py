@@ -161,7 +161,8 @@ class PhaseMap:
         kind[near & (kind == 3) & with_grains[level]] = 2
         kind[labels > 0] = 2
         level[(kind == 2) & ~with_grains[level]] = labelled.argmax()
-        sizes = np.bincount((level * len(PHASE_KINDS) + kind).ravel(), minlength=count * len(PHASE_KINDS)).reshape(count, -1)
+        both = (level * len(PHASE_KINDS) + kind).ravel()
+        sizes = np.bincount(both, minlength=count * len(PHASE_KINDS)).reshape(count, -1)
         for k in np.flatnonzero((sizes[:, 3] > 0) & (sizes[:, 3] < MIN_BODY_SHARE * array.size)):
             stray = (level == k) & (kind == 3)
             level[stray], kind[stray] = 0, 0
