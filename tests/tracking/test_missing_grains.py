@@ -116,7 +116,7 @@ class TestComplete:
         assert np.isnan(completed.translations[2]).all()
         assert np.isnan(completed.rotations[2]).all()
         assert np.isnan(completed.residuals[2])
-        assert list(completed.statuses) == ["converged", "converged", "not-fitted", "poorly-determined", "converged"]
+        assert list(completed.statuses) == ["converged", "converged", "absent", "poorly-determined", "converged"]
         assert completed.reasons[3] == "round; look elsewhere"
         assert ";" in completed.reasons[2]
         assert completed.fit == measured.fit

@@ -22,7 +22,7 @@ from grainmotion.model.motions import Motions, Status
 from grainmotion.model.volume import Volume
 from grainmotion.rotations import rotation_matrix
 
-WITHOUT_MOTION = (Status.LEFT_FIELD.value, Status.NOT_FITTED.value)
+WITHOUT_MOTION = (Status.LEFT_FIELD.value, Status.NOT_FITTED.value, Status.ABSENT.value)
 
 
 @checked_arguments
@@ -34,8 +34,8 @@ def rebuild(grains: GrainSet, motions: Motions, grid: Volume) -> tuple[Volume, N
     grains : GrainSet
         The grains of the reference state.  Those without a row in ``motions`` are left out.
     motions : Motions
-        Their motions, mm and radians.  Grains whose motion is NaN, or whose status is ``left-field``
-        or ``not-fitted``, are left out.
+        Their motions, mm and radians.  Grains whose motion is NaN, or whose status is ``left-field``,
+        ``not-fitted`` or ``absent``, are left out.
     grid : Volume
         The voxels to fill; its values do not matter.
 

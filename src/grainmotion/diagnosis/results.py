@@ -125,8 +125,8 @@ def with_common_cause(motions: Motions, cause: Finding | None) -> Motions:
 
 
 def failures(motions: Motions) -> NDArray[np.bool_]:
-    """Grains that were not found, ``(n,)``; those that fit in several ways were."""
-    return ~(motions.usable | (motions.statuses == Status.AMBIGUOUS.value))
+    """Grains that were not found, ``(n,)``; those that fit in several ways were, and absent ones are not there."""
+    return ~(motions.usable | np.isin(motions.statuses, [Status.AMBIGUOUS.value, Status.ABSENT.value]))
 
 
 def _note_findings(motions: Motions, where: str) -> list[Finding]:

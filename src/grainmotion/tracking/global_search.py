@@ -79,11 +79,17 @@ class SearchResult:
     ambiguous: NDArray[np.bool_]
 
 
-def search(fit: MultistageFit, field_pose: Pose, problem: StateProblem, solution: Solution[Pose]) -> SearchResult:
+def search(
+    fit: MultistageFit,
+    field_pose: Pose,
+    problem: StateProblem,
+    solution: Solution[Pose],
+    misregistered: NDArray[np.bool_],
+) -> SearchResult:
     """The best of all attempts at a better placement of the grains that fit badly.
 
     ``field_pose`` is where the smooth field put the grains: misregistered ones are sought around it.  ``problem`` and
-    ``solution`` are the free problem and its solution so far.
+    ``solution`` are the free problem and its solution so far, ``misregistered`` the grains that fit badly there.
     """
     flat = planar(fit.grains, fit.target.scan.geometry)
     thin = flat or (
@@ -95,7 +101,8 @@ def search(fit: MultistageFit, field_pose: Pose, problem: StateProblem, solution
     confirming, tried, vain = list[_Placement](), 0, 0
     tolerance = max(ATTEMPT_TOLERANCE, fit.settings.tolerance)
     for planned in attempts:
-        misregistered = misregistered_grains(best.problem, best.pose)
+        if tried:
+            misregistered = misregistered_grains(best.problem, best.pose)
         few = not thin and misregistered.mean() <= ANNEAL_ALL_SHARE
         in_vain = vain >= (1 if few or misregistered.all() else MAX_VAIN_ATTEMPTS)
         if best.proven or (best.agrees(confirming).all() if thin else in_vain or not misregistered.any()):

@@ -115,9 +115,10 @@ def improves(measured: Motions, before: Motions) -> bool:
 
 
 def complete(measured: Motions, grains: GrainSet) -> Motions:
-    """Motions of all the grains from those of some; the others are reported as missing."""
+    """Motions of all the grains from those of some; the others are absent."""
     motions = measured.for_grains(grains.labels, grains.centers)
     missing = ~np.isin(grains.labels, measured.labels)
     motions.translations[missing] = motions.rotations[missing] = np.nan
+    motions.statuses[missing] = Status.ABSENT.value
     reasons = (MISSING_REASON if m else reason for m, reason in zip(missing, motions.reasons, strict=True))
     return replace(motions, reasons=tuple(reasons))

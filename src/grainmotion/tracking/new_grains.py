@@ -18,7 +18,7 @@ from scipy import ndimage
 from grainmotion._typing import Float
 from grainmotion.kernels.layout import PADDING
 from grainmotion.model.grains import Grain, GrainSet
-from grainmotion.model.motions import Motions
+from grainmotion.model.motions import Motions, Status
 from grainmotion.model.pose import Pose
 from grainmotion.model.volume import Volume
 from grainmotion.objective.evaluation import Evaluation
@@ -88,7 +88,8 @@ def _grid_around(centers: Float, radius: float) -> Float:
 def may_have_appeared(measured: Motions) -> bool:
     """Whether a fit looks as if a grain too many were on the radiographs."""
     surplus = measured.fit.gain > 1 + SURPLUS_GAIN_SHARE / len(measured)
-    return bool((~registered(measured)).mean() > MIN_DOUBTFUL_SHARE and surplus)
+    doubtful = ~(registered(measured) | (measured.statuses == Status.ABSENT.value))
+    return bool(doubtful.mean() > MIN_DOUBTFUL_SHARE and surplus)
 
 
 def place_of_new_grain(fit: MultistageFit, start: Pose) -> Float | None:

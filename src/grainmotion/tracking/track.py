@@ -9,13 +9,13 @@ seem to be missing, and with a ball in place of a grain that seems to be new.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from grainmotion._arguments import checked_arguments
-from grainmotion._typing import Float, Image, Progress
+from grainmotion._typing import Image, Progress
 from grainmotion.backends.base import PatchBackend
 from grainmotion.backends.device import Device
 from grainmotion.diagnosis.grain_scale import scale_notes
@@ -25,23 +25,17 @@ from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions, Status
 from grainmotion.model.scan import Scan
 from grainmotion.model.starting_pose import starting_pose
-from grainmotion.solvers.gauss_newton import gauss_newton
-from grainmotion.tracking.ambiguity import MAX_MOVES, find_ambiguities, with_reasons
-from grainmotion.tracking.background_motion import FIXED_BACKGROUND_NOTE, fixed_unless_moved
-from grainmotion.tracking.classification import classify
-from grainmotion.tracking.global_search import SearchResult, search
-from grainmotion.tracking.initial_guess import initialise, smooth_fields
+from grainmotion.tracking.absent_grains import without_absent
+from grainmotion.tracking.attempt import Attempt, Job, approach, attempt, finish, unsolved
 from grainmotion.tracking.missing_grains import (
     MAX_GRAINS_ALL_TRIED,
     MAX_SINGLE_SUSPECTS,
     complete,
-    grain_supports,
     improves,
     merit,
     registered,
     suspects,
 )
-from grainmotion.tracking.multistage import MultistageFit
 from grainmotion.tracking.new_grains import (
     may_have_appeared,
     place_of_new_grain,
@@ -49,7 +43,6 @@ from grainmotion.tracking.new_grains import (
     with_stand_in,
     without_last,
 )
-from grainmotion.tracking.refinement import refine
 from grainmotion.tracking.settings import PAPER, TrackSettings
 
 __all__ = ["PAPER", "TrackSettings", "track", "track_with_residual"]
@@ -118,9 +111,13 @@ def track_with_residual(
 
     They are None if the last fit simulated a grain whose motion is not reported, or a stand-in for a new one.
     """
-    job = _Job(grains, scan, start, settings or TrackSettings(), progress, device)
+    job = Job(grains, scan, start, settings or TrackSettings(), progress, device)
     with threadpool_limits(limits=1, user_api="blas"):  # its matrices are small, and kernels use all cores
-        first = _attempt(job)
+        try:
+            near = approach(job)
+            first = without_absent(job, near) or finish(job, near)
+        except np.linalg.LinAlgError as error:  # ends one attempt, not the run
+            first = unsolved(job.grains, error)
         best = _without_missing(job, first)
         chosen, motions = first, first.motions
         if registered(best.motions).sum() > registered(first.motions).sum():
@@ -133,7 +130,7 @@ def track_with_residual(
         return _with_likely_cause(job, motions), residual
 
 
-def _with_likely_cause(job: _Job, motions: Motions) -> Motions:
+def _with_likely_cause(job: Job, motions: Motions) -> Motions:
     """The motions with what the state as a whole shows: wrong sizes as a note, and, where nearly all grains failed, the
     one cause as a note and as the reason of each.
     """
@@ -146,32 +143,7 @@ def _with_likely_cause(job: _Job, motions: Motions) -> Motions:
     return with_common_cause(motions, common_cause(motions, known=found))
 
 
-@dataclass(frozen=True, eq=False)
-class _Job:
-    """Input of one attempt."""
-
-    grains: GrainSet
-    scan: Scan
-    start: Motions | None
-    settings: TrackSettings
-    progress: Progress | None
-    device: Device | PatchBackend | None
-
-    def fit(self) -> MultistageFit:
-        """A fit that is about to start."""
-        return MultistageFit.of(self.grains, self.scan, self.settings, self.progress, self.device)
-
-
-@dataclass(frozen=True, eq=False)
-class _Attempt:
-    """Motions, how far the radiographs support each grain ``(n,)``, and the residual radiographs."""
-
-    motions: Motions
-    supports: Float
-    residual: Image | None = None
-
-
-def _without_missing(job: _Job, first: _Attempt) -> _Attempt:
+def _without_missing(job: Job, first: Attempt) -> Attempt:
     """The best attempt without grains that seem to be missing; the first one if none is better."""
     settings, present, best = job.settings, job.grains, first
     while settings.search and (missing := suspects(best.motions, best.supports)):
@@ -182,7 +154,7 @@ def _without_missing(job: _Job, first: _Attempt) -> _Attempt:
         elif len(missing) > MAX_SINGLE_SUSPECTS:  # the right trial needs no search
             trial_settings = replace(settings, search=False)
         trials = [replace(job, grains=present.without(rows), start=start, settings=trial_settings) for rows in missing]
-        attempts = [_attempt(trial) for trial in trials]
+        attempts = [attempt(trial) for trial in trials]
         k = max(range(len(attempts)), key=lambda k: merit(attempts[k].motions))
         if not improves(attempts[k].motions, best.motions):
             break
@@ -190,7 +162,7 @@ def _without_missing(job: _Job, first: _Attempt) -> _Attempt:
     return best
 
 
-def _with_new_grain(job: _Job) -> Motions | None:
+def _with_new_grain(job: Job) -> Motions | None:
     """The motions beside a ball that stands in for a new grain; None if there is no place for one."""
     try:
         place = place_of_new_grain(job.fit(), starting_pose(job.grains, job.start))
@@ -201,52 +173,4 @@ def _with_new_grain(job: _Job) -> Motions | None:
     grains = with_stand_in(job.grains, place)
     start = start_with_stand_in(job.start, grains)
     quick = replace(job.settings, search=False)
-    return without_last(_attempt(replace(job, grains=grains, start=start, settings=quick)).motions)
-
-
-def _attempt(job: _Job) -> _Attempt:
-    """All stages for the grains of a job."""
-    grains, settings = job.grains, job.settings
-    try:
-        fit = job.fit()
-        start = starting_pose(grains, job.start)
-        fields = smooth_fields(fit, start) if settings.fields else []
-        field_pose, pose = [start, *fields][-1], initialise(fit, start, fields)
-        done = 1 if settings.fields and len(settings.filters) > 1 else 0  # the initial guess ends with the first filter
-        problem, solution = fit.solve_free(pose, "free", settings.filters[done:])
-        result = SearchResult(problem, solution, np.zeros(len(grains), dtype=bool))
-        if settings.search:
-            result = search(fit, field_pose, problem, solution)
-        problem, solution, fixed = fixed_unless_moved(fit, result.problem, result.solution)
-        fit.report("classifying the grains", fit.expected_stages)
-        limits = (settings.max_sd_voxel * grains.voxel_size, float(np.deg2rad(settings.max_sd_deg)))
-        refined, ambiguous = refine(fit, field_pose, problem, solution), dict[int, str]()
-        for moves in range(MAX_MOVES + 1 if settings.alternatives else 0):
-            ambiguous, moved = find_ambiguities(refined, grains, fit.grains, field_pose, limits)
-            if moved is None or moves == MAX_MOVES:
-                break
-            nearer = solution.state.moved(moved.translations, moved.matrices)
-            observe = fit.observer(problem.target, "alternative poses")
-            solution = gauss_newton(problem, nearer, fit.fine_stopping(), observe)
-            refined = refine(fit, field_pose, problem, solution)
-        motions = classify(grains, refined, result.ambiguous, limits, tuple(fit.costs))
-        motions = with_reasons(motions, ambiguous)
-        supports = grain_supports(refined.problem, refined.solution.state)
-    except np.linalg.LinAlgError as error:  # ends one attempt, not the run
-        return _Attempt(_unsolved(grains, error), np.ones(len(grains)))
-    if fixed:
-        notes = (*motions.fit.notes, FIXED_BACKGROUND_NOTE)
-        motions = replace(motions, fit=replace(motions.fit, background=np.zeros(6), notes=notes))
-    residual = None
-    if np.isfinite(motions.translations).all():
-        residual = refined.evaluation.raw_residual
-        residual = residual if job.scan.valid is None else np.where(job.scan.valid, residual, np.nan)
-    return _Attempt(motions, np.array([support.share for support in supports]), residual)
-
-
-def _unsolved(grains: GrainSet, error: np.linalg.LinAlgError) -> Motions:
-    """Unknown motions of all grains, and the reason."""
-    reason = f"the equations of this state could not be solved ({error}); please report it, with these radiographs"
-    nothing = np.full((len(grains), 3), np.nan)
-    still = Motions.identity(grains.labels, grains.centers)
-    return replace(still, translations=nothing, rotations=nothing.copy(), reasons=(reason,) * len(grains))
+    return without_last(attempt(replace(job, grains=grains, start=start, settings=quick)).motions)

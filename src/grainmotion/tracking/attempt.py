@@ -1,0 +1,136 @@
+"""One attempt at a state: all stages for the grains of a job, without asking which of them are there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grainmotion._typing import Float, Image, Progress
+from grainmotion.backends.base import PatchBackend
+from grainmotion.backends.device import Device
+from grainmotion.model.grains import GrainSet
+from grainmotion.model.motions import Motions
+from grainmotion.model.pose import Pose
+from grainmotion.model.scan import Scan
+from grainmotion.model.starting_pose import starting_pose
+from grainmotion.objective.residual import StateProblem
+from grainmotion.solvers.gauss_newton import Solution, gauss_newton
+from grainmotion.tracking.ambiguity import MAX_MOVES, find_ambiguities, with_reasons
+from grainmotion.tracking.background_motion import FIXED_BACKGROUND_NOTE, fixed_unless_moved
+from grainmotion.tracking.classification import classify
+from grainmotion.tracking.global_search import SearchResult, search
+from grainmotion.tracking.initial_guess import initialise, smooth_fields
+from grainmotion.tracking.missing_grains import grain_supports
+from grainmotion.tracking.multistage import MultistageFit
+from grainmotion.tracking.refinement import refine
+from grainmotion.tracking.settings import TrackSettings
+from grainmotion.uncertainty.goodness_of_fit import misregistered_grains
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """Input of one attempt."""
+
+    grains: GrainSet
+    scan: Scan
+    start: Motions | None
+    settings: TrackSettings
+    progress: Progress | None
+    device: Device | PatchBackend | None
+
+    def fit(self) -> MultistageFit:
+        """A fit that is about to start."""
+        return MultistageFit.of(self.grains, self.scan, self.settings, self.progress, self.device)
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """Motions, how far the radiographs support each grain ``(n,)``, and the residual radiographs."""
+
+    motions: Motions
+    supports: Float
+    residual: Image | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Approach:
+    """A fit before any search: all grains free, from the best of the smooth fields.
+
+    ``fields`` are the poses of the smooth fields, ``field_pose`` the last of them or else the start; ``misregistered``
+    are the grains that fit badly so far, ``(n,)``.
+    """
+
+    fit: MultistageFit
+    start: Pose
+    fields: list[Pose]
+    problem: StateProblem
+    solution: Solution[Pose]
+    misregistered: NDArray[np.bool_]
+
+    @property
+    def field_pose(self) -> Pose:
+        return [self.start, *self.fields][-1]
+
+
+def attempt(job: Job) -> Attempt:
+    """All stages for the grains of a job."""
+    try:
+        return finish(job, approach(job))
+    except np.linalg.LinAlgError as error:  # ends one attempt, not the run
+        return unsolved(job.grains, error)
+
+
+def approach(job: Job) -> Approach:
+    """The stages before any search."""
+    settings, fit = job.settings, job.fit()
+    start = starting_pose(job.grains, job.start)
+    fields = smooth_fields(fit, start) if settings.fields else []
+    pose = initialise(fit, start, fields)
+    done = 1 if settings.fields and len(settings.filters) > 1 else 0  # the initial guess ends with the first filter
+    problem, solution = fit.solve_free(pose, "free", settings.filters[done:])
+    misregistered = np.zeros(len(job.grains), dtype=bool)
+    if settings.search:
+        misregistered = misregistered_grains(problem, solution.state)
+    return Approach(fit, start, fields, problem, solution, misregistered)
+
+
+def finish(job: Job, near: Approach) -> Attempt:
+    """The search for misregistered grains, the refinement and the status of each grain."""
+    grains, settings, fit, field_pose = job.grains, job.settings, near.fit, near.field_pose
+    result = SearchResult(near.problem, near.solution, np.zeros(len(grains), dtype=bool))
+    if settings.search:
+        result = search(fit, field_pose, near.problem, near.solution, near.misregistered)
+    problem, solution, fixed = fixed_unless_moved(fit, result.problem, result.solution)
+    fit.report("classifying the grains", fit.expected_stages)
+    limits = (settings.max_sd_voxel * grains.voxel_size, float(np.deg2rad(settings.max_sd_deg)))
+    refined, ambiguous = refine(fit, field_pose, problem, solution), dict[int, str]()
+    for moves in range(MAX_MOVES + 1 if settings.alternatives else 0):
+        ambiguous, moved = find_ambiguities(refined, grains, fit.grains, field_pose, limits)
+        if moved is None or moves == MAX_MOVES:
+            break
+        nearer = solution.state.moved(moved.translations, moved.matrices)
+        observe = fit.observer(problem.target, "alternative poses")
+        solution = gauss_newton(problem, nearer, fit.fine_stopping(), observe)
+        refined = refine(fit, field_pose, problem, solution)
+    motions = classify(grains, refined, result.ambiguous, limits, tuple(fit.costs))
+    motions = with_reasons(motions, ambiguous)
+    supports = grain_supports(refined.problem, refined.solution.state)
+    if fixed:
+        notes = (*motions.fit.notes, FIXED_BACKGROUND_NOTE)
+        motions = replace(motions, fit=replace(motions.fit, background=np.zeros(6), notes=notes))
+    residual = None
+    if np.isfinite(motions.translations).all():
+        residual = refined.evaluation.raw_residual
+        residual = residual if job.scan.valid is None else np.where(job.scan.valid, residual, np.nan)
+    return Attempt(motions, np.array([support.share for support in supports]), residual)
+
+
+def unsolved(grains: GrainSet, error: np.linalg.LinAlgError) -> Attempt:
+    """Unknown motions of all grains, and the reason."""
+    reason = f"the equations of this state could not be solved ({error}); please report it, with these radiographs"
+    nothing = np.full((len(grains), 3), np.nan)
+    still = Motions.identity(grains.labels, grains.centers)
+    motions = replace(still, translations=nothing, rotations=nothing.copy(), reasons=(reason,) * len(grains))
+    return Attempt(motions, np.ones(len(grains)))
