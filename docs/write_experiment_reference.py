@@ -21,7 +21,7 @@ from grainmotion.diagnosis.settings import CheckSettings
 from grainmotion.experiment import config
 from grainmotion.planning.plan import PlanSettings
 from grainmotion.reconstruction.reconstruct import ReconstructSettings
-from grainmotion.segmentation.settings import SegmentSettings
+from grainmotion.segmentation.settings import PhaseSettings, SegmentSettings
 from grainmotion.tracking.track import TrackSettings
 
 TABLES: dict[str, type] = {
@@ -33,6 +33,7 @@ TABLES: dict[str, type] = {
     "[calibrate]": ScannerSettings,
     "[reconstruct]": ReconstructSettings,
     "[segment]": SegmentSettings,
+    "[[segment.phases]]": PhaseSettings,
     "[track]": TrackSettings,
     "[plan]": PlanSettings,
     "[[states]]": config.StateTable,

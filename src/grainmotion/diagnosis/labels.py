@@ -18,7 +18,7 @@ from grainmotion.model.motions import Motions, Status
 from grainmotion.model.volume import Volume
 from grainmotion.segmentation.labels import CleanLabels, checked_labels
 from grainmotion.segmentation.region_merging import BasinGraph
-from grainmotion.segmentation.segment import distance_basins
+from grainmotion.segmentation.separation import distance_basins
 from grainmotion.segmentation.settings import SegmentSettings
 
 Findings = tuple[Finding, ...]

@@ -4,11 +4,45 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from grainmotion._validation import validated
+from grainmotion.errors import InputError
 
 Background = Literal["auto", "ignore", "fixed", "moving"]
+
+
+PhaseKind = Literal["air", "liquid", "grains", "body"]
+
+
+@validated
+class PhaseSettings:
+    """What is known of a phase: what it is, and its attenuation or the range of it."""
+
+    kind: Annotated[
+        PhaseKind,
+        Field(description='"air", "liquid", "grains", or "body": a piston, a wall or a wire, without a label'),
+    ] = "grains"
+    attenuation: Annotated[float | None, Field(ge=0, description="mean attenuation, 1/mm")] = None
+    range: Annotated[
+        tuple[float, float] | None, Field(description="lowest and highest attenuation in place of the mean, 1/mm")
+    ] = None
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> PhaseSettings:
+        if (self.attenuation is None) == (self.range is None):
+            raise InputError("PhaseSettings", f"'{self.kind}' needs either attenuation or range", "give one of them")
+        if self.range is not None and not self.range[0] < self.range[1]:
+            raise InputError("PhaseSettings.range", f"{self.range} is not rising", "give the lower end first")
+        return self
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Lowest and highest attenuation, 1/mm; the same if the mean was given."""
+        if self.range is not None:
+            return self.range
+        assert self.attenuation is not None
+        return self.attenuation, self.attenuation
 
 
 @validated
@@ -38,6 +72,10 @@ class SegmentSettings:
             '"auto" is moving if it holds more than 2 % of all attenuation, else ignored'
         ),
     ] = "auto"
+    phases: Annotated[
+        tuple[PhaseSettings, ...],
+        Field(description="all phases, as tables `[[segment.phases]]`; found by themselves unless given"),
+    ] = ()
     finer: Annotated[
         int, Field(ge=1, le=4, description="upsampling, by splines, of the voxels of the last stages of tracking")
     ] = 2

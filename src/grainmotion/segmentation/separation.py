@@ -1,0 +1,139 @@
+"""Touching grains of one material separated: distance transform, watershed, merging of basins.
+
+Grains are separated in their *cores*, the voxels well above the half-way level between air and grain
+(`CORE_LEVEL`): blur bridges the gap at a contact at the half-way level, hardly in the cores.  A watershed of
+the cores' distance transform cuts angular grains into several basins.  These are merged in two steps over
+the graph of touching basins, with s the saddle between two (the half-width of the neck), m the lower of
+their two peaks (the half-width of the smaller) and A the area of the neck:
+
+1. **Depth** (H-minima): a basin is merged if m − s < ``depth`` voxels, as voxelisation causes, or
+   s > 0.9 m, as an uneven surface causes.
+2. **Neck**, independent of scale, the widest first: two basins are one grain if
+
+       κ = s² A / (π m⁴) ≥ ``oneness``.
+
+   A s² is proportional to the second moment of area of the neck, so κ compares the bending stiffness of the
+   neck with that of the smaller basin's thickest round section: two halves of one grain give about 1 or
+   more, however flat or long it is, two touching grains much less.
+
+Then the labels grow from the cores into all voxels above the threshold, bright ones first.
+
+Soille (2003) for the watershed of distances; `docs/decisions/0002-segmentation.md` for the criterion.
+"""
+
+from __future__ import annotations
+
+import edt
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+from skimage.segmentation import relabel_sequential, watershed
+
+from grainmotion.segmentation.region_merging import BasinGraph
+from grainmotion.segmentation.settings import SegmentSettings
+
+Ints = NDArray[np.int32]
+Bools = NDArray[np.bool_]
+
+CORE_LEVEL = 0.75
+"""Level of the cores: 0 is the mean outside the grains, 1 the grain's own attenuation nearby."""
+CORE_WINDOW = 9
+"""Edge of the cube over which a grain's own attenuation is averaged, voxels."""
+MIN_GRAIN_VOXELS = 30
+"""Smallest grain in any case, voxels."""
+MIN_GRAIN_SHARE = 0.02
+"""Smallest grain unless given, over the median grain's volume."""
+
+
+def separated(array: NDArray[np.float32], solid: Bools, threshold: float, settings: SegmentSettings) -> Ints:
+    """Labels of the grains of one material, in all its voxels.
+
+    Parameters
+    ----------
+    array : (nz, ny, nx) array
+        Attenuation above what surrounds the grains, 1/mm.
+    solid : (nz, ny, nx) bool array
+        Voxels of the grains.
+    threshold : float
+        Attenuation from which a voxel is grain, 1/mm.
+    settings : SegmentSettings
+        ``depth``, ``oneness`` and ``min_volume``.
+
+    Returns
+    -------
+    (nz, ny, nx) int32 array
+        0 for no grain, 1 … n for the grains; pieces of fewer than `MIN_GRAIN_VOXELS` are left out.
+    """
+    labels = np.zeros(array.shape, np.int32)
+    box = bounding_box(solid)
+    if box is None:
+        return labels
+    array, solid = array[box], solid[box]
+    smallest = min(settings.min_volume or MIN_GRAIN_VOXELS, MIN_GRAIN_VOXELS)
+    distance = edt.edt(_cores(array, solid, threshold), parallel=1)
+    basins = distance_basins(distance)
+    cores = BasinGraph.of(distance, basins).merged(settings.depth, settings.oneness)[basins]
+    labels[box] = watershed(-array, without_small(cores, smallest), mask=solid)
+    return labels
+
+
+def large_enough(labels: Ints, settings: SegmentSettings) -> tuple[Ints, NDArray[np.intp]]:
+    """Labels without small ones, numbered 1 … n, and the old number of each (0 first)."""
+    sizes = np.bincount(labels.ravel())
+    present = sizes[1:][sizes[1:] > 0]
+    smallest = settings.min_volume or (
+        max(MIN_GRAIN_VOXELS, int(MIN_GRAIN_SHARE * np.median(present))) if len(present) else MIN_GRAIN_VOXELS
+    )
+    kept = np.flatnonzero(sizes >= smallest)
+    return without_small(labels, smallest), np.concatenate([[0], kept[kept > 0]])
+
+
+def bounding_box(solid: Bools) -> tuple[slice, slice, slice] | None:
+    """The smallest box that holds all solid voxels, and one voxel more on each side; None without any."""
+    box = []
+    for axis in range(3):
+        layers = np.flatnonzero(solid.any(axis=tuple({0, 1, 2} - {axis})))
+        if len(layers) == 0:
+            return None
+        box.append(slice(max(int(layers[0]) - 1, 0), int(layers[-1]) + 2))
+    return box[0], box[1], box[2]
+
+
+def _cores(array: NDArray[np.float32], solid: Bools, threshold: float) -> Bools:
+    """Voxels above `CORE_LEVEL` of their grain's own attenuation and above the threshold.
+
+    A grain fainter than the others has a lower level; inclusions brighter than the others do not raise it.
+    """
+    bright = float(np.median(array[solid]))
+    outside = array[~solid]
+    dark = float(outside.mean()) if outside.size else 0.0
+    inner = ndimage.binary_erosion(solid)
+    weight = ndimage.uniform_filter(inner.astype(np.float32), CORE_WINDOW)
+    own = ndimage.uniform_filter(np.where(inner, np.minimum(array, bright), 0).astype(np.float32), CORE_WINDOW)
+    averaged = weight > 1 / CORE_WINDOW**3
+    own = np.where(averaged, own / np.where(averaged, weight, 1), bright)
+    cores = ndimage.binary_fill_holes(solid & (array > np.maximum(threshold, dark + CORE_LEVEL * (own - dark))))
+    pieces, n = ndimage.label(solid)
+    coreless = np.ones(n + 1, dtype=bool)
+    coreless[pieces[cores]] = False
+    coreless[0] = False
+    return cores | coreless[pieces]  # a piece too thin or too faint for a core is its own core
+
+
+def distance_basins(distance: NDArray[np.float32]) -> Ints:
+    """Watershed basins of the distance, one for each of its local maxima."""
+    inside = distance > 0
+    peaks = (distance == ndimage.maximum_filter(distance, size=3)) & inside
+    seeds, _ = ndimage.label(peaks, np.ones((3, 3, 3)))
+    return watershed(-distance, seeds, mask=inside).astype(np.int32)
+
+
+def without_small(labels: Ints, smallest: int) -> Ints:
+    """Labels of at least ``smallest`` voxels, numbered 1 … n.
+
+    `skimage.morphology.remove_small_objects` takes three times as long, and warns of a volume with one grain.
+    """
+    sizes = np.bincount(labels.ravel())
+    sizes[0] = 0
+    numbers = relabel_sequential(np.where(sizes >= smallest, np.arange(len(sizes)), 0))[0]
+    return np.asarray(numbers, np.int32)[labels]
