@@ -68,7 +68,7 @@ class TestCovariance:
         dense, _ = covariances(problem, pose, evaluation, normal_matrix(evaluation.jacobian))
         monkeypatch.setattr("grainmotion.objective.normal_matrix.MAX_DENSE_UNKNOWNS", 0)
         monkeypatch.setattr("grainmotion.solvers.block_cg.MAX_DENSE_UNKNOWNS", 0)
-        monkeypatch.setattr("grainmotion.uncertainty.covariance.NOISE_DRAWS", 200)
+        monkeypatch.setattr("grainmotion.uncertainty.noise_draws.NOISE_DRAWS", 200)
         product = normal_of(evaluation.jacobian)
         sampled, _ = covariances(problem, pose, evaluation, product)
         np.testing.assert_allclose(

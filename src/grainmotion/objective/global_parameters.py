@@ -71,6 +71,17 @@ class Columns:
             blocks.append(block.transpose(0, 2, 1).reshape(6 * len(jacobian), -1))
         return np.concatenate(blocks, axis=1)
 
+    def on_patches(self, jacobian: PatchJacobian, coefficients: Float) -> Float:
+        """JᵀC coefficients ``(m, k)`` of each patch, ``(k, patches, 6)``."""
+        view = jacobian.patches.boxes[:, 1]
+        out, at = np.zeros((coefficients.shape[1], len(view), 6)), 0
+        for parts, shared in zip(jacobian.vjp(self.stacks) if self.stacks else [], self.shared, strict=True):
+            count = 1 if shared else self.views
+            own = coefficients[at : at + count][np.zeros_like(view) if shared else view]
+            out += own.T[:, :, None] * parts
+            at += count
+        return out
+
     def combine(self, coefficients: Float) -> Image:
         """C coefficients, as images."""
         out = np.zeros_like(self.stacks[0])

@@ -3,13 +3,16 @@
 The estimate solves the normal equations A x = (F w J)ᵀ F w r, with all other unknowns eliminated from A, so its
 covariance is A⁻¹ M A⁻¹ with M that of the right-hand side: the variances of the pixels, propagated through weights w
 and filter F.  They are those of `noise_model.NoiseModel`: photons, an even model error and one of edges, all estimated
-from the residuals.  A grain whose own residuals exceed these variances has its covariance raised (`excess_factors`).
+from the residuals.  Covariances are raised where views ask for other motions than these variances explain
+(`view_disagreement`), or where a grain's own residuals exceed them (`excess_factors`), by the larger of the two.
 
 Of many grains no inverse is taken: noise is drawn from the pixels' variances and propagated through the same
-equations (`sampled_covariances`), `NOISE_DRAWS` times.
+equations (`noise_draws`, `sampled_covariances`).
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
@@ -23,10 +26,13 @@ from grainmotion.objective.normal_matrix import normal_matrix
 from grainmotion.objective.priors import nuisance_prior
 from grainmotion.objective.residual import StateProblem
 from grainmotion.projection.jacobian import PatchJacobian
-from grainmotion.solvers.block_cg import Hessian, conjugate_gradients, diagonal_blocks, inverse
-from grainmotion.solvers.gauss_newton import Linearization, schur_complement
+from grainmotion.solvers.block_cg import Hessian, diagonal_blocks, inverse
+from grainmotion.solvers.gauss_newton import Linearization
 from grainmotion.solvers.semidefinite import pseudo_inverse
-from grainmotion.uncertainty.noise_model import noise_model, open_beam
+from grainmotion.uncertainty.goodness_of_fit import misfits
+from grainmotion.uncertainty.noise_draws import NoiseDraws
+from grainmotion.uncertainty.noise_model import NoiseModel, noise_model, noise_shares, open_beam
+from grainmotion.uncertainty.view_disagreement import disagreement
 
 MIN_RESIDUAL_SHARE = 2e-3
 """Smallest residual that is trusted, as a share of the radiographs' rms: voxel images are no better."""
@@ -34,10 +40,8 @@ OUTLIER_SD = 4.0
 """Standard deviations to which residuals are cut when the model error is estimated."""
 STRUCTURE_FILTER = 2.0
 """Pixels: width of the filter that separates structure from noise in unexplained residuals."""
-NOISE_DRAWS, OWN_BLOCK_DRAWS = 16, 8.0
-"""Realisations of noise for many grains, and how many of them the shape of a grain's own block counts for."""
-NOISE_SOLVE_TOLERANCE = 3e-3
-"""Relative residual to which the equations of each realisation are solved."""
+OWN_BLOCK_DRAWS = 8.0
+"""How many realisations of noise the shape of a grain's own block counts for."""
 MIN_REPORTED_EIGENVALUE = 1e-6
 """Eigenvalue of the scaled normal matrices up to which a direction is reported as undetermined: its standard deviation
 is 1,000 times the best one's.  The solver still steps along it, down to `semidefinite.RESOLVED_EIGENVALUE`."""
@@ -50,24 +54,46 @@ def covariances(
 
     With strains after the motions in the Jacobian (`strain_problem.with_strains`) they are ``(2n, 6, 6)``.
     """
-    variances = pixel_variances(problem.target, evaluation)
-    grains, nuisance = propagated_covariances(problem, pose, evaluation, hessian, variances)
-    factors = np.resize(excess_factors(problem, evaluation, variances), len(grains))
-    return grains * factors[:, None, None], nuisance
+    variances, noise = pixel_variances(problem.target, evaluation), noise_variances(problem.target, evaluation)
+    system = _System.of(problem, pose, evaluation, hessian)
+    draws = system.draws(variances)
+    grains, nuisance = system.propagated(variances, draws)
+    found = disagreement(problem.target, evaluation, system.columns, draws, noise)
+    trusted = ~misfits(problem, evaluation).misregistered
+    factors = found.factors(np.resize(trusted, len(grains)))
+    excess = np.resize(excess_factors(problem, evaluation, variances), len(grains))
+    spreads = np.repeat(np.sqrt(np.maximum(factors, excess[:, None])), 3, axis=1)
+    return grains * spreads[:, :, None] * spreads[:, None, :], nuisance
 
 
-def propagated_covariances(
-    problem: StateProblem, pose: Pose, evaluation: LinearizedEvaluation, hessian: Hessian, variances: Float
-) -> tuple[Float, Float]:
-    """The same by given variances of the pixels alone; 2n blocks ``(2n, 6, 6)`` if strains follow the motions."""
-    columns = evaluation.response_columns + evaluation.nuisance_columns
-    border, corner = columns.border(evaluation.jacobian), columns.gram()
-    free = len(evaluation.nuisance_columns.owners)
-    if free:
-        corner[-free:, -free:] += nuisance_prior(problem.target, pose)[0]
-    at = Linearization(evaluation.cost, np.zeros(len(border)), hessian, border, corner, np.zeros(free))
-    estimate = exact_covariances if isinstance(hessian, sparse.bsr_array) else sampled_covariances
-    return estimate(problem.target, evaluation, columns, at, variances)
+@dataclass(frozen=True, eq=False)
+class _System:
+    """The normal equations of a solution: all unknowns of the grains, and ``columns`` of the others."""
+
+    target: Target
+    evaluation: LinearizedEvaluation
+    columns: Columns
+    at: Linearization
+
+    @classmethod
+    def of(cls, problem: StateProblem, pose: Pose, evaluation: LinearizedEvaluation, hessian: Hessian) -> _System:
+        columns = evaluation.response_columns + evaluation.nuisance_columns
+        border, corner = columns.border(evaluation.jacobian), columns.gram()
+        free = len(evaluation.nuisance_columns.owners)
+        if free:
+            corner[-free:, -free:] += nuisance_prior(problem.target, pose)[0]
+        at = Linearization(evaluation.cost, np.zeros(len(border)), hessian, border, corner, np.zeros(free))
+        return cls(problem.target, evaluation, columns, at)
+
+    def draws(self, variances: Float) -> NoiseDraws:
+        """Noise of given variances, and the errors that it causes."""
+        return NoiseDraws.of(self.target, self.evaluation.jacobian, self.columns, self.at, variances)
+
+    def propagated(self, variances: Float, draws: NoiseDraws) -> tuple[Float, Float]:
+        """Covariances by given variances of the pixels alone."""
+        if isinstance(self.at.hessian, sparse.bsr_array):
+            return exact_covariances(self.target, self.evaluation, self.columns, self.at, variances)
+        return sampled_covariances(self.at, draws, float(np.mean(variances)))
 
 
 def exact_covariances(
@@ -93,33 +119,21 @@ def exact_covariances(
     return grains, full[-free:, -free:]
 
 
-def sampled_covariances(
-    target: Target, evaluation: LinearizedEvaluation, columns: Columns, at: Linearization, variances: Float
-) -> tuple[Float, Float]:
-    """As `exact_covariances`, from realisations of the noise.
+def sampled_covariances(at: Linearization, draws: NoiseDraws, variance: float) -> tuple[Float, Float]:
+    """As `exact_covariances`, from realisations of the noise; ``variance`` is the pixels' mean.
 
     With K draws, S their covariance of one grain and s G the inverse of its own block scaled to them, it is
     (K S + `OWN_BLOCK_DRAWS` s G) / (K + `OWN_BLOCK_DRAWS`): standard deviations are then right to some 10 %.
     """
-    n, free = len(at.gradient) // 6, len(at.border_gradient)
-    product, corner_inverse, blocks = schur_complement(at, 0.0)
-    rng, spreads = np.random.default_rng(0), np.sqrt(variances)
-    noise = Columns()
-    for _ in range(NOISE_DRAWS):
-        drawn = spreads * rng.standard_normal(spreads.shape)
-        noise.add(target.filtered(drawn.astype(target.precision)), shared=True)
-    on_columns = np.array([columns.dot(images) for images in noise.stacks]).T
-    right = noise.border(evaluation.jacobian) - at.border @ (corner_inverse @ on_columns)
-    errors = conjugate_gradients(product, blocks, right, NOISE_SOLVE_TOLERANCE)
-    own = errors.T.reshape(NOISE_DRAWS, n, 6)
-    nuisance = (corner_inverse @ (on_columns - at.border.T @ errors))[len(on_columns) - free :].T
+    own, count = draws.errors, len(draws.errors)
+    nuisance = draws.border_errors[len(draws.border_errors) - len(at.border_gradient) :].T
     informations = diagonal_blocks(at.hessian)
     alone, undetermined = zip(*(regular_inverse(block) for block in informations), strict=True)
-    size: Float = (np.einsum("nij,knj->kni", informations, own) * own).sum(axis=(0, 2)) / (6 * NOISE_DRAWS)
+    size: Float = (np.einsum("nij,knj->kni", informations, own) * own).sum(axis=(0, 2)) / (6 * count)
     shape = size[:, None, None] * np.array(alone)
     grains = np.einsum("kni,knj->nij", own, own) + OWN_BLOCK_DRAWS * shape
-    grains = grains / (NOISE_DRAWS + OWN_BLOCK_DRAWS) + float(np.mean(variances)) * np.array(undetermined)
-    return grains, nuisance.T @ nuisance / NOISE_DRAWS
+    grains = grains / (count + OWN_BLOCK_DRAWS) + variance * np.array(undetermined)
+    return grains, nuisance.T @ nuisance / count
 
 
 def pixel_variances(target: Target, evaluation: LinearizedEvaluation) -> Float:
@@ -127,6 +141,14 @@ def pixel_variances(target: Target, evaluation: LinearizedEvaluation) -> Float:
     noise = noise_model(target, evaluation, OUTLIER_SD)  # a grain that does not fit shows nothing about the others
     least = MIN_RESIDUAL_SHARE**2 * float(np.mean(target.scan.line_integrals.astype(float) ** 2))
     return noise.variance(evaluation.response.apply(evaluation.line_integrals), open_beam(target)) + least
+
+
+def noise_variances(target: Target, evaluation: LinearizedEvaluation) -> Float:
+    """The part of `pixel_variances` that is noise: it does not repeat from pixel to pixel."""
+    modelled = evaluation.response.apply(evaluation.line_integrals)
+    unit = NoiseModel(1.0, 0.0, 0.0).photon_variance(modelled, open_beam(target))
+    share, white = noise_shares(evaluation.raw_residual, unit, target.valid > 0)
+    return share * unit + white
 
 
 def propagated_noise(
