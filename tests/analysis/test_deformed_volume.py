@@ -191,3 +191,19 @@ def select_rows(motions: Motions, rows: list[int]) -> Motions:
         **{p: getattr(motions, p)[rows] for p in parts},
         reasons=tuple(motions.reasons[i] for i in rows),
     )
+
+
+def test_a_strained_grain_keeps_its_mass_and_spreads_along_its_strain(sample, still, grid):
+    strains = np.zeros((2, 6))
+    strains[:, 0] = 0.2
+    strained = replace(still, strains=strains, strain_covariances=np.zeros((2, 6, 6)))
+    grid = Volume.zeros(tuple(2 * n for n in grid.shape), H / 2, grid.center)  # samples of 0.83 voxels count unevenly
+    before, after = rebuild(sample, still, grid)[0], rebuild(sample, strained, grid)[0]
+    assert after.array.sum() == pytest.approx(before.array.sum(), rel=1e-3)
+    only = GrainSet(sample.grains[1:])
+    spreads = []
+    for each in (still, strained):
+        volume = rebuild(only, each.for_grains(only.labels, only.centers), grid)[0]
+        away = positions(volume)[..., 0] - mass_center(volume)[0]
+        spreads.append((away**2 * volume.array).sum() / volume.array.sum())
+    assert spreads[1] / spreads[0] == pytest.approx(1.2**2, rel=0.02)

@@ -1,4 +1,6 @@
-"""Motions of four grains with values that are hard to store: NaN, text with separators, non-ASCII characters."""
+"""Motions of four grains, rigid or strained, with values that are hard to store: NaN, separators, non-ASCII text."""
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -26,3 +28,12 @@ def motions() -> Motions:
         ok_translation=np.array([True, True, False, False]),
         ok_rotation=np.array([True, False, False, False]),
     )
+
+
+def strained() -> Motions:
+    """The same with strains; one is unknown."""
+    rng = np.random.default_rng(4)
+    strains, roots = 0.05 * rng.normal(size=(4, 6)), rng.normal(size=(4, 6, 6))
+    covariances = roots @ roots.transpose(0, 2, 1) * 1e-6
+    strains[2], covariances[2] = np.nan, np.nan
+    return replace(motions(), strains=strains, strain_covariances=covariances)

@@ -83,3 +83,21 @@ def test_no_reason_is_a_formula_in_a_spreadsheet(tmp_path, motions, first):
 def test_files_of_older_versions_have_no_reasons(tmp_path, motions):
     motions.to_table().drop(columns="reason").to_csv(tmp_path / "m.csv", index=False)
     assert read_motions(tmp_path / "m.csv").reasons == ("",) * 4
+
+
+def test_strains_have_columns_of_their_own_where_they_were_measured(tmp_path):
+    strained = example_motions.strained()
+    write_motions(tmp_path / "m.csv", strained)
+    header = (tmp_path / "m.csv").read_text().splitlines()[0]
+    assert header.endswith(
+        "reason,ok_translation,ok_rotation,exx,eyy,ezz,eyz,exz,exy,sd_exx,sd_eyy,sd_ezz,sd_eyz,sd_exz,sd_exy"
+    )
+    back = read_motions(tmp_path / "m.csv")
+    np.testing.assert_allclose(back.strains, strained.strains, rtol=1e-14)
+    np.testing.assert_allclose(back.strain_sd, strained.strain_sd, rtol=1e-14)
+    assert read_motions_of_rigid_grains(tmp_path).strains is None
+
+
+def read_motions_of_rigid_grains(folder):
+    write_motions(folder / "rigid.csv", example_motions.motions())
+    return read_motions(folder / "rigid.csv")

@@ -125,3 +125,13 @@ class TestReferenceFile:
     def test_volume_without_labels(self, tmp_path):
         write_reference(tmp_path / "r.h5", StoredReference(Volume.zeros((2, 2, 2), 1.0)))
         assert read_reference(tmp_path / "r.h5").labels is None
+
+
+def test_strains_are_stored_where_they_were_measured(tmp_path):
+    strained = example_motions.strained()
+    write_motions_h5(tmp_path / "m.h5", strained)
+    back = read_motions_h5(tmp_path / "m.h5")
+    np.testing.assert_array_equal(back.strains, strained.strains)
+    np.testing.assert_array_equal(back.strain_covariances, strained.strain_covariances)
+    write_motions_h5(tmp_path / "rigid.h5", example_motions.motions())
+    assert read_motions_h5(tmp_path / "rigid.h5").strains is None

@@ -294,3 +294,14 @@ class TestGradientsThatAreNoRotations:
         assert read.statuses[0] == status.value
         assert words in read.reasons[0]
         assert np.isfinite(read.rotations[0]).all() == (status != Status.NOT_FITTED)
+
+
+def test_gradients_of_strained_grains_hold_the_strain(tmp_path, motions):
+    """spam's F is Ω U; its rotation is read back, and a carried point is where the whole F puts it."""
+    strains = np.array([[0.05, -0.02, 0.0, 0.01, 0.0, 0.03]] * 3)
+    strained = replace(motions, strains=strains, strain_covariances=np.zeros((3, 6, 6)))
+    write_ddic_tsv(tmp_path / "a.tsv", strained, GRID)
+    table = pd.read_csv(tmp_path / "a.tsv", sep="\t").set_index("Label")
+    written = table.loc[motions.labels, list(GRADIENT)].to_numpy().reshape(3, 3, 3)[:, ::-1, ::-1]
+    np.testing.assert_allclose(written, strained.gradients, atol=1e-8)
+    np.testing.assert_allclose(read_ddic_tsv(tmp_path / "a.tsv", GRID).matrices, motions.matrices, atol=1e-8)

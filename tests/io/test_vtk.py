@@ -131,3 +131,12 @@ class TestImage:
         with pytest.raises(InputError, match="labels"):
             write_image_vti(tmp_path / "v.vti", Volume.zeros((3, 4, 5), 1.0), np.zeros((3, 4, 4), int))
         assert not list(tmp_path.iterdir())
+
+
+def test_strains_are_tensors_of_the_points(tmp_path):
+    strains = np.arange(30.0).reshape(5, 6) / 1000
+    strained = replace(motions(), strains=strains, strain_covariances=np.tile(1e-6 * np.eye(6), (5, 1, 1)))
+    write_grains_vtp(tmp_path / "grains.vtp", strained)
+    data = read(vtkXMLPolyDataReader(), tmp_path / "grains.vtp").GetPointData()
+    np.testing.assert_array_equal(vtk_to_numpy(data.GetArray("strain"))[:, [0, 4, 8, 5, 2, 1]], strains)
+    np.testing.assert_allclose(vtk_to_numpy(data.GetArray("sd_strain")), 1e-3)

@@ -1,5 +1,7 @@
 """`simulate_radiographs`: undetermined motions, other labels, other centres of rotation, and finer voxels."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -56,3 +58,16 @@ class TestSimulatedRadiographs:
         )
         assert computed.dtype == np.float32
         assert computed.shape == (3, *PANEL)
+
+    def test_strained_grains_are_projected_strained(self):
+        """A strain about another centre is the same motion, and differs from none."""
+        grains = three_grains()
+        motions = Motions.identity(grains.labels, grains.centers)
+        strains = np.array([[0.1, -0.05, 0.0, 0.02, 0.0, 0.03]] * 3)
+        strained = replace(motions, strains=strains, strain_covariances=np.zeros((3, 6, 6)))
+        image = simulate_radiographs(grains, strained, scanner())
+        assert np.abs(image - simulate_radiographs(grains, motions, scanner())).max() > 0.01
+        elsewhere = replace(strained, centers=grains.centers + 0.07)
+        shifts = recenter(strained.gradients, strained.translations, strained.centers, elsewhere.centers)
+        elsewhere = replace(elsewhere, translations=shifts)
+        np.testing.assert_allclose(simulate_radiographs(grains, elsewhere, scanner()), image, atol=2e-6)

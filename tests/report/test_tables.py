@@ -1,9 +1,12 @@
-"""Formatting of numbers in the report's tables."""
+"""Formatting of numbers in the report's tables, and their columns."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from example import motions
 
-from grainmotion.report import tables
+from grainmotion.report import StateReport, tables
 
 
 class TestNumbers:
@@ -29,3 +32,14 @@ class TestNumbers:
     @pytest.mark.parametrize(("voxel_size", "decimals"), [(0.112, 4), (1.0, 3), (0.01, 5), (20.0, 2), (5000.0, 0)])
     def test_lengths_show_a_thousandth_of_a_voxel(self, voxel_size, decimals):
         assert tables.length_decimals(voxel_size) == decimals
+
+
+def test_strains_are_columns_of_the_grains_where_they_were_measured():
+    images = np.zeros((1, 2, 2))
+    strained = replace(
+        motions(), strains=np.full((6, 6), -0.0123), strain_covariances=np.tile(4e-6 * np.eye(6), (6, 1, 1))
+    )
+    table = tables.grain_table(StateReport("soft", images, images, strained, 0.1), 10)
+    assert [columns[0] for _, columns in table.groups][-3:] == ["exx", "sd_exx", "reason"]
+    assert table.rows[0][2][-12:] == ("−0.0123",) * 6 + ("0.0020",) * 6
+    assert tables.grain_table(StateReport("rigid", images, images, motions(), 0.1), 10).groups == tables.COLUMN_GROUPS

@@ -1,8 +1,9 @@
 """The volume of the current configuration, from the grains of the reference and their motions.
 
 Each voxel centre x of the grid is pulled back into the grain's own voxels by the inverse motion,
-X = Ωᵀ(x − u − c) + c, and the grain's attenuation is interpolated there trilinearly, so that a moved grain
-has no holes.  The contributions of all grains, and of the background where it is, add up.
+X = F⁻¹(x − u − c) + c with F = Ω U (see `model.strain`), and the grain's attenuation is interpolated there
+trilinearly, so that a moved grain has no holes; that of a strained grain is divided by det U, which keeps its
+mass.  The contributions of all grains, and of the background where it is, add up.
 
 A voxel carries the label of the grain that contributes most to it, provided that this contribution
 exceeds half of that grain's typical attenuation: the attenuation below which half of the grain's mass
@@ -20,7 +21,6 @@ from grainmotion.kernels import resample
 from grainmotion.model.grains import Grain, GrainSet
 from grainmotion.model.motions import Motions, Status
 from grainmotion.model.volume import Volume
-from grainmotion.rotations import rotation_matrix
 
 WITHOUT_MOTION = (Status.LEFT_FIELD.value, Status.NOT_FITTED.value, Status.ABSENT.value)
 
@@ -59,16 +59,17 @@ def rebuild(grains: GrainSet, motions: Motions, grid: Volume) -> tuple[Volume, N
     total = np.zeros(grid.shape, np.float32)
     best = np.zeros(grid.shape, np.float32)
     labels = np.zeros(grid.shape, np.int32)
+    gradients = motions.gradients
     finite = np.isfinite(motions.translations).all(axis=1) & np.isfinite(motions.rotations).all(axis=1)
     for i in np.flatnonzero(finite & ~np.isin(motions.statuses, WITHOUT_MOTION)):
         grain = by_label[int(motions.labels[i])]
-        rotation = rotation_matrix(motions.rotations[i])
-        matrix, offset = _pull_back(grain.volume, grid, rotation, motions.translations[i], motions.centers[i])
+        gradient = gradients[i]
+        matrix, offset = _pull_back(grain.volume, grid, gradient, motions.translations[i], motions.centers[i])
         low, high = _bounds(grain.volume, matrix, offset, grid.shape)
-        half = np.float32(typical_attenuation(grain) / 2)
-        resample.add_moved_label(
-            grain.volume.array, matrix, offset, low, high, total, np.int32(grain.label), half, best, labels
-        )
+        density = 1.0 if motions.strains is None else 1 / float(np.linalg.det(gradient))
+        half = np.float32(density * typical_attenuation(grain) / 2)
+        array = grain.volume.array if density == 1 else (density * grain.volume.array).astype(np.float32)
+        resample.add_moved_label(array, matrix, offset, low, high, total, np.int32(grain.label), half, best, labels)
     if grains.background is not None:
         matrix, offset = _pull_back(grains.background, grid, np.eye(3), np.zeros(3), np.zeros(3))
         low, high = _bounds(grains.background, matrix, offset, grid.shape)
@@ -89,12 +90,12 @@ def typical_attenuation(grain: Grain) -> float:
 def _pull_back(
     source: Volume,
     grid: Volume,
-    rotation: NDArray[np.float64],
+    gradient: NDArray[np.float64],
     translation: NDArray[np.float64],
     center: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """A and b that carry voxel indices (x y z) of the grid to those of the source in its reference place."""
-    back = rotation.T
+    back = np.linalg.inv(gradient).astype(float)
     start = back @ (grid.origin - translation - center) + center - source.origin
     return back * (grid.voxel_size / source.voxel_size), start / source.voxel_size
 

@@ -1,5 +1,6 @@
 """Motions as CSV: one row a grain, the columns of `grainmotion.model.motions.MOTION_COLUMNS`, then the reason, then
-whether translation and rotation are results to use (`OK_COLUMNS`).
+whether translation and rotation are results to use (`OK_COLUMNS`), and where they were measured the strains
+(`STRAIN_COLUMNS`, see `grainmotion.model.strain`).
 
 Lengths (x, u and their standard deviations) are in mm, rotation vectors w and their standard deviations in
 **degrees**; `grainmotion.io.results` writes the same motions to ``motions.h5`` in radians, as `Motions` holds them.
@@ -15,7 +16,7 @@ import pandas as pd
 from grainmotion._arguments import checked_arguments
 from grainmotion.errors import InputError
 from grainmotion.io.files import atomic_write, checked_file
-from grainmotion.model.motions import MOTION_COLUMNS, OK_COLUMNS, Motions
+from grainmotion.model.motions import MOTION_COLUMNS, OK_COLUMNS, STRAIN_COLUMNS, Motions
 
 _YES_OR_NO = {"true": True, "false": False, "1": True, "0": False, "1.0": True, "0.0": False}
 """Words for yes and no."""
@@ -46,7 +47,7 @@ def read_motions(path: str | Path) -> Motions:
     except (ValueError, UnicodeDecodeError) as error:
         fact = f"not a table ({' '.join(str(error).split())})"
         raise InputError(str(path), fact, f"give a CSV with the header {','.join(MOTION_COLUMNS)}") from error
-    for column in (c for c in MOTION_COLUMNS if c in table.columns and c != "status"):
+    for column in (c for c in (*MOTION_COLUMNS, *STRAIN_COLUMNS) if c in table.columns and c != "status"):
         numbers = pd.to_numeric(table[column], errors="coerce")
         wrong = numbers.isna() & table[column].notna()
         if column in ("label", "iterations"):

@@ -41,6 +41,8 @@ _ARRAYS = {
 """Arrays of `Motions` and their units, "1" for numbers without one."""
 _OK_FLAGS = ("ok_translation", "ok_rotation")
 """Arrays of `Motions` that files of older versions lack: 1 where translation or rotation is a result to use."""
+_STRAINS = ("strains", "strain_covariances")
+"""Arrays of `Motions` that are there where strains were measured, numbers without a unit."""
 _OPTIONAL = {
     "corrections": "pixel, pixel, rad",  # columns of StateFit.view_corrections
     "corrections_sd": "pixel, pixel, rad",
@@ -149,6 +151,8 @@ def write_motions_h5(path: str | Path, motions: Motions) -> None:
             file.create_dataset(name, data=getattr(motions, name)).attrs["unit"] = unit
         for name in _OK_FLAGS:
             file.create_dataset(name, data=getattr(motions, name).astype(np.uint8)).attrs["unit"] = "1"
+        for name in _STRAINS if motions.strains is not None else ():
+            file.create_dataset(name, data=getattr(motions, name)).attrs["unit"] = "1"
         file.create_dataset("statuses", data=[str(s) for s in motions.statuses], dtype=text)
         file.create_dataset("reasons", data=list(motions.reasons), dtype=text)
         fit = file.create_group("fit")
@@ -177,6 +181,7 @@ def read_motions_h5(path: str | Path) -> Motions:
         return Motions(
             **{name: file[name][()] for name in _ARRAYS},
             **{name: file[name][()].astype(bool) for name in _OK_FLAGS if name in file},
+            **{name: file[name][()] for name in _STRAINS if name in file},
             statuses=np.array(file["statuses"].asstr()[()], dtype="<U20"),
             reasons=tuple(str(r) for r in file["reasons"].asstr()[()]),
             fit=StateFit(

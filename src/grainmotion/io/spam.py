@@ -73,7 +73,7 @@ def write_ddic_tsv(path: str | Path, motions: Motions, grid: Volume, labels: NDA
     """
     if len(motions) and motions.labels.min() < 1:
         raise InputError("motions.label", f"label {motions.labels.min()}", "spam counts grains from 1; relabel them")
-    centers, translations, matrices = motions.centers, motions.translations, motions.matrices
+    centers, translations, matrices = motions.centers, motions.translations, motions.gradients
     if labels is not None:
         centers = _label_centers(labels, motions.labels, grid)
         translations = recenter(matrices, translations, motions.centers, centers)

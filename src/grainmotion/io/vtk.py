@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from grainmotion.errors import InputError
 from grainmotion.io.files import atomic_write
 from grainmotion.model.motions import Motions, Status
+from grainmotion.model.strain import tensors
 from grainmotion.model.volume import Volume
 
 STATUS_CODES: dict[str, int] = {status.value: code for code, status in enumerate(Status)}
@@ -37,7 +38,8 @@ def write_grains_vtp(path: str | Path, motions: Motions) -> None:
     (see `STATUS_CODES`), ``ok_translation`` and ``ok_rotation`` (0 or 1), ``reference_center`` (mm), ``displacement``
     u (mm), ``rotation_vector_deg`` (degrees), ``rotation_matrix`` Ω (row-major tensor), ``sd_displacement`` (mm),
     ``sd_rotation_deg`` (degrees), ``displacement_covariance`` (tensor, mm²), ``residual`` (line-integral units) and
-    ``iterations``.  Missing values are NaN: threshold on ``ok_translation`` before drawing glyphs.
+    ``iterations``; where strains were measured ``strain`` (tensor, frame of the reference) and ``sd_strain`` (xx, yy,
+    zz, yz, xz, xy).  Missing values are NaN: threshold on ``ok_translation`` before drawing glyphs.
     """
     n = len(motions)
     points = np.where(np.isfinite(motions.translations), motions.centers + motions.translations, motions.centers)
@@ -58,6 +60,8 @@ def write_grains_vtp(path: str | Path, motions: Motions) -> None:
         "residual": motions.residuals,
         "iterations": motions.iterations.astype("<i8"),
     }
+    if motions.strains is not None and motions.strain_sd is not None:
+        data |= {"strain": tensors(motions.strains).reshape(n, 9), "sd_strain": motions.strain_sd}
     body = _Appended()
     point_data = body.group("PointData", data, Scalars="status_code", Vectors="displacement", Tensors="rotation_matrix")
     positions = "<Points>" + body.array("Points", points) + "</Points>"

@@ -14,6 +14,7 @@ from grainmotion._typing import Float
 from grainmotion.errors import InputError
 from grainmotion.model.detector_response import Response
 from grainmotion.model.pose import ViewCorrections
+from grainmotion.model.strain import STRAIN_NAMES, stretches
 from grainmotion.rotations import rotation_matrix
 
 if TYPE_CHECKING:
@@ -45,6 +46,8 @@ REASON_COLUMN = "reason"
 """Column of ``motions.csv`` after `MOTION_COLUMNS`; files of older versions lack it."""
 OK_COLUMNS = ("ok_translation", "ok_rotation")
 """Columns of ``motions.csv`` after `REASON_COLUMN`; files of older versions lack them."""
+STRAIN_COLUMNS = (*STRAIN_NAMES, *(f"sd_{name}" for name in STRAIN_NAMES))
+"""Last columns of ``motions.csv``, where strains were measured."""
 PARTIAL = (Status.CUT.value, Status.DEFORMED.value, Status.BROKEN.value)
 """Statuses of grains whose translation or rotation may be a result to use; the classification says which."""
 POORLY_DETERMINED_REASON = "poorly determined: "
@@ -127,6 +130,11 @@ class Motions:
         Whether u, and whether ω, is a result to use: both of a grain that converged; of a poorly determined one that
         which is determined; of an ambiguous one its translation; of one that is cut, deformed or broken what the
         classification found good; of all others neither.  Where not given they follow from statuses and reasons.
+    strains : (n, 6) array, optional
+        Biot strain e = U − I of each grain in the frame of the reference: exx, eyy, ezz, eyz, exz, exy, with
+        x = Ω U (X − c) + u + c (see `grainmotion.model.strain`).  None for grains taken as rigid.
+    strain_covariances : (n, 6, 6) array, optional
+        Of the six strains.
     """
 
     labels: NDArray[np.int64]
@@ -141,6 +149,8 @@ class Motions:
     fit: StateFit = field(default_factory=StateFit)
     ok_translation: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
     ok_rotation: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    strains: NDArray[np.float64] | None = None
+    strain_covariances: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         n = len(self.labels)
@@ -148,6 +158,8 @@ class Motions:
             "centers": (n, 3), "translations": (n, 3), "rotations": (n, 3), "covariances": (n, 6, 6),
             "statuses": (n,), "residuals": (n,), "iterations": (n,),
         }  # fmt: skip
+        if self.strains is not None:
+            shapes |= {"strains": (n, 6), "strain_covariances": (n, 6, 6)}
         for name, shape in shapes.items():
             if np.shape(getattr(self, name)) != shape:
                 raise InputError(f"motions.{name}", f"shape {np.shape(getattr(self, name))}", f"give {shape}")
@@ -214,6 +226,23 @@ class Motions:
         return rotation_matrix(self.rotations)
 
     @property
+    def stretches(self) -> NDArray[np.float64]:
+        """Right stretches U = I + e ``(n, 3, 3)``; the identity where no strain is known."""
+        return stretches(np.zeros((len(self), 6)) if self.strains is None else np.nan_to_num(self.strains))
+
+    @property
+    def gradients(self) -> NDArray[np.float64]:
+        """Deformation gradients F = Ω U ``(n, 3, 3)``: the rotations themselves for rigid grains."""
+        return self.matrices if self.strains is None else self.matrices @ self.stretches
+
+    @property
+    def strain_sd(self) -> NDArray[np.float64] | None:
+        """Standard deviations of the strains ``(n, 6)``; None for grains taken as rigid."""
+        if self.strain_covariances is None:
+            return None
+        return np.asarray(np.sqrt(np.diagonal(self.strain_covariances, axis1=1, axis2=2)))
+
+    @property
     def ok(self) -> NDArray[np.bool_]:
         """Grains that converged, ``(n,)``."""
         return self.statuses == Status.CONVERGED.value
@@ -253,6 +282,9 @@ class Motions:
             new[known] = own[rows[known]]
             return new
 
+        def merged_strains(own: NDArray[np.float64] | None) -> NDArray[np.float64] | None:
+            return None if own is None else merged(own, np.full((len(labels), *own.shape[1:]), np.nan))
+
         return Motions(
             other.labels, merged(self.centers, other.centers), merged(self.translations, other.translations),
             merged(self.rotations, other.rotations), merged(self.covariances, other.covariances),
@@ -260,6 +292,7 @@ class Motions:
             merged(self.iterations, other.iterations),
             tuple(self.reasons[row] if row >= 0 else "" for row in rows), self.fit,
             merged(self.ok_translation, other.ok_translation), merged(self.ok_rotation, other.ok_rotation),
+            merged_strains(self.strains), merged_strains(self.strain_covariances),
         )  # fmt: skip
 
     def to_table(self) -> pd.DataFrame:
@@ -277,6 +310,8 @@ class Motions:
         table[REASON_COLUMN] = [_plain_text(reason) for reason in self.reasons]
         for name in OK_COLUMNS:
             table[name] = getattr(self, name)
+        if self.strains is not None and self.strain_sd is not None:
+            table[list(STRAIN_COLUMNS)] = np.hstack([self.strains, self.strain_sd])
         return table
 
     @classmethod
@@ -305,6 +340,9 @@ class Motions:
             raise InputError(where, f"columns {missing} are missing", f"give {','.join(MOTION_COLUMNS)}")
         sd = table[list(MOTION_COLUMNS[11:17])].to_numpy(float, copy=True)
         sd[:, 3:] = np.deg2rad(sd[:, 3:])
+        strains = strain_sd = None
+        if set(STRAIN_COLUMNS) <= set(table.columns):
+            strains, strain_sd = np.hsplit(table[list(STRAIN_COLUMNS)].to_numpy(float), 2)
         return cls(
             labels=table["label"].to_numpy(np.int64),
             centers=table[["x", "y", "z"]].to_numpy(float),
@@ -317,6 +355,8 @@ class Motions:
             reasons=_reasons(table),
             ok_translation=_flags(table, "ok_translation"),
             ok_rotation=_flags(table, "ok_rotation"),
+            strains=strains,
+            strain_covariances=None if strain_sd is None else strain_sd[:, :, None] ** 2 * np.eye(6),
         )
 
 

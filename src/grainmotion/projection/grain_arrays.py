@@ -75,10 +75,10 @@ class GrainArrays:
         )  # fmt: skip
 
     def stretched(self, stretches: Float) -> GrainArrays:
-        """The grains, which are rigid as yet, with ``stretches (n, 3, 3)`` U; the CPU projects them."""
-        assert self.stretches is None
+        """The grains with other ``stretches (n, 3, 3)`` U; the CPU projects them."""
         stretches = np.ascontiguousarray(stretches)
-        hulls = self.hulls @ stretches  # U is symmetric
+        rigid = self.hulls if self.stretches is None else self.hulls @ np.linalg.inv(self.stretches)
+        hulls = rigid @ stretches  # U is symmetric
         return replace(self, hulls=hulls, stretches=stretches, backend=CPU, placed=None)
 
     @classmethod

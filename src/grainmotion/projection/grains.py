@@ -125,9 +125,11 @@ def simulate_radiographs(
     if known.any():
         kept = GrainSet(tuple(g for g, k in zip(grains.grains, known, strict=True) if k))
         packed = GrainArrays.of(kept, fine=projector == "trilinear")
-        matrices = motions.matrices[known]
-        shifts = recenter(matrices, motions.translations[known], motions.centers[known], kept.centers)
-        pose = Pose(shifts, matrices)
+        gradients = motions.gradients[known]
+        shifts = recenter(gradients, motions.translations[known], motions.centers[known], kept.centers)
+        pose = Pose(shifts, motions.matrices[known])
+        if motions.strains is not None:
+            packed = packed.stretched(motions.stretches[known])
         patches = footprint_patches(packed, pose, geometry)
         out = assemble(project_patches(packed, pose, geometry, patches, projector), patches, geometry)
     if grains.background is not None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from grainmotion.model.motions import MOTION_COLUMNS, OK_COLUMNS, Motions, StateFit, Status
+from grainmotion.model.motions import MOTION_COLUMNS, OK_COLUMNS, STRAIN_COLUMNS, Motions, StateFit, Status
 from grainmotion.report.data import Rows, StateReport
 
 STATUS_COLOURS = {
@@ -35,6 +35,11 @@ COLUMN_GROUPS = (
     ("", ("reason",)),
 )
 """Headings with the columns of motions.csv under them, and the reason."""
+STRAIN_GROUPS = (
+    ("strain in the frame of the reference", STRAIN_COLUMNS[:6]),
+    ("standard deviation of the strain", STRAIN_COLUMNS[6:]),
+)
+"""The same of strains, where they were measured; they come before the reason."""
 
 
 def number(value: float, decimals: int) -> str:
@@ -169,12 +174,13 @@ def grain_table(state: StateReport, max_rows: int) -> GrainTable:
     if len(table) > max_rows:
         order = np.argsort(motions.ok, kind="stable")[:max_rows]
     decimals = length_decimals(state.voxel_size)
-    names = (*MOTION_COLUMNS[2:], *OK_COLUMNS)
+    groups = (*COLUMN_GROUPS[:-1], *(STRAIN_GROUPS if motions.strains is not None else ()), COLUMN_GROUPS[-1])
+    names = [name for _, columns in groups for name in columns][2:-1]
     values = [_column(table[name].to_numpy()[order], name, decimals) for name in names]
     labels, statuses = (table[name].to_numpy()[order] for name in MOTION_COLUMNS[:2])
     reasons = [motions.reasons[i] for i in order]
     rows = tuple(zip(map(str, labels), map(str, statuses), zip(*values), reasons))
-    return GrainTable(COLUMN_GROUPS, rows, len(table))
+    return GrainTable(groups, rows, len(table))
 
 
 def _column(values: np.ndarray, name: str, decimals: int) -> list[str]:
@@ -186,6 +192,8 @@ def _column(values: np.ndarray, name: str, decimals: int) -> list[str]:
         return [significant(v, 2) for v in values]
     if name == "residual":
         return [significant(v) for v in values]
+    if name in STRAIN_COLUMNS:
+        return [number(v, 4) for v in values]
     return [number(v, 3 if name.startswith("w") else decimals) for v in values]
 
 

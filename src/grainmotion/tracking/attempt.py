@@ -26,6 +26,7 @@ from grainmotion.tracking.missing_grains import grain_supports
 from grainmotion.tracking.multistage import MultistageFit
 from grainmotion.tracking.refinement import refine
 from grainmotion.tracking.settings import TrackSettings
+from grainmotion.tracking.strain_stages import solve_strained, start_strained
 from grainmotion.uncertainty.goodness_of_fit import misregistered_grains
 
 
@@ -86,6 +87,8 @@ def approach(job: Job) -> Approach:
     """The stages before any search."""
     settings, fit = job.settings, job.fit()
     start = starting_pose(job.grains, job.start)
+    if settings.strain:
+        start_strained(fit, job.grains, job.start)
     fields = smooth_fields(fit, start) if settings.fields else []
     pose = initialise(fit, start, fields)
     done = 1 if settings.fields and len(settings.filters) > 1 else 0  # the initial guess ends with the first filter
@@ -103,6 +106,8 @@ def finish(job: Job, near: Approach) -> Attempt:
     if settings.search:
         result = search(fit, field_pose, near.problem, near.solution, near.misregistered)
     problem, solution, fixed = fixed_unless_moved(fit, result.problem, result.solution)
+    if settings.strain:
+        problem, solution = solve_strained(fit, problem, solution)
     fit.report("classifying the grains", fit.expected_stages)
     limits = (settings.max_sd_voxel * grains.voxel_size, float(np.deg2rad(settings.max_sd_deg)))
     refined, ambiguous = refine(fit, field_pose, problem, solution), dict[int, str]()

@@ -20,6 +20,7 @@ from grainmotion.tracking.missing_grains import GrainSupport, grain_supports
 from grainmotion.tracking.multistage import pixels_per_unknown
 from grainmotion.tracking.new_grains import unexplained_notes
 from grainmotion.tracking.refinement import RefinedFit
+from grainmotion.tracking.strain_stages import strains_of
 from grainmotion.uncertainty.goodness_of_fit import misfits
 from grainmotion.uncertainty.weak_directions import poorly_determined
 
@@ -69,11 +70,17 @@ def classify(
     covariances = refined.posterior.copy()
     translations[unknown] = rotations[unknown] = np.nan
     covariances[unknown] = np.nan
+    usable = np.array([verdict.ok for verdict in verdicts], dtype=bool).reshape(n, 2)
+    strains = strain_covariances = None
+    if refined.strain_covariances is not None:
+        strains, strain_covariances = strains_of(problem.grains), refined.strain_covariances.copy()
+        strains[unknown] = np.nan
+        strain_covariances[unknown] = np.nan
     return Motions(
         grains.labels, grains.centers, translations, rotations, covariances, statuses, fits.rms_residuals,
         np.full(n, len(costs), dtype=np.int64), tuple(verdict.reason for verdict in verdicts),
         _state_fit(refined, evaluation.response, costs, notes),
-        *np.array([verdict.ok for verdict in verdicts], dtype=bool).reshape(n, 2).T,
+        usable[:, 0], usable[:, 1], strains, strain_covariances,
     )  # fmt: skip
 
 

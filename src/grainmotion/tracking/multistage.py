@@ -88,7 +88,7 @@ class MultistageFit:
     @property
     def expected_stages(self) -> int:
         """Stages to expect, repetitions by the search not counted."""
-        return len(self.settings.filters) + (3 if self.settings.fields else 0)
+        return len(self.settings.filters) + (3 if self.settings.fields else 0) + (2 if self.settings.strain else 0)
 
     @property
     def filter_scale(self) -> float:

@@ -17,9 +17,10 @@ from grainmotion.model.pose import Pose, ViewCorrections
 from grainmotion.objective.evaluation import Evaluation
 from grainmotion.objective.normal_matrix import PatchNormalMatrix, normal_of
 from grainmotion.objective.residual import StateProblem
-from grainmotion.projection.grain_arrays import OUT_OF_PLANE, GrainArrays, planar
+from grainmotion.projection.grain_arrays import OUT_OF_PLANE, planar
 from grainmotion.solvers.gauss_newton import Solution, gauss_newton
 from grainmotion.tracking.multistage import MultistageFit
+from grainmotion.tracking.strain_stages import refine_strains, strained_covariances
 from grainmotion.tracking.view_alignment import (
     ViewMisalignment,
     alignment_refusal,
@@ -43,7 +44,8 @@ class RefinedFit:
     """The last problem and its solution, with their uncertainty.
 
     ``covariances (n, 6, 6)`` of (u, δ), mm and radians, are from the radiographs alone, ``posterior`` are the same with
-    the prior on weak directions; ``corrections_sd`` are of the views' poses; ``downweighted`` is the share of pixels
+    the prior on weak directions; ``strain_covariances (n, 6, 6)`` are those of the strains, None for rigid grains;
+    ``corrections_sd`` are of the views' poses; ``downweighted`` is the share of pixels
     that a robust loss counted less.
     """
 
@@ -51,6 +53,7 @@ class RefinedFit:
     solution: Solution[Pose]
     covariances: Float
     posterior: Float
+    strain_covariances: Float | None = None
     corrections_sd: ViewCorrections | None = None
     downweighted: float = 0.0
     notes: tuple[str, ...] = ()
@@ -65,7 +68,9 @@ def refine(fit: MultistageFit, field_pose: Pose, problem: StateProblem, solution
     """Refine a solution in which all grains are near; ``field_pose`` is where the smooth field put them."""
     problem, solution, misalignment, notes = _align_views(fit, problem, solution)
     problem, solution, downweighted = _reweight(fit, problem, solution)
-    grain_covariances, nuisance_covariance, hessian = _covariances(problem, fit.grains, solution.state)
+    if fit.settings.strain:
+        problem, solution = refine_strains(fit, problem, solution)
+    grain_covariances, strain_covariances, nuisance_covariance, hessian = _covariances(fit, problem, solution.state)
     if misalignment.significant:
         grain_covariances += common_motion(problem, solution.state, misalignment)
     weak, posterior = weak_directions(grain_covariances, problem.grains), grain_covariances
@@ -81,7 +86,9 @@ def refine(fit: MultistageFit, field_pose: Pose, problem: StateProblem, solution
         views = len(problem.target.scan)
         sd = np.sqrt(np.diagonal(nuisance_covariance))[: 3 * views]
         corrections_sd = ViewCorrections.of(sd.reshape(3, views).T)
-    return RefinedFit(problem, solution, grain_covariances, posterior, corrections_sd, downweighted, tuple(notes))
+    return RefinedFit(
+        problem, solution, grain_covariances, posterior, strain_covariances, corrections_sd, downweighted, tuple(notes)
+    )
 
 
 def _align_views(
@@ -124,16 +131,19 @@ def _reweight(
 
 
 def _covariances(
-    problem: StateProblem, coarse: GrainArrays, pose: Pose
-) -> tuple[Float, Float, sparse.bsr_array | PatchNormalMatrix]:
-    """Covariances of the grains ``(n, 6, 6)`` and of the nuisance unknowns ``(k, k)``, and JᵀJ."""
-    evaluation = problem.evaluate_with_derivatives(pose)
+    fit: MultistageFit, problem: StateProblem, pose: Pose
+) -> tuple[Float, Float | None, Float, sparse.bsr_array | PatchNormalMatrix]:
+    """Covariances of motions and of strains ``(n, 6, 6)`` and of the nuisance unknowns ``(k, k)``, and JᵀJ."""
+    evaluation, coarse, strains = problem.evaluate_with_derivatives(pose), fit.grains, None
     hessian = normal_of(evaluation.jacobian)
-    own, nuisance = covariances(problem, pose, evaluation, hessian)
+    if fit.settings.strain:
+        own, strains, nuisance = strained_covariances(fit, problem, pose, evaluation)
+    else:
+        own, nuisance = covariances(problem, pose, evaluation, hessian)
     # Rotations that either set of voxels leaves unconfirmed are: finer voxels follow their own pattern more closely.
     own[:, 3:, 3:] += unconfirmed_rotations(problem, pose, evaluation)
     if coarse.voxel_size > problem.grains.voxel_size:
         own[:, 3:, 3:] += unconfirmed_rotations(replace(problem, grains=coarse), pose, evaluation)
     if planar(problem.grains, problem.target.scan.geometry):
         own[:, OUT_OF_PLANE, :] = own[:, :, OUT_OF_PLANE] = 0
-    return own, nuisance, hessian
+    return own, strains, nuisance, hessian

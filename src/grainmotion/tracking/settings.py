@@ -51,6 +51,13 @@ class TrackSettings:
         bool,
         Field(description="try other poses of grains that look alike in several; what fits as well makes it ambiguous"),
     ] = True
+    strain: Annotated[
+        bool,
+        Field(description="measure the strain of each grain beside its motion, for soft grains; twelve unknowns each"),
+    ] = False
+    strain_sd: Annotated[
+        float, Field(gt=0, description="standard deviation of strains to expect: fixes those that views do not show")
+    ] = 0.1
     gain: Annotated[
         Gain,
         _named(on="global", off="none"),
