@@ -9,7 +9,8 @@ Under a filter half a grain wide, a is near 1 for a grain that is there and near
 are not; decision 0035 holds the measurements.
 
 Missing grains disturb the smooth fields that bring all grains near, so fields are fitted again to grains of these
-amplitudes, and amplitudes again at the fields, while the residual falls.
+amplitudes, and amplitudes again at the fields, while the residual falls.  Then each grain may leave the field a
+little: its derivatives go with its amplitude, so that a prior holds those that are not there.
 """
 
 from __future__ import annotations
@@ -25,10 +26,12 @@ from grainmotion.backends.cpu import CPU
 from grainmotion.model.pose import Pose
 from grainmotion.objective import displacement_bases
 from grainmotion.objective.data_term import Target
+from grainmotion.objective.priors import MotionPrior
 from grainmotion.objective.residual import StateProblem
 from grainmotion.projection.footprints import footprint_patches
 from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.projection.grains import project_patches
+from grainmotion.solvers.block_cg import diagonal_blocks
 from grainmotion.solvers.gauss_newton import Stopping, gauss_newton
 from grainmotion.tracking.initial_guess import centroid_shift
 from grainmotion.tracking.multiresolution import FIELD_GRAIN_PIXELS
@@ -37,10 +40,9 @@ from grainmotion.tracking.multistage import MultistageFit
 MAX_AMPLITUDE = 1.3
 """Largest amplitude of a grain; misplaced neighbours can give one that is there up to this."""
 PRESENT_AMPLITUDE = 0.5
-"""Amplitude, over that of the grains which are there, from which a grain is.  At the field's poses, 21 stones of 20
-voxels, 4 or 2 views, 1 to 20 of them gone: 0 to 0.3 (2 views and one gone: 0.6) for those that are gone, 0.56 to 1.3
-for the others; with motions of 5 voxels and 10 degrees beside the field 0 to 0.83 and 0.34 to 1.3 (2 views: 0 to
-1.3), so that it is asked again once the grains are free."""
+"""Amplitude, over that of the grains which are there, from which a grain is.  21 stones of 20 voxels, 4 or 2 views, 1
+to 20 of them gone: 0 to 0.3 (2 views and one gone: 0.6) for those that are gone, 0.6 to 1.3 for the others; with
+motions of 5 voxels and 10 degrees beside the field 0 to 0.45 and 0.6 to 1.3."""
 ALIKE_AMPLITUDES, LEAST_GAIN = 0.6, 0.4
 """Share of the largest amplitude from which a grain counts for the mean of those that are there; least such mean."""
 MAX_SWEEPS, SETTLED_AMPLITUDE = 100, 2e-3
@@ -54,6 +56,13 @@ FIELDS = (
     (displacement_bases.affine, 6),
 )
 """Fields in turn, and the grains (sum of the amplitudes) from which each is fitted."""
+LOOSE_FILTERS, LOOSE_GRAIN_PIXELS = (12.0, 12.0, 6.0, 6.0), 8.0
+"""Filters (as in `TrackSettings`) under which each grain leaves the field in turn, and the least coarse pixels across a
+grain there."""
+LOOSE_STOPPING = Stopping(iterations=4, step=0.1, decrease=0.05)
+LOOSE_PRECISION = 0.2
+"""Of the prior that holds grains at the field, over the median of what the radiographs tell of a whole grain: one of
+amplitude 1 goes five sixths of its way, one of amplitude 0.1 a twentieth."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +97,19 @@ def take_census(fit: MultistageFit, start: Pose, fields: list[Pose]) -> Census:
         problem = StateProblem(scaled(grains, best.amplitudes), target, basis)
         census = count(grains, target, gauss_newton(problem, best.pose, CENSUS_STOPPING).state)
         best = min(best, census, key=lambda census: census.residual)
+    for width in LOOSE_FILTERS:
+        best = _loosened(*_on_host(*fit.level(width, least=LOOSE_GRAIN_PIXELS)), best)
     return best
+
+
+def _loosened(grains: GrainArrays, target: Target, census: Census) -> Census:
+    """The same after each grain left its place as far as its amplitude lets it."""
+    blocks = diagonal_blocks(StateProblem(grains, target).linearize(census.pose).hessian)
+    shift, rotation = (float(np.median(np.einsum("njj->n", blocks[:, k, k]))) / 3 for k in (slice(3), slice(3, 6)))
+    precisions = np.tile(LOOSE_PRECISION * np.diag([shift] * 3 + [rotation] * 3), (len(grains), 1, 1))
+    some = scaled(grains, np.minimum(census.amplitudes, 1.0))
+    problem = StateProblem(some, target, prior=MotionPrior(census.pose, precisions))
+    return count(grains, target, gauss_newton(problem, census.pose, LOOSE_STOPPING).state)
 
 
 def count_again(fit: MultistageFit, pose: Pose, width: float) -> Census:

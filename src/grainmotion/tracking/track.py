@@ -118,7 +118,8 @@ def track_with_residual(
             first = without_absent(job, near) or finish(job, near)
         except np.linalg.LinAlgError as error:  # ends one attempt, not the run
             first = unsolved(job.grains, error)
-        best = _without_missing(job, first)
+        absent = (first.motions.statuses == Status.ABSENT.value).any()
+        best = first if absent else _without_missing(job, first)
         chosen, motions = first, first.motions
         if registered(best.motions).sum() > registered(first.motions).sum():
             chosen, motions = best, complete(best.motions, grains)
