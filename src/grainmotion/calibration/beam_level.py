@@ -145,6 +145,7 @@ def _air_levels(scan: Scan, air: NDArray[np.bool_], offsets: Float) -> Float:
 def _misfit(scan: Scan, grid: Volume, settings: ReconstructSettings) -> float:
     """Norm of b − A x after a short reconstruction."""
     plain = replace(settings, method="sart", sweeps=SHORT_SWEEPS, tolerance=0, relaxation=None, decay=None, noise=None)
+    plain = replace(plain, outline="grid")
     volume = reconstruct(scan, grid, plain).volume
     difference = scan.line_integrals - project(volume, scan.geometry, projector=settings.projector)
     return float(np.linalg.norm(difference if scan.valid is None else np.where(scan.valid, difference, 0)))

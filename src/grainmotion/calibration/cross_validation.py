@@ -54,7 +54,7 @@ class Trial:
         geometry, images, valid = self.correct(self.scan.geometry, values), self.scan.line_integrals, self.scan.valid
         inside, outside = slice(half, None, 2), slice(1 - half, None, 2)
         scan = Scan(images[inside], geometry[inside], None if valid is None else valid[inside])
-        settings = ReconstructSettings(method="sart", sweeps=self.sweeps, tolerance=0)
+        settings = ReconstructSettings(method="sart", sweeps=self.sweeps, tolerance=0, outline="grid")
         volume = reconstruct(scan, self.grid, settings).volume
         out = images[outside].astype(float) - project(volume, geometry[outside])
         return out if valid is None else np.where(valid[outside], out, 0)

@@ -87,9 +87,11 @@ def _hardening(
         threshold=settings.segment.threshold,
         projector=settings.reconstruct.projector,
     )
-    curve = Hardening()
+    curve, reconstruction = Hardening(), settings.reconstruct
+    if labels is not None:  # they are on this grid
+        reconstruction = replace(reconstruction, outline="grid")
     for name in HARDENING_ROUNDS:
-        volume = reconstruct(curve.apply(scan), grid, settings.reconstruct, progress=prefixed(progress, name)).volume
+        volume = reconstruct(curve.apply(scan), grid, reconstruction, progress=prefixed(progress, name)).volume
         grains = _grains(volume, settings) if labels is None else labels
         curve = calibrate_hardening(scan, volume, curve_settings, labels=grains)
         if curve.is_linear:

@@ -15,6 +15,7 @@ from grainmotion.experiment.scan_inputs import ScanInput
 from grainmotion.model.volume import Volume
 from grainmotion.preprocessing.binning import sufficient_views
 from grainmotion.reconstruction.coarse_start import COARSENING, has_coarse_start, pieces_of
+from grainmotion.reconstruction.grid_growth import fitted_grid, growth_views
 from grainmotion.reconstruction.ordered_subsets import accelerated, plain_sart
 from grainmotion.reconstruction.reconstruct import Reconstruction
 from grainmotion.reconstruction.settings import ReconstructSettings
@@ -202,12 +203,15 @@ def reconstruct_distributed(
 ) -> Reconstruction:
     """`reconstruct`, from files that the workers read."""
     count = len(source.geometry)
-    iterate = DistributedIterate(executor, store, source, grid, settings)
+    fitted = fitted_grid(source.select(growth_views(count)).read()[0], source.geometry, grid, settings)
+    fitted.report(progress)
+    settings = fitted.settings
+    iterate = DistributedIterate(executor, store, source, fitted.grid, settings)
     if settings.plain(count):
         history = plain_sart(iterate, count, settings, progress)
     else:
         history = accelerated(iterate, count, progress)
-    return Reconstruction(iterate.volume(), tuple(history))
+    return Reconstruction(fitted.seen(iterate.volume()), tuple(history), fitted.notes)
 
 
 def _take(stored: StoredObject) -> object:

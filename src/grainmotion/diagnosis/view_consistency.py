@@ -153,7 +153,7 @@ class BinnedViews:
 
     def _attainable(self, geometry: Geometry) -> float:
         """r₀ in a geometry of the binned views."""
-        settings = ReconstructSettings(method="sart", sweeps=FULL_SWEEPS, tolerance=0)
+        settings = ReconstructSettings(method="sart", sweeps=FULL_SWEEPS, tolerance=0, outline="grid")
         scan = Scan(self.scan.line_integrals, geometry, self.scan.valid)
         own = project(reconstruct(scan, self.grid, settings).volume, geometry)
         return relative_norm(self._residual(own, geometry), own)

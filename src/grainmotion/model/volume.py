@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from grainmotion.errors import InputError
+from grainmotion.model.field_of_view import FieldOfView
 
 
 def precision_of(array: ArrayLike) -> type[np.floating]:
@@ -28,6 +29,8 @@ class Volume:
         Edge of a voxel, mm.
     center : (3,) tuple of float
         Centre of the whole array in the sample frame, mm, x y z.
+    field : FieldOfView, optional
+        What of it the scan saw from which it was reconstructed; None if that is not known.
 
     Raises
     ------
@@ -39,6 +42,7 @@ class Volume:
     array: NDArray[np.floating]
     voxel_size: float
     center: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    field: FieldOfView | None = None
 
     def __post_init__(self) -> None:
         with np.errstate(over="ignore"):  # larger values become infinite, which is refused below

@@ -14,6 +14,8 @@ MIN_ACCELERATED_VIEWS = 240
 """Views from which on the accelerated method is much cheaper; with fewer, it uses each view several times."""
 
 Method = Literal["auto", "accelerated", "sart"]
+Outline = Annotated[float, Field(gt=0)] | Literal["auto", "grid"]
+"""Radius of the sample's outline about the grid's axis, mm; found from the radiographs; or the grid stays as it is."""
 
 
 @validated
@@ -48,6 +50,14 @@ class ReconstructSettings:
     ] = None
     non_negative: Annotated[bool, Field(description="keep attenuation at or above zero")] = True
     circular: Annotated[bool, Field(description="reconstruct inside the grid's upright inscribed cylinder only")] = True
+    outline: Annotated[
+        Outline,
+        Field(
+            description="radius of the upright cylinder that holds the sample, mm: the grid is grown to hold it and all "
+            'rays through it; "auto" finds it from the radiographs; "grid" keeps the grid as it is. [volume] outline '
+            "sets it as well"
+        ),
+    ] = "auto"
     device: Annotated[
         DeviceName, Field(description="where rays are traced: CPU, NVIDIA GPU, or the GPU if there is one")
     ] = "auto"

@@ -99,8 +99,14 @@ class Imaging:
 
 
 def cylinder_radius(grid: Volume, settings: ReconstructSettings) -> float:
-    """Radius of the grid's inscribed upright cylinder beyond which the volume is zero, voxels; 0 for none."""
-    return min(grid.shape[1:]) / 2 if settings.circular else 0.0
+    """Radius of the upright cylinder beyond which the volume is zero, voxels; 0 for none.
+
+    It is the grid's inscribed one, or the sample's outline if that is known and smaller.
+    """
+    if not settings.circular:
+        return 0.0
+    inscribed = min(grid.shape[1:]) / 2
+    return inscribed if isinstance(settings.outline, str) else min(inscribed, settings.outline / grid.voxel_size)
 
 
 def lower_limit(settings: ReconstructSettings) -> np.float32:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,7 +88,8 @@ class Reference:
             scan = scan if levels.source == "none" else scan.levelled(levels.levels)
         scanner = calibrate_scanner(scan, grid, settings, labels=given, progress=progress)
         step = prefixed(progress, "reconstruct")
-        reconstruction = reconstruct(scanner.apply(scan), grid, settings.reconstruct, progress=step)
+        how = settings.reconstruct if given is None else replace(settings.reconstruct, outline="grid")
+        reconstruction = reconstruct(scanner.apply(scan), grid, how, progress=step)
         volume = reconstruction.volume
         if given is None:
             segmentation = segment(volume, settings.segment, progress=prefixed(progress, "segment"))
