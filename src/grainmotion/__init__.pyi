@@ -23,6 +23,7 @@ from .experiment.scan_files import read_scan as read_scan
 from .io.motions_csv import read_motions as read_motions
 from .io.motions_csv import write_motions as write_motions
 from .model.detector_alignment import DetectorAlignment as DetectorAlignment
+from .model.field_of_view import FieldOfView as FieldOfView
 from .model.finding import Finding as Finding
 from .model.finding import Level as Level
 from .model.geometry import Geometry as Geometry

@@ -28,6 +28,7 @@ from grainmotion.io.files import checked_file
 from grainmotion.io.text import read_text
 from grainmotion.planning.plan import PlanSettings
 from grainmotion.reconstruction.reconstruct import ReconstructSettings
+from grainmotion.reconstruction.settings import Outline
 from grainmotion.segmentation.settings import SegmentSettings
 from grainmotion.tracking.track import TrackSettings
 
@@ -150,6 +151,11 @@ class VolumeTable(_Table):
     shape: tuple[int, int, int] | None = Field(default=None, description="voxels along z, y, x")
     voxel_size: float | None = Field(default=None, gt=0, description="mm")
     center: tuple[float, float, float] = Field(default=(0.0, 0.0, 0.0), description="mm, x y z")
+    outline: Outline | None = Field(
+        default=None,
+        description="radius of the sample's outline about the grid's axis, mm: the grid is grown to hold it; \"auto\" "
+        '(default): found from the radiographs; "grid": the grid is not grown',
+    )
 
 
 class StateTable(ScanTable):
@@ -280,7 +286,9 @@ def _check_states(tables: ExperimentFile) -> None:
 
 
 def _inherited(data: Mapping[str, object]) -> dict[str, object]:
-    """Fill in inherited keys: the projector of ``[track]``, and the circular scan of a state from the reference's."""
+    """Fill in inherited keys: the projector of ``[track]``, the outline of ``[reconstruct]`` from ``[volume]``, and the
+    circular scan of a state from the reference's.
+    """
     states = data.get("states", [])
     if not isinstance(states, list):
         raise InputError("states", "it is no list of tables", "write [[states]] with double brackets")
@@ -289,6 +297,9 @@ def _inherited(data: Mapping[str, object]) -> dict[str, object]:
     if isinstance(reconstruct, dict) and isinstance(track, dict) and "projector" in reconstruct:
         tables["track"] = {"projector": reconstruct["projector"], **track}
     circle = _geometry(data.get("reference"))
+    volume = data.get("volume")
+    if isinstance(volume, dict) and "outline" in volume and isinstance(reconstruct, dict | None):
+        tables["reconstruct"] = {"outline": volume["outline"], **(reconstruct or {})}
     if circle is not None:
         common = {key: value for key, value in circle.items() if key not in ("angles_deg", "first", "last", "count")}
         circles = [_geometry(state) for state in states]

@@ -23,6 +23,7 @@ from grainmotion.model.finding import Finding, Level
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.preprocessing.flat_field import PixelReport
+from grainmotion.reconstruction.grid_growth import GROWN_REMEDY, fitted_grid, growth_views
 
 MAX_AIR_LINE_INTEGRAL = 0.02  # median over the outermost columns; more gives a warning
 USUAL_VOXEL_PIXEL_RATIO = (0.4, 2.5)  # of a voxel and a pixel at the sample; others give a warning
@@ -124,6 +125,8 @@ def _reference_findings(source: ScanInput, scan: Scan, grid: Volume, tables: Exp
         if levels.source != "none":
             found.append(finding(levels, source))
             scan = scan.levelled(levels.levels)
+    fitted = fitted_grid(scan.select(growth_views(len(scan))), scan.geometry, grid, tables.reconstruct)
+    found += [Finding(Level.NOTE, "field-of-view", source.key, note, remedy=GROWN_REMEDY) for note in fitted.notes]
     return [*found, *check_scan(scan, grid, tables.check, where=source.key)]
 
 

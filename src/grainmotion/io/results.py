@@ -4,7 +4,8 @@
 ``center``, mm), ``residuals`` (the relative residual of Eq. 23 after each sweep), ``labels`` (0 = no
 grain; attributes ``threshold``, 1/mm, and ``border``) and the group ``grains`` with one array a column.  If there are
 bodies beside the grains, the dataset ``bodies`` tells to which of them each voxel belongs (0 = none, k = the k-th;
-attributes ``names``, ``kinds`` and ``freedoms``); files of older versions lack it.
+attributes ``names``, ``kinds`` and ``freedoms``); files of older versions lack it.  The group ``field`` says what the
+reference scan saw (`io.field_hdf5`).
 
 ``motions.h5`` holds every field of `Motions` under its own name, in mm and **radians** as in Python (``motions.csv``
 is in degrees), and the group ``fit`` with gain, offset, the convergence curve and the other fields of `StateFit`.
@@ -20,6 +21,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from grainmotion.io.field_hdf5 import read_field, write_field
 from grainmotion.io.files import atomic_write
 from grainmotion.io.hdf5 import opened
 from grainmotion.model.detector_response import Response
@@ -69,6 +71,7 @@ def write_reference(path: str | Path, reference: StoredReference, grains: GrainS
         volume = file.create_dataset("volume", data=reference.volume.array)
         volume.attrs.update(voxel_size=reference.volume.voxel_size, center=reference.volume.center, unit="1/mm")
         file["residuals"] = np.asarray(reference.residuals, dtype=float)
+        write_field(file, reference.volume.field)
         if reference.labels is not None:
             labels = file.create_dataset(
                 "labels", data=reference.labels, compression="gzip", compression_opts=1, shuffle=True
@@ -105,7 +108,7 @@ def _read_scene(file: h5py.File, volume: Volume) -> Scene | None:
     owners, bodies = data[()], []
     for k, (name, kind, freedom) in enumerate(zip(*(data.attrs[a] for a in ("names", "kinds", "freedoms"))), start=1):
         bodies.append(Body(str(name), kind, volume.cropped(owners == k), Freedom.of(str(freedom))))
-    return Scene(tuple(bodies))
+    return Scene(tuple(bodies), field=volume.field)
 
 
 def read_reference(path: str | Path) -> StoredReference:
@@ -113,7 +116,7 @@ def read_reference(path: str | Path) -> StoredReference:
     with opened(path) as file:
         data = file["volume"]
         x, y, z = (float(c) for c in data.attrs["center"])
-        volume = Volume(data[()], float(data.attrs["voxel_size"]), (x, y, z))
+        volume = Volume(data[()], float(data.attrs["voxel_size"]), (x, y, z), read_field(file))
         residuals = tuple(float(r) for r in file["residuals"][()])
         if "labels" not in file:
             return StoredReference(volume, residuals)

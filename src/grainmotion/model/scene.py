@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion.errors import InputError
+from grainmotion.model.field_of_view import FieldOfView
 from grainmotion.model.volume import Volume
 
 Kind = Literal["piston", "wall", "rest", "body"]
@@ -153,8 +154,8 @@ class Scene:
         On voxels of one grid.
     fluid : None
         The fluid between them.
-    field : None
-        What the reference scan saw of it.
+    field : FieldOfView, optional
+        What the reference scan saw of the sample; None if that is not known.
 
     Raises
     ------
@@ -164,7 +165,7 @@ class Scene:
 
     bodies: tuple[Body, ...] = ()
     fluid: None = None
-    field: None = None
+    field: FieldOfView | None = None
 
     def __post_init__(self) -> None:
         names = [body.name for body in self.bodies]

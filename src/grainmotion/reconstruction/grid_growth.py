@@ -19,13 +19,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from grainmotion._typing import Float, Progress
+from grainmotion._typing import Float, Image, Progress
 from grainmotion.model.field_of_view import FieldOfView, evenly_spaced
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.reconstruction.settings import ReconstructSettings
-from grainmotion.reconstruction.system import cylinder_radius
 
 GROWTH_VIEWS = 32
 """Views, evenly spaced, whose radiographs decide whether a grid is grown."""
@@ -41,12 +40,12 @@ EDGE_PIXELS = 2.0
 OUTLINE_MARGIN = 1.03
 """Times an outline that was estimated from truncated radiographs: 2 % too small for a packing in a cylinder, whose edge
 is looser.  ε grows by a twentieth for an outline 5 % too large."""
-OUTLINE_TOLERANCE = 1.5
-"""Voxels by which a sample seems to reach beyond the grid that it fits."""
 MAX_OUTLINE, UNKNOWN_OUTLINE = 1.8, 1.2
 """Largest outline to believe over the panel's half width at the axis, and the one to take where none can be told."""
 MAX_LAYERS_SHARE, MIN_MAX_LAYERS = 0.5, 8
 """Layers by which a grid grows above and below at most, over its own; never limited to fewer than the second."""
+GROWN_REMEDY = 'set volume.outline to the sample\'s radius if that is known, or to "grid" to keep the grid'
+"""What to do about a grid that was grown."""
 RAY_COLUMNS = 17
 """Places along a row of pixels whose rays bound the layers that it crosses."""
 
@@ -62,8 +61,9 @@ class FittedGrid:
 
     def report(self, progress: Progress | None) -> None:
         """Report that the grid was grown, if it was."""
-        for note in self.notes if progress is not None else ():
-            progress(note, 0, 1)
+        if progress is not None:
+            for note in self.notes:
+                progress(note, 0, 1)
 
     def seen(self, volume: Volume) -> Volume:
         """A volume on the grid, with what of it the scan saw."""
@@ -91,8 +91,6 @@ def fitted_grid(some: Scan, geometry: Geometry, grid: Volume, settings: Reconstr
         settings = replace(settings, outline=radius)
     elif settings.outline == "auto" and beside and own < rays.reach + 2 * size:  # else the user made room for it
         radius = _outline(some, rays) * OUTLINE_MARGIN + size
-    elif settings.outline == "auto" and not beside and lit > own + OUTLINE_TOLERANCE * size:
-        radius = lit + size
     ends = _lit_ends(some)
     layers = sides = 0, 0
     if settings.outline != "grid":
@@ -103,7 +101,7 @@ def fitted_grid(some: Scan, geometry: Geometry, grid: Volume, settings: Reconstr
             settings = replace(settings, outline=radius)
     beside = beside and radius > rays.reach
     field = FieldOfView(geometry, max(radius, size), (float(center[0]), float(center[1])), ends[1], ends[0], beside)
-    notes = ()
+    notes: tuple[str, ...] = ()
     if layers != (0, 0) or sides != (0, 0):
         notes = (_sentence(grid, layers, sides[0], radius, beside),)
         grid = _grown(grid, layers, sides[0])
@@ -115,10 +113,9 @@ def _sentence(grid: Volume, layers: tuple[int, int], sides: int, radius: float, 
     nz, ny, nx = grid.shape
     new = [nz + sum(layers), ny + 2 * sides, nx + 2 * sides]
     parts = []
-    if sides and beside:
-        parts.append(f"the sample is wider than the panel: its outline is taken as {radius:.4g} mm in radius")
-    elif sides:
-        parts.append(f"the sample reaches {radius:.4g} mm from the axis")
+    if sides:
+        wider = "the sample is wider than the panel: " if beside else ""
+        parts.append(f"{wider}its outline has a radius of {radius:.4g} mm")
     if any(layers):
         parts.append("rays through the sample leave the grid above or below")
     return f"the grid of {[nz, ny, nx]} voxels (z, y, x) was grown to {new}, which hold all rays: {'; '.join(parts)}"
@@ -150,7 +147,7 @@ class _MiddleRays:
         return cls(distances, across, float(np.median(edges)))
 
 
-def _rays(geometry: Geometry, rows: Float, columns: Float) -> tuple[Float, Float]:
+def _rays(geometry: Geometry, rows: Image, columns: Image) -> tuple[Float, Float]:
     """A point and the direction ``(views, rows, columns, 3)`` of rays, by rows and columns from the panel's centre."""
     s, d, u, v = (part[:, None, None] for part in (geometry.source, geometry.detector, geometry.u, geometry.v))
     pixels = d + columns[None, None, :, None] * u + rows[None, :, None, None] * v
@@ -159,7 +156,7 @@ def _rays(geometry: Geometry, rows: Float, columns: Float) -> tuple[Float, Float
     return pixels, np.broadcast_to(s, pixels.shape)
 
 
-def _heights(geometry: Geometry, rows: Float, columns: Float, center: Float, radius: float) -> tuple[Float, Float]:
+def _heights(geometry: Geometry, rows: Image, columns: Image, center: Float, radius: float) -> tuple[Float, Float]:
     """Lowest and highest z, over the grid's centre, of rays within an upright cylinder ``(views, rows, columns)``.
 
     NaN for a ray that misses it, or runs along its axis.
@@ -198,7 +195,7 @@ def _layers(some: Scan, geometry: Geometry, grid: Volume, radius: float) -> tupl
 def _lit_rays_leave(some: Scan, center: Float, radius: float, half: float) -> tuple[bool, bool]:
     """Whether rays that show the sample leave the grid (of half the height ``half``) through its base, and its top."""
     width = min(BLOCK_COLUMNS, max(some.geometry.shape[1] // 4, 1))
-    blocks = _blocks(some.line_integrals, width, axis=2)
+    blocks = _blocks(_good(some), width, axis=2)
     level = LIT_BLOCK_LEVEL * float(np.percentile(blocks, 99))
     rows = np.arange(some.geometry.shape[0]) - (some.geometry.shape[0] - 1) / 2
     columns = (np.arange(blocks.shape[2]) + 0.5) * width - some.geometry.shape[1] / 2
@@ -214,7 +211,7 @@ def _lit_rays_leave(some: Scan, center: Float, radius: float, half: float) -> tu
 def _lit_ends(some: Scan) -> tuple[bool, bool]:
     """Whether the sample shows on the panel's lowest row, and on its highest."""
     width = min(BLOCK_COLUMNS, max(some.geometry.shape[1] // 4, 1))
-    blocks = _blocks(some.line_integrals, width, axis=2)
+    blocks = _blocks(_good(some), width, axis=2)
     if blocks.shape[1] == 1:
         return False, False
     level = LIT_BLOCK_LEVEL * float(np.percentile(blocks, 99))
@@ -226,7 +223,12 @@ def _lit_ends(some: Scan) -> tuple[bool, bool]:
     return first > MIN_LIT_SHARE, last > MIN_LIT_SHARE
 
 
-def _blocks(images: NDArray[np.floating], width: int, axis: int) -> NDArray[np.floating]:
+def _good(some: Scan) -> Image:
+    """Radiographs, 0 where a pixel carries no weight."""
+    return some.line_integrals if some.valid is None else np.where(some.valid, some.line_integrals, 0)
+
+
+def _blocks(images: Image, width: int, axis: int) -> Image:
     """Means of ``width`` neighbours along an axis; what is left over at its end is left out."""
     count = images.shape[axis] // width
     images = np.moveaxis(images, axis, -1)[..., : count * width]
@@ -236,7 +238,7 @@ def _blocks(images: NDArray[np.floating], width: int, axis: int) -> NDArray[np.f
 def _lit_radius(some: Scan, rays: _MiddleRays, size: float) -> float:
     """Largest distance from the axis at which the radiographs show the sample, mm."""
     height = min(BLOCK_ROWS, some.geometry.shape[0])
-    blocks = _blocks(some.line_integrals, height, axis=1)
+    blocks = _blocks(_good(some), height, axis=1)
     level = LIT_BLOCK_LEVEL * float(np.percentile(blocks, 99))
     rings = np.floor(np.abs(rays.distances) / size).astype(int)
     count = np.bincount(rings.ravel(), minlength=1).astype(float)
@@ -251,8 +253,9 @@ def _outline(some: Scan, rays: _MiddleRays) -> float:
     p² = q (R² − (s − c·n)²) is linear in q, q c and the products of c's components, with the cylinder's axis at c.
     """
     s, n = rays.distances, rays.normals
-    p = some.line_integrals.mean(axis=1, dtype=float)
-    outer = np.abs(s) > rays.reach / 2
+    good = np.ones(some.line_integrals.shape, bool) if some.valid is None else some.valid
+    p = _good(some).sum(axis=1, dtype=float) / np.maximum(good.sum(axis=1), 1)
+    outer = (np.abs(s) > rays.reach / 2) & good.any(axis=1)
     cos2, sin2 = n[..., 0] ** 2 - n[..., 1] ** 2, 2 * n[..., 0] * n[..., 1]
     terms = np.stack([np.ones_like(s), -(s**2), s * n[..., 0], s * n[..., 1], cos2, sin2], -1)
     a, q, bx, by, _, _ = np.linalg.lstsq(terms[outer], p[outer] ** 2, rcond=None)[0]

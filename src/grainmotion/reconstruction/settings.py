@@ -53,9 +53,9 @@ class ReconstructSettings:
     outline: Annotated[
         Outline,
         Field(
-            description="radius of the upright cylinder that holds the sample, mm: the grid is grown to hold it and all "
-            'rays through it; "auto" finds it from the radiographs; "grid" keeps the grid as it is. [volume] outline '
-            "sets it as well"
+            description="radius of the upright cylinder that holds the sample, mm: the grid is grown to hold it and "
+            'all rays through it; "auto" finds it from the radiographs; "grid" keeps the grid; [volume] outline sets it '
+            "as well"
         ),
     ] = "auto"
     device: Annotated[

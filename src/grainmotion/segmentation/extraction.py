@@ -148,10 +148,11 @@ def grains_from_labels(
     if not grains:
         raise InputError("labels", "no grains found", "check the threshold, or the labels given")
     store_contiguously(grains)
-    scene = Scene()
+    scene = Scene(field=volume.field)
     if background != "ignore":
         rest = volume.cropped(grown == 0)
-        scene = Scene((Body("rest", "rest", rest, RIGID_MOTION if background == "moving" else NO_MOTION),))
+        body = Body("rest", "rest", rest, RIGID_MOTION if background == "moving" else NO_MOTION)
+        scene = Scene((body,), field=volume.field)
     return GrainSet(tuple(grains), scene)
 
 

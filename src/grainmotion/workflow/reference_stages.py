@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,7 +12,9 @@ import numpy as np
 from grainmotion._typing import prefixed
 from grainmotion.diagnosis.labels import grains_in_doubt
 from grainmotion.io.results import StoredReference, read_reference, write_reference
+from grainmotion.model.finding import Finding, Level
 from grainmotion.model.grains import GrainSet
+from grainmotion.reconstruction.grid_growth import GROWN_REMEDY
 from grainmotion.reconstruction.reconstruct import reconstruct
 from grainmotion.segmentation.extraction import Cut, extract_grains
 from grainmotion.segmentation.label_refinement import fine_grains
@@ -99,10 +101,13 @@ def _reconstruct(context: RunContext) -> StoredReference:
     source, grid, settings = context.inputs.reference, context.inputs.grid, context.tables.reconstruct
     assert source is not None
     progress = prefixed(context.progress, "reconstruct")
+    if context.inputs.labels is not None:  # they are on this grid
+        settings = replace(settings, outline="grid")
     if context.cluster is not None:
         context.forget(source)  # the workers read it
         result = context.cluster.reconstruct(corrected_source(source, context.scanner()), grid, settings, progress)
     else:
         result = reconstruct(context.radiographs(source), grid, settings, progress=progress)
         context.forget(source)
+    context.add(Finding(Level.NOTE, "field-of-view", "reference", note, remedy=GROWN_REMEDY) for note in result.notes)
     return StoredReference(result.volume, result.residuals)

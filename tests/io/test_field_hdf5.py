@@ -1,0 +1,29 @@
+"""The field of view in ``reference.h5``: what is written is read."""
+
+from __future__ import annotations
+
+import h5py
+import numpy as np
+
+from grainmotion.io.field_hdf5 import read_field
+from grainmotion.io.results import StoredReference, read_reference, write_reference
+from grainmotion.model.field_of_view import FieldOfView
+from grainmotion.model.geometry import Geometry
+from grainmotion.model.volume import Volume
+
+GEOMETRY = Geometry.parallel([0.0, 60.0, 120.0], (5, 7), 0.1)
+
+
+def test_field_of_a_volume_is_kept(tmp_path):
+    field = FieldOfView(GEOMETRY, 0.4, (0.1, -0.2), above=True)
+    write_reference(tmp_path / "reference.h5", StoredReference(Volume(np.ones((3, 3, 3)), 0.1, field=field)))
+    found = read_reference(tmp_path / "reference.h5").volume.field
+    assert found is not None
+    assert (found.radius, found.axis, found.above, found.below, found.beside) == (0.4, (0.1, -0.2), True, False, False)
+    np.testing.assert_array_equal(found.geometry.vectors, GEOMETRY.vectors)
+    assert (found.geometry.shape, found.geometry.beam) == ((5, 7), "parallel")
+
+
+def test_older_files_do_not_tell_it(tmp_path):
+    with h5py.File(tmp_path / "old.h5", "w") as file:
+        assert read_field(file) is None
