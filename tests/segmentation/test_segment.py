@@ -9,7 +9,8 @@ from scipy import ndimage
 from grainmotion import simulate
 from grainmotion.errors import InputError
 from grainmotion.model.volume import Volume
-from grainmotion.segmentation.segment import border_labels, segment
+from grainmotion.segmentation.border import border_labels
+from grainmotion.segmentation.segment import segment
 from grainmotion.segmentation.settings import SegmentSettings
 
 SHAPE = (40, 44, 60)

@@ -125,8 +125,9 @@ def with_common_cause(motions: Motions, cause: Finding | None) -> Motions:
 
 
 def failures(motions: Motions) -> NDArray[np.bool_]:
-    """Grains that were not found, ``(n,)``; those that fit in several ways were, and absent ones are not there."""
-    return ~(motions.usable | np.isin(motions.statuses, [Status.AMBIGUOUS.value, Status.ABSENT.value]))
+    """Grains that were not found, ``(n,)``: not those that fit in several ways, are absent, or seen in part only."""
+    found = (Status.AMBIGUOUS.value, Status.ABSENT.value, Status.CUT.value)
+    return ~(motions.usable | np.isin(motions.statuses, found))
 
 
 def _note_findings(motions: Motions, where: str) -> list[Finding]:

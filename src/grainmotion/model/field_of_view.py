@@ -75,16 +75,18 @@ class FieldOfView:
         parts = [points[k : k + POINTS_TOGETHER] for k in range(0, len(points), POINTS_TOGETHER)]
         return np.concatenate([self._share(part) for part in parts]) if parts else np.ones(0)
 
-    def border_heights(self, places: ArrayLike) -> tuple[Float, Float]:
+    def border_heights(self, places: ArrayLike, share: float = 0.5) -> tuple[Float, Float]:
         """Lower and upper border of the field above places of the horizontal plane.
 
         The first and the last row of a panel span, with the source, two planes; a point between them falls on a row
-        of the panel.  Half of the views see higher (lower) than the border.
+        of the panel.
 
         Parameters
         ----------
         places : (m, 2) array
             x and y, mm.
+        share : float
+            Share of the views that see up to the border.
 
         Returns
         -------
@@ -101,9 +103,9 @@ class FieldOfView:
                 slope = -normal[:, :2] / normal[:, 2:]
             flat = places[None] - on_edge[:, None, :2]
             heights[edge] = on_edge[:, 2:] + (slope[:, None] * flat).sum(-1)
-        middle = np.median(np.sort(heights, axis=0), axis=1)
-        low = middle[0] if self.below else np.full(len(places), -np.inf)
-        high = middle[1] if self.above else np.full(len(places), np.inf)
+        lower, upper = np.sort(heights, axis=0)
+        low = np.quantile(lower, share, axis=0) if self.below else np.full(len(places), -np.inf)
+        high = np.quantile(upper, 1 - share, axis=0) if self.above else np.full(len(places), np.inf)
         return low, high
 
     def _share(self, points: Float) -> Float:

@@ -11,8 +11,8 @@ from grainmotion.errors import InputError
 Check = Literal[
     "angle-table", "beam-images", "beam-level", "calibration", "coinciding-views", "common-cause", "eight-bit",
     "field-of-view", "file-series", "fit", "frames", "gain", "given-volume", "grain-scale", "grain-sizes",
-    "hardening", "inspect", "kind", "labels", "monitor", "motors", "moving-sample", "new-grain", "offset", "opaque", "pixels",
-    "reference-geometry", "saturation", "sense-of-rotation", "sign", "sizes", "start-file", "state-geometry",
+    "hardening", "inspect", "kind", "labels", "monitor", "motors", "moving-sample", "new-grain", "offset", "opaque",
+    "pixels", "reference-geometry", "saturation", "sense-of-rotation", "sign", "sizes", "start-file", "state-geometry",
     "unlabelled", "views",
 ]  # fmt: skip
 """Names of all checks; docs/troubleshooting.md has a section on each."""

@@ -107,6 +107,12 @@ class GrainSet:
         return np.array([g.center for g in self.grains]).reshape(-1, 3)
 
     @property
+    def cut(self) -> NDArray[np.bool_]:
+        """Grains that the reference scan saw only in part ``(n,)``; none where it is not known what it saw."""
+        known = self.scene.field is not None
+        return np.array([known and g.touches_border for g in self.grains], dtype=bool)
+
+    @property
     def precision(self) -> np.dtype[np.floating]:
         """The precision of the grains' voxels, and so of all work on them."""
         return np.result_type(*(g.volume.array.dtype for g in self.grains))

@@ -54,8 +54,8 @@ class ReconstructSettings:
         Outline,
         Field(
             description="radius of the upright cylinder that holds the sample, mm: the grid is grown to hold it and "
-            'all rays through it; "auto" finds it from the radiographs; "grid" keeps the grid; [volume] outline sets it '
-            "as well"
+            'all rays through it; "auto" finds it from the radiographs; "grid" keeps the grid; [volume] outline sets '
+            "it as well"
         ),
     ] = "auto"
     device: Annotated[

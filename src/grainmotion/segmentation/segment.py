@@ -17,6 +17,7 @@ from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Progress
 from grainmotion.errors import InputError
 from grainmotion.model.volume import Volume
+from grainmotion.segmentation.border import border_labels, cut_labels
 from grainmotion.segmentation.by_level import Pieces
 from grainmotion.segmentation.labels import checked_labels
 from grainmotion.segmentation.large_bodies import large_bodies
@@ -133,7 +134,7 @@ def segment(
             "segment.threshold", f"no grains found above {threshold:.4g} 1/mm", "lower it, or lower segment.min_volume"
         )
     report(f"{labels.max()} grains", PROGRESS_STEPS)
-    return Segmentation(labels, threshold, border_labels(labels), _phases(volume.array, threshold, levels, labels))
+    return Segmentation(labels, threshold, cut_labels(labels, volume), _phases(volume.array, threshold, levels, labels))
 
 
 def _without_bodies(labels: Ints, settings: SegmentSettings) -> Ints:
@@ -150,16 +151,6 @@ def _phases(array: NDArray[np.float32], threshold: float, levels: Levels | None,
         values = np.array([np.median(array[labels == 0]) if (labels == 0).any() else 0.0, np.median(array[labels > 0])])
         levels = Levels(values, ("air", "solid"), (array > threshold).astype(np.int8))
     return PhaseMap.of(array, levels, labels).phases
-
-
-def border_labels(labels: NDArray[np.integer]) -> tuple[int, ...]:
-    """Labels that touch a face of the array, or the side of its inscribed upright cylinder."""
-    _, ny, nx = labels.shape
-    edge = np.zeros(labels.shape, dtype=bool)
-    edge[[0, -1]] = edge[:, [0, -1]] = edge[:, :, [0, -1]] = True
-    y, x = np.arange(ny) - (ny - 1) / 2, np.arange(nx) - (nx - 1) / 2
-    edge[:, np.hypot(y[:, None], x[None, :]) > min(ny, nx) / 2 - 1.5] = True
-    return tuple(int(i) for i in np.unique(labels[edge]) if i)
 
 
 def _threshold(volume: Volume, settings: SegmentSettings) -> float:

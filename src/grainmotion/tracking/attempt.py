@@ -95,7 +95,7 @@ def approach(job: Job) -> Approach:
     problem, solution = fit.solve_free(pose, "free", settings.filters[done:])
     misregistered = np.zeros(len(job.grains), dtype=bool)
     if settings.search:
-        misregistered = misregistered_grains(problem, solution.state)
+        misregistered = misregistered_grains(problem, solution.state) & ~fit.cut
     return Approach(fit, start, fields, problem, solution, misregistered)
 
 
@@ -128,7 +128,8 @@ def finish(job: Job, near: Approach) -> Attempt:
     residual = None
     if np.isfinite(motions.translations).all():
         residual = refined.evaluation.raw_residual
-        residual = residual if job.scan.valid is None else np.where(job.scan.valid, residual, np.nan)
+        valid = fit.target.scan.valid
+        residual = residual if valid is None else np.where(valid, residual, np.nan)
     return Attempt(motions, np.array([support.share for support in supports]), residual)
 
 

@@ -34,6 +34,9 @@ MIN_PIXELS_PER_UNKNOWN = 13.0
 """Pixels an unknown below which neighbours may make up for a grain in a wrong place (decision 0015)."""
 MIN_COVERAGE = 0.6
 """Share of a grain's projections on the detector below which it has left the field."""
+MIN_WHOLE_SHARE = 0.9
+"""Share of a grain's footprint on the panel, in the view that sees least, below which the panel cuts it in this state;
+a footprint extends two voxels beyond the grain, a tenth of one of 20 voxels."""
 MAX_LAST_STEP_VOXELS = 0.1
 """Displacement by the last step from which a grain still moves, if the solver did not settle."""
 
@@ -50,14 +53,16 @@ def classify(
     evaluation = refined.evaluation
     fits = misfits(problem, evaluation)
     misregistered = fits.misregistered
-    disturbed = misregistered.any() & ~misregistered & (fits.shares > MAX_DISTURBED_MISFIT)
+    cut, shares_seen = grains.cut, evaluation.patches.seen
+    cut_now = ~cut & (shares_seen.min(axis=1) < MIN_WHOLE_SHARE)
+    disturbed = (misregistered & ~cut & ~cut_now).any() & ~misregistered & (fits.shares > MAX_DISTURBED_MISFIT)
     coverage, moving = evaluation.patches.seen.mean(axis=1), _still_moving(problem, solution)
     supports = grain_supports(problem, solution.state) if misregistered.any() else [GrainSupport()] * n
     verdicts = list[_Verdict]()
     for k in range(n):
         fit = _GrainFit(
             fits.rms_residuals[k], fits.rms_line_integrals[k], coverage[k], bool(misregistered[k]),
-            bool(disturbed[k]), bool(moving[k]), supports[k],
+            bool(disturbed[k]), bool(moving[k]), supports[k], _cut_reason(bool(cut[k]), bool(cut_now[k])),
         )  # fmt: skip
         verdict = _verdict(fit, refined.covariances[k], limits)
         if verdict.status is Status.CONVERGED and ambiguous[k]:
@@ -82,6 +87,17 @@ def classify(
         _state_fit(refined, evaluation.response, costs, notes),
         usable[:, 0], usable[:, 1], strains, strain_covariances,
     )  # fmt: skip
+
+
+def _cut_reason(in_reference: bool, in_state: bool) -> str:
+    """Why a grain is not whole; empty if it is."""
+    if in_reference:
+        return (
+            "the border of the reference's field of view cuts it: its shape beyond is not known; tracked as far as seen"
+        )
+    if in_state:
+        return "the panel cuts it in this state; tracked as far as seen"
+    return ""
 
 
 def _sparse_note(problem: StateProblem) -> tuple[str, ...]:
@@ -127,6 +143,7 @@ class _GrainFit:
     disturbed: bool
     moving: bool
     support: GrainSupport
+    cut: str = ""
 
 
 class _Verdict(NamedTuple):
@@ -144,6 +161,8 @@ def _verdict(fit: _GrainFit, covariance: Float, limits: tuple[float, float]) -> 
     if fit.coverage < MIN_COVERAGE:
         share = f"only {fit.coverage:.0%} of its shadows fall on the panel"
         return _Verdict(Status.LEFT_FIELD, f"{share}; take views that hold it, or leave it out")
+    if fit.cut:
+        return _Verdict(Status.CUT, fit.cut)
     if fit.misregistered:
         return _Verdict(
             Status.NOT_CONVERGED,

@@ -102,7 +102,7 @@ def search(
     tolerance = max(ATTEMPT_TOLERANCE, fit.settings.tolerance)
     for planned in attempts:
         if tried:
-            misregistered = misregistered_grains(best.problem, best.pose)
+            misregistered = misregistered_grains(best.problem, best.pose) & ~fit.cut
         few = not thin and misregistered.mean() <= ANNEAL_ALL_SHARE
         in_vain = vain >= (1 if few or misregistered.all() else MAX_VAIN_ATTEMPTS)
         if best.proven or (best.agrees(confirming).all() if thin else in_vain or not misregistered.any()):

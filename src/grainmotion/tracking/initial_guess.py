@@ -29,6 +29,7 @@ def initialise(fit: MultistageFit, pose: Pose, fields: list[Pose]) -> Pose:
     free stage starts from the last field; only if too many grains then fit badly, it starts from the earlier fields,
     the one body and the plain start as well, and the lowest cost counts.
     """
+    fit.leave_out_unseen([pose, *fields][-1])
     if not fields:
         return pose
     width = fit.settings.filters[0]
@@ -43,14 +44,16 @@ def initialise(fit: MultistageFit, pose: Pose, fields: list[Pose]) -> Pose:
             best = solution
         evaluation = comparison.evaluate(best.state)
         misregistered = misfits(comparison, evaluation).misregistered_in_crowd
-        if (misregistered & evaluation.patches.seen.any(axis=1)).mean() < MAX_MISREGISTERED_AT_START:
+        if (misregistered & ~fit.cut & evaluation.patches.seen.any(axis=1)).mean() < MAX_MISREGISTERED_AT_START:
             break
     assert best is not None
+    fit.leave_out_unseen(best.state)
     return best.state
 
 
 def smooth_fields(fit: MultistageFit, pose: Pose) -> list[Pose]:
     """The poses of one rigid body, from the better of two starts, and of each smooth field."""
+    fit.leave_out_unseen(pose)
     grains, target = fit.level(fit.settings.field_filter, least=FIELD_GRAIN_PIXELS)
     problem = StateProblem(grains, target, displacement_bases.rigid)
     starts = [pose, centroid_shift(problem, pose)]
@@ -59,7 +62,9 @@ def smooth_fields(fit: MultistageFit, pose: Pose) -> list[Pose]:
         solutions.append(gauss_newton(problem, start, INITIAL_STOPPING, fit.observer(target, "one body")))
     poses = [min(solutions, key=lambda solution: solution.costs[-1]).state]
     for name, basis, needed in DISPLACEMENT_FIELDS:
+        fit.leave_out_unseen(poses[-1])
         if len(fit.grains) >= needed:
+            grains, target = fit.level(fit.settings.field_filter, least=FIELD_GRAIN_PIXELS)
             problem = StateProblem(grains, target, basis)
             poses.append(gauss_newton(problem, poses[-1], INITIAL_STOPPING, fit.observer(target, name)).state)
     return poses

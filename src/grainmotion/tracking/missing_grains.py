@@ -98,8 +98,8 @@ def suspects(measured: Motions, supports: Float) -> list[NDArray[np.int64]]:
 
 
 def registered(measured: Motions) -> NDArray[np.bool_]:
-    """Grains that were found, ``(n,)``: those whose place is known, though a round one may have any rotation."""
-    return measured.ok_translation
+    """Grains that were found, ``(n,)``: their place is known, though a round one may have any rotation, or are cut."""
+    return measured.ok_translation | (measured.statuses == Status.CUT.value)
 
 
 def merit(measured: Motions) -> tuple[int, float]:

@@ -6,10 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from grainmotion._typing import Progress
 from grainmotion.backends.base import PatchBackend
 from grainmotion.backends.device import Device, backend_of
+from grainmotion.model.field_of_view import FieldOfView
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.pose import Pose
 from grainmotion.model.scan import Scan
@@ -24,6 +26,7 @@ from grainmotion.segmentation.extraction import packed_body
 from grainmotion.solvers.gauss_newton import Solution, Stopping, gauss_newton
 from grainmotion.tracking.multiresolution import FREE_GRAIN_PIXELS, coarsened, coarsening
 from grainmotion.tracking.settings import TrackSettings
+from grainmotion.tracking.unseen import unseen_pixels
 
 FILTER_GRAIN_PIXELS = 45.0
 """Pixels across the grains on which the default filter widths were measured."""
@@ -49,7 +52,8 @@ class MultistageFit:
 
     ``fine_grains`` are the same as ``grains`` on finer voxels, for the last stages; ``target`` is not yet filtered;
     ``costs`` hold the stage and the relative residual after each accepted step; ``levels`` are coarser grains and
-    radiographs, by how many times coarser.
+    radiographs, by how many times coarser; ``seen`` is what the reference scan saw, ``cut (n,)`` are the grains that it
+    saw in part, and ``given_valid`` the pixels that count but for those that see what it did not.
     """
 
     settings: TrackSettings
@@ -60,6 +64,9 @@ class MultistageFit:
     costs: list[tuple[str, float]] = field(default_factory=list)
     stages_done: int = 0
     levels: dict[int, tuple[GrainArrays, Target]] = field(default_factory=dict)
+    seen: FieldOfView | None = None
+    given_valid: NDArray[np.bool_] | None = None
+    cut: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
 
     @classmethod
     def of(
@@ -83,12 +90,26 @@ class MultistageFit:
             scan, background, settings.projector, 0.0, derivatives=settings.derivatives, background=body,
             nuisance=nuisance, backend=backend,
         )  # fmt: skip
-        return cls(settings, coarse, fine, target, progress)
+        return cls(
+            settings, coarse, fine, target, progress, seen=grains.scene.field, given_valid=scan.valid, cut=grains.cut
+        )
 
     @property
     def expected_stages(self) -> int:
         """Stages to expect, repetitions by the search not counted."""
         return len(self.settings.filters) + (3 if self.settings.fields else 0) + (2 if self.settings.strain else 0)
+
+    def leave_out_unseen(self, pose: Pose) -> None:
+        """Leave out the pixels that see, with the grains at a pose, what the reference scan did not."""
+        if self.seen is None:
+            return
+        scan = self.target.scan
+        unseen = unseen_pixels(self.seen, self.grains, pose, scan.geometry)
+        if unseen is None:
+            return
+        valid = ~unseen if self.given_valid is None else self.given_valid & ~unseen
+        self.target = replace(self.target, scan=replace(scan, valid=valid))
+        self.levels = {f: (grains, coarsened(self.target, f)) for f, (grains, _) in self.levels.items()}
 
     @property
     def filter_scale(self) -> float:

@@ -16,6 +16,7 @@ from grainmotion.model.grains import GrainSet
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.reconstruction.reconstruct import reconstruct
+from grainmotion.segmentation.border import cut_labels
 from grainmotion.segmentation.extraction import extract_grains
 from grainmotion.segmentation.segment import Segmentation, segment
 
@@ -94,7 +95,7 @@ class Reference:
         if given is None:
             segmentation = segment(volume, settings.segment, progress=prefixed(progress, "segment"))
         else:
-            segmentation = Segmentation.of(given)
+            segmentation = replace(Segmentation.of(given), border=cut_labels(given, volume))
         grains = extract_grains(volume, segmentation, settings.segment)
         return cls(volume, segmentation, grains, scanner, reconstruction.residuals)
 

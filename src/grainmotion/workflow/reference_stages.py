@@ -16,6 +16,7 @@ from grainmotion.model.finding import Finding, Level
 from grainmotion.model.grains import GrainSet
 from grainmotion.reconstruction.grid_growth import GROWN_REMEDY
 from grainmotion.reconstruction.reconstruct import reconstruct
+from grainmotion.segmentation.border import cut_labels
 from grainmotion.segmentation.extraction import Cut, extract_grains
 from grainmotion.segmentation.label_refinement import fine_grains
 from grainmotion.segmentation.labels import CleanLabels
@@ -77,6 +78,7 @@ def segment_stage(context: RunContext, reference: Callable[[], StoredReference])
         stored = reference()
         if context.given_labels is not None:
             segmentation = Segmentation.of(CleanLabels.of(context.given_labels).labels)
+            segmentation = replace(segmentation, border=cut_labels(segmentation.labels, stored.volume))
         else:
             segmentation = segment(stored.volume, settings, progress=prefixed(context.progress, "segment"))
         labels, threshold, border = segmentation.labels, segmentation.threshold, segmentation.border

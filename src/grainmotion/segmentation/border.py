@@ -1,0 +1,73 @@
+"""Labels of the grains that the border of the field of view cuts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grainmotion._typing import Float
+from grainmotion.model.field_of_view import FieldOfView
+from grainmotion.model.volume import Volume
+
+WHOLE_SHARE = 0.95
+"""Share of the reference's views that must have seen all of a grain: what a few views miss is reconstructed as well."""
+FIELD_LATTICE = 2
+"""Voxels, along x and y, between the places at which the field's borders are evaluated."""
+
+
+def border_labels(labels: NDArray[np.integer]) -> tuple[int, ...]:
+    """Labels that touch a face of the array, or the side of its inscribed upright cylinder."""
+    _, ny, nx = labels.shape
+    edge = np.zeros(labels.shape, dtype=bool)
+    edge[[0, -1]] = edge[:, [0, -1]] = edge[:, :, [0, -1]] = True
+    edge[:, _distances(ny, nx) > min(ny, nx) / 2 - 1.5] = True
+    return tuple(int(i) for i in np.unique(labels[edge]) if i)
+
+
+def cut_labels(labels: NDArray[np.integer], volume: Volume) -> tuple[int, ...]:
+    """Labels that reach beyond what nearly all views saw, or the edge of the volume.
+
+    Where it is not known what they saw: `border_labels`.
+    """
+    field = volume.field
+    if field is None:
+        return border_labels(labels)
+    nz, ny, nx = labels.shape
+    found = set()
+    if nz > 1:
+        found.update(np.unique(labels[[0, -1]]).tolist())
+    found.update(np.unique(labels[:, _distances(ny, nx) > min(ny, nx) / 2 - 0.5]).tolist())
+    if not field.holds_all:
+        low, high, aside = _borders(field, volume)
+        heights = volume.origin[2] + volume.voxel_size * np.arange(nz)
+        for plane, z in zip(labels, heights, strict=True):
+            out = aside | (z > high) | (z < low)
+            if out.any():
+                found.update(np.unique(plane[out]).tolist())
+    return tuple(sorted(int(label) for label in found if label))
+
+
+def _distances(ny: int, nx: int) -> Float:
+    """Voxels ``(ny, nx)`` from the axis of a volume."""
+    y, x = np.arange(ny) - (ny - 1) / 2, np.arange(nx) - (nx - 1) / 2
+    return np.asarray(np.hypot(y[:, None], x[None, :]), dtype=float)
+
+
+def _borders(field: FieldOfView, volume: Volume) -> tuple[Float, Float, NDArray[np.bool_]]:
+    """Heights between which nearly all views see a column of voxels, mm, and columns beside the field ``(ny, nx)``."""
+    nz, ny, nx = volume.shape
+    x, y = (volume.origin[k] + volume.voxel_size * np.arange(0, n, FIELD_LATTICE) for k, n in ((0, nx), (1, ny)))
+    places = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    low, high = field.border_heights(places, WHOLE_SHARE)
+    sides, seen = replace(field, above=False, below=False), np.ones(len(places))
+    if field.beside:
+        for z in volume.origin[2] + volume.voxel_size * np.linspace(0, nz - 1, 3):
+            seen = np.minimum(seen, sides.share(np.c_[places, np.full(len(places), z)]))
+
+    def spread(values: Float) -> Float:
+        grid = values.reshape(len(y), len(x))
+        return np.asarray(grid.repeat(FIELD_LATTICE, axis=0).repeat(FIELD_LATTICE, axis=1)[:ny, :nx])
+
+    return spread(low), spread(high), spread(seen) < WHOLE_SHARE
