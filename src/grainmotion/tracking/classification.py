@@ -35,8 +35,8 @@ MIN_PIXELS_PER_UNKNOWN = 13.0
 MIN_COVERAGE = 0.6
 """Share of a grain's projections on the detector below which it has left the field."""
 MIN_WHOLE_SHARE = 0.9
-"""Share of a grain's footprint on the panel, in the view that sees least, below which the panel cuts it in this state;
-a footprint extends two voxels beyond the grain, a tenth of one of 20 voxels."""
+"""Share of a grain's footprint on the panel, in a view that sees it, below which the panel cuts it in this state; a
+footprint extends two voxels beyond the grain, a tenth of one of 20 voxels."""
 MAX_LAST_STEP_VOXELS = 0.1
 """Displacement by the last step from which a grain still moves, if the solver did not settle."""
 
@@ -53,8 +53,8 @@ def classify(
     evaluation = refined.evaluation
     fits = misfits(problem, evaluation)
     misregistered = fits.misregistered
-    cut, shares_seen = grains.cut, evaluation.patches.seen
-    cut_now = ~cut & (shares_seen.min(axis=1) < MIN_WHOLE_SHARE)
+    cut, seen = grains.cut, evaluation.patches.seen
+    cut_now = ~cut & ((seen > 1 - MIN_WHOLE_SHARE) & (seen < MIN_WHOLE_SHARE)).any(axis=1)
     disturbed = (misregistered & ~cut & ~cut_now).any() & ~misregistered & (fits.shares > MAX_DISTURBED_MISFIT)
     coverage, moving = evaluation.patches.seen.mean(axis=1), _still_moving(problem, solution)
     supports = grain_supports(problem, solution.state) if misregistered.any() else [GrainSupport()] * n
