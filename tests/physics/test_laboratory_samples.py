@@ -13,7 +13,7 @@ from grainmotion.simulate import LABORATORY_CASES, hard_case
 
 SEED = 3
 MIN_COVERAGE_OF_FEW = 0.85
-REACHED = ("plain", "sizes", "round")
+REACHED = ("plain", "sizes", "gone", "materials", "round")
 """Samples that the package does as it should."""
 MANY_GRAINS = ("tall", "wide", "sizes")
 
