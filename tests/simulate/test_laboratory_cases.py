@@ -5,7 +5,6 @@ import functools
 import json
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from grainmotion.cli.demo import write_case
@@ -16,6 +15,7 @@ from grainmotion.io.geometry_csv import read_geometry
 from grainmotion.io.motions_csv import read_motions
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.motions import Status
+from grainmotion.model.strain import tensors
 from grainmotion.simulate import (
     LABORATORY_CASES,
     LATER_ANGLES_DEG,
@@ -64,13 +64,13 @@ class TestAll:
         assert len(there) == len(case.later)
         before = [sample.particles[k] for k in there]
         # a strain without change of volume to first order changes it in the second
-        tolerance = 5e-3 if case.strains is not None else 1e-9
+        tolerance = 5e-3 if case.motions.strains is not None else 1e-9
         np.testing.assert_allclose([p.mass for p in case.later.particles], [p.mass for p in before], rtol=tolerance)
         np.testing.assert_allclose(
             case.later.centers, motions.centers[there] + motions.translations[there], atol=1e-9 * (1 + len(there))
         )
         for k, old, new in zip(there, before, case.later.particles, strict=True):
-            strain = np.zeros((3, 3)) if case.strains is None else case.strains[k]
+            strain = np.zeros((3, 3)) if motions.strains is None else tensors(motions.strains[k])
             c, u, matrix = motions.centers[k], motions.translations[k], motions.matrices[k]
             points = (old.shape.outline - c) @ (matrix @ (np.eye(3) + strain)).T + c + u
             if case.name != "round":  # an ellipsoid's outline is that of its box
@@ -196,8 +196,7 @@ class TestGrains:
         assert mass(case.case.sample) - mass(case.later) == pytest.approx(lost)
 
     def test_strains_are_five_percent_without_change_of_volume(self):
-        strains = made("soft").strains
-        np.testing.assert_allclose(strains, np.swapaxes(strains, 1, 2))
+        strains = tensors(made("soft").motions.strains)
         np.testing.assert_allclose(np.trace(strains, axis1=1, axis2=2), 0, atol=1e-12)
         np.testing.assert_allclose(np.abs(np.linalg.eigvalsh(strains)).max(axis=1), 0.05)
 
@@ -259,16 +258,13 @@ class TestFiles:
         assert facts == {"name": name, "summary": case.summary, "facts": dict(case.facts)}
         truth = read_motions(tmp_path / f"{name}-4-truth.csv")
         np.testing.assert_allclose(truth.translations, case.motions.translations)
-        bodies, strains = (tmp_path / f"{name}-2-{what}-truth.csv" for what in ("bodies", "strains"))
+        bodies = tmp_path / f"{name}-2-bodies-truth.csv"
         assert bodies.exists() == (name == "platens")
-        assert strains.exists() == (name == "soft")
         assert (tmp_path / "reference-true-views.csv").exists() == (name == "settling")
         if name == "platens":
             np.testing.assert_allclose(read_motions(bodies).translations, case.body_motions.translations)
         if name == "soft":
-            table = pd.read_csv(strains)
-            assert list(table.columns) == ["label", "exx", "eyy", "ezz", "eyz", "exz", "exy"]
-            np.testing.assert_allclose(table["exz"], case.strains[:, 0, 2])
+            np.testing.assert_allclose(truth.strains, case.motions.strains)
         if name == "settling":
             true = read_geometry(tmp_path / "reference-true-views.csv", case.case.scanner.panel)
             np.testing.assert_allclose(true.vectors, case.true_reference_geometry().vectors, atol=1e-9)

@@ -23,6 +23,7 @@ from validation.accuracy.laboratory_scores import (
     Float,
     Score,
     coverage,
+    rms_of_good,
     shortfalls,
     timed_reference,
     together,
@@ -30,7 +31,6 @@ from validation.accuracy.laboratory_scores import (
 )
 from validation.accuracy.specimens import in_voxels_and_degrees
 from validation.common.cache import SEGMENTATION, SIMULATION, TRACKING
-from validation.common.measures import rms
 from validation.common.trials import run_trials
 from validation.common.warm import compile_kernels
 
@@ -137,12 +137,13 @@ default chain (`calibrate`, `reconstruct`, `segment`, `grains_from_labels`, `tra
 {cases}
 
 *Grains* are those that are there in the later state, *whole* those whose shadows are wholly on the panel in all
-radiographs of both states.  Errors are root mean squares of a component over the grains that converged, *bound* the
-Cramér–Rao bound of the radiographs' noise for the same grains (`simulate.motion_bounds`, given the true shapes).
-*Coverage* is the share of errors within 1.96 standard deviations (at least {MIN_COVERAGE:.0%} wanted, 90 % of
-*settling*).  *Lies* are grains that converged and are off by more than {LIE_SDS:g} standard deviations, and
-{LIE_VOXELS:g} voxel or {LIE_DEG:g}°, or are missing or no grain at all.  The *bar* is for 4 views; of *materials* for
-the dense grains.  CPU seconds are of the whole chain, reference and one state.
+radiographs of both states.  Errors are root mean squares of a component over the grains that converged (or whose
+translation, or rotation, is told as good though the other is not), *bound* the Cramér–Rao bound of the radiographs'
+noise for the same grains (`simulate.motion_bounds`, given the true shapes).  *Coverage* is the share of errors within
+1.96 standard deviations (at least {MIN_COVERAGE:.0%} wanted, 90 % of *settling*).  *Lies* are motions told as good that
+are off by more than {LIE_SDS:g} standard deviations, and {LIE_VOXELS:g} voxel or {LIE_DEG:g}°, or of grains that are
+missing or no grains at all.  The *bar* is for 4 views; of *materials* for the dense grains.  CPU seconds are of the
+whole chain, reference and one state.
 
 {page.table(head, rows)}
 {_sentences(results)}"""
@@ -155,7 +156,8 @@ def row(name: str, views: int, some: list[Outcome]) -> list[str]:
     scores = [o.score for o in some]
     errors, sds, _ = together(scores)
     least = np.concatenate([o.bounds[o.score.rows] for o in some])
-    bound = [rms(least[:, part]) if np.isfinite(least[:, part]).all() else np.nan for part in (slice(3), slice(3, 6))]
+    least[np.isnan(errors)] = np.nan
+    bound = [rms_of_good(least[:, part]) for part in (slice(3), slice(3, 6))]
     statuses = Counter[str]()
     for one in scores:
         statuses.update(one.statuses)
@@ -163,9 +165,10 @@ def row(name: str, views: int, some: list[Outcome]) -> list[str]:
     present, whole, found = (sum(getattr(s, key) for s in scores) for key in ("present", "whole", "found"))
     return [
         name, str(views), f"{present} ({whole})", str(found), counts or "–",
-        page.number(rms(errors[:, :3]), 4), page.number(bound[0], 4),
-        page.number(rms(errors[:, 3:]), 3), page.number(bound[1], 3),
-        page.number(rms(errors / sds), 2), f"{coverage(errors, sds):.0%}" if len(errors) else "–",
+        page.number(rms_of_good(errors[:, :3]), 4), page.number(bound[0], 4),
+        page.number(rms_of_good(errors[:, 3:]), 3), page.number(bound[1], 3),
+        page.number(rms_of_good(errors / sds), 2),
+        f"{coverage(errors, sds):.0%}" if np.isfinite(errors).any() else "–",
         str(sum(len(s.lies) for s in scores)),
         str(BARS[name]) if views == 4 else "", ("; ".join(lacks(name, some)) or "nothing") if views == 4 else "",
         f"{np.mean([s.cpu for s in scores]):.0f}",

@@ -31,7 +31,7 @@ Float = NDArray[np.float64]
 MAX_OFFSET = 3.0
 """A measured grain whose centre is farther from every true one than so many voxels is no true grain."""
 LIE_SDS, LIE_VOXELS, LIE_DEG = 5.0, 0.1, 2.0
-"""A converged grain is a lie if a component is off by more than so many standard deviations, and voxels or degrees."""
+"""A motion told as good is a lie if a component is off by so many standard deviations, and voxels or degrees."""
 COVERED_SDS = 1.96
 MIN_COVERAGE = 0.92
 """Least share of errors within 1.96 standard deviations, over many seeds (95 % if they are normal)."""
@@ -44,9 +44,11 @@ class Bar:
     Attributes
     ----------
     voxels, degrees : float
-        Largest rms error of a component over the grains that converged; for two materials over the dense ones.
-    converged : {"all", "whole", "any"}
-        Which of the grains that are there must converge: all, those that are whole on the panel, or none need to.
+        Largest rms error of a component over the grains whose translation, or rotation, is told as good; for two
+        materials over the dense ones.
+    converged : {"all", "whole", "translations", "any"}
+        Which of the grains that are there must converge: all, those that are whole on the panel, all but for their
+        rotations, or none needs to.
     coverage : float
         Least share of errors within 1.96 standard deviations.
     note : str
@@ -55,12 +57,13 @@ class Bar:
 
     voxels: float = np.inf
     degrees: float = np.inf
-    converged: Literal["all", "whole", "any"] = "all"
+    converged: Literal["all", "whole", "translations", "any"] = "all"
     coverage: float = MIN_COVERAGE
     note: str = ""
 
     def __str__(self) -> str:
-        who = {"all": "all converged", "whole": "whole ones converged", "any": "no lie"}[self.converged]
+        words = {"all": "all converged", "whole": "whole ones converged", "translations": "all translations good"}
+        who = words.get(self.converged, "no lie")
         errors = [f"{x:g}{unit}" for x, unit in ((self.voxels, " voxel"), (self.degrees, "°")) if np.isfinite(x)]
         return ", ".join([who, *errors])
 
@@ -78,7 +81,7 @@ BARS = {
     "settling": Bar(coverage=0.9, note="moved|crept|sank|settl"),
     "materials": Bar(0.02),
     "combined": Bar(0.015, 0.1),
-    "round": Bar(0.02, converged="any"),
+    "round": Bar(0.02, converged="translations"),
 }
 """Goals with default settings, by the name of the case."""
 
@@ -94,9 +97,9 @@ class Score:
     statuses : dict of str to int
         Of the measured grains.
     rows : (m,) int array
-        Converged grains, as rows of the truth.
+        Grains whose translation or rotation is told as good (`Motions.ok_translation`), as rows of the truth.
     errors, sds : (m, 6) arrays
-        Their errors, and the standard deviations stated: voxels and degrees.
+        Their errors, and the standard deviations stated: voxels and degrees; NaN for what is not told as good.
     counted : (m,) bool array
         Whose errors the bar is for.
     wanted : int
@@ -104,7 +107,7 @@ class Score:
     absent : (int, int)
         Missing grains called absent, and all missing ones.
     lies : list of str
-        Converged grains that are wrong by far, that are missing, or that are no grain.
+        Grains whose motion is told as good and wrong by far, or that are missing, or no grain.
     notes : list of str
     cpu : float
         CPU seconds of the whole chain.
@@ -139,9 +142,12 @@ def score(case: HardCase, motions: Motions, views: int) -> Score:
     sds = in_voxels_and_degrees(np.sqrt(np.diagonal(motions.covariances, axis1=1, axis2=2)), h)
     same = (pairs >= 0) & (comparison.matches == pairs)
     errors[same] = np.hstack([comparison.translation_errors / h, comparison.rotation_errors_deg])[same]
-    ok = same & here & motions.ok[pairs]
-    rows = np.flatnonzero(ok)
-    must = {"all": here, "whole": here & whole, "any": np.zeros_like(here)}[BARS[case.name].converged]
+    good = np.repeat(np.stack([motions.ok_translation, motions.ok_rotation], axis=1), 3, axis=1)[pairs]
+    errors[~(good & (same & here)[:, None])] = np.nan
+    rows = np.flatnonzero(np.isfinite(errors).any(axis=1))
+    rule = BARS[case.name].converged
+    ok = np.isfinite(errors[:, : 3 if rule == "translations" else 6]).all(axis=1)
+    must = here & (whole if rule == "whole" else rule != "any")
     gone = np.isin(np.arange(len(truth)), [label - 1 for label in case.missing]) & (pairs >= 0)
     called = int((motions.statuses[pairs[gone]] == Status.ABSENT.value).sum())
     values = np.array([p.attenuation for p in case.case.sample.particles])
@@ -156,20 +162,21 @@ def score(case: HardCase, motions: Motions, views: int) -> Score:
         counted=(values > 0.5 * values.max())[rows],
         wanted=int((must & ~ok).sum()),
         absent=(called, len(case.missing)),
-        lies=_lies(errors, sds, pairs, ok, motions),
+        lies=_lies(errors, sds, pairs, motions),
         notes=list(motions.fit.notes),
     )
 
 
-def _lies(errors: Float, sds: Float, pairs: NDArray[np.int64], ok: NDArray[np.bool_], motions: Motions) -> list[str]:
-    """Sentences on converged grains that are wrong by far, or no grains that are there."""
+def _lies(errors: Float, sds: Float, pairs: NDArray[np.int64], motions: Motions) -> list[str]:
+    """Sentences on motions told as good that are wrong by far, or of no grain that is there."""
     out = []
     least = np.repeat([LIE_VOXELS, LIE_DEG], 3)
-    for row in np.flatnonzero(ok):
-        own = np.abs(errors[row])
+    told = np.isfinite(errors).any(axis=1)
+    for row in np.flatnonzero(told):
+        own = np.nan_to_num(np.abs(errors[row]))
         if (own > np.maximum(LIE_SDS * sds[pairs[row]], least)).any():
             out.append(f"grain {row + 1}: {own[:3].max():.2f} voxel, {own[3:].max():.1f}°")
-    for k in np.flatnonzero(motions.ok & ~np.isin(np.arange(len(motions)), pairs[ok])):
+    for k in np.flatnonzero(motions.ok & ~np.isin(np.arange(len(motions)), pairs[told])):
         gone = np.flatnonzero(pairs == k)
         out.append(f"grain {gone[0] + 1} is missing" if len(gone) else f"label {motions.labels[k]} is no grain")
     return out
@@ -220,9 +227,9 @@ def shortfalls(bar: Bar, some: list[Score]) -> list[str]:
     if bar.converged == "all" and (more := sum(max(s.found - s.present - s.absent[1], 0) for s in some)):
         lacks.append(f"{more} spurious")
     errors, sds, counted = together(some)
-    u, w = rms(errors[counted][:, :3]), rms(errors[counted][:, 3:])
+    u, w = rms_of_good(errors[counted][:, :3]), rms_of_good(errors[counted][:, 3:])
     lacks += [f"{u:.3f} voxel"] * bool(u > bar.voxels) + [f"{w:.2f}°"] * bool(w > bar.degrees)
-    if len(errors) and (share := coverage(errors, sds)) < bar.coverage:
+    if np.isfinite(errors).any() and (share := coverage(errors, sds)) < bar.coverage:
         lacks.append(f"coverage {share:.0%}")
     if lies := sum(len(s.lies) for s in some):
         lacks.append(f"{lies} lies")
@@ -244,5 +251,11 @@ def together(some: list[Score]) -> tuple[Float, Float, NDArray[np.bool_]]:
 
 
 def coverage(errors: Float, sds: Float) -> float:
-    """Share of errors within 1.96 standard deviations."""
-    return float(np.mean(np.abs(errors) < COVERED_SDS * sds))
+    """Share of errors within 1.96 standard deviations, of those that are no NaN."""
+    good = np.isfinite(errors)
+    return float(np.mean((np.abs(errors) < COVERED_SDS * sds)[good]))
+
+
+def rms_of_good(values: Float) -> float:
+    """Root mean square of the values that are no NaN; NaN if all are."""
+    return rms(values[np.isfinite(values)])

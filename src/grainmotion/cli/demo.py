@@ -28,8 +28,6 @@ from grainmotion.workflow.run import RunResult, run
 PLAIN_CASES = {"small": simulate.small, "paper": simulate.paper_scale}
 ALL_STATES = (("unmoved", 4), ("shift", 4), ("shift", 2), ("random", 4), ("random", 2))
 DEMO_STATES = (("shift", 4), ("random", 4))
-STRAIN_COMPONENTS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
-"""Columns of a table of strains: rows and columns of the matrix."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,8 +52,7 @@ def write_case(
     `simulate.HARD_CASES`.  Each of ``states`` is the name of a motion of the case and a number of views (2 or 4); the
     state is called ``NAME-VIEWS``.  A hard case has one motion, and the states ``CASE-4`` and ``CASE-2``; where its
     true views are not those of the experiment file, they are in ``STATE-true-views.csv``.  True motions of pistons are
-    in ``STATE-bodies-truth.csv``, true strains of grains in ``STATE-strains-truth.csv``; ``case.json`` says what is
-    hard, with its sizes.
+    in ``STATE-bodies-truth.csv``; ``case.json`` says what is hard, with its sizes.
     """
     if case in simulate.HARD_CASES:
         return _write_hard_case(Path(folder), simulate.hard_case(case, seed, progress=progress), progress)
@@ -96,16 +93,12 @@ def _write_hard_case(folder: Path, hard: simulate.HardCase, progress: Progress |
 
 
 def _write_more_truth(folder: Path, hard: simulate.HardCase, states: Sequence[str]) -> None:
-    """What the true motions of the grains do not hold: summary and sizes, bodies, strains."""
+    """What the true motions of the grains do not hold: summary and sizes, and the motions of bodies."""
     facts = {"name": hard.name, "summary": hard.summary, "facts": dict(hard.facts)}
     (folder / "case.json").write_text(json.dumps(facts, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
     for state in states:
         if hard.body_motions is not None:
             write_motions(folder / f"{state}-bodies-truth.csv", hard.body_motions)
-        if hard.strains is not None:
-            rows = np.column_stack([hard.motions.labels, hard.strains[:, *np.array(STRAIN_COMPONENTS).T]])
-            head = "label," + ",".join(f"e{'xyz'[i]}{'xyz'[j]}" for i, j in STRAIN_COMPONENTS)
-            np.savetxt(folder / f"{state}-strains-truth.csv", rows, "%.9g", delimiter=",", header=head, comments="")
 
 
 def run_demo(

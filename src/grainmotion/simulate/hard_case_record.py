@@ -34,7 +34,8 @@ class HardCase:
         The reference state: sample, scanner and physics (which serves the later state, too).
     motions : Motions
         True motions to the later state, a row for each grain of the reference.  A missing grain is NaN and
-        ``absent``.  A broken one has the motion that it had as a whole, and is ``broken``.
+        ``absent``.  A broken one has the motion that it had as a whole, and is ``broken``.  Strained ones have their
+        strains, too.
     later : Sample
         The sample in the later state; its labels are not those of the motions where grains are missing or broken.
     name, summary : str
@@ -47,8 +48,6 @@ class HardCase:
         Intensity of the later state's beam over that of the flats, and its standard deviation from view to view.
     missing, broken : tuple of int
         Labels of the grains that are missing, and of those that broke.
-    strains : (n, 3, 3) array, optional
-        Strain E of each grain besides its motion: a point at X goes to Ω (1 + E) (X − c) + u + c.
     body_motions : Motions, optional
         True motions of `Sample.bodies`, in their order.
     creep : (float, float, float)
@@ -70,7 +69,6 @@ class HardCase:
     gain_spread: float = 0.0
     missing: tuple[int, ...] = ()
     broken: tuple[int, ...] = ()
-    strains: Float | None = None
     body_motions: Motions | None = None
     creep: tuple[float, float, float] = (0.0, 0.0, 0.0)
     read_noise: float = 0.0

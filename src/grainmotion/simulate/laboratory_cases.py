@@ -15,6 +15,7 @@ import numpy as np
 
 from grainmotion._typing import Float
 from grainmotion.model.motions import Motions
+from grainmotion.model.strain import components
 from grainmotion.simulate import motion_fields
 from grainmotion.simulate.hard_case_record import HardCase
 from grainmotion.simulate.hard_case_setup import DEFAULT_SNR, QUARTZ_SPECTRUM, Setup, absent, denser
@@ -130,11 +131,13 @@ def soft(setup: Setup) -> HardCase:
     """Each grain is strained by 5 % beside its motion, at constant volume."""
     case, rng = _case(setup, PLAIN_LAYOUT), setup.draws()
     motions = _random(case, 1.0, 4.0)
-    strains = np.array([_isochoric(rng) for _ in range(len(case.sample))])
-    maps = motions.matrices @ (np.eye(3) + strains)
+    n = len(case.sample)
+    tensors = np.array([_isochoric(rng) for _ in range(n)])
+    motions = dataclasses.replace(motions, strains=components(tensors), strain_covariances=np.zeros((n, 6, 6)))
+    maps = motions.matrices @ (np.eye(3) + tensors)
     rows = zip(case.sample.particles, maps, motions.translations, motions.centers, strict=True)
     later = dataclasses.replace(case.sample, particles=tuple(p.moved(a, u + c - a @ c) for p, a, u, c in rows))
-    return HardCase(case, motions, later, strains=strains)
+    return HardCase(case, motions, later)
 
 
 def settling(setup: Setup) -> HardCase:
