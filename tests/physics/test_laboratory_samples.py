@@ -6,10 +6,13 @@ Coverage is that of some fifty errors here, of which 88 to 99 % are within 1.96 
 
 import dataclasses
 
+import numpy as np
 import pytest
-from validation.accuracy.laboratory_scores import BARS, reference_grains, shortfalls, tracked
+from validation.accuracy.laboratory_scores import BARS, Bar, reference_grains, score, shortfalls, tracked
 
-from grainmotion.simulate import LABORATORY_CASES, hard_case
+from grainmotion.analysis.validation import compare
+from grainmotion.simulate import LABORATORY_CASES, LATER_ANGLES_DEG, hard_case
+from grainmotion.tracking.track import TrackSettings, track
 
 SEED = 3
 MIN_COVERAGE_OF_FEW = 0.85
@@ -52,3 +55,16 @@ def test_a_laboratory_sample_reaches_its_bar(chain, name, views):
     case, grains = chain(name)
     expected = bar(name) if views == 4 else dataclasses.replace(bar(name), voxels=0.1, degrees=0.6)
     assert shortfalls(expected, [tracked(case, grains, views)]) == []
+
+
+def test_strains_are_measured_where_it_is_asked_for(chain):
+    case, grains = chain("soft")
+    settings = TrackSettings(strain=True)
+    measured = track(grains, case.state(LATER_ANGLES_DEG[4]), settings=settings)
+    one = score(case, measured, 4)
+    assert shortfalls(Bar(0.03, 0.3, coverage=MIN_COVERAGE_OF_FEW), [one]) == []
+    rows = compare(measured, case.motions).matches
+    errors = measured.strains[rows] - case.motions.strains
+    assert np.sqrt(np.mean(errors**2)) < 0.003
+    sd = np.sqrt(np.diagonal(measured.strain_covariances, axis1=1, axis2=2))[rows]
+    assert np.mean(np.abs(errors) < 1.96 * sd) > MIN_COVERAGE_OF_FEW
