@@ -16,6 +16,7 @@ from grainmotion.model.pose import Pose
 from grainmotion.objective.residual import StateProblem
 from grainmotion.rotations import rotation_vector
 from grainmotion.solvers.gauss_newton import Solution
+from grainmotion.tracking.deformed_grains import find_deformations
 from grainmotion.tracking.missing_grains import GrainSupport, grain_supports
 from grainmotion.tracking.multistage import pixels_per_unknown
 from grainmotion.tracking.new_grains import unexplained_notes
@@ -58,13 +59,17 @@ def classify(
     disturbed = (misregistered & ~cut & ~cut_now).any() & ~misregistered & (fits.shares > MAX_DISTURBED_MISFIT)
     coverage, moving = evaluation.patches.seen.mean(axis=1), _still_moving(problem, solution)
     supports = grain_supports(problem, solution.state) if misregistered.any() else [GrainSupport()] * n
+    bent = find_deformations(problem, solution.state, evaluation, misregistered)
     verdicts = list[_Verdict]()
     for k in range(n):
         fit = _GrainFit(
             fits.rms_residuals[k], fits.rms_line_integrals[k], coverage[k], bool(misregistered[k]),
             bool(disturbed[k]), bool(moving[k]), supports[k], _cut_reason(bool(cut[k]), bool(cut_now[k])),
         )  # fmt: skip
-        verdict = _verdict(fit, refined.covariances[k], limits)
+        rigid = _verdict(fit, refined.covariances[k], limits)
+        verdict = _verdict(fit, refined.covariances[k] + bent.covariances[k], limits)
+        if bent.deformed[k] and rigid.status is Status.CONVERGED:
+            verdict = _Verdict(Status.DEFORMED, bent.reasons[k], (verdict.ok[0], False))
         if verdict.status is Status.CONVERGED and ambiguous[k]:
             verdict = _Verdict(Status.NOT_CONVERGED, AMBIGUOUS_REASON)
         verdicts.append(verdict)
@@ -72,7 +77,7 @@ def classify(
     notes = (*_sparse_note(problem), *unexplained_notes(problem, solution.state, evaluation))
     unknown = np.isin(statuses, [Status.LEFT_FIELD.value, Status.NOT_FITTED.value])
     translations, rotations = solution.state.translations.copy(), rotation_vector(solution.state.matrices)
-    covariances = refined.posterior.copy()
+    covariances = refined.posterior + bent.covariances
     translations[unknown] = rotations[unknown] = np.nan
     covariances[unknown] = np.nan
     usable = np.array([verdict.ok for verdict in verdicts], dtype=bool).reshape(n, 2)

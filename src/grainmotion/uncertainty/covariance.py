@@ -20,7 +20,7 @@ from scipy import sparse
 from grainmotion._typing import Float
 from grainmotion.model.pose import Pose
 from grainmotion.objective.data_term import Target, gaussian
-from grainmotion.objective.evaluation import LinearizedEvaluation
+from grainmotion.objective.evaluation import Evaluation, LinearizedEvaluation
 from grainmotion.objective.global_parameters import Columns
 from grainmotion.objective.normal_matrix import normal_matrix
 from grainmotion.objective.priors import nuisance_prior
@@ -143,7 +143,7 @@ def pixel_variances(target: Target, evaluation: LinearizedEvaluation) -> Float:
     return noise.variance(evaluation.response.apply(evaluation.line_integrals), open_beam(target)) + least
 
 
-def noise_variances(target: Target, evaluation: LinearizedEvaluation) -> Float:
+def noise_variances(target: Target, evaluation: Evaluation) -> Float:
     """The part of `pixel_variances` that is noise: it does not repeat from pixel to pixel."""
     modelled = evaluation.response.apply(evaluation.line_integrals)
     unit = NoiseModel(1.0, 0.0, 0.0).photon_variance(modelled, open_beam(target))
