@@ -14,7 +14,7 @@ from scipy import sparse
 
 from grainmotion.segmentation.separation import separated
 from grainmotion.segmentation.settings import SegmentSettings
-from grainmotion.segmentation.uniform_cores import Ints, UniformCores
+from grainmotion.segmentation.uniform_cores import Floats, Ints, UniformCores
 
 SUBMERGED = 0.6
 """Share of a core's surface on fainter levels that lies in one liquid."""
@@ -59,37 +59,55 @@ def connected(neighbours: Neighbours, level_of: NDArray[np.intp]) -> NDArray[np.
     return np.asarray(sparse.csgraph.connected_components(graph, directed=False)[1], np.intp)
 
 
-def liquid_levels(cores: UniformCores, regions: Ints, neighbours: Neighbours) -> tuple[int, ...]:
+def liquid_levels(array: Floats, of_voxel: NDArray[np.int8], levels: NDArray[np.float64]) -> tuple[int, ...]:
     """Levels above the lowest that surround denser grains.
 
     A packing of grains with inclusions would, too, but it falls apart into grains, each with few of the inclusions.
+
+    Parameters
+    ----------
+    array : (nz, ny, nx) array
+        Attenuation, 1/mm.
+    of_voxel : (nz, ny, nx) int8 array
+        Number of each voxel's level.
+    levels : (k,) array
+        Attenuation of the levels, rising, 1/mm.
+
+    Returns
+    -------
+    tuple of int
+        Numbers of levels.
     """
-    found = []
-    for level in range(1, len(cores.levels) - 1):
-        inside = _submerged(cores, neighbours, level)
+    found, settings = [], SegmentSettings()
+    for level in range(1, len(levels) - 1):
+        dense = of_voxel > level
+        grains = separated(np.where(dense, array - np.float32(levels[level]), 0), dense, 0.0, settings)
+        inside = np.flatnonzero(share_of_surface(grains, of_voxel, level) > SUBMERGED)
         if len(inside) < MIN_SUBMERGED:
             continue
-        whole = np.isin(regions, np.concatenate([np.flatnonzero(cores.level_of == level), inside]))
-        whole &= regions > 0
-        pieces = separated(whole.astype(np.float32), whole, 0.5, SegmentSettings())
-        homes = [int(np.bincount(pieces[cores.labels == core]).argmax()) for core in inside]
-        most = np.bincount(homes)[1:].max(initial=0)
+        whole = (of_voxel == level) | np.isin(grains, inside)
+        pieces = separated(whole.astype(np.float32), whole, 0.5, settings)
+        width = int(pieces.max()) + 1
+        held = np.bincount((grains * width + pieces).ravel(), minlength=(int(grains.max()) + 1) * width)
+        homes = held.reshape(-1, width)[inside, 1:].argmax(axis=1) if width > 1 else np.zeros(0, int)
+        most = np.bincount(homes).max(initial=0)
         if most >= MIN_SUBMERGED and most >= MOST * len(inside):
             found.append(level)
     return tuple(found)
 
 
-def _submerged(cores: UniformCores, neighbours: Neighbours, level: int) -> NDArray[np.intp]:
-    """Denser cores most of whose surface on fainter levels lies in one connected part of a level."""
-    level_of, parts = cores.level_of, connected(neighbours, cores.level_of)
-    denser = np.flatnonzero(level_of > level)
-    faces = neighbours.faces[denser].tocoo()
-    fainter = level_of[faces.col] < level_of[denser[faces.row]]
-    total = np.bincount(faces.row[fainter], faces.data[fainter], minlength=len(denser))
-    own = level_of[faces.col] == level
-    share = np.zeros((len(denser), int(parts.max()) + 1))
-    np.add.at(share, (faces.row[own], parts[faces.col[own]]), faces.data[own])
-    return denser[share.max(axis=1) > SUBMERGED * np.maximum(total, 1)]
+def share_of_surface(labels: Ints, of_voxel: NDArray[np.int8], level: int) -> NDArray[np.float64]:
+    """Share ``(n + 1,)`` of each label's surface on this or fainter levels that lies on this one; 0 for label 0."""
+    count = int(labels.max()) + 1
+    on, total = np.zeros(count), np.zeros(count)
+    for axis in range(3):
+        own, near = np.moveaxis(labels, axis, 0), np.moveaxis(of_voxel, axis, 0)
+        for inner, outer in ((slice(None, -1), slice(1, None)), (slice(1, None), slice(None, -1))):
+            face = (own[inner] > 0) & (near[outer] <= level)
+            total += np.bincount(own[inner][face], minlength=count)
+            face &= near[outer] == level
+            on += np.bincount(own[inner][face], minlength=count)
+    return np.asarray(on / np.maximum(total, 1))
 
 
 def without_inclusions(cores: UniformCores, neighbours: Neighbours, fluid: tuple[int, ...]) -> NDArray[np.intp]:

@@ -127,7 +127,8 @@ def find_levels(array: Floats, threshold: float, told: Sequence[PhaseSettings] =
     if told:
         kinds, level_of = tuple(str(told[k].kind) for k in cores.told), cores.level_of
     else:
-        liquid = liquid_levels(cores, regions, neighbours)
+        level_of = cores.level_of
+        liquid = liquid_levels(array, level_of.astype(np.int8)[regions], cores.levels)
         kinds = tuple("air" if k == 0 else "liquid" if k in liquid else "solid" for k in range(len(cores.levels)))
         level_of = without_inclusions(cores, neighbours, (0, *liquid))
     of_voxel = without_shells(array, level_of.astype(np.int8)[regions], cores.levels)
