@@ -66,9 +66,10 @@ class Pieces:
         around = levels.surrounding()
         for level in levels.solids:
             solid = levels.of_voxel == level
-            excess = np.where(solid, array - around, 0)
+            step = np.where(solid, np.float32(levels.values[level]) - around, 1)  # a grain may lie half in a liquid
+            excess = np.where(solid, array - around, 0) / step
             if _noise(excess, solid) > MAX_NOISE:
-                excess = np.where(solid, ndimage.gaussian_filter(array, NOISE_SIGMA) - around, 0)
+                excess = np.where(solid, ndimage.gaussian_filter(array, NOISE_SIGMA) - around, 0) / step
             own = separated(excess, solid, 0.0, settings)
             own[own > 0] += len(level_of) - 1
             labels += own
