@@ -17,6 +17,10 @@ from grainmotion.segmentation.uniform_cores import Bools, Floats, Ints
 
 MAX_ON_DENSER = 0.5
 """Share of a grain's surface that lies on denser bodies; more has a film, a meniscus or what the scan blurs in gaps."""
+SMALL = 0.05
+"""Volume of a small piece over the median one, of which less may lie on denser bodies."""
+MAX_SMALL_ON_DENSER = 0.2
+"""Share of its surface that does."""
 MAX_NOISE = 0.12
 """Noise of a voxel over the excess of a grain, above which grains are separated in the filtered volume."""
 NOISE_SIGMA = 0.7
@@ -128,6 +132,7 @@ def _grain_like(array: Floats, labels: Ints, level_of: NDArray[np.intp], levels:
     densest = level_of == max(levels.solids)
     on_denser = _share_on_denser(labels, level_of, levels.of_voxel)
     like = (on_denser <= MAX_ON_DENSER) & (mean <= MAX_MEAN * levels.values[level_of]) & (ball >= MIN_BALL)
+    like &= (sizes > SMALL * np.median(sizes[1:])) | (on_denser < MAX_SMALL_ON_DENSER)
     sure = like & (ball >= SURE_BALL)
     typical = float(np.median(ball[1:])) if count > 1 else 0.0
     for level in np.unique(level_of[1:]):

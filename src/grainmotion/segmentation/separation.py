@@ -44,12 +44,14 @@ MIN_GRAIN_VOXELS = 30
 TIP = 0.05
 """Volume of a tip over that of a typical grain, at most."""
 TIP_CONTACT = 0.08
-"""Share of a tip's surface in its neck; a small grain touches a neighbour with up to 0.07."""
-TIP_NECK = (1.06, 1.45)
-"""Attenuation of the middle of the neck over the mean of the tip: 1.1 to 1.4, up to 1.03 in small grains; more where
-grains cut by the border of the volume meet, which is too bright there.
+"""Share of a tip's surface in its neck, at least."""
+BROAD_CONTACT = 0.18
+"""The same for a larger piece of a grain: 0.2 to 0.4, up to 0.13 in grains that touch."""
+NECK_LEVEL = (1.06, 1.45)
+"""Attenuation of the middle of the neck over the mean of the piece: 1.07 to 1.4, up to 1.03 in small grains that touch;
+more where grains cut by the border of the volume meet, which is too bright there.
 """
-NECK_VOXELS = 4
+NECK_FACES = 4
 """Faces in the middle of the neck."""
 MIN_GRAIN_SHARE = 0.02
 """Smallest grain unless given, over the median grain's volume."""
@@ -83,15 +85,15 @@ def separated(array: NDArray[np.float32], solid: Bools, threshold: float, settin
     distance = edt.edt(_cores(array, solid, threshold), parallel=1)
     basins = distance_basins(distance)
     cores = BasinGraph.of(distance, basins).merged(settings.depth, settings.oneness)[basins]
-    labels[box] = without_tips(array, watershed(-array, without_small(cores, smallest), mask=solid))
+    labels[box] = without_fragments(array, watershed(-array, without_small(cores, smallest), mask=solid))
     return labels
 
 
-def without_tips(array: NDArray[np.float32], labels: Ints) -> Ints:
-    """Labels whose small pieces joined to a neighbour by a neck of full attenuation belong to that neighbour.
+def without_fragments(array: NDArray[np.float32], labels: Ints) -> Ints:
+    """Labels in which pieces that a neck of full attenuation joins to a neighbour belong to that neighbour.
 
-    Blur leaves a valley between two grains that touch, so the neck of a small grain is fainter than the grain itself;
-    the neck of a tip of a stone is as dense as the rest of it.
+    Blur leaves a valley between two grains that touch, so their neck is fainter than they are, and it takes a small
+    part of their surface.  A piece of a grain has a broad neck, a thin tip at least one as dense as itself.
 
     Parameters
     ----------
@@ -105,44 +107,60 @@ def without_tips(array: NDArray[np.float32], labels: Ints) -> Ints:
     (nz, ny, nx) int32 array
         The same labels, fewer of them.
     """
+    while True:
+        new = _hosts(array, labels)
+        if (new == np.arange(len(new))).all():
+            return labels
+        labels = new[labels]
+
+
+def _hosts(array: NDArray[np.float32], labels: Ints) -> Ints:
+    """Of each label itself, or the neighbour of which it is a fragment."""
     sizes = np.bincount(labels.ravel())
     sizes[0] = 0
+    new = np.arange(len(sizes), dtype=np.int32)
     present = np.sort(sizes[sizes > 0])
     if len(present) < 2:
-        return labels
+        return new
     weights = np.cumsum(np.sqrt(present))
-    small = sizes < TIP * present[np.searchsorted(weights, weights[-1] / 2)]
-    new, tips = np.arange(len(sizes)), np.flatnonzero(small & (sizes > 0))
-    boxes = ndimage.find_objects(labels) if len(tips) else []
-    for label in tips:
-        box = boxes[label - 1]
-        assert box is not None
-        around = tuple(slice(max(s.start - 1, 0), s.stop + 1) for s in box)
-        host = _host_of_tip(array[around], labels[around], int(label))
-        if host:
-            new[label] = new[host]
-    return np.asarray(new, np.int32)[labels]
+    tip = TIP * present[np.searchsorted(weights, weights[-1] / 2)]
+    means = ndimage.mean(array, labels, np.arange(len(sizes)))
+    low, high = NECK_LEVEL
+    for label, (host, share, dense) in _necks(array, labels).items():
+        least = TIP_CONTACT if sizes[label] < tip else BROAD_CONTACT
+        smaller = (sizes[label], label) < (sizes[host], host)  # a total order: no chain leads back
+        if smaller and share > least and low < dense / means[label] < high:
+            new[label] = host
+    for label in np.argsort(-sizes, kind="stable"):  # hosts that are fragments themselves
+        new[label] = new[new[label]]
+    return new
 
 
-def _host_of_tip(array: NDArray[np.float32], labels: Ints, label: int) -> int:
-    """The neighbour that a tip belongs to; 0 for a grain of its own."""
-    neck, others, surface = [], [], 0
+def _necks(array: NDArray[np.float32], labels: Ints) -> dict[int, tuple[int, float, float]]:
+    """Of each label the neighbour of the broadest neck, its share of the label's surface and its attenuation."""
+    first, second, value = list[NDArray](), list[NDArray](), list[NDArray]()
+    surface = np.zeros(int(labels.max()) + 1)
     for axis in range(3):
-        own, value = np.moveaxis(labels, axis, 0), np.moveaxis(array, axis, 0)
-        for inner, outer in ((slice(None, -1), slice(1, None)), (slice(1, None), slice(None, -1))):
-            face = (own[inner] == label) & (own[outer] != label)
-            surface += np.count_nonzero(face)
-            face &= own[outer] > 0
-            neck.append(np.minimum(value[inner], value[outer])[face])
-            others.append(own[outer][face])
-    necks, neighbours = np.concatenate(neck), np.concatenate(others)
-    if len(neighbours) == 0:
-        return 0
-    host = int(np.bincount(neighbours).argmax())
-    values = np.sort(necks[neighbours == host])[-NECK_VOXELS:]
-    low, high = TIP_NECK
-    dense = low < values.mean() / array[labels == label].mean() < high
-    return host if len(values) == NECK_VOXELS and len(necks) > TIP_CONTACT * surface and dense else 0
+        own, level = np.moveaxis(labels, axis, 0), np.moveaxis(array, axis, 0)
+        a, b = own[:-1], own[1:]
+        apart = a != b
+        surface += np.bincount(a[apart], minlength=len(surface)) + np.bincount(b[apart], minlength=len(surface))
+        touch = apart & (a > 0) & (b > 0)
+        first.append(a[touch])
+        second.append(b[touch])
+        value.append(np.minimum(level[:-1][touch], level[1:][touch]))
+    one, other, dense = np.concatenate(first), np.concatenate(second), np.concatenate(value)
+    key = np.concatenate([one, other]).astype(np.int64) * len(surface) + np.concatenate([other, one])
+    dense = np.concatenate([dense, dense])
+    order = np.lexsort((-dense, key))
+    pairs, start, count = np.unique(key[order], return_index=True, return_counts=True)
+    found = dict[int, tuple[int, float, float]]()
+    for k in np.argsort(count, kind="stable"):  # the broadest last
+        label, host = divmod(int(pairs[k]), len(surface))
+        middle = dense[order][start[k] : start[k] + NECK_FACES]
+        if len(middle) == NECK_FACES:
+            found[label] = (host, float(count[k] / surface[label]), float(middle.mean()))
+    return found
 
 
 def large_enough(labels: Ints, settings: SegmentSettings) -> tuple[Ints, NDArray[np.intp]]:
