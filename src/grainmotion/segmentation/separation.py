@@ -124,7 +124,7 @@ def _hosts(array: NDArray[np.float32], labels: Ints) -> Ints:
         return new
     weights = np.cumsum(np.sqrt(present))
     tip = TIP * present[np.searchsorted(weights, weights[-1] / 2)]
-    means = ndimage.mean(array, labels, np.arange(len(sizes)))
+    means = np.bincount(labels.ravel(), array.ravel()) / np.maximum(sizes, 1)
     low, high = NECK_LEVEL
     for label, (host, share, dense) in _necks(array, labels).items():
         least = TIP_CONTACT if sizes[label] < tip else BROAD_CONTACT
