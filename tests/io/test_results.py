@@ -15,6 +15,7 @@ from grainmotion.model.pose import ViewCorrections
 from grainmotion.model.scene import RIGID_MOTION, Body, Freedom, Scene
 from grainmotion.model.volume import Volume
 from grainmotion.segmentation.extraction import grains_from_labels
+from grainmotion.segmentation.phases import Phase
 
 
 @pytest.fixture(name="motions")
@@ -96,11 +97,13 @@ class TestReferenceFile:
         volume = Volume(np.random.default_rng(0).uniform(size=(4, 5, 6)), 0.1, (1.0, 2.0, 3.0))
         labels = np.zeros((4, 5, 6), np.int32)
         labels[1:3, 1:3, 1:3] = 2
-        write_reference(tmp_path / "r.h5", StoredReference(volume, (0.3, 0.1), labels, 0.5, (2,)))
+        phases = (Phase("air", 0.0, 0.75), Phase("grains", 0.7, 0.25))
+        write_reference(tmp_path / "r.h5", StoredReference(volume, (0.3, 0.1), labels, 0.5, (2,), phases=phases))
         back = read_reference(tmp_path / "r.h5")
         np.testing.assert_array_equal(back.volume.array, volume.array)
         assert (back.volume.voxel_size, back.volume.center) == (0.1, (1.0, 2.0, 3.0))
         assert (back.residuals, back.threshold, back.border) == ((0.3, 0.1), 0.5, (2,))
+        assert back.phases == phases
         np.testing.assert_array_equal(back.labels, labels)
 
     def test_scene(self, tmp_path):

@@ -2,8 +2,9 @@
 
 ``reference.h5`` holds the datasets ``volume`` (1/mm, ``[z, y, x]``; attributes ``voxel_size`` and
 ``center``, mm), ``residuals`` (the relative residual of Eq. 23 after each sweep), ``labels`` (0 = no
-grain; attributes ``threshold``, 1/mm, and ``border``) and the group ``grains`` with one array a column.  If there are
-bodies beside the grains, the dataset ``bodies`` tells to which of them each voxel belongs (0 = none, k = the k-th;
+grain; attributes ``threshold``, 1/mm, ``border``, and of the phases that were found ``phase_kinds``,
+``phase_attenuations``, 1/mm, and ``phase_shares`` of the volume) and the group ``grains`` with one array a column.
+If there are bodies beside the grains, the dataset ``bodies`` tells to which of them each voxel belongs (0 = none, k = the k-th;
 attributes ``names``, ``kinds`` and ``freedoms``); files of older versions lack it.  The group ``field`` says what the
 reference scan saw (`io.field_hdf5`).
 
@@ -30,6 +31,7 @@ from grainmotion.model.motions import Motions, StateFit
 from grainmotion.model.pose import ViewCorrections
 from grainmotion.model.scene import Body, Freedom, Scene, first_voxel
 from grainmotion.model.volume import Volume
+from grainmotion.segmentation.phases import Phase
 
 _ARRAYS = {
     "labels": "1",
@@ -63,6 +65,9 @@ class StoredReference:
     threshold: float = float("nan")  # attenuation above which a voxel is grain, 1/mm; NaN if the labels were given
     border: tuple[int, ...] = ()  # labels of the grains that touch the border of the field of view
     scene: Scene | None = None  # bodies beside the grains; None if the file does not tell
+    phases: tuple[
+        Phase, ...
+    ] = ()  # air, liquid, grains, bodies, as segmentation found them; empty if labels were given
 
 
 def write_reference(path: str | Path, reference: StoredReference, grains: GrainSet | None = None) -> None:
@@ -78,6 +83,12 @@ def write_reference(path: str | Path, reference: StoredReference, grains: GrainS
             )
             labels.attrs["threshold"] = reference.threshold
             labels.attrs["border"] = np.asarray(reference.border, dtype=np.int64)
+            kinds = [phase.kind for phase in reference.phases]
+            labels.attrs.create("phase_kinds", kinds, dtype=h5py.string_dtype())
+            labels.attrs["phase_attenuations"] = np.array(
+                [phase.attenuation for phase in reference.phases], dtype=float
+            )
+            labels.attrs["phase_shares"] = np.array([phase.share for phase in reference.phases], dtype=float)
         if grains is not None and reference.labels is not None:
             table = file.create_group("grains")
             table.attrs["units"] = "mm, mm^3"
@@ -129,7 +140,16 @@ def read_reference(path: str | Path) -> StoredReference:
             float(labels.attrs["threshold"]),
             border,
             _read_scene(file, volume),
+            _read_phases(labels),
         )
+
+
+def _read_phases(labels: h5py.Dataset) -> tuple[Phase, ...]:
+    """The phases as far as the file tells them."""
+    if "phase_kinds" not in labels.attrs:
+        return ()
+    columns = (labels.attrs[f"phase_{name}"] for name in ("kinds", "attenuations", "shares"))
+    return tuple(Phase(kind, float(value), float(share)) for kind, value, share in zip(*columns, strict=True))
 
 
 def grain_columns(grains: GrainSet, labels: NDArray[np.int32]) -> dict[str, NDArray[np.generic]]:

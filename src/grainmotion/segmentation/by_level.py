@@ -70,10 +70,11 @@ class Pieces:
         around = levels.surrounding()
         for level in levels.solids:
             solid = levels.of_voxel == level
-            step = np.where(solid, np.float32(levels.values[level]) - around, 1)  # a grain may lie half in a liquid
-            excess = np.where(solid, array - around, 0) / step
+            # a grain may lie half in a liquid: the step differs from place to place
+            step = np.where(solid, np.float32(levels.values[level]) - around, np.float32(1))
+            excess = _excess(array, around, step, solid)
             if _noise(excess, solid) > MAX_NOISE:
-                excess = np.where(solid, ndimage.gaussian_filter(array, NOISE_SIGMA) - around, 0) / step
+                excess = _excess(ndimage.gaussian_filter(array, NOISE_SIGMA), around, step, solid)
             own = separated(excess, solid, 0.0, settings)
             own[own > 0] += len(level_of) - 1
             labels += own
@@ -107,6 +108,11 @@ class Pieces:
         low, high = levels.values[grains.min()], levels.values[grains.max()]
         outside = [k for k in others if levels.values[k] > threshold and k not in grains]
         return bool(high <= MAX_RATIO * low and low >= MIN_OVER_THRESHOLD * threshold and not outside)
+
+
+def _excess(array: Floats, around: Floats, step: Floats, solid: Bools) -> Floats:
+    """How far attenuation rises above what surrounds a grain, over the step to the grain's level; 0 outside."""
+    return np.where(solid, (array - around) / step, 0).astype(np.float32)
 
 
 def _noise(excess: Floats, solid: Bools) -> float:

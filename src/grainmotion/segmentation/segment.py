@@ -89,7 +89,7 @@ def segment(
     volume : Volume
         Attenuation, 1/mm.
     settings : SegmentSettings, optional
-        ``threshold``, ``depth``, ``oneness`` and ``min_volume`` count here, the others in `extract_grains`.
+        ``threshold``, ``depth``, ``oneness``, ``min_volume`` and ``phases`` count here, the others in `extract_grains`.
     progress : callable, optional
         Called as ``progress(message, done, total)``.
 
@@ -133,8 +133,10 @@ def segment(
         raise InputError(
             "segment.threshold", f"no grains found above {threshold:.4g} 1/mm", "lower it, or lower segment.min_volume"
         )
-    report(f"{labels.max()} grains", PROGRESS_STEPS)
-    return Segmentation(labels, threshold, cut_labels(labels, volume), _phases(volume.array, threshold, levels, labels))
+    phases = _phases(volume.array, threshold, levels, labels)
+    beside = [str(phase) for phase in phases if phase.kind in ("liquid", "body")]
+    report(", ".join([f"{labels.max()} grains", *beside]), PROGRESS_STEPS)
+    return Segmentation(labels, threshold, cut_labels(labels, volume), phases)
 
 
 def _without_bodies(labels: Ints, settings: SegmentSettings) -> Ints:

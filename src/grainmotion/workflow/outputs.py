@@ -186,6 +186,8 @@ def _reference_facts(inputs: Inputs, reference: StoredReference) -> Rows:
     ]
     if np.isfinite(reference.threshold):
         rows.append(("Threshold", f"{reference.threshold:.4g} /mm"))
+    if reference.phases:
+        rows.append(("Phases, with their shares of the volume", ", ".join(map(str, reference.phases))))
     if reference.border:
         rows.append(("Cut by the border of the field of view", f"{len(reference.border)} grains"))
     if inputs.reference is None:

@@ -82,7 +82,7 @@ def segment_stage(context: RunContext, reference: Callable[[], StoredReference])
         else:
             segmentation = segment(stored.volume, settings, progress=prefixed(context.progress, "segment"))
         labels, threshold, border = segmentation.labels, segmentation.threshold, segmentation.border
-        stored = StoredReference(stored.volume, stored.residuals, labels, threshold, border)
+        stored = StoredReference(stored.volume, stored.residuals, labels, threshold, border, phases=segmentation.phases)
         segmented = SegmentedReference(stored, settings, cut)
         len(segmented.grains)  # extract them now: if that fails, the old result is kept
         return segmented
