@@ -4,9 +4,9 @@
 ``center``, mm), ``residuals`` (the relative residual of Eq. 23 after each sweep), ``labels`` (0 = no
 grain; attributes ``threshold``, 1/mm, ``border``, and of the phases that were found ``phase_kinds``,
 ``phase_attenuations``, 1/mm, and ``phase_shares`` of the volume) and the group ``grains`` with one array a column.
-If there are bodies beside the grains, the dataset ``bodies`` tells to which of them each voxel belongs (0 = none, k = the k-th;
-attributes ``names``, ``kinds`` and ``freedoms``); files of older versions lack it.  The group ``field`` says what the
-reference scan saw (`io.field_hdf5`).
+If there are bodies beside the grains, the dataset ``bodies`` tells to which of them each voxel belongs (0 = none,
+k = the k-th; attributes ``names``, ``kinds`` and ``freedoms``); files of older versions lack it.  The group ``field``
+says what the reference scan saw (`io.field_hdf5`).
 
 ``motions.h5`` holds every field of `Motions` under its own name, in mm and **radians** as in Python (``motions.csv``
 is in degrees), and the group ``fit`` with gain, offset, the convergence curve and the other fields of `StateFit`.
