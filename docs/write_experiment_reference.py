@@ -21,7 +21,7 @@ from grainmotion.diagnosis.settings import CheckSettings
 from grainmotion.experiment import config
 from grainmotion.planning.plan import PlanSettings
 from grainmotion.reconstruction.reconstruct import ReconstructSettings
-from grainmotion.segmentation.settings import PhaseSettings, SegmentSettings
+from grainmotion.segmentation.settings import BodySettings, PhaseSettings, SegmentSettings
 from grainmotion.tracking.track import TrackSettings
 
 TABLES: dict[str, type] = {
@@ -34,6 +34,7 @@ TABLES: dict[str, type] = {
     "[reconstruct]": ReconstructSettings,
     "[segment]": SegmentSettings,
     "[[segment.phases]]": PhaseSettings,
+    "[[segment.bodies]]": BodySettings,
     "[track]": TrackSettings,
     "[plan]": PlanSettings,
     "[[states]]": config.StateTable,

@@ -13,11 +13,9 @@ from grainmotion.model.motions import StateFit
 from grainmotion.model.pose import NuisanceMotion, ViewCorrections
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
-from grainmotion.objective.nuisance_motions import background_images, corrected_geometry
+from grainmotion.objective.nuisance_motions import corrected_geometry
 from grainmotion.projection.grains import simulate_radiographs
-from grainmotion.rotations import rotation_matrix
-from grainmotion.segmentation.extraction import packed_body
-from scenes import one_body
+from scenes import image_of, moved_body, one_body
 
 GRAINS = grain_set(3, finer=1)
 TRUTH = small_motions(GRAINS)
@@ -47,16 +45,18 @@ class TestResidualImages:
 
     def test_all_parameters_together(self):
         """Gain, background and hardening of each view, corrected views, and a moved wall."""
-        at = NuisanceMotion(ViewCorrections.of(CORRECTIONS), BACKGROUND[:3], rotation_matrix(BACKGROUND[3:]))
+        at = replace(NuisanceMotion.still(len(CORRECTIONS)), views=ViewCorrections.of(CORRECTIONS))
         views = corrected_geometry(geometry(), at)
         path = simulate_radiographs(GRAINS, TRUTH, views)
-        path += background_images(packed_body(wall()), at, views, "trilinear", False)[0]
+        path += image_of(wall(), views, BACKGROUND)
         scan = Scan(RESPONSE.apply(path) + NOISE, geometry())
         grains = GrainSet(GRAINS.grains, one_body(wall(), True))
-        motions = fitted(response=RESPONSE, view_corrections=ViewCorrections.of(CORRECTIONS), background=BACKGROUND)
+        motions = fitted(
+            response=RESPONSE, view_corrections=ViewCorrections.of(CORRECTIONS), bodies=(moved_body(BACKGROUND),)
+        )
         np.testing.assert_allclose(residual_images(grains, motions, scan), NOISE, atol=1e-5)
-        for name in ("response", "view_corrections", "background"):
-            worse = replace(motions, fit=replace(motions.fit, **{name: None}))
+        for name, other in (("response", None), ("view_corrections", None), ("bodies", ())):
+            worse = replace(motions, fit=replace(motions.fit, **{name: other}))
             assert np.abs(residual_images(grains, worse, scan) - NOISE).max() > 0.05, name
 
     def test_a_fixed_background(self):

@@ -12,8 +12,10 @@ from grainmotion.diagnosis.results import SEE_COMMON_CAUSE, check_motions, commo
 from grainmotion.model.finding import Finding, Level
 from grainmotion.model.motions import Motions, StateFit
 from grainmotion.model.pose import ViewCorrections
-from grainmotion.tracking.background_motion import FIXED_BACKGROUND_NOTE
+from grainmotion.model.volume import Volume
+from grainmotion.tracking.body_motions import fixed_note
 from grainmotion.tracking.view_alignment import ViewMisalignment
+from scenes import one_body
 
 
 def motions(*statuses, reasons=None, **fit):
@@ -112,7 +114,8 @@ class TestNotes:
         assert "0.80 pixel" in str(finding)
 
     def test_other_notes_are_notes(self):
-        (finding,) = check_motions("a", failed(6, 6, notes=(FIXED_BACKGROUND_NOTE,)))
+        scene = one_body(Volume.zeros((1, 1, 1), 1.0))
+        (finding,) = check_motions("a", failed(6, 6, notes=(fixed_note(scene.bodies, (0,)),)))
         assert finding.level is Level.NOTE
 
     def test_places_of_unexplained_attenuation_are_one_finding(self):

@@ -10,7 +10,7 @@ import pytest
 from grainmotion.io.results import StoredReference, read_motions_h5, read_reference, write_motions_h5, write_reference
 from grainmotion.model.detector_response import Response
 from grainmotion.model.grains import GrainSet
-from grainmotion.model.motions import Motions, StateFit
+from grainmotion.model.motions import BodyMotion, Motions, StateFit
 from grainmotion.model.pose import ViewCorrections
 from grainmotion.model.scene import RIGID_MOTION, Body, Freedom, Scene
 from grainmotion.model.volume import Volume
@@ -26,7 +26,12 @@ def motions_() -> Motions:
 def assert_same_fit(one, other):
     for name in ("gain", "offset", "costs", "downweighted", "notes"):
         assert getattr(one, name) == getattr(other, name)
-    assert_same_array(one.background, other.background)
+    assert len(one.bodies) == len(other.bodies)
+    for body, same in zip(one.bodies, other.bodies, strict=True):
+        for name in ("name", "kind", "freedom", "moved"):
+            assert getattr(body, name) == getattr(same, name)
+        for name in ("center", "translation", "rotation", "covariance"):
+            np.testing.assert_array_equal(getattr(body, name), getattr(same, name))
     for name in ("view_corrections", "view_corrections_sd"):
         first, second = getattr(one, name), getattr(other, name)
         assert_same_array(first and first.columns, second and second.columns)
@@ -42,7 +47,22 @@ def assert_same_array(one, other):
         np.testing.assert_array_equal(one, other)
 
 
+def two_bodies(rng):
+    """One that moved, and one that did not."""
+    moved = BodyMotion("upper piston", "piston", "free", *rng.normal(size=(3, 3)), rng.normal(size=(6, 6)), True)
+    unknown = np.full((6, 6), np.nan)
+    return moved, BodyMotion("wall", "wall", "z", np.ones(3), np.zeros(3), np.zeros(3), unknown, False)
+
+
 class TestMotionsFile:
+    def test_background_of_an_older_version_is_a_body(self, tmp_path, motions):
+        write_motions_h5(tmp_path / "m.h5", motions)
+        with h5py.File(tmp_path / "m.h5", "a") as file:
+            file["fit/background"] = np.arange(6.0)
+        fit = read_motions_h5(tmp_path / "m.h5").fit
+        np.testing.assert_array_equal(fit.background, np.arange(6.0))
+        assert fit.bodies[0].moved
+
     def test_round_trip(self, tmp_path, motions):
         write_motions_h5(tmp_path / "m.h5", motions)
         back = read_motions_h5(tmp_path / "m.h5")
@@ -65,7 +85,7 @@ class TestMotionsFile:
         fit = StateFit(
             1.02, 0.01, (("free", 0.1),), Response(rng.normal(size=(3, 2)), rng.normal(size=(3, 6))),
             ViewCorrections.of(rng.normal(size=(3, 3))), ViewCorrections.of(rng.uniform(size=(3, 3))),
-            rng.normal(size=6), 0.03, ("one; two", "µ"),
+            two_bodies(rng), 0.03, ("one; two", "µ"),
         )  # fmt: skip
         write_motions_h5(tmp_path / "m.h5", replace(motions, fit=fit))
         with h5py.File(tmp_path / "m.h5") as file:
@@ -74,11 +94,11 @@ class TestMotionsFile:
         assert_same_fit(read_motions_h5(tmp_path / "m.h5").fit, fit)
 
     def test_units_are_stored_as_attributes(self, tmp_path, motions):
-        write_motions_h5(tmp_path / "m.h5", replace(motions, fit=StateFit(background=np.zeros(6))))
+        write_motions_h5(tmp_path / "m.h5", replace(motions, fit=StateFit(bodies=two_bodies(np.random.default_rng(0)))))
         with h5py.File(tmp_path / "m.h5") as file:
             assert file["translations"].attrs["unit"] == "mm"
             assert file["rotations"].attrs["unit"] == "rad"
-            assert file["fit/background"].attrs["unit"] == "mm, mm, mm, rad, rad, rad"
+            assert file["fit/bodies/rotation"].attrs["unit"] == "rad"
 
     def test_file_of_the_first_version_is_read(self, tmp_path, motions):
         write_motions_h5(tmp_path / "m.h5", motions)

@@ -27,7 +27,7 @@ def misaligned(angles=(0.0, 50.0, 95.0, 140.0), corrections=TRUE_CORRECTIONS, no
     """Radiographs whose true views differ from the nominal ones."""
     views = geometry(angles)
     true_views = corrected_geometry(
-        views, NuisanceMotion(ViewCorrections.of(corrections[: len(angles)]), np.zeros(3), np.eye(3))
+        views, NuisanceMotion(ViewCorrections.of(corrections[: len(angles)]), np.zeros((0, 3)), np.zeros((0, 3, 3)))
     )
     return replace(radiographs(GRAINS, TRUTH, views=true_views, noise=noise), geometry=views)
 

@@ -80,7 +80,9 @@ class TestUnconfirmed:
     def test_corrected_views_are_used(self):
         """Rotations are tested on the corrected views of the pose; those of a ball are undetermined there too."""
         with_noise = with_pattern(GRAINS, 0.3)
-        at = NuisanceMotion(ViewCorrections.of(np.tile([5.0, -4.0, 0.05], (4, 1))), np.zeros(3), np.eye(3))
+        at = NuisanceMotion(
+            ViewCorrections.of(np.tile([5.0, -4.0, 0.05], (4, 1))), np.zeros((0, 3)), np.zeros((0, 3, 3))
+        )
         scan = replace(radiographs(GRAINS, TRUTH, views=corrected_geometry(geometry(), at)), geometry=geometry())
         target = Target(scan, np.zeros(scan.line_integrals.shape, np.float32), "trilinear", 0.7, GAIN_AND_OFFSET)
         problem = StateProblem(GrainArrays.of(with_noise, fine=True), target)

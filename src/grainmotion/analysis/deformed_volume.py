@@ -3,7 +3,7 @@
 Each voxel centre x of the grid is pulled back into the grain's own voxels by the inverse motion,
 X = F⁻¹(x − u − c) + c with F = Ω U (see `model.strain`), and the grain's attenuation is interpolated there
 trilinearly, so that a moved grain has no holes; that of a strained grain is divided by det U, which keeps its
-mass.  The contributions of all grains, and of the background where it is, add up.
+mass.  The contributions of all grains and bodies add up.
 
 A voxel carries the label of the grain that contributes most to it, provided that this contribution
 exceeds half of that grain's typical attenuation: the attenuation below which half of the grain's mass
@@ -70,10 +70,13 @@ def rebuild(grains: GrainSet, motions: Motions, grid: Volume) -> tuple[Volume, N
         half = np.float32(density * typical_attenuation(grain) / 2)
         array = grain.volume.array if density == 1 else (density * grain.volume.array).astype(np.float32)
         resample.add_moved_label(array, matrix, offset, low, high, total, np.int32(grain.label), half, best, labels)
-    if grains.background is not None:
-        matrix, offset = _pull_back(grains.background, grid, np.eye(3), np.zeros(3), np.zeros(3))
-        low, high = _bounds(grains.background, matrix, offset, grid.shape)
-        resample.add_moved(grains.background.array, matrix, offset, low, high, total)
+    moved = {body.name: body for body in motions.fit.bodies}
+    for body in grains.scene.bodies:
+        motion = moved.get(body.name)
+        u, rotation = (np.zeros(3), np.eye(3)) if motion is None else (motion.translation, motion.matrix)
+        matrix, offset = _pull_back(body.volume, grid, rotation, u, body.center)
+        low, high = _bounds(body.volume, matrix, offset, grid.shape)
+        resample.add_moved(body.volume.array, matrix, offset, low, high, total)
     return Volume(total, grid.voxel_size, grid.center), labels
 
 

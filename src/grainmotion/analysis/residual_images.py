@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from grainmotion._typing import Image, Projector
@@ -10,10 +12,8 @@ from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions
 from grainmotion.model.pose import NuisanceMotion
 from grainmotion.model.scan import Scan
-from grainmotion.objective.nuisance_motions import background_images, corrected_geometry
+from grainmotion.objective.nuisance_motions import corrected_geometry
 from grainmotion.projection.grains import simulate_radiographs
-from grainmotion.rotations import rotation_matrix
-from grainmotion.segmentation.extraction import packed_body
 
 
 def residual_images(grains: GrainSet, motions: Motions, scan: Scan, *, projector: Projector = "trilinear") -> Image:
@@ -24,13 +24,9 @@ def residual_images(grains: GrainSet, motions: Motions, scan: Scan, *, projector
     fit, views = motions.fit, len(scan)
     nuisance = NuisanceMotion.still(views)
     if fit.view_corrections is not None:
-        nuisance = NuisanceMotion(fit.view_corrections, nuisance.translation, nuisance.matrix)
-    if fit.background is not None:
-        nuisance = NuisanceMotion(nuisance.views, fit.background[:3], rotation_matrix(fit.background[3:]))
+        nuisance = replace(nuisance, views=fit.view_corrections)
     geometry = corrected_geometry(scan.geometry, nuisance)
-    simulated = simulate_radiographs(GrainSet(grains.grains), motions, geometry, projector=projector)
-    if grains.background is not None:
-        simulated += background_images(packed_body(grains.background), nuisance, geometry, projector, False)[0]
+    simulated = simulate_radiographs(grains, motions, geometry, projector=projector)
     response = fit.response or Response(np.full((views, 1), fit.gain), np.full((views, 1), fit.offset))
     residual = scan.line_integrals - response.apply(simulated)
     if scan.valid is not None:

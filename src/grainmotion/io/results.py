@@ -27,7 +27,7 @@ from grainmotion.io.files import atomic_write
 from grainmotion.io.hdf5 import opened
 from grainmotion.model.detector_response import Response
 from grainmotion.model.grains import GrainSet
-from grainmotion.model.motions import Motions, StateFit
+from grainmotion.model.motions import BodyMotion, Motions, StateFit
 from grainmotion.model.pose import ViewCorrections
 from grainmotion.model.scene import Body, Freedom, Scene, first_voxel
 from grainmotion.model.volume import Volume
@@ -50,9 +50,15 @@ _STRAINS = ("strains", "strain_covariances")
 _OPTIONAL = {
     "corrections": "pixel, pixel, rad",  # columns of StateFit.view_corrections
     "corrections_sd": "pixel, pixel, rad",
-    "background": "mm, mm, mm, rad, rad, rad",
 }
 """Arrays of `StateFit` that may be missing, and their units."""
+_BODY_ARRAYS = {
+    "center": "mm",
+    "translation": "mm",
+    "rotation": "rad",
+    "covariance": "of mm, mm, mm, rad, rad, rad",
+}
+"""Arrays of `BodyMotion` and their units, one row a body in the file."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,13 +191,48 @@ def write_motions_h5(path: str | Path, motions: Motions) -> None:
         fit.attrs["downweighted"] = motions.fit.downweighted
         fit.create_dataset("notes", data=list(motions.fit.notes), dtype=text)
         views, views_sd = motions.fit.view_corrections, motions.fit.view_corrections_sd
-        optional = (views and views.columns, views_sd and views_sd.columns, motions.fit.background)
+        optional = (views and views.columns, views_sd and views_sd.columns)
         for (name, unit), value in zip(_OPTIONAL.items(), optional, strict=True):
             if value is not None:
                 fit.create_dataset(name, data=value).attrs["unit"] = unit
+        if motions.fit.bodies:
+            _write_body_motions(fit.create_group("bodies"), motions.fit.bodies)
         if motions.fit.response is not None:
             fit["polynomial"] = motions.fit.response.polynomial
             fit["background_terms"] = motions.fit.response.background
+
+
+def _write_body_motions(group: h5py.Group, bodies: tuple[BodyMotion, ...]) -> None:
+    """One row a body in each dataset."""
+    text = h5py.string_dtype()
+    for name in ("name", "kind", "freedom"):
+        group.create_dataset(name, data=[getattr(body, name) for body in bodies], dtype=text)
+    group["moved"] = np.array([body.moved for body in bodies])
+    for name, unit in _BODY_ARRAYS.items():
+        group.create_dataset(name, data=np.array([getattr(body, name) for body in bodies])).attrs["unit"] = unit
+
+
+def _read_body_motions(fit: h5py.Group) -> tuple[BodyMotion, ...]:
+    """The motions of the bodies; in a file of an older version that of the one background."""
+    if "background" in fit:
+        motion = fit["background"][()]
+        unknown, moved = np.full(3, np.nan), bool(motion.any())
+        return (BodyMotion("rest", "rest", "free", unknown, motion[:3], motion[3:], np.full((6, 6), np.nan), moved),)
+    if "bodies" not in fit:
+        return ()
+    group = fit["bodies"]
+    texts = [group[name].asstr()[()] for name in ("name", "kind", "freedom")]
+    arrays, moved = {name: group[name][()] for name in _BODY_ARRAYS}, group["moved"][()]
+    return tuple(
+        BodyMotion(
+            str(name),
+            str(kind),
+            str(freedom),
+            **{array: rows[k] for array, rows in arrays.items()},
+            moved=bool(moved[k]),
+        )
+        for k, (name, kind, freedom) in enumerate(zip(*texts, strict=True))
+    )
 
 
 def read_motions_h5(path: str | Path) -> Motions:
@@ -199,7 +240,7 @@ def read_motions_h5(path: str | Path) -> Motions:
     with opened(path) as file:
         fit = file["fit"]
         costs = zip(fit["stage"].asstr()[()], fit["cost"][()])
-        views, views_sd, background = (fit[name][()] if name in fit else None for name in _OPTIONAL)
+        views, views_sd = (fit[name][()] if name in fit else None for name in _OPTIONAL)
         polynomial = fit["polynomial"][()] if "polynomial" in fit else None
         return Motions(
             **{name: file[name][()] for name in _ARRAYS},
@@ -216,6 +257,6 @@ def read_motions_h5(path: str | Path) -> Motions:
                 notes=tuple(str(n) for n in fit["notes"].asstr()[()]) if "notes" in fit else (),
                 view_corrections=None if views is None else ViewCorrections.of(views),
                 view_corrections_sd=None if views_sd is None else ViewCorrections.of(views_sd),
-                background=background,
+                bodies=_read_body_motions(fit),
             ),
         )

@@ -55,6 +55,39 @@ POORLY_DETERMINED_REASON = "poorly determined: "
 
 
 @dataclass(frozen=True, eq=False)
+class BodyMotion:
+    """Motion of one body beside the grains, such as a piston, from the reference state to a later one.
+
+    Attributes
+    ----------
+    name, kind, freedom : str
+        As in `Body`; ``freedom`` is the text of the ways in which it may move.
+    center : (3,) array
+        Attenuation-weighted centre of mass in the reference state, mm, x y z.
+    translation, rotation : (3,) arrays
+        u, mm, and the rotation vector ω about the centre, radians, sample frame; zero if it did not move.
+    covariance : (6, 6) array
+        Of (ux, uy, uz, ωx, ωy, ωz), mm and radians; NaN if it did not move.
+    moved : bool
+        Whether it moved, as far as the radiographs show; else it was fixed where it was in the reference.
+    """
+
+    name: str
+    kind: str
+    freedom: str
+    center: NDArray[np.float64]
+    translation: NDArray[np.float64]
+    rotation: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    moved: bool
+
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        """Rotation matrix Ω ``(3, 3)``."""
+        return rotation_matrix(self.rotation)
+
+
+@dataclass(frozen=True, eq=False)
 class StateFit:
     """How the fit of one state went as a whole.
 
@@ -70,8 +103,8 @@ class StateFit:
     view_corrections, view_corrections_sd : ViewCorrections, optional
         Shift of each view's panel and angle of its stage, and their standard deviations.  None where they were not
         estimated.
-    background : (6,) array, optional
-        Motion (u, ω) of the background about its centre of mass, mm and radians, if it could move.
+    bodies : tuple of BodyMotion
+        Motion of each body beside the grains.
     downweighted : float
         Share of the pixels in the grains' footprints to which a robust loss gave less weight.
     notes : tuple of str
@@ -84,9 +117,17 @@ class StateFit:
     response: Response | None = None
     view_corrections: ViewCorrections | None = None
     view_corrections_sd: ViewCorrections | None = None
-    background: NDArray[np.float64] | None = None
+    bodies: tuple[BodyMotion, ...] = ()
     downweighted: float = 0.0
     notes: tuple[str, ...] = ()
+
+    @property
+    def background(self) -> NDArray[np.float64] | None:
+        """Motion (u, ω) ``(6,)`` of the first body that may move, mm and radians; None if there is none."""
+        for body in self.bodies:
+            if body.freedom != "fixed":
+                return np.concatenate([body.translation, body.rotation])
+        return None
 
     @property
     @deprecated("StateFit.corrections is now StateFit.view_corrections")

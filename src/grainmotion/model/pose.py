@@ -1,4 +1,4 @@
-"""Pose: place and rotation of every grain, and the motions of views and background."""
+"""Pose: place and rotation of every grain, and the motions of views and bodies."""
 
 from __future__ import annotations
 
@@ -37,19 +37,20 @@ class ViewCorrections:
 
 @dataclass(frozen=True, eq=False)
 class NuisanceMotion:
-    """Motions beside those of the grains: of views, and of the background about its centre of mass.
+    """Motions beside those of the grains: of views, and of k bodies about their centres of mass.
 
-    ``translation (3,)`` (mm) and ``matrix (3, 3)`` are the background's.
+    ``translations (k, 3)`` (mm) and ``matrices (k, 3, 3)`` are the bodies'.
     """
 
     views: ViewCorrections
-    translation: Float
-    matrix: Float
+    translations: Float
+    matrices: Float
 
     @classmethod
-    def still(cls, views: int) -> NuisanceMotion:
+    def still(cls, views: int, bodies: int = 0) -> NuisanceMotion:
         """No motion."""
-        return cls(ViewCorrections.of(np.zeros((views, 3))), np.zeros(3), np.eye(3))
+        corrections = ViewCorrections.of(np.zeros((views, 3)))
+        return cls(corrections, np.zeros((bodies, 3)), np.tile(np.eye(3), (bodies, 1, 1)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from grainmotion.errors import InputError
 from grainmotion.model.field_of_view import FieldOfView
+from grainmotion.model.symmetry import symmetry_axis
 from grainmotion.model.volume import Volume
 
 Kind = Literal["piston", "wall", "rest", "body"]
@@ -93,6 +94,25 @@ class Freedom:
         """Whether it allows any motion."""
         return bool(self.ways)
 
+    def without_rotation_about(self, axis: NDArray[np.float64]) -> Freedom:
+        """What is left of it if the body does not rotate about an axis.
+
+        Parameters
+        ----------
+        axis : (3,) array
+            Its direction.
+
+        Returns
+        -------
+        Freedom
+            Its motions with ω · axis = 0.
+        """
+        amounts = self.basis[3:].T @ axis
+        if np.abs(amounts).max(initial=0.0) < 1e-9:
+            return self
+        others = np.linalg.svd(amounts[None])[2][1:].T
+        return Freedom(tuple(tuple(way) for way in (self.basis @ others).T.tolist()))
+
     @property
     def text(self) -> str:
         """As `of` takes it."""
@@ -123,15 +143,12 @@ class Body:
         Its own attenuation, 1/mm, in its place; cropped as a rule.
     freedom : Freedom
         The ways in which it may move.
-    fine : Volume, optional
-        The same attenuation on finer voxels, for the last stages of tracking.
     """
 
     name: str
     kind: Kind
     volume: Volume
     freedom: Freedom = RIGID_MOTION
-    fine: Volume | None = None
 
     @cached_property
     def center(self) -> NDArray[np.float64]:
@@ -142,6 +159,11 @@ class Body:
             return np.array(self.volume.center)
         voxels = [float(m @ np.arange(len(m)) / m.sum()) for m in marginals]
         return np.asarray(self.volume.origin + self.volume.voxel_size * np.array(voxels))
+
+    @cached_property
+    def symmetry_axis(self) -> NDArray[np.float64] | None:
+        """Axis ``(3,)`` about which it looks the same however it is turned, as a disc or a tube; None without one."""
+        return symmetry_axis(self.volume)
 
 
 @dataclass(frozen=True, eq=False)

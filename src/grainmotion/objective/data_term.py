@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -13,10 +14,12 @@ from grainmotion.backends.base import PatchBackend
 from grainmotion.backends.cpu import CPU
 from grainmotion.model.detector_response import trend_terms
 from grainmotion.model.scan import Scan
+from grainmotion.model.scene import NO_MOTION
 from grainmotion.objective.global_parameters import Columns
 from grainmotion.objective.nuisance_motions import GRAINS_ONLY, NuisanceModel
 from grainmotion.objective.response_parameters import IDENTITY_RESPONSE, ResponseModel, trend_is_shared
 from grainmotion.projection.grain_arrays import GrainArrays
+from grainmotion.projection.grains import body_image
 
 Derivatives = Literal["analytic", "differences"]
 
@@ -28,8 +31,8 @@ EXPECTED_RESIDUAL_SHARE = 0.01
 class Target:
     """The radiographs to fit, and how simulated ones are compared with them.
 
-    ``fixed_background (views, rows, columns)`` are line integrals of the background where it did not move, and
-    ``background`` is the body itself if it can move; ``sigma`` is the width of the Gaussian filter, pixels;
+    ``fixed_background (views, rows, columns)`` are line integrals of all bodies that may not move, and ``bodies`` are
+    all of them, one row each, those that may move too; ``sigma`` is the width of the Gaussian filter, pixels;
     ``response_model`` and ``nuisance`` select the unknowns beside the grains' motions; ``weights`` are those of
     pixels, None if equal; ``backend`` filters radiographs.
     """
@@ -41,7 +44,7 @@ class Target:
     response_model: ResponseModel = IDENTITY_RESPONSE
     derivatives: Derivatives = "analytic"
     weights: Image | None = None
-    background: GrainArrays | None = None
+    bodies: tuple[GrainArrays, ...] = ()
     nuisance: NuisanceModel = GRAINS_ONLY
     backend: PatchBackend = CPU
 
@@ -85,6 +88,14 @@ class Target:
             stack = np.broadcast_to(term, self.valid.shape).astype(self.precision)
             columns.add(self.filtered(stack), trend_is_shared(self.response_model))
         return columns
+
+    def with_fixed_bodies(self, rows: Collection[int]) -> Target:
+        """The same with some more bodies that may not move from where they were in the reference."""
+        freedoms, fixed = list(self.nuisance.freedoms), self.fixed_background.copy()
+        for row in rows:
+            freedoms[row] = NO_MOTION
+            fixed += body_image(self.bodies[row], np.zeros(3), np.eye(3), self.scan.geometry, self.projector)
+        return replace(self, fixed_background=fixed, nuisance=replace(self.nuisance, freedoms=tuple(freedoms)))
 
     def filtered(self, images: Image) -> Image:
         """Weight and filter a stack of radiographs."""

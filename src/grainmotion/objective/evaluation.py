@@ -4,7 +4,7 @@ The residual is Eq. 22 of Khalili et al. (2017), weighted and filtered:
 
     r = F w (b − m(P)),
 
-with b the measured line integrals, P those of the moved grains and the background, m the detector's response (gain,
+with b the measured line integrals, P those of the moved grains and bodies, m the detector's response (gain,
 offset, trend, beam hardening), w the square root of each pixel's weight and F a Gaussian filter on each radiograph.
 Derivatives are weighted and filtered as the residual is.
 """
@@ -14,6 +14,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from grainmotion._typing import Float, Image
 from grainmotion.backends.base import BackendArray, PatchBackend
 from grainmotion.model.detector_response import Response
@@ -22,6 +24,7 @@ from grainmotion.model.pose import Pose
 from grainmotion.objective import nuisance_motions
 from grainmotion.objective.data_term import Target
 from grainmotion.objective.global_parameters import Columns, dot
+from grainmotion.objective.nuisance_motions import BodyImages
 from grainmotion.objective.response_parameters import fit_response, power_images
 from grainmotion.projection.footprints import Patches, footprint_patches
 from grainmotion.projection.grain_arrays import GrainArrays
@@ -35,8 +38,9 @@ class Evaluation:
 
     ``values (pixels,)`` are each grain's own line integrals in its ``patches``, in the memory of the grains' backend.
     Images are ``(views, rows, columns)``: ``residual`` r, ``simulated`` F w m(P), ``line_integrals`` P of all grains
-    and the background, and ``raw_residual`` b − m(P), neither weighted nor filtered and 0 where a pixel does not count.
-    ``response`` is the best one at this pose, and ``response_columns`` are the images of its eliminated unknowns.
+    and bodies, ``background`` that of the bodies alone, and ``raw_residual`` b − m(P), neither weighted nor filtered
+    and 0 where a pixel does not count.  ``response`` is the best one at this pose, and ``response_columns`` are the
+    images of its eliminated unknowns.
     """
 
     patches: Patches
@@ -44,6 +48,7 @@ class Evaluation:
     residual: Image
     simulated: Image
     line_integrals: Image
+    background: Image
     raw_residual: Image
     response: Response
     response_columns: Columns
@@ -88,8 +93,8 @@ def evaluate_with_derivatives(
     patches = footprint_patches(grains, pose, geometry, margin=len(target.kernel) - 1 if filtered else 0)
     differentiate = differentiate_in_place if target.derivatives == "analytic" else difference_patches
     values, jacobian = differentiate(grains, pose, geometry, patches, target.projector)
-    evaluation, by_background = _compare(target, pose, geometry, patches, values, jacobian.backend)
-    columns = _nuisance_columns(grains, target, pose, evaluation, jacobian, by_background)
+    evaluation, bodies = _compare(target, pose, geometry, patches, values, jacobian.backend)
+    columns = _nuisance_columns(grains, target, pose, evaluation, jacobian, bodies)
     if filtered:
         jacobian.filter(target.root_weights * evaluation.response.derivative(evaluation.line_integrals), target.kernel)
     return LinearizedEvaluation(**vars(evaluation), jacobian=jacobian, nuisance_columns=columns)
@@ -97,43 +102,35 @@ def evaluate_with_derivatives(
 
 def _compare(
     target: Target, pose: Pose, geometry: Geometry, patches: Patches, values: BackendArray, backend: PatchBackend
-) -> tuple[Evaluation, list[Image]]:
-    """The evaluation, and the derivatives of P by the background's motion if that is unknown."""
-    nuisance = target.nuisance
-    background, by_background = target.fixed_background, list[Image]()
-    if target.background is not None and (nuisance.background or nuisance.views or pose.nuisance is not None):
-        background, by_background = nuisance_motions.background_images(
-            target.background, pose.nuisance, geometry, target.projector, nuisance.background or nuisance.views
-        )
-    path = assemble(values, patches, geometry, backend) + background
+) -> tuple[Evaluation, BodyImages]:
+    """The evaluation, and the images of the bodies with their derivatives where they are unknown."""
+    images = nuisance_motions.body_images(
+        target.bodies, target.nuisance, pose.nuisance, (geometry, target.projector), target.fixed_background
+    )
+    path = assemble(values, patches, geometry, backend) + images.path
     response, simulated, columns = _best_response(target, path)
     raw = (target.scan.line_integrals.astype(target.precision) - response.apply(path)) * target.valid
     residual = target.measured - simulated
-    return Evaluation(patches, values, residual, simulated, path, raw, response, columns), by_background
+    return Evaluation(patches, values, residual, simulated, path, images.path, raw, response, columns), images
 
 
 def _nuisance_columns(
-    grains: GrainArrays,
-    target: Target,
-    pose: Pose,
-    evaluation: Evaluation,
-    jacobian: PatchJacobian,
-    by_background: list[Image],
+    grains: GrainArrays, target: Target, pose: Pose, evaluation: Evaluation, jacobian: PatchJacobian, bodies: BodyImages
 ) -> Columns:
-    """Derivatives by the nuisance motions, from those of P by the grains' motions and by the background's."""
+    """Derivatives by the nuisance motions, from those of P by the grains' motions and by the bodies'."""
     nuisance = target.nuisance
     response_derivative = evaluation.response.derivative(evaluation.line_integrals)
     columns = Columns()
     if nuisance.views:
         images = nuisance_motions.view_derivatives(evaluation.line_integrals, jacobian, grains, pose)
-        if target.background is not None:
-            images[2] = images[2] + nuisance_motions.background_by_view_angle(
-                target.background, pose.nuisance, by_background
-            )
+        for _, x, y, derivatives in bodies.derivatives:
+            images[2] = images[2] + nuisance_motions.derivative_by_view_angle(x, y, derivatives)
         for image in images:
             columns.add(target.filtered(response_derivative * image), shared=False)
-    for image in by_background if nuisance.background else []:
-        columns.add(target.filtered(response_derivative * image), shared=True)
+    for k, _, _, derivatives in bodies.derivatives:
+        for way in nuisance.freedoms[k].ways if nuisance.freedoms else ():
+            image = sum((w * d for w, d in zip(way, derivatives, strict=True) if w), np.zeros_like(derivatives[0]))
+            columns.add(target.filtered(response_derivative * image), shared=True)
     return columns
 
 

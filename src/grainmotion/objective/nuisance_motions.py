@@ -1,4 +1,4 @@
-"""Nuisance motions: that of the background as one rigid body, and a correction of each view's pose.
+"""Nuisance motions: those of bodies beside the grains, and a correction of each view's pose.
 
 Both are a few unknowns of the state as a whole.  Their derivative images join the border of the normal
 equations (`gauss_newton.Linearization`), beside the linear unknowns of the response.
@@ -13,9 +13,9 @@ import numpy as np
 from grainmotion._typing import Float, Image, Projector
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.pose import NuisanceMotion, Pose, ViewCorrections
-from grainmotion.projection.footprints import footprint_patches
+from grainmotion.model.scene import Freedom
 from grainmotion.projection.grain_arrays import GrainArrays
-from grainmotion.projection.grains import assemble, differentiate_patches, project_patches
+from grainmotion.projection.grains import body_image, differentiated_body
 from grainmotion.projection.jacobian import PatchJacobian
 from grainmotion.rotations import rotation_matrix, rotation_vector
 
@@ -34,11 +34,11 @@ class NuisanceModel:
 
     Attributes
     ----------
-    background : bool
-        The background moves as one rigid body.
+    freedoms : tuple of Freedom
+        How each body may move.
     views : bool
         Each view has a pose of its own.
-    background_shift_sd, background_rotation_sd : float
+    body_shift_sd, body_rotation_sd : float
         mm, radians.
     view_shift_sd_pixels, view_angle_sd : float
         Pixels, radians.
@@ -47,10 +47,10 @@ class NuisanceModel:
         body does the same.
     """
 
-    background: bool = False
+    freedoms: tuple[Freedom, ...] = ()
     views: bool = False
-    background_shift_sd: float = 1.0
-    background_rotation_sd: float = 0.1
+    body_shift_sd: float = 1.0
+    body_rotation_sd: float = 0.1
     view_shift_sd_pixels: float = 1.0
     view_angle_sd: float = 0.01
     gauge: Float | None = None
@@ -60,9 +60,19 @@ class NuisanceModel:
         parts = []
         if self.views:
             parts.append(np.repeat([self.view_shift_sd_pixels, self.view_shift_sd_pixels, self.view_angle_sd], views))
-        if self.background:
-            parts.append(np.repeat([self.background_shift_sd, self.background_rotation_sd], 3))
+        units = np.repeat([self.body_shift_sd, self.body_rotation_sd], 3)[:, None]
+        parts += [1 / np.linalg.norm(freedom.basis / units, axis=0) for freedom in self.freedoms if freedom.moves]
         return np.concatenate(parts) if parts else np.zeros(0)
+
+    @property
+    def moving_bodies(self) -> list[int]:
+        """Bodies that may move."""
+        return [k for k, freedom in enumerate(self.freedoms) if freedom.moves]
+
+    @property
+    def body_unknowns(self) -> int:
+        """Unknowns of all bodies."""
+        return sum(len(freedom.ways) for freedom in self.freedoms)
 
     def precisions(self, views: int) -> Float:
         """Inverse covariance ``(unknowns, unknowns)`` of the prior, for a pixel's noise of variance 1."""
@@ -82,22 +92,27 @@ def nuisance_values(nuisance: NuisanceModel, at: NuisanceMotion) -> Float:
     parts = []
     if nuisance.views:
         parts.append(at.views.columns.T.ravel())
-    if nuisance.background:
-        parts += [at.translation, rotation_vector(at.matrix)]
+    for k in nuisance.moving_bodies:
+        motion = np.concatenate([at.translations[k], rotation_vector(at.matrices[k])])
+        parts.append(np.linalg.pinv(nuisance.freedoms[k].basis) @ motion)
     return np.concatenate(parts) if parts else np.zeros(0)
 
 
 def retract(nuisance: NuisanceModel, at: NuisanceMotion, step: Float) -> NuisanceMotion:
-    """The motion after an increment: shifts u, shifts v and angles of all views, then the background's (u, δ)."""
-    views, translation, matrix = at.views, at.translation, at.matrix
+    """The motion after an increment: shifts u, shifts v and angles of all views, then the ways of each body."""
+    views, translations, matrices = at.views, at.translations.copy(), at.matrices.copy()
     if nuisance.views:
         count = len(views.angles)
         increments = step[: UNKNOWNS_PER_VIEW * count].reshape(UNKNOWNS_PER_VIEW, count).T
         views = ViewCorrections.of(views.columns + increments)
         step = step[UNKNOWNS_PER_VIEW * count :]
-    if nuisance.background:
-        translation, matrix = translation + step[:3], rotation_matrix(step[3:6]) @ matrix
-    return NuisanceMotion(views, translation, matrix)
+    for k in nuisance.moving_bodies:
+        basis = nuisance.freedoms[k].basis
+        increment = basis @ step[: basis.shape[1]]
+        translations[k] += increment[:3]
+        matrices[k] = rotation_matrix(increment[3:]) @ matrices[k]
+        step = step[basis.shape[1] :]
+    return NuisanceMotion(views, translations, matrices)
 
 
 def corrected_geometry(geometry: Geometry, at: NuisanceMotion | None) -> Geometry:
@@ -116,7 +131,7 @@ def view_derivatives(path: Image, jacobian: PatchJacobian, grains: GrainArrays, 
     """Derivatives of the line integrals ``(views, rows, columns)`` by each view's own shift u, shift v and angle.
 
     Those by shifts are central differences of the simulated radiograph.  That by the angle comes from the grains'
-    own ``jacobian`` by (u, δ), not yet filtered; the background's share is added by `background_by_view_angle`.
+    own ``jacobian`` by (u, δ), not yet filtered; that of bodies is `derivative_by_view_angle`.
     """
     along = np.gradient(path, axis=2) if path.shape[2] > 1 else np.zeros_like(path)
     up = np.gradient(path, axis=1) if path.shape[1] > 1 else np.zeros_like(path)
@@ -127,25 +142,47 @@ def view_derivatives(path: Image, jacobian: PatchJacobian, grains: GrainArrays, 
     return [along.astype(path.dtype), up.astype(path.dtype), *jacobian.images(increments)]
 
 
-def background_by_view_angle(background: GrainArrays, at: NuisanceMotion | None, derivatives: list[Image]) -> Image:
-    """The background's share of the derivatives by the stage's angle, from its own ``derivatives`` by (u, δ)."""
-    x, y, _ = background.centers[0] + (0 if at is None else at.translation)
-    return derivative_by_view_angle(float(x), float(y), derivatives)
-
-
 def derivative_by_view_angle(x: Image | float, y: Image | float, derivatives: Image | list[Image]) -> Image:
     """Derivative by the stage's angle of an object at x, y: it is as if the sample rotated the opposite way."""
     return y * derivatives[0] - x * derivatives[1] - derivatives[5]
 
 
-def background_images(
-    background: GrainArrays, at: NuisanceMotion | None, geometry: Geometry, projector: Projector, differentiate: bool
-) -> tuple[Image, list[Image]]:
-    """Line integrals of the background ``(views, rows, columns)``, and their derivatives by its (u, δ) if asked."""
-    at = at or NuisanceMotion.still(len(geometry))
-    pose = Pose(at.translation[None], at.matrix[None])
-    patches = footprint_patches(background, pose, geometry)
-    if not differentiate:
-        return assemble(project_patches(background, pose, geometry, patches, projector), patches, geometry), []
-    values, derivatives = differentiate_patches(background, pose, geometry, patches, projector)
-    return assemble(values, patches, geometry), [assemble(d, patches, geometry) for d in derivatives]
+@dataclass(frozen=True, eq=False)
+class BodyImages:
+    """Line integrals of all bodies ``(views, rows, columns)``, and of each that was differentiated its derivatives.
+
+    ``derivatives`` hold the body's row, its x and y (mm) and six images by its (u, δ).
+    """
+
+    path: Image
+    derivatives: tuple[tuple[int, float, float, list[Image]], ...] = ()
+
+
+def body_images(
+    bodies: tuple[GrainArrays, ...],
+    nuisance: NuisanceModel,
+    at: NuisanceMotion | None,
+    views: tuple[Geometry, Projector],
+    fixed: Image,
+) -> BodyImages:
+    """Images of the bodies where they are, differentiated if they may move or if the views may.
+
+    ``views`` are the geometry as it is corrected and the projector.  ``fixed (views, rows, columns)`` are the images
+    of bodies that may not move, which hold while no view is corrected.
+    """
+    geometry, projector = views
+    everything = nuisance.views or (at is not None and bool(at.views.columns.any()))
+    rows = range(len(bodies)) if everything else nuisance.moving_bodies
+    motion = at if at is not None and len(at.translations) else NuisanceMotion.still(len(geometry), len(bodies))
+    path = np.zeros_like(fixed) if everything and bodies else fixed.copy()
+    derivatives = []
+    for k in rows:
+        place = motion.translations[k], motion.matrices[k]
+        if nuisance.views or k in nuisance.moving_bodies:
+            image, by_motion = differentiated_body(bodies[k], *place, geometry, projector)
+            x, y, _ = bodies[k].centers[0] + motion.translations[k]
+            derivatives.append((k, float(x), float(y), by_motion))
+        else:
+            image = body_image(bodies[k], *place, geometry, projector)
+        path += image
+    return BodyImages(path, tuple(derivatives))

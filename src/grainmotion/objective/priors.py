@@ -54,5 +54,5 @@ def with_own_blocks(hessian: Hessian, blocks: Float) -> sparse.bsr_array | Patch
 def nuisance_prior(target: Target, pose: Pose) -> tuple[Float, Float]:
     """Precisions ``(k, k)`` of the prior on the nuisance unknowns, and their values ``(k,)`` at a pose."""
     nuisance, views = target.nuisance, len(target.scan)
-    motion = pose.nuisance or NuisanceMotion.still(views)
+    motion = pose.nuisance or NuisanceMotion.still(views, len(nuisance.freedoms))
     return target.expected_variance * nuisance.precisions(views), nuisance_values(nuisance, motion)

@@ -103,17 +103,17 @@ class StateProblem:
     def _prior_cost(self, state: Pose) -> float:
         """The priors' share of the cost."""
         cost = 0.0
-        if self.target.nuisance.background or self.target.nuisance.views:
+        if self.target.nuisance.moving_bodies or self.target.nuisance.views:
             precisions, departure = nuisance_prior(self.target, state)
             cost += 0.5 * float(departure @ precisions @ departure)
         return cost if self.prior is None else cost + self.prior.cost(state)
 
     def retract(self, state: Pose, step: Float) -> Pose:
-        """Add translations; rotate on the group, Ω ← exp[δ]ₓ Ω; move the background and the views."""
+        """Add translations; rotate on the group, Ω ← exp[δ]ₓ Ω; move the bodies and the views."""
         increments, nuisance_step = self._increments(state, step)
         motion = state.nuisance
         if len(nuisance_step):
-            start = motion or NuisanceMotion.still(len(self.target.scan))
+            start = motion or NuisanceMotion.still(len(self.target.scan), len(self.target.nuisance.freedoms))
             motion = nuisance_motions.retract(self.target.nuisance, start, nuisance_step)
         matrices = rotation_matrix(increments[:, 3:]) @ state.matrices
         return Pose(state.translations + increments[:, :3], matrices, motion)

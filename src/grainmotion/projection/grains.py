@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from grainmotion._arguments import checked_arguments
-from grainmotion._typing import Image, Projector
+from grainmotion._typing import Float, Image, Projector
 from grainmotion.backends.base import BackendArray, PatchBackend
 from grainmotion.backends.cpu import CPU
 from grainmotion.errors import InputError
@@ -18,10 +18,10 @@ from grainmotion.model.geometry import Geometry
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions
 from grainmotion.model.pose import Pose
+from grainmotion.projection.bodies import packed_body
 from grainmotion.projection.footprints import Patches, footprint_patches
 from grainmotion.projection.grain_arrays import OUT_OF_PLANE, GrainArrays, planar
 from grainmotion.projection.jacobian import PatchJacobian
-from grainmotion.projection.volumes import project
 from grainmotion.rotations import recenter, rotation_matrix
 
 
@@ -89,20 +89,38 @@ def assemble(values: BackendArray, patches: Patches, geometry: Geometry, backend
     return backend.add_patches(values, patches.table, (len(geometry), *geometry.shape))
 
 
+def body_image(body: GrainArrays, translation: Float, matrix: Float, geometry: Geometry, projector: Projector) -> Image:
+    """Line integrals ``(views, rows, columns)`` of a packed body, moved by u (mm) and Ω about its centre."""
+    pose = Pose(np.asarray(translation)[None], np.asarray(matrix)[None])
+    patches = footprint_patches(body, pose, geometry)
+    return assemble(project_patches(body, pose, geometry, patches, projector), patches, geometry)
+
+
+def differentiated_body(
+    body: GrainArrays, translation: Float, matrix: Float, geometry: Geometry, projector: Projector
+) -> tuple[Image, list[Image]]:
+    """As `body_image`, with the six derivatives by the body's (u, δ)."""
+    pose = Pose(np.asarray(translation)[None], np.asarray(matrix)[None])
+    patches = footprint_patches(body, pose, geometry)
+    values, derivatives = differentiate_patches(body, pose, geometry, patches, projector)
+    return assemble(values, patches, geometry), [assemble(d, patches, geometry) for d in derivatives]
+
+
 @checked_arguments
 def simulate_radiographs(
     grains: GrainSet, motions: Motions, geometry: Geometry, *, projector: Projector = "trilinear"
 ) -> Image:
-    """Line integrals of the moved grains and the background.
+    """Line integrals of the moved grains and bodies.
 
     Grains whose motion is unknown (NaN) are left out.
 
     Parameters
     ----------
     grains : GrainSet
-        The grains of the reference state, with the background.
+        The grains of the reference state, in their scene.
     motions : Motions
-        One motion a grain, in the grains' order.
+        One motion a grain, in the grains' order; those of the bodies are in its ``fit``, which are known by name, and
+        bodies without one stay where they are.
     geometry : Geometry
         Views to project to, in the sample frame.
     projector : {"trilinear", "exact"}
@@ -132,8 +150,11 @@ def simulate_radiographs(
             packed = packed.stretched(motions.stretches[known])
         patches = footprint_patches(packed, pose, geometry)
         out = assemble(project_patches(packed, pose, geometry, patches, projector), patches, geometry)
-    if grains.background is not None:
-        out += project(grains.background, geometry, projector=projector)
+    moved = {body.name: body for body in motions.fit.bodies}
+    for body in grains.scene.bodies:
+        motion, packed = moved.get(body.name), packed_body(body)
+        u, matrix = (np.zeros(3), np.eye(3)) if motion is None else (motion.translation, motion.matrix)
+        out += body_image(packed, u, matrix, geometry, projector)
     return out
 
 

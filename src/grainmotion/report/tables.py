@@ -139,9 +139,6 @@ def fit_facts(state: StateReport) -> Rows:
     if response is not None and response.polynomial.shape[1] > 1:
         powers = ", ".join(f"{significant(c)} p^{k}" for k, c in enumerate(response.polynomial[0, 1:], start=2))
         facts.append(("beam hardening", powers))
-    if fit.background is not None:
-        shift, rotation_deg = np.linalg.norm(fit.background[:3]), np.rad2deg(np.linalg.norm(fit.background[3:]))
-        facts.append(("background moved", f"{significant(float(shift))} mm, {significant(float(rotation_deg))}°"))
     if fit.downweighted:
         facts.append(("pixels behind grains with less weight", f"{fit.downweighted:.2%}"))
     return tuple(facts)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Collection, Iterable
-from dataclasses import replace
+from collections.abc import Callable, Collection, Iterable, Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +15,9 @@ from grainmotion._arguments import checked_arguments
 from grainmotion.errors import InputError
 from grainmotion.kernels.layout import PADDING
 from grainmotion.model.grains import Grain, GrainSet
-from grainmotion.model.scene import NO_MOTION, RIGID_MOTION, Body, Scene
+from grainmotion.model.scene import NO_MOTION, RIGID_MOTION, Body, Freedom, Scene
 from grainmotion.model.volume import Volume
-from grainmotion.projection.grain_arrays import GrainArrays
+from grainmotion.segmentation.bodies import Piece, find_bodies
 from grainmotion.segmentation.label_refinement import Boxed, fine_grains
 from grainmotion.segmentation.labels import checked_labels, without_small_labels
 from grainmotion.segmentation.segment import Segmentation
@@ -27,8 +27,8 @@ Cut = Callable[[Volume, NDArray[np.integer], list[Boxed], int, float], Iterable[
 """Upsamples grains, as `label_refinement.fine_grains`."""
 MIN_BACKGROUND_SHARE = 0.02
 """Share of all attenuation from which the background is kept."""
-MAX_REACH_WITH_BACKGROUND = 1.5
-"""Largest ``reach`` where there is a background, voxels."""
+MAX_REACH_WITH_REST = 1.5
+"""Largest ``reach`` where there is attenuation that belongs to no grain and no body, voxels."""
 BACKGROUND_SIGMA = 2.0
 """Width of the Gaussian filter under which a background is distinguished from noise, voxels."""
 MAX_LABELS_NAMED = 10
@@ -64,16 +64,7 @@ def extract_grains(
     InputError
         If the labels are not the volume's, or there is no grain.
     """
-    settings = settings or SegmentSettings()
-    return grains_from_labels(
-        volume,
-        segmentation.labels,
-        reach=settings.reach,
-        border=segmentation.border,
-        background=settings.background,
-        finer=settings.finer,
-        cut=cut,
-    )
+    return _grains_and_scene(volume, segmentation.labels, segmentation.border, settings or SegmentSettings(), cut)
 
 
 @checked_arguments
@@ -103,9 +94,10 @@ def grains_from_labels(
     border : collection of int
         Labels of grains that touch the border of the field of view.
     background : {"auto", "ignore", "fixed", "moving"}
-        Attenuation further away (container, pistons, fines): ignored, fixed in all states, or moving as one body;
-        "auto" is moving if it holds more than `MIN_BACKGROUND_SHARE` of all attenuation, else ignored.  A background
-        begins `MAX_REACH_WITH_BACKGROUND` voxels from the labels, so that no grain carries a piece of wall.
+        Attenuation further away: ignored, fixed in all states, or moving.  Connected pieces, such as pistons and
+        walls, are bodies of their own (see `bodies.find_bodies`), what is left is one more.  "auto" is moving if it
+        holds more than `MIN_BACKGROUND_SHARE` of all attenuation, else ignored.  What is left begins
+        `MAX_REACH_WITH_REST` voxels from the labels, so that no grain carries a piece of it.
     finer : int
         Factor by which each grain is upsampled as well, with refined boundaries (see `label_refinement`); 1 is none.
         A slice one voxel thick is not upsampled.
@@ -115,7 +107,7 @@ def grains_from_labels(
     Returns
     -------
     GrainSet
-        The grains, one for each label that holds attenuation, and the background if it is kept.  Labels of fewer
+        The grains, one for each label that holds attenuation, and the bodies beside them.  Labels of fewer
         than `labels.MIN_LABEL_VOXELS` voxels are dropped, with a warning.
 
     Raises
@@ -123,46 +115,85 @@ def grains_from_labels(
     InputError
         If shapes differ, labels are not integers from 0 on, or there is no grain.
     """
+    settings = SegmentSettings(reach=reach, background=background, finer=finer)
+    return _grains_and_scene(volume, labels, border, settings, cut)
+
+
+def _grains_and_scene(
+    volume: Volume, labels: NDArray[np.integer], border: Collection[int], settings: SegmentSettings, cut: Cut
+) -> GrainSet:
+    """The grains of labels, and what no label holds."""
     labels, small = without_small_labels(checked_labels(labels, volume.shape))
     if small:
         some = ", ".join(str(label) for label in small[:MAX_LABELS_NAMED])
-        warnings.warn(f"{len(small)} labels of too few voxels are no grains: {some}", stacklevel=2)
-    grown = expand_labels(labels, distance=reach) if reach > 0 else labels
-    if background == "auto":
-        kept = min(volume.shape) > 1 and _background_share(volume, labels, grown) > MIN_BACKGROUND_SHARE
-        background = "moving" if kept else "ignore"
-    if background != "ignore" and reach > MAX_REACH_WITH_BACKGROUND:
-        reach = MAX_REACH_WITH_BACKGROUND
-        grown = expand_labels(labels, distance=reach)
+        warnings.warn(f"{len(small)} labels of too few voxels are no grains: {some}", stacklevel=3)
+    owned = _owners(volume, labels, settings)
+    grown, first = owned.grown, owned.pieces[0].label if owned.pieces else int(owned.labels.max(initial=0)) + 1
     grains, boxes = [], []
-    for label, box in enumerate(ndimage.find_objects(grown), start=1):
+    for label, box in enumerate(ndimage.find_objects(grown)[: first - 1], start=1):
         if box is None:
             continue
         grain = _extracted(volume, grown, label, box, label in border)
         if grain is not None:
             grains.append(grain)
             boxes.append((label, box))
-    if finer > 1 and min(volume.shape) > 1:
-        for k, fine in enumerate(cut(volume, labels, boxes, finer, reach)):
+    if settings.finer > 1 and min(volume.shape) > 1:
+        for k, fine in enumerate(cut(volume, owned.labels, boxes, settings.finer, owned.reach)):
             grains[k] = grains[k] if fine is None else replace(grains[k], fine=padded(fine))
     if not grains:
         raise InputError("labels", "no grains found", "check the threshold, or the labels given")
     store_contiguously(grains)
-    scene = Scene(field=volume.field)
-    if background != "ignore":
-        rest = volume.cropped(grown == 0)
-        body = Body("rest", "rest", rest, RIGID_MOTION if background == "moving" else NO_MOTION)
-        scene = Scene((body,), field=volume.field)
-    return GrainSet(tuple(grains), scene)
+    bodies = _bodies(volume, owned, settings)
+    return GrainSet(tuple(grains), Scene(tuple(bodies), field=volume.field))
 
 
-def packed_body(background: Volume) -> GrainArrays:
-    """A background as one body, which rotates about its centre of mass, cropped to its voxels."""
-    return GrainArrays.of(grains_from_labels(background, np.ones(background.shape, np.int8), reach=0))
+@dataclass(frozen=True, eq=False)
+class _Owners:
+    """To what each voxel belongs: ``labels`` of grains and bodies, ``grown`` by ``reach`` voxels, and the rest."""
+
+    labels: NDArray[np.integer]
+    grown: NDArray[np.integer]
+    reach: float
+    pieces: tuple[Piece, ...] = ()
+    rest: bool = False
 
 
-def _background_share(volume: Volume, labels: NDArray[np.integer], grown: NDArray[np.integer]) -> float:
-    """Share of all attenuation that belongs to no grain and is no noise."""
+def _owners(volume: Volume, labels: NDArray[np.integer], settings: SegmentSettings) -> _Owners:
+    """Grains, bodies and the rest."""
+    reach, background, pieces = settings.reach, settings.background, tuple[Piece, ...]()
+    grown = _expanded(labels, reach)
+    deep, told = min(volume.shape) > 1, any(body.label is not None for body in settings.bodies)
+    if background == "ignore" and not told:
+        return _Owners(labels, grown, reach)
+    share = _unowned_share(volume, labels, grown) if background == "auto" and deep else 0.0
+    if deep and (background != "auto" or share > MIN_BACKGROUND_SHARE or told):
+        labels, pieces = find_bodies(volume, labels, grown == 0, settings.bodies)
+        grown = _expanded(labels, reach)
+        share = _unowned_share(volume, labels, grown) if background == "auto" and pieces else share
+    rest = share > MIN_BACKGROUND_SHARE if background == "auto" else background != "ignore"
+    if rest and reach > MAX_REACH_WITH_REST:
+        reach = MAX_REACH_WITH_REST
+        grown = _expanded(labels, reach)
+    return _Owners(labels, grown, reach, pieces, rest)
+
+
+def _expanded(labels: NDArray[np.integer], reach: float) -> NDArray[np.integer]:
+    return expand_labels(labels, distance=reach) if reach > 0 else labels
+
+
+def _bodies(volume: Volume, owned: _Owners, settings: SegmentSettings) -> Iterator[Body]:
+    """The bodies with their attenuation, names and freedoms."""
+    free = NO_MOTION if settings.background == "fixed" else RIGID_MOTION
+    for piece in owned.pieces:
+        told = next((b for b in settings.bodies if b.name == piece.name or b.place == piece.place), None)
+        name, freedom = (piece.name, free) if told is None else (told.name, Freedom.of(told.freedom))
+        yield Body(name, piece.kind, volume.cropped(owned.grown == piece.label), freedom)
+    if owned.rest:
+        yield Body("rest", "rest", volume.cropped(owned.grown == 0), free)
+
+
+def _unowned_share(volume: Volume, labels: NDArray[np.integer], grown: NDArray[np.integer]) -> float:
+    """Share of all attenuation that belongs to no label and is no noise."""
     whole = float(volume.array.sum(dtype=float))
     grain = float(volume.array[labels > 0].mean()) if labels.any() else 0.0
     rest = ndimage.gaussian_filter(np.where(grown == 0, volume.array, 0), BACKGROUND_SIGMA)

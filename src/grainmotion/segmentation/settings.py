@@ -8,8 +8,33 @@ from pydantic import Field, model_validator
 
 from grainmotion._validation import validated
 from grainmotion.errors import InputError
+from grainmotion.model.scene import Freedom
 
 Background = Literal["auto", "ignore", "fixed", "moving"]
+Place = Literal["above", "below", "around", "beside"]
+
+
+@validated
+class BodySettings:
+    """A body beside the grains, such as a piston: which it is, its name and how it may move."""
+
+    name: Annotated[str, Field(min_length=1, description="its name in results")]
+    label: Annotated[int | None, Field(gt=0, description="its label in given labels, which then is no grain")] = None
+    place: Annotated[Place | None, Field(description="or where it lies: above, below, around or beside all grains")] = (
+        None
+    )
+    freedom: Annotated[
+        str,
+        Field(
+            description='how it may move: "fixed", "free", some of "x y z wx wy wz" (along and about axes), or '
+            '"along a b c"'
+        ),
+    ] = "free"
+
+    def __post_init__(self) -> None:
+        Freedom.of(self.freedom)
+        if (self.label is None) == (self.place is None):
+            raise InputError(f"segment.bodies {self.name!r}", "needs a label or a place", "give one of the two")
 
 
 PhaseKind = Literal["air", "liquid", "grains", "body"]
@@ -67,14 +92,18 @@ class SegmentSettings:
     background: Annotated[
         Background,
         Field(
-            description='attenuation further away: "ignore" it, keep it "fixed" in all states, or "moving" as one body '
-            "(fixed in a state whose radiographs do not show that it moved); "
-            '"auto" is moving if it holds more than 2 % of all attenuation, else ignored'
+            description='attenuation further away (pistons, a wall, fines): "ignore" it, keep it "fixed" in all '
+            'states, or "moving", each connected piece as a body of its own (fixed in a state whose radiographs do not '
+            'show that it moved); "auto" is moving if it holds more than 2 % of all attenuation, else ignored'
         ),
     ] = "auto"
     phases: Annotated[
         tuple[PhaseSettings, ...],
         Field(description="all phases, as tables `[[segment.phases]]`; found by themselves unless given"),
+    ] = ()
+    bodies: Annotated[
+        tuple[BodySettings, ...],
+        Field(description="what is told of bodies beside the grains, as tables `[[segment.bodies]]`"),
     ] = ()
     finer: Annotated[
         int, Field(ge=1, le=4, description="upsampling, by splines, of the voxels of the last stages of tracking")

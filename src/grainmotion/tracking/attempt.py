@@ -18,7 +18,7 @@ from grainmotion.model.starting_pose import starting_pose
 from grainmotion.objective.residual import StateProblem
 from grainmotion.solvers.gauss_newton import Solution, gauss_newton
 from grainmotion.tracking.ambiguity import MAX_MOVES, find_ambiguities, with_reasons
-from grainmotion.tracking.background_motion import FIXED_BACKGROUND_NOTE, fixed_unless_moved
+from grainmotion.tracking.body_motions import fixed_note, fixed_unless_moved, with_body_edges_discounted
 from grainmotion.tracking.classification import classify
 from grainmotion.tracking.global_search import SearchResult, search
 from grainmotion.tracking.initial_guess import initialise, smooth_fields
@@ -106,6 +106,7 @@ def finish(job: Job, near: Approach) -> Attempt:
     if settings.search:
         result = search(fit, field_pose, near.problem, near.solution, near.misregistered)
     problem, solution, fixed = fixed_unless_moved(fit, result.problem, result.solution)
+    problem, solution = with_body_edges_discounted(fit, problem, solution)
     if settings.strain:
         problem, solution = solve_strained(fit, problem, solution)
     fit.report("classifying the grains", fit.expected_stages)
@@ -123,8 +124,8 @@ def finish(job: Job, near: Approach) -> Attempt:
     motions = with_reasons(motions, ambiguous)
     supports = grain_supports(refined.problem, refined.solution.state)
     if fixed:
-        notes = (*motions.fit.notes, FIXED_BACKGROUND_NOTE)
-        motions = replace(motions, fit=replace(motions.fit, background=np.zeros(6), notes=notes))
+        notes = (*motions.fit.notes, fixed_note(grains.scene.bodies, fixed))
+        motions = replace(motions, fit=replace(motions.fit, notes=notes))
     residual = None
     if np.isfinite(motions.translations).all():
         residual = refined.evaluation.raw_residual

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion._typing import Float
-from grainmotion.model.detector_response import Response
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import POORLY_DETERMINED_REASON, Motions, StateFit, Status
 from grainmotion.model.pose import Pose
 from grainmotion.objective.residual import StateProblem
 from grainmotion.rotations import rotation_vector
 from grainmotion.solvers.gauss_newton import Solution
+from grainmotion.tracking.body_motions import body_motions
 from grainmotion.tracking.deformed_grains import find_deformations
 from grainmotion.tracking.missing_grains import GrainSupport, grain_supports
 from grainmotion.tracking.multistage import pixels_per_unknown
@@ -89,7 +89,7 @@ def classify(
     return Motions(
         grains.labels, grains.centers, translations, rotations, covariances, statuses, fits.rms_residuals,
         np.full(n, len(costs), dtype=np.int64), tuple(verdict.reason for verdict in verdicts),
-        _state_fit(refined, evaluation.response, costs, notes),
+        _state_fit(grains, refined, costs, notes),
         usable[:, 0], usable[:, 1], strains, strain_covariances,
     )  # fmt: skip
 
@@ -118,17 +118,15 @@ def _sparse_note(problem: StateProblem) -> tuple[str, ...]:
 
 
 def _state_fit(
-    refined: RefinedFit, response: Response, costs: tuple[tuple[str, float], ...], notes: tuple[str, ...]
+    grains: GrainSet, refined: RefinedFit, costs: tuple[tuple[str, float], ...], notes: tuple[str, ...]
 ) -> StateFit:
     """The fit of the state as a whole."""
     nuisance, motion = refined.problem.target.nuisance, refined.solution.state.nuisance
-    corrections = background = None
-    if motion is not None and nuisance.views:
-        corrections = motion.views
-    if motion is not None and nuisance.background:
-        background = np.concatenate([motion.translation, rotation_vector(motion.matrix)])
+    response = refined.evaluation.response
+    corrections = motion.views if motion is not None and nuisance.views else None
+    bodies = body_motions(grains.scene.bodies, nuisance, motion, refined.body_covariances)
     return StateFit(
-        response.gain, response.offset, costs, response, corrections, refined.corrections_sd, background,
+        response.gain, response.offset, costs, response, corrections, refined.corrections_sd, bodies,
         refined.downweighted, (*refined.notes, *notes),
     )  # fmt: skip
 

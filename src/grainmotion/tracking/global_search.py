@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from grainmotion.model.pose import Pose
 from grainmotion.objective.global_parameters import dot
-from grainmotion.objective.nuisance_motions import background_images
+from grainmotion.objective.nuisance_motions import body_images
 from grainmotion.objective.residual import StateProblem
 from grainmotion.projection.grain_arrays import GrainArrays, planar
 from grainmotion.rotations import rotation_vector
@@ -190,7 +190,8 @@ def _annealed(
         np.where(rows[:, None, None], around.matrices, best.pose.matrices),
     )
     target = replace(fit.target, scan=scan)
-    if target.background is not None and start.nuisance is not None:  # where the background moved to
-        images, _ = background_images(target.background, start.nuisance, scan.geometry, target.projector, False)
-        target = replace(target, fixed_background=images)
+    if target.nuisance.moving_bodies:  # where the bodies moved to
+        views = scan.geometry, target.projector
+        images = body_images(target.bodies, target.nuisance, start.nuisance, views, target.fixed_background)
+        target = replace(target, fixed_background=images.path)
     return anneal(fit.grains, target, start, np.nonzero(rows)[0], ranges, seed)

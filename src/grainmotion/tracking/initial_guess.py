@@ -80,7 +80,7 @@ def centroid_shift(problem: StateProblem, pose: Pose) -> Pose:
     if not np.isfinite(pixels).all():  # the start lies behind a source
         return pose
     derivatives = (pixels[:, 1:] - pixels[:, :1]).transpose(0, 2, 1).reshape(-1, 3) / step
-    simulated = evaluation.line_integrals - target.fixed_background
+    simulated = evaluation.line_integrals - evaluation.background
     measured = simulated + evaluation.raw_residual
     gaps = _centroids(target.filtered(measured)) - _centroids(target.filtered(simulated))
     shift = np.linalg.lstsq(derivatives, gaps.ravel(), rcond=1e-3)[0]

@@ -57,7 +57,11 @@ def coarsened(target: Target, factor: int, margin: tuple[int, int] | NDArray[np.
     images = binned(target.scan.line_integrals.astype(target.precision) * target.valid) / weight
     fixed = binned(target.fixed_background * target.valid) / weight
     scan = Scan(images, window.binned(factor), share > 0.5)
-    body = None if target.background is None else target.background.coarsened(factor)
     return replace(
-        target, scan=scan, fixed_background=fixed, sigma=target.sigma / factor, weights=None, background=body
+        target,
+        scan=scan,
+        fixed_background=fixed,
+        sigma=target.sigma / factor,
+        weights=None,
+        bodies=tuple(body.coarsened(factor) for body in target.bodies),
     )

@@ -17,14 +17,12 @@ from grainmotion.model.pose import Pose
 from grainmotion.model.scan import Scan
 from grainmotion.objective.data_term import Target
 from grainmotion.objective.global_parameters import dot
-from grainmotion.objective.nuisance_motions import NuisanceModel
 from grainmotion.objective.residual import StateProblem
 from grainmotion.objective.response_parameters import ResponseModel
 from grainmotion.projection.grain_arrays import GrainArrays, planar
-from grainmotion.projection.volumes import project
-from grainmotion.segmentation.extraction import packed_body
 from grainmotion.solvers.gauss_newton import Solution, Stopping, gauss_newton
 from grainmotion.tracking.multiresolution import FREE_GRAIN_PIXELS, coarsened, coarsening
+from grainmotion.tracking.scene_target import target_of
 from grainmotion.tracking.settings import TrackSettings
 from grainmotion.tracking.unseen import unseen_pixels
 
@@ -42,8 +40,6 @@ goes with the square of the tolerance."""
 STRAGGLER_VOXELS, MAX_STRAGGLER_SHARE = 0.1, 1e-3
 """No decrease ends the last stage while more than this share of the grains moves further than these voxels; those
 that still do are reported as moving."""
-BACKGROUND_SHIFT_SD, BACKGROUND_ROTATION_SD = 20.0, 0.1
-"""Voxels, radians: standard deviations of the prior on a moving background."""
 
 
 @dataclass
@@ -80,16 +76,7 @@ class MultistageFit:
         """Prepare the grains and the radiographs of a state for the kernels."""
         backend, smooth = backend_of(device or settings.device), settings.projector == "trilinear"
         coarse, fine = (GrainArrays.of(grains, fine=f and smooth).on(backend) for f in (False, True))
-        background, body, nuisance = np.zeros(scan.line_integrals.shape, grains.precision), None, NuisanceModel()
-        if grains.background is not None:
-            background = project(grains.background, scan.geometry, projector=settings.projector)
-            body = packed_body(grains.background).on(backend)
-            shift_sd, rotation_sd = BACKGROUND_SHIFT_SD * grains.voxel_size, BACKGROUND_ROTATION_SD
-            nuisance = NuisanceModel(grains.background_moves, False, shift_sd, rotation_sd)
-        target = Target(
-            scan, background, settings.projector, 0.0, derivatives=settings.derivatives, background=body,
-            nuisance=nuisance, backend=backend,
-        )  # fmt: skip
+        target = target_of(grains, scan, settings, backend)
         return cls(
             settings, coarse, fine, target, progress, seen=grains.scene.field, given_valid=scan.valid, cut=grains.cut
         )

@@ -26,6 +26,7 @@ from grainmotion.backends.cpu import CPU
 from grainmotion.model.pose import Pose
 from grainmotion.objective import displacement_bases
 from grainmotion.objective.data_term import Target
+from grainmotion.objective.nuisance_motions import body_images
 from grainmotion.objective.priors import MotionPrior
 from grainmotion.objective.residual import StateProblem
 from grainmotion.projection.footprints import footprint_patches
@@ -120,16 +121,22 @@ def count_again(fit: MultistageFit, pose: Pose, width: float) -> Census:
 def count(grains: GrainArrays, target: Target, pose: Pose) -> Census:
     """Amplitudes of all grains at one pose."""
     shadows = _shadows(grains, target, pose)
-    views, pixels = len(target.measured), target.measured[0].size
+    count_of_views, pixels = len(target.measured), target.measured[0].size
     ones = target.filtered(np.ones_like(target.valid)).astype(float).ravel()
-    owner = np.repeat(np.arange(views), pixels)
+    owner = np.repeat(np.arange(count_of_views), pixels)
     columns = sparse.hstack(
-        [shadows, sparse.csc_array((ones, (np.arange(ones.size), owner)), shape=(ones.size, views))], format="csc"
+        [shadows, sparse.csc_array((ones, (np.arange(ones.size), owner)), shape=(ones.size, count_of_views))],
+        format="csc",
     )
-    measured = (target.measured - target.filtered(target.fixed_background)).astype(float).ravel()
+    views = target.scan.geometry, target.projector
+    bodies = body_images(target.bodies, target.nuisance, pose.nuisance, views, target.fixed_background).path
+    measured = (target.measured - target.filtered(bodies)).astype(float).ravel()
     n = len(grains)
-    low, high = np.append(np.zeros(n), np.full(views, -np.inf)), np.append(np.full(n, MAX_AMPLITUDE), [np.inf] * views)
-    start = np.append(np.ones(n), np.zeros(views))
+    low, high = (
+        np.append(np.zeros(n), np.full(count_of_views, -np.inf)),
+        np.append(np.full(n, MAX_AMPLITUDE), [np.inf] * count_of_views),
+    )
+    start = np.append(np.ones(n), np.zeros(count_of_views))
     found = bounded_least_squares((columns.T @ columns).tocsr(), columns.T @ measured, start, low, high)
     norm = float(np.linalg.norm(measured)) or 1.0
     return Census(pose, found[:n], float(np.linalg.norm(measured - columns @ found)) / norm)

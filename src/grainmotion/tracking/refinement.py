@@ -6,7 +6,7 @@ they are consistent with the residuals; directions in which the views hardly det
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -19,6 +19,7 @@ from grainmotion.objective.normal_matrix import PatchNormalMatrix, normal_of
 from grainmotion.objective.residual import StateProblem
 from grainmotion.projection.grain_arrays import OUT_OF_PLANE, planar
 from grainmotion.solvers.gauss_newton import Solution, gauss_newton
+from grainmotion.tracking.body_motions import body_covariances
 from grainmotion.tracking.multistage import MultistageFit
 from grainmotion.tracking.strain_stages import refine_strains, strained_covariances
 from grainmotion.tracking.view_alignment import (
@@ -45,8 +46,8 @@ class RefinedFit:
 
     ``covariances (n, 6, 6)`` of (u, δ), mm and radians, are from the radiographs alone, ``posterior`` are the same with
     the prior on weak directions; ``strain_covariances (n, 6, 6)`` are those of the strains, None for rigid grains;
-    ``corrections_sd`` are of the views' poses; ``downweighted`` is the share of pixels
-    that a robust loss counted less.
+    ``corrections_sd`` are of the views' poses, ``body_covariances (k, 6, 6)`` of the bodies' motions; ``downweighted``
+    is the share of pixels that a robust loss counted less.
     """
 
     problem: StateProblem
@@ -57,6 +58,7 @@ class RefinedFit:
     corrections_sd: ViewCorrections | None = None
     downweighted: float = 0.0
     notes: tuple[str, ...] = ()
+    body_covariances: Float = field(default_factory=lambda: np.zeros((0, 6, 6)))
 
     @cached_property
     def evaluation(self) -> Evaluation:
@@ -71,6 +73,7 @@ def refine(fit: MultistageFit, field_pose: Pose, problem: StateProblem, solution
     if fit.settings.strain:
         problem, solution = refine_strains(fit, problem, solution)
     grain_covariances, strain_covariances, nuisance_covariance, hessian = _covariances(fit, problem, solution.state)
+    of_bodies = body_covariances(problem, solution.state, nuisance_covariance)
     if misalignment.significant:
         grain_covariances += common_motion(problem, solution.state, misalignment)
     weak, posterior = weak_directions(grain_covariances, problem.grains), grain_covariances
@@ -87,8 +90,9 @@ def refine(fit: MultistageFit, field_pose: Pose, problem: StateProblem, solution
         sd = np.sqrt(np.diagonal(nuisance_covariance))[: 3 * views]
         corrections_sd = ViewCorrections.of(sd.reshape(3, views).T)
     return RefinedFit(
-        problem, solution, grain_covariances, posterior, strain_covariances, corrections_sd, downweighted, tuple(notes)
-    )
+        problem, solution, grain_covariances, posterior, strain_covariances, corrections_sd, downweighted, tuple(notes),
+        of_bodies,
+    )  # fmt: skip
 
 
 def _align_views(
@@ -115,6 +119,7 @@ def _reweight(
 ) -> tuple[StateProblem, Solution[Pose], float]:
     """Solve with the weights of the settings, and the share of pixels that a robust loss counts less."""
     settings, plain, downweighted = fit.settings, problem.target, 0.0
+    discount = plain.weights  # of edges of bodies
     if settings.weights == "uniform" and settings.loss == "squares":
         return problem, solution, downweighted
     for k in range(REWEIGHTING_ROUNDS):
@@ -122,6 +127,8 @@ def _reweight(
         with_radiographs = replace(problem, target=replace(plain, weights=problem.target.weights))
         evaluation = with_radiographs.evaluate(solution.state)
         target, downweighted = reweighted(plain, evaluation, settings.weights, settings.loss)
+        if discount is not None and target.weights is not None:
+            target = replace(target, weights=target.weights * discount)
         problem = replace(problem, target=target)
         observe = fit.observer(problem.target, f"weights {k + 1}")
         solution = gauss_newton(problem, solution.state, fit.fine_stopping(), observe)

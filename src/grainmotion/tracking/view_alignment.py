@@ -135,14 +135,13 @@ def with_view_poses(problem: StateProblem, pose: Pose) -> StateProblem:
     nuisance, combinations = replace(problem.target.nuisance, views=True), imitated_corrections(problem, pose)
     norms = np.linalg.norm(combinations, axis=0)
     gauge = np.linalg.qr(combinations[:, norms > 0] / norms[norms > 0])[0]  # motions that no view sees need no gauge
-    if nuisance.background:
-        gauge = np.vstack([gauge, np.zeros((6, gauge.shape[1]))])
+    gauge = np.vstack([gauge, np.zeros((nuisance.body_unknowns, gauge.shape[1]))])
     return replace(problem, target=replace(problem.target, nuisance=replace(nuisance, gauge=gauge)))
 
 
 def imitated_corrections(problem: StateProblem, pose: Pose) -> Float:
     """Corrections ``(3 views, 4)``, in the prior's deviations, with the effect of a unit of the sample's motions."""
-    nuisance = replace(problem.target.nuisance, views=True, background=False, gauge=None)
+    nuisance = replace(problem.target.nuisance, views=True, freedoms=(), gauge=None)
     trial = replace(problem, target=replace(problem.target, nuisance=nuisance))
     evaluation = trial.evaluate_with_derivatives(pose)
     columns, deviations = evaluation.nuisance_columns, nuisance.deviations(len(problem.target.scan))
