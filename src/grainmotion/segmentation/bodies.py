@@ -19,7 +19,7 @@ from grainmotion.model.scene import Kind
 from grainmotion.model.volume import Volume
 from grainmotion.segmentation.settings import BodySettings, Place
 
-MIN_BODY_SHARE = 0.01
+MIN_PIECE_SHARE = 0.01
 """Share of all attenuation from which a connected piece is a body of its own."""
 MIN_BODY_LEVEL, BODY_NOISE = 0.1, 1.2
 """Filtered attenuation from which a voxel may be of a body: over the mean of the grains, and over the noise of a voxel,
@@ -119,7 +119,7 @@ def _cores(array: NDArray[np.floating], beyond: Mask, level: float) -> list[Mask
         return []
     noise = 1.4826 / np.sqrt(2) * float(np.median(np.abs(np.diff(array, axis=2)[both])))
     dense = beyond & (smooth > max(MIN_BODY_LEVEL * level, BODY_NOISE * noise))
-    least = MIN_BODY_SHARE * float(array.sum(dtype=float))
+    least = MIN_PIECE_SHARE * float(array.sum(dtype=float))
     out = []
     for piece in _pieces(dense, array, least):
         out += _materials(piece, smooth, array, least)
