@@ -13,7 +13,9 @@ from scipy import ndimage
 
 from grainmotion import simulate
 from grainmotion.errors import InputError
+from grainmotion.model.geometry import Geometry
 from grainmotion.model.volume import Volume
+from grainmotion.reconstruction.reconstruct import reconstruct
 from grainmotion.segmentation.phases import find_phases
 from grainmotion.segmentation.segment import segment
 from grainmotion.segmentation.settings import PhaseSettings, SegmentSettings
@@ -24,14 +26,23 @@ SHAPE = (68, 56, 56)
 
 
 @cache
-def packing(seed: int, stones: int = STONES, spread: float = 0.1):
-    """Labels of stones and the share of each voxel that they fill."""
+def sample(seed: int, stones: int = STONES, spread: float = 0.1):
+    """Stones packed in a cylinder, one voxel of length 1."""
     rng = np.random.default_rng(seed)
     sizes = ACROSS * (1 + spread * rng.uniform(-1, 1, stones))
     shapes = [simulate.stone(int(i), float(d), level=2) for i, d in zip(rng.permutation(95), sizes, strict=False)]
-    sample = simulate.pack([simulate.Particle(s, 1.0) for s in shapes], simulate.PackingSettings(RADIUS - 1.0), seed)
-    grid = Volume.zeros(SHAPE, 1.0, (0.0, 0.0, float(sample.centers[:, 2].mean())))
-    return simulate.label_volume(sample, grid), simulate.attenuation_volume(sample, grid, samples=3).array
+    return simulate.pack([simulate.Particle(s, 1.0) for s in shapes], simulate.PackingSettings(RADIUS - 1.0), seed)
+
+
+def grid(stones):
+    return Volume.zeros(SHAPE, 1.0, (0.0, 0.0, float(stones.centers[:, 2].mean())))
+
+
+@cache
+def packing(seed: int, **packed):
+    """Labels of stones and the share of each voxel that they fill."""
+    stones = sample(seed, **packed)
+    return simulate.label_volume(stones, grid(stones)), simulate.attenuation_volume(stones, grid(stones), 3).array
 
 
 def radii():
@@ -140,3 +151,25 @@ def test_phases_around_given_labels():
     assert [phase.kind for phase in phases.phases] == ["air", "liquid", "grains"]
     assert phases.where("liquid")[SHAPE[0] // 2][radii() < RADIUS - 2].mean() > 0.3
     assert find_phases(scanned(0)[1], truth) is None
+
+
+class TestReconstructed:
+    def test_two_materials_in_a_liquid_from_radiographs(self):
+        packed = sample(0)
+        excess = np.where(np.arange(STONES) % 2, 0.04, 0.02)  # over a liquid of 0.02/mm that fills a cylinder
+        stones = simulate.Sample(
+            tuple(
+                simulate.Particle(p.shape, float(mu)).moved(np.eye(3), -np.array(grid(packed).center))
+                for p, mu in zip(packed.particles, excess, strict=True)
+            ),
+            simulate.Tube(0.0, RADIUS + 1.0, 0.02),
+        )
+        geometry = Geometry.cone(
+            tuple(np.arange(45) * 8.0), (76, 60), 2.0, source_to_axis=400.0, source_to_detector=800.0
+        )
+        scan = simulate.record_line_integrals(stones, geometry, simulate.Physics(photons=1e5), 0)
+        volume = reconstruct(scan, Volume.zeros((76, 60, 60), 1.0)).volume
+        segmentation = segment(volume)
+        assert_found(simulate.label_volume(simulate.Sample(stones.particles), volume), segmentation, least=0.85)
+        found = [(phase.kind, round(phase.attenuation, 3)) for phase in segmentation.phases if phase.share > 0.02]
+        assert found == [("air", 0.0), ("liquid", 0.02), ("grains", 0.04), ("grains", 0.06)]

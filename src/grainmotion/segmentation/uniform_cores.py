@@ -44,6 +44,8 @@ THIN_AND_DENSE = 1.4
 """Attenuation over that of the densest level from which voxels are a further level, uniform or not."""
 MAX_VALLEY = 0.5
 """Voxels in the valley between two peaks over those of the lower peak."""
+MIN_LEVEL_SHARE = 0.005
+"""Uniform voxels of a level over those of all levels above air; gaps between grains have up to 0.003."""
 MIN_CORE_VOXELS = 20
 """Voxels of the smallest core that makes a phase."""
 SAMPLE_STEP = 2
@@ -113,6 +115,8 @@ class UniformCores:
         level = np.searchsorted(bounds, rise).astype(np.int8)
         level[~uniform] = -1
         level[_between(level, rise, spread, NOISE_FACTOR * noise)] = -1
+        counts = np.bincount(level[level > 0], minlength=len(bounds) + 1)
+        level[(counts < MIN_LEVEL_SHARE * counts.sum())[level] & (level > 0)] = -1
         highest = level == len(bounds)
         if highest.any():  # what is too thin to be uniform: a wire, a wall of metal
             level[(rise > THIN_AND_DENSE * np.median(rise[highest])) & ~_rim(array.shape)] = len(bounds) + 1
