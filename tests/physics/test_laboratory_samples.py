@@ -16,7 +16,7 @@ from grainmotion.tracking.track import TrackSettings, track
 
 SEED = 3
 MIN_COVERAGE_OF_FEW = 0.85
-REACHED = ("plain", "sizes", "gone", "materials", "round")
+REACHED = ("plain", "tall", "wide", "sizes", "gone", "materials", "round")
 """Samples that the package does as it should."""
 MANY_GRAINS = ("tall", "wide", "sizes")
 
