@@ -8,6 +8,7 @@ import pytest
 import grainmotion as gm
 from convex_grains import ConvexGrains
 from grainmotion.diagnosis.hardening import check_hardening
+from grainmotion.simulate import attenuation_volume, hard_case, label_volume
 
 VIEWS = tuple(np.arange(24) * 15.0)
 ATTENUATION = 3.3  # times that of the phantom: 0.5 / mm
@@ -32,3 +33,10 @@ def test_scatter(scattered, level):
     (finding,) = hardening(scattered)
     assert (finding.level, finding.check) == (level, "hardening")
     assert "hardening = 2" in finding.remedy
+
+
+def test_two_materials_are_no_hardening():
+    case = hard_case("materials", 3)
+    sample, grid = case.case.sample, case.case.scanner.grid
+    scan = case.reference().select(slice(None, 30))
+    assert check_hardening(scan, attenuation_volume(sample, grid, 2), label_volume(sample, grid)) == ()
