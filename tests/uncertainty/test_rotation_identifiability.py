@@ -17,6 +17,7 @@ from grainmotion.rotations import rotation_matrix
 from grainmotion.uncertainty.rotation_identifiability import (
     UNIFORM_ANGLE_VARIANCE,
     _with_rotated_hulls,
+    shifts_by_rotations,
     unconfirmed_rotations,
 )
 
@@ -105,3 +106,15 @@ class TestRotatedHulls:
             assert (wide[:, [2, 4]] <= narrow[:, [2, 4]]).all()
             assert (wide[:, [3, 5]] >= narrow[:, [3, 5]]).all()
         assert packed.voxel_size == VOXEL
+
+
+def test_a_ball_whose_centre_of_mass_is_off_its_middle_is_shifted_by_unknown_rotations():
+    """(R − 1) e has a variance of |e|²/3 across e."""
+    e = np.array([0.1, -0.2, 0.05])
+    lever = -np.cross(np.eye(3), e)  # δ × e = −[e]ₓ δ
+    information = np.diag([4.0, 3.0, 5.0])
+    block = np.block([[information, information @ -lever.T], [-lever @ information, 7 * np.eye(3)]])
+    free = UNIFORM_ANGLE_VARIANCE * np.stack([np.eye(3), 2 * np.eye(3), np.zeros((3, 3))])
+    found = shifts_by_rotations(free, np.tile(block, (3, 1, 1)))
+    expected = (e @ e * np.eye(3) - np.outer(e, e)) / 3
+    np.testing.assert_allclose(found, [expected, expected, np.zeros((3, 3))], atol=1e-12)

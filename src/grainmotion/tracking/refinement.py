@@ -18,6 +18,7 @@ from grainmotion.objective.evaluation import Evaluation
 from grainmotion.objective.normal_matrix import PatchNormalMatrix, normal_of
 from grainmotion.objective.residual import StateProblem
 from grainmotion.projection.grain_arrays import OUT_OF_PLANE, planar
+from grainmotion.solvers.block_cg import diagonal_blocks
 from grainmotion.solvers.gauss_newton import Solution, gauss_newton
 from grainmotion.tracking.body_motions import body_covariances
 from grainmotion.tracking.multistage import MultistageFit
@@ -31,7 +32,7 @@ from grainmotion.tracking.view_alignment import (
 )
 from grainmotion.uncertainty.covariance import covariances
 from grainmotion.uncertainty.noise_model import reweighted
-from grainmotion.uncertainty.rotation_identifiability import unconfirmed_rotations
+from grainmotion.uncertainty.rotation_identifiability import shifts_by_rotations, unconfirmed_rotations
 from grainmotion.uncertainty.weak_directions import weak_directions
 
 MAX_PRIOR_COST_RATIO = 1.02
@@ -148,9 +149,11 @@ def _covariances(
     else:
         own, nuisance = covariances(problem, pose, evaluation, hessian)
     # Rotations that either set of voxels leaves unconfirmed are: finer voxels follow their own pattern more closely.
-    own[:, 3:, 3:] += unconfirmed_rotations(problem, pose, evaluation)
+    free = unconfirmed_rotations(problem, pose, evaluation)
     if coarse.voxel_size > problem.grains.voxel_size:
-        own[:, 3:, 3:] += unconfirmed_rotations(replace(problem, grains=coarse), pose, evaluation)
+        free = free + unconfirmed_rotations(replace(problem, grains=coarse), pose, evaluation)
+    own[:, 3:, 3:] += free
+    own[:, :3, :3] += shifts_by_rotations(free, diagonal_blocks(hessian))
     if planar(problem.grains, problem.target.scan.geometry):
         own[:, OUT_OF_PLANE, :] = own[:, :, OUT_OF_PLANE] = 0
     return own, strains, nuisance, hessian

@@ -58,6 +58,21 @@ def unconfirmed_rotations(problem: StateProblem, pose: Pose, evaluation: Evaluat
     return grains.backend.map_grains(_unconfirmed_in_batches, grains, pose, images, setup)
 
 
+def shifts_by_rotations(unconfirmed: Float, blocks: Float) -> Float:
+    """Covariances ``(n, 3, 3)``, mm², of translations by rotations that the radiographs do not confirm.
+
+    The centre of mass of a ball's voxels is off its middle by some vector e, which the radiographs do not show either:
+    where the ball is rotated by R and its voxels are not, they put the centre at (R − 1) e from its place.  The
+    information ``blocks (n, 6, 6)`` of the grains tell e, as a rotation δ about the centre moves the middle by δ × e.
+    A uniform R gives (R − 1) e a variance of |e|²/3 across e, and so a third of that of δ × e for δ of variance 1.
+    """
+    across = pseudo_inverse(blocks[:, :3, :3]) @ blocks[:, :3, 3:]
+    levers = (across - np.swapaxes(across, 1, 2)) / 2
+    largest = np.linalg.eigvalsh(unconfirmed)[:, -1]
+    shares = unconfirmed / np.maximum(largest, UNIFORM_ANGLE_VARIANCE)[:, None, None]
+    return np.asarray(levers @ shares @ np.swapaxes(levers, 1, 2)) / 3
+
+
 @dataclass(frozen=True, eq=False)
 class _ProjectionSetup:
     """How grains are projected; ``middle (3,)`` is the mean centre of all grains, so that batches do not matter."""
