@@ -31,6 +31,17 @@ def test_tables_of_stages_become_their_settings(tiny):
     assert tables.segment.threshold == 0.5
 
 
+def test_outline_of_the_volume_is_that_of_the_reconstruction(tiny):
+    assert read_experiment(tiny / "experiment.toml").tables.reconstruct.outline == "auto"
+    for value, expected in (("1.5", 1.5), ('"grid"', "grid"), ('"auto"', "auto")):
+        (tiny / "outline.toml").write_text(TOML.replace("[volume]", f"[volume]\noutline = {value}"))
+        tables = read_experiment(tiny / "outline.toml").tables
+        assert (tables.reconstruct.outline, tables.reconstruct.sweeps) == (expected, 3)
+    (tiny / "outline.toml").write_text(TOML.replace("[volume]", "[volume]\noutline = -1"))
+    with pytest.raises(InputError, match="outline"):
+        read_experiment(tiny / "outline.toml")
+
+
 def test_states_inherit_flats_darks_kind_and_beam(tiny):
     states = find_inputs(read_experiment(tiny / "experiment.toml")).states
     for state in states:

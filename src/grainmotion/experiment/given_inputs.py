@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,6 +17,8 @@ from grainmotion.io.stacks import Stack
 from grainmotion.model.finding import Finding
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
+from grainmotion.reconstruction.grid_growth import fitted_grid, growth_views
+from grainmotion.reconstruction.settings import ReconstructSettings
 
 
 def read_given_volume(stack: Stack, grid: Volume) -> Volume:
@@ -23,6 +27,17 @@ def read_given_volume(stack: Stack, grid: Volume) -> Volume:
         return Volume(stack.read().astype(np.float32), grid.voxel_size, grid.center)
     except InputError as error:
         raise InputError(f"{stack.spec} (reference.volume)", error.fact, error.remedy) from error
+
+
+def seen_given_volume(inputs: Inputs) -> Volume:
+    """The same, with what of it its radiographs saw if they are given as well."""
+    assert inputs.volume is not None
+    volume, source = read_given_volume(inputs.volume, inputs.grid), inputs.volume_scan
+    if source is None:
+        return volume
+    some = source.select(growth_views(len(source.geometry))).read()[0]
+    kept = ReconstructSettings(outline="grid")
+    return replace(volume, field=fitted_grid(some, source.geometry, inputs.grid, kept).field)
 
 
 def read_given_labels(stack: Stack) -> NDArray[np.int32]:

@@ -20,7 +20,7 @@ from grainmotion.cluster.connection import ClusterConnection
 from grainmotion.diagnosis.hardening import HARDENING_VIEWS
 from grainmotion.errors import InputError
 from grainmotion.experiment.config import Experiment, ExperimentFile, StateTable
-from grainmotion.experiment.given_inputs import read_given_labels, read_given_volume
+from grainmotion.experiment.given_inputs import read_given_labels, seen_given_volume
 from grainmotion.experiment.inputs import Inputs, check_contrast
 from grainmotion.experiment.inspection import scan_facts, scan_findings
 from grainmotion.experiment.scan_inputs import ScanInput
@@ -106,7 +106,7 @@ class RunContext:
     def given_volume(self) -> Volume:
         """The reference volume made by other software."""
         assert self.inputs.volume is not None
-        return read_given_volume(self.inputs.volume, self.inputs.grid)
+        return seen_given_volume(self.inputs)
 
     @cached_property
     def given_labels(self) -> NDArray[np.int32] | None:

@@ -58,7 +58,8 @@ class Fingerprints:
         grid_numbers = [grid.shape, grid.voxel_size, grid.center]
         if inputs.volume is not None:
             inner = [p.inner for p in inputs.volume.parts]
-            return self.cache.fingerprint(["volume", grid_numbers, inner], inputs.volume.files)
+            seen = [] if inputs.volume_scan is None else [inputs.volume_scan.settings]  # what its scan saw of it
+            return self.cache.fingerprint(["volume", grid_numbers, inner, *seen], inputs.volume.files)
         assert inputs.reference is not None
         tables = self.experiment.tables
         settings = ["reconstruct", grid_numbers, _plain(tables.reconstruct), inputs.reference.settings]
