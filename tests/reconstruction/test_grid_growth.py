@@ -86,6 +86,8 @@ def test_the_outline_can_be_told():
     assert told.settings.outline == 21 * VOXEL
     roomy = Volume.zeros((24, 42, 42), VOXEL)
     assert fitted(scan, roomy).grid is roomy
+    assert fitted(scan, roomy).field.radius == 21 * VOXEL
+    assert fitted(scan, roomy).field.beside
 
 
 def test_a_part_of_what_the_panel_sees_can_be_reconstructed():

@@ -89,7 +89,9 @@ def fitted_grid(some: Scan, geometry: Geometry, grid: Volume, settings: Reconstr
     if settings.outline not in ("auto", "grid"):
         radius = float(settings.outline)
         settings = replace(settings, outline=radius)
-    elif settings.outline == "auto" and beside and own < rays.reach + 2 * size:  # else the user made room for it
+    elif beside and own >= rays.reach + 2 * size:  # the user made room for it
+        radius = own
+    elif beside and settings.outline == "auto":
         radius = _outline(some, rays) * OUTLINE_MARGIN + size
     ends = _lit_ends(some)
     layers = sides = 0, 0
