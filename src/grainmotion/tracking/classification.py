@@ -16,6 +16,7 @@ from grainmotion.objective.residual import StateProblem
 from grainmotion.rotations import rotation_vector
 from grainmotion.solvers.gauss_newton import Solution
 from grainmotion.tracking.body_motions import body_motions
+from grainmotion.tracking.cut_grains import cut_by_panel, cut_reason
 from grainmotion.tracking.deformed_grains import find_deformations
 from grainmotion.tracking.missing_grains import GrainSupport, grain_supports
 from grainmotion.tracking.multistage import pixels_per_unknown
@@ -35,9 +36,6 @@ MIN_PIXELS_PER_UNKNOWN = 13.0
 """Pixels an unknown below which neighbours may make up for a grain in a wrong place (decision 0015)."""
 MIN_COVERAGE = 0.6
 """Share of a grain's projections on the detector below which it has left the field."""
-MIN_WHOLE_SHARE = 0.9
-"""Share of a grain's footprint on the panel, in a view that sees it, below which the panel cuts it in this state; a
-footprint extends two voxels beyond the grain, a tenth of one of 20 voxels."""
 MAX_LAST_STEP_VOXELS = 0.1
 """Displacement by the last step from which a grain still moves, if the solver did not settle."""
 
@@ -54,8 +52,8 @@ def classify(
     evaluation = refined.evaluation
     fits = misfits(problem, evaluation)
     misregistered = fits.misregistered
-    cut, seen = grains.cut, evaluation.patches.seen
-    cut_now = ~cut & ((seen > 1 - MIN_WHOLE_SHARE) & (seen < MIN_WHOLE_SHARE)).any(axis=1)
+    cut = grains.cut
+    cut_now = ~cut & cut_by_panel(problem, solution.state, evaluation)
     disturbed = (misregistered & ~cut & ~cut_now).any() & ~misregistered & (fits.shares > MAX_DISTURBED_MISFIT)
     coverage, moving = evaluation.patches.seen.mean(axis=1), _still_moving(problem, solution)
     supports = grain_supports(problem, solution.state) if misregistered.any() else [GrainSupport()] * n
@@ -64,7 +62,7 @@ def classify(
     for k in range(n):
         fit = _GrainFit(
             fits.rms_residuals[k], fits.rms_line_integrals[k], coverage[k], bool(misregistered[k]),
-            bool(disturbed[k]), bool(moving[k]), supports[k], _cut_reason(bool(cut[k]), bool(cut_now[k])),
+            bool(disturbed[k]), bool(moving[k]), supports[k], cut_reason(bool(cut[k]), bool(cut_now[k])),
         )  # fmt: skip
         rigid = _verdict(fit, refined.covariances[k], limits)
         verdict = _verdict(fit, refined.covariances[k] + bent.covariances[k], limits)
@@ -92,17 +90,6 @@ def classify(
         _state_fit(grains, refined, costs, notes),
         usable[:, 0], usable[:, 1], strains, strain_covariances,
     )  # fmt: skip
-
-
-def _cut_reason(in_reference: bool, in_state: bool) -> str:
-    """Why a grain is not whole; empty if it is."""
-    if in_reference:
-        return (
-            "the border of the reference's field of view cuts it: its shape beyond is not known; tracked as far as seen"
-        )
-    if in_state:
-        return "the panel cuts it in this state; tracked as far as seen"
-    return ""
 
 
 def _sparse_note(problem: StateProblem) -> tuple[str, ...]:
