@@ -25,8 +25,8 @@ def cut_by_panel(problem: StateProblem, pose: Pose, evaluation: Evaluation) -> N
     points = surfaces + (grains.centers + pose.translations)[rows, None]
     pixels = geometry.project_points(points).reshape(len(geometry), *points.shape[:2], 2)
     inside = (pixels > -0.5 - CUT_PIXELS) & (pixels < np.array(geometry.shape) - 0.5 + CUT_PIXELS)
-    on = inside[..., 1] if planar(grains, geometry) else inside.all(axis=-1)  # a slice has one row
-    found[rows] = (on.any(axis=2) & ~on.all(axis=2)).any(axis=0)
+    on = inside[..., 1] if planar(grains, geometry) else np.all(inside, axis=-1)  # a slice has one row
+    found[rows] = np.any(np.any(on, axis=2) & ~np.all(on, axis=2), axis=0)
     return found
 
 
