@@ -62,9 +62,9 @@ class TestGain:
     def test_response_to_degenerate_images(self):
         """Without a simulated image nothing is fitted; a uniform one is, though gain and offset are not unique."""
         ones = np.ones((1, 4, 4), np.float32)
-        identity, _ = fit_response(GAIN_AND_OFFSET, Columns([0 * ones, ones], [True, True]), 3 * ones, 1)
+        identity, _, _ = fit_response(GAIN_AND_OFFSET, Columns([0 * ones, ones], [True, True]), 3 * ones, 1)
         assert (identity.gain, identity.offset) == (1.0, 0.0)
-        uniform, fitted = fit_response(GAIN_AND_OFFSET, Columns([2 * ones, ones], [True, True]), ones, 1)
+        uniform, fitted, _ = fit_response(GAIN_AND_OFFSET, Columns([2 * ones, ones], [True, True]), ones, 1)
         np.testing.assert_allclose(fitted, ones, rtol=1e-6)
         assert np.isfinite([uniform.gain, uniform.offset]).all()
 

@@ -84,7 +84,8 @@ def grain_scale(grains: GrainSet, motions: Motions, scan: Scan) -> tuple[float, 
     (float, float, float)
         Size 1 where it is unknown; relative residuals after one gain for all views.
     """
-    if np.count_nonzero(np.isfinite(motions.translations).all(axis=1)) < MIN_GRAINS_FOR_SCALE:
+    few = np.count_nonzero(np.isfinite(motions.translations).all(axis=1)) < MIN_GRAINS_FOR_SCALE
+    if few or grains.scene.fluid is not None:  # a liquid that changes looks as grains of another size do
         return 1.0, 0.0, 0.0
     good = slice(None) if scan.valid is None else scan.valid
     measured = scan.line_integrals[good].astype(float).ravel()

@@ -6,7 +6,9 @@ grain; attributes ``threshold``, 1/mm, ``border``, and of the phases that were f
 ``phase_attenuations``, 1/mm, and ``phase_shares`` of the volume) and the group ``grains`` with one array a column.
 If there are bodies beside the grains, the dataset ``bodies`` tells to which of them each voxel belongs (0 = none,
 k = the k-th; attributes ``names``, ``kinds`` and ``freedoms``); files of older versions lack it.  The group ``field``
-says what the reference scan saw (`io.field_hdf5`).
+says what the reference scan saw (`io.field_hdf5`).  If a liquid surrounds the grains, the dataset ``fluid`` holds the
+share of each voxel that it can fill (attributes ``attenuation``, 1/mm, and ``level``, mm, NaN if it reaches the top of
+the field).
 
 ``motions.h5`` holds every field of `Motions` under its own name, in mm and **radians** as in Python (``motions.csv``
 is in degrees), and the group ``fit`` with gain, offset, the convergence curve and the other fields of `StateFit`.
@@ -15,7 +17,7 @@ Each dataset with a unit names it in its attribute ``unit``.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 
 import h5py
@@ -26,6 +28,7 @@ from grainmotion.io.field_hdf5 import read_field, write_field
 from grainmotion.io.files import atomic_write
 from grainmotion.io.hdf5 import opened
 from grainmotion.model.detector_response import Response
+from grainmotion.model.fluid import Fluid, FluidFit
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import BodyMotion, Motions, StateFit
 from grainmotion.model.pose import ViewCorrections
@@ -101,6 +104,8 @@ def write_reference(path: str | Path, reference: StoredReference, grains: GrainS
             for name, values in grain_columns(grains, reference.labels).items():
                 table[name] = values
             _write_bodies(file, reference.volume, grains.scene)
+            if grains.scene.fluid is not None:
+                _write_fluid(file, grains.scene.fluid)
 
 
 def _write_bodies(file: h5py.File, volume: Volume, scene: Scene) -> None:
@@ -117,6 +122,13 @@ def _write_bodies(file: h5py.File, volume: Volume, scene: Scene) -> None:
     data.attrs.create("freedoms", [body.freedom.text for body in scene.bodies], dtype=text)
 
 
+def _write_fluid(file: h5py.File, fluid: Fluid) -> None:
+    """The liquid: the space that it can fill, its attenuation and its level."""
+    data = file.create_dataset("fluid", data=fluid.space.array, compression="gzip", compression_opts=1, shuffle=True)
+    level = float("nan") if fluid.level is None else fluid.level
+    data.attrs.update(attenuation=fluid.attenuation, level=level, units="1, 1/mm, mm")
+
+
 def _read_scene(file: h5py.File, volume: Volume) -> Scene | None:
     """The scene as far as the file tells it."""
     if "bodies" not in file:
@@ -125,7 +137,12 @@ def _read_scene(file: h5py.File, volume: Volume) -> Scene | None:
     owners, bodies = data[()], []
     for k, (name, kind, freedom) in enumerate(zip(*(data.attrs[a] for a in ("names", "kinds", "freedoms"))), start=1):
         bodies.append(Body(str(name), kind, volume.cropped(owners == k), Freedom.of(str(freedom))))
-    return Scene(tuple(bodies), field=volume.field)
+    fluid = None
+    if "fluid" in file:
+        level = float(file["fluid"].attrs["level"])
+        space = replace(volume, array=file["fluid"][()])
+        fluid = Fluid(float(file["fluid"].attrs["attenuation"]), space, None if np.isnan(level) else level)
+    return Scene(tuple(bodies), fluid, volume.field)
 
 
 def read_reference(path: str | Path) -> StoredReference:
@@ -190,6 +207,9 @@ def write_motions_h5(path: str | Path, motions: Motions) -> None:
         fit["cost"] = np.array([cost for _, cost in motions.fit.costs], dtype=float)
         fit.attrs["downweighted"] = motions.fit.downweighted
         fit.create_dataset("notes", data=list(motions.fit.notes), dtype=text)
+        if motions.fit.fluid is not None:
+            group = fit.create_group("fluid")
+            group.attrs.update({**asdict(motions.fit.fluid), "units": "1/mm, mm"})
         views, views_sd = motions.fit.view_corrections, motions.fit.view_corrections_sd
         optional = (views and views.columns, views_sd and views_sd.columns)
         for (name, unit), value in zip(_OPTIONAL.items(), optional, strict=True):
@@ -235,6 +255,12 @@ def _read_body_motions(fit: h5py.Group) -> tuple[BodyMotion, ...]:
     )
 
 
+def _read_fluid(fit: h5py.Group) -> FluidFit | None:
+    if "fluid" not in fit:
+        return None
+    return FluidFit(**{name.name: float(fit["fluid"].attrs[name.name]) for name in fields(FluidFit)})
+
+
 def read_motions_h5(path: str | Path) -> Motions:
     """Read a ``motions.h5`` of this version or an older one; fields that an older one did not write have defaults."""
     with opened(path) as file:
@@ -258,5 +284,6 @@ def read_motions_h5(path: str | Path) -> Motions:
                 view_corrections=None if views is None else ViewCorrections.of(views),
                 view_corrections_sd=None if views_sd is None else ViewCorrections.of(views_sd),
                 bodies=_read_body_motions(fit),
+                fluid=_read_fluid(fit),
             ),
         )

@@ -88,8 +88,8 @@ class GrainSet:
 
     @property
     def background(self) -> Volume | None:
-        """Attenuation of all bodies of the scene together; None if there is none."""
-        return self.scene.bodies_volume
+        """Attenuation of all bodies of the scene, and of its fluid as in the reference; None if there is none."""
+        return self.scene.volume
 
     @property
     def background_moves(self) -> bool:

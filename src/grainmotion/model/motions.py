@@ -13,6 +13,7 @@ from typing_extensions import deprecated
 from grainmotion._typing import Float
 from grainmotion.errors import InputError
 from grainmotion.model.detector_response import Response
+from grainmotion.model.fluid import FluidFit
 from grainmotion.model.pose import ViewCorrections
 from grainmotion.model.strain import STRAIN_NAMES, stretches
 from grainmotion.rotations import rotation_matrix
@@ -109,6 +110,8 @@ class StateFit:
         Share of the pixels in the grains' footprints to which a robust loss gave less weight.
     notes : tuple of str
         Sentences on the state as a whole, such as refused options and unexplained attenuation.
+    fluid : FluidFit, optional
+        Attenuation and level of the liquid in this state; None if the reference is dry.
     """
 
     gain: float = 1.0
@@ -120,6 +123,7 @@ class StateFit:
     bodies: tuple[BodyMotion, ...] = ()
     downweighted: float = 0.0
     notes: tuple[str, ...] = ()
+    fluid: FluidFit | None = None
 
     @property
     def background(self) -> NDArray[np.float64] | None:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from grainmotion.errors import InputError
 from grainmotion.model.field_of_view import FieldOfView
+from grainmotion.model.fluid import Fluid
 from grainmotion.model.symmetry import symmetry_axis
 from grainmotion.model.volume import Volume
 
@@ -174,8 +175,8 @@ class Scene:
     ----------
     bodies : tuple of Body
         On voxels of one grid.
-    fluid : None
-        The fluid between them.
+    fluid : Fluid, optional
+        The liquid between them: grains hold their excess over it.
     field : FieldOfView, optional
         What the reference scan saw of the sample; None if that is not known.
 
@@ -186,7 +187,7 @@ class Scene:
     """
 
     bodies: tuple[Body, ...] = ()
-    fluid: None = None
+    fluid: Fluid | None = None
     field: FieldOfView | None = None
 
     def __post_init__(self) -> None:
@@ -202,20 +203,30 @@ class Scene:
         return any(body.freedom.moves for body in self.bodies)
 
     @cached_property
+    def volume(self) -> Volume | None:
+        """Bodies and fluid of the reference together, as if no grain were in the fluid; None without either."""
+        parts = [self.bodies_volume, None if self.fluid is None else self.fluid.volume]
+        return _sum([part for part in parts if part is not None])
+
+    @cached_property
     def bodies_volume(self) -> Volume | None:
         """The sum of all bodies on the smallest grid that holds them; None without bodies."""
-        if len(self.bodies) < 2:
-            return self.bodies[0].volume if self.bodies else None
-        volumes = [body.volume for body in self.bodies]
-        starts = [np.array(first_voxel(volume, volumes[0])) for volume in volumes]
-        low = np.min(starts, axis=0)
-        high = np.max([s + v.shape for s, v in zip(starts, volumes, strict=True)], axis=0)
-        array = np.zeros(high - low, np.result_type(*(volume.array.dtype for volume in volumes)))
-        for start, volume in zip(starts, volumes, strict=True):
-            array[tuple(slice(a, a + n) for a, n in zip(start - low, volume.shape, strict=True))] += volume.array
-        h = volumes[0].voxel_size
-        x, y, z = (float(c) for c in volumes[0].origin + h * (low + (np.array(array.shape) - 1) / 2)[::-1])
-        return Volume(array, h, (x, y, z))
+        return _sum([body.volume for body in self.bodies])
+
+
+def _sum(volumes: list[Volume]) -> Volume | None:
+    """The sum of some volumes on the smallest grid that holds them; None without any."""
+    if len(volumes) < 2:
+        return volumes[0] if volumes else None
+    starts = [np.array(first_voxel(volume, volumes[0])) for volume in volumes]
+    low = np.min(starts, axis=0)
+    high = np.max([s + v.shape for s, v in zip(starts, volumes, strict=True)], axis=0)
+    array = np.zeros(high - low, np.result_type(*(volume.array.dtype for volume in volumes)))
+    for start, volume in zip(starts, volumes, strict=True):
+        array[tuple(slice(a, a + n) for a, n in zip(start - low, volume.shape, strict=True))] += volume.array
+    h = volumes[0].voxel_size
+    x, y, z = (float(c) for c in volumes[0].origin + h * (low + (np.array(array.shape) - 1) / 2)[::-1])
+    return Volume(array, h, (x, y, z))
 
 
 def first_voxel(part: Volume, whole: Volume) -> tuple[int, ...]:

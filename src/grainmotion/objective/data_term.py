@@ -34,7 +34,9 @@ class Target:
     ``fixed_background (views, rows, columns)`` are line integrals of all bodies that may not move, and ``bodies`` are
     all of them, one row each, those that may move too; ``sigma`` is the width of the Gaussian filter, pixels;
     ``response_model`` and ``nuisance`` select the unknowns beside the grains' motions; ``weights`` are those of
-    pixels, None if equal; ``backend`` filters radiographs.
+    pixels, None if equal; ``backend`` filters radiographs; ``fluid (views, rows, columns)`` are line integrals of
+    a liquid as if no grain were in it (None: there is none), and ``fluid_columns`` derivatives of all line integrals by
+    its unknowns, which enter linearly.
     """
 
     scan: Scan
@@ -47,6 +49,8 @@ class Target:
     bodies: tuple[GrainArrays, ...] = ()
     nuisance: NuisanceModel = GRAINS_ONLY
     backend: PatchBackend = CPU
+    fluid: Image | None = None
+    fluid_columns: tuple[Image, ...] = ()
 
     @property
     def precision(self) -> np.dtype[np.floating]:
@@ -96,6 +100,14 @@ class Target:
             freedoms[row] = NO_MOTION
             fixed += body_image(self.bodies[row], np.zeros(3), np.eye(3), self.scan.geometry, self.projector)
         return replace(self, fixed_background=fixed, nuisance=replace(self.nuisance, freedoms=tuple(freedoms)))
+
+    @cached_property
+    def filtered_fluid_columns(self) -> Columns:
+        """The derivatives by a liquid's unknowns, weighted and filtered."""
+        columns = Columns()
+        for stack in self.fluid_columns:
+            columns.add(self.filtered(stack), shared=True)
+        return columns
 
     def filtered(self, images: Image) -> Image:
         """Weight and filter a stack of radiographs."""

@@ -38,9 +38,9 @@ class Evaluation:
 
     ``values (pixels,)`` are each grain's own line integrals in its ``patches``, in the memory of the grains' backend.
     Images are ``(views, rows, columns)``: ``residual`` r, ``simulated`` F w m(P), ``line_integrals`` P of all grains
-    and bodies, ``background`` that of the bodies alone, and ``raw_residual`` b − m(P), neither weighted nor filtered
-    and 0 where a pixel does not count.  ``response`` is the best one at this pose, and ``response_columns`` are the
-    images of its eliminated unknowns.
+    and bodies, ``background`` that of bodies and liquid alone, and ``raw_residual`` b − m(P), neither weighted nor
+    filtered and 0 where a pixel does not count.  ``response`` is the best one at this pose, ``response_columns`` are
+    the images of its eliminated unknowns, those of a liquid last; ``fluid_step`` are the best values of these.
     """
 
     patches: Patches
@@ -52,6 +52,7 @@ class Evaluation:
     raw_residual: Image
     response: Response
     response_columns: Columns
+    fluid_step: Float
 
     @property
     def cost(self) -> float:
@@ -107,11 +108,16 @@ def _compare(
     images = nuisance_motions.body_images(
         target.bodies, target.nuisance, pose.nuisance, (geometry, target.projector), target.fixed_background
     )
-    path = assemble(values, patches, geometry, backend) + images.path
-    response, simulated, columns = _best_response(target, path)
+    background = images.path if target.fluid is None else images.path + target.fluid
+    path = assemble(values, patches, geometry, backend) + background
+    response, simulated, columns, fluid_step = _best_response(target, path)
+    fluid_step = fluid_step / response.gain if response.gain > 0 else 0 * fluid_step
+    for step, column in zip(fluid_step, target.fluid_columns, strict=False):
+        path = path + target.precision.type(step) * column
     raw = (target.scan.line_integrals.astype(target.precision) - response.apply(path)) * target.valid
     residual = target.measured - simulated
-    return Evaluation(patches, values, residual, simulated, path, images.path, raw, response, columns), images
+    evaluation = Evaluation(patches, values, residual, simulated, path, background, raw, response, columns, fluid_step)
+    return evaluation, images
 
 
 def _nuisance_columns(
@@ -134,8 +140,9 @@ def _nuisance_columns(
     return columns
 
 
-def _best_response(target: Target, path: Image) -> tuple[Response, Image, Columns]:
-    """The response that fits best at line integrals P, F w m(P), and the images of the eliminated unknowns.
+def _best_response(target: Target, path: Image) -> tuple[Response, Image, Columns, Float]:
+    """The response that fits best at line integrals P, F w m(P), the images of the eliminated unknowns, and the
+    coefficients of a liquid's.
 
     While its polynomial is not monotone, its degree is lowered; at last the gain is fixed.
     """
@@ -146,9 +153,9 @@ def _best_response(target: Target, path: Image) -> tuple[Response, Image, Column
         for k, (power, shared) in enumerate(power_images(model, path)):
             first = k == 0 and model.gain != "none"
             columns.add(plain if first else target.filtered(power), shared)
-        columns = columns + target.trends
-        response, more = fit_response(model, columns, target.measured - plain, views)
+        columns = columns + target.trends + target.filtered_fluid_columns
+        response, more, fluid_step = fit_response(model, columns, target.measured - plain, views)
         if response.is_monotone(float(path.max(initial=0.0))) or (model.gain == "none" and model.degree == 1):
-            return response, plain + more, columns
+            return response, plain + more, columns, fluid_step
         lower = replace(model, degree=model.degree - 1)
         model = lower if model.degree > 1 else model.without_gain

@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from grainmotion._typing import Image
+from grainmotion._typing import Float, Image
 from grainmotion.model.detector_response import TREND_TERMS, Response, Trend
 from grainmotion.objective.global_parameters import Columns
 from grainmotion.solvers.semidefinite import pseudo_inverse
@@ -72,16 +72,18 @@ def trend_is_shared(model: ResponseModel) -> bool:
     return model.trend == "none" and model.gain == "global"
 
 
-def fit_response(model: ResponseModel, columns: Columns, gap: Image, views: int) -> tuple[Response, Image | float]:
-    """The response that minimises ‖gap − C c‖, and C c.
+def fit_response(
+    model: ResponseModel, columns: Columns, gap: Image, views: int
+) -> tuple[Response, Image | float, Float]:
+    """The response that minimises ‖gap − C c‖, C c, and the coefficients of further columns.
 
-    ``columns`` are C, those of the powers before those of the trend; ``gap (views, rows, columns)`` is measured minus
-    simulated, weighted and filtered.
+    ``columns`` are C, those of the powers before those of the trend, then any others, which all views share; ``gap
+    (views, rows, columns)`` is measured minus simulated, weighted and filtered.
     """
     polynomial, background = np.zeros((views, model.degree)), np.zeros((views, model.trend_terms))
     polynomial[:, 0] = 1.0
     if not columns.stacks or (model.gain != "none" and not columns.stacks[0].any()):  # nothing is simulated
-        return Response(polynomial, background), 0.0
+        return Response(polynomial, background), 0.0, np.zeros(0)
     coefficients = pseudo_inverse(columns.gram()) @ columns.dot(gap)
     owners = columns.owners
     first = 0 if model.gain != "none" else 1
@@ -89,6 +91,7 @@ def fit_response(model: ResponseModel, columns: Columns, gap: Image, views: int)
     for k in range(len(columns.stacks)):
         if k < powers:
             polynomial[:, first + k] += coefficients[owners == k]
-        else:
+        elif k - powers < model.trend_terms:
             background[:, k - powers] = coefficients[owners == k]
-    return Response(polynomial, background), columns.combine(coefficients)
+    others = coefficients[owners >= powers + model.trend_terms]
+    return Response(polynomial, background), columns.combine(coefficients), others

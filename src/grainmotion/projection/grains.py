@@ -6,6 +6,8 @@ Each ray is carried back into each grain's own voxels and integrated there; voxe
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from grainmotion._arguments import checked_arguments
@@ -19,9 +21,11 @@ from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions
 from grainmotion.model.pose import Pose
 from grainmotion.projection.bodies import packed_body
+from grainmotion.projection.displaced_fluid import Submersion
 from grainmotion.projection.footprints import Patches, footprint_patches
 from grainmotion.projection.grain_arrays import OUT_OF_PLANE, GrainArrays, planar
 from grainmotion.projection.jacobian import PatchJacobian
+from grainmotion.projection.volumes import project
 from grainmotion.rotations import recenter, rotation_matrix
 
 
@@ -110,9 +114,10 @@ def differentiated_body(
 def simulate_radiographs(
     grains: GrainSet, motions: Motions, geometry: Geometry, *, projector: Projector = "trilinear"
 ) -> Image:
-    """Line integrals of the moved grains and bodies.
+    """Line integrals of the moved grains, of bodies and of a liquid.
 
-    Grains whose motion is unknown (NaN) are left out.
+    A liquid is as ``motions.fit.fluid`` says, else as in the reference.  Grains whose motion is unknown (NaN) are left
+    out.
 
     Parameters
     ----------
@@ -140,21 +145,29 @@ def simulate_radiographs(
         raise InputError("motions", "their labels are not the grains'", "give one motion a grain, in the grains' order")
     known = np.all(np.isfinite(np.hstack([motions.translations, motions.rotations])), axis=1)
     out = np.zeros((len(geometry), *geometry.shape), grains.precision)
+    scene, fluid = grains.scene, motions.fit.fluid
+    if scene.fluid is not None and fluid is not None:
+        scene = replace(scene, fluid=scene.fluid.found(fluid))
     if known.any():
-        kept = GrainSet(tuple(g for g, k in zip(grains.grains, known, strict=True) if k))
-        packed = GrainArrays.of(kept, fine=projector == "trilinear")
+        kept = grains.without(np.nonzero(~known)[0])
         gradients = motions.gradients[known]
         shifts = recenter(gradients, motions.translations[known], motions.centers[known], kept.centers)
         pose = Pose(shifts, motions.matrices[known])
+        if scene.fluid is not None and fluid is not None:
+            displaced = 1.0 if np.isnan(fluid.displaced) else fluid.displaced
+            kept = Submersion(kept).effective(scene.fluid, displaced, pose)
+        packed = GrainArrays.of(kept, fine=projector == "trilinear")
         if motions.strains is not None:
             packed = packed.stretched(motions.stretches[known])
         patches = footprint_patches(packed, pose, geometry)
         out = assemble(project_patches(packed, pose, geometry, patches, projector), patches, geometry)
     moved = {body.name: body for body in motions.fit.bodies}
-    for body in grains.scene.bodies:
+    for body in scene.bodies:
         motion, packed = moved.get(body.name), packed_body(body)
         u, matrix = (np.zeros(3), np.eye(3)) if motion is None else (motion.translation, motion.matrix)
         out += body_image(packed, u, matrix, geometry, projector)
+    if scene.fluid is not None:
+        out += project(scene.fluid.volume, geometry, projector=projector)
     return out
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from grainmotion.model.fluid import FluidFit
 from grainmotion.model.motions import MOTION_COLUMNS, OK_COLUMNS, STRAIN_COLUMNS, Motions, StateFit, Status
 from grainmotion.report.data import Rows, StateReport
 
@@ -139,9 +140,22 @@ def fit_facts(state: StateReport) -> Rows:
     if response is not None and response.polynomial.shape[1] > 1:
         powers = ", ".join(f"{significant(c)} p^{k}" for k, c in enumerate(response.polynomial[0, 1:], start=2))
         facts.append(("beam hardening", powers))
+    if fit.fluid is not None:
+        facts += fluid_facts(fit.fluid)
     if fit.downweighted:
         facts.append(("pixels behind grains with less weight", f"{fit.downweighted:.2%}"))
     return tuple(facts)
+
+
+def fluid_facts(fluid: FluidFit) -> list[tuple[str, str]]:
+    """Attenuation and level of a liquid, and what the grains displaced where it changed."""
+    facts = [("attenuation of the liquid", f"{fluid.attenuation:.5g} ± {significant(fluid.attenuation_sd, 2)} /mm")]
+    full = np.isnan(fluid.level)
+    level = "the top of the field, or above" if full else f"{fluid.level:.5g} ± {significant(fluid.level_sd, 2)} mm"
+    facts.append(("level of the liquid (z)", level))
+    if not np.isnan(fluid.displaced):
+        facts.append(("porosity of the grains, as the liquid fills and drains", f"{1 - fluid.displaced:.3f}"))
+    return facts
 
 
 def correction_rows(fit: StateFit, views: tuple[str, ...]) -> list[tuple[str, list[str]]]:

@@ -18,6 +18,7 @@ from grainmotion.model.grains import Grain, GrainSet
 from grainmotion.model.scene import NO_MOTION, RIGID_MOTION, Body, Freedom, Scene
 from grainmotion.model.volume import Volume
 from grainmotion.segmentation.bodies import Piece, find_bodies
+from grainmotion.segmentation.fluid import find_fluid, without_fluid
 from grainmotion.segmentation.label_refinement import Boxed, fine_grains
 from grainmotion.segmentation.labels import checked_labels, without_small_labels
 from grainmotion.segmentation.segment import Segmentation
@@ -28,7 +29,7 @@ Cut = Callable[[Volume, NDArray[np.integer], list[Boxed], int, float], Iterable[
 MIN_BACKGROUND_SHARE = 0.02
 """Share of all attenuation from which the background is kept."""
 MAX_REACH_WITH_REST = 1.5
-"""Largest ``reach`` where there is attenuation that belongs to no grain and no body, voxels."""
+"""Largest ``reach`` where there is attenuation that belongs to no grain and no body, or a liquid, voxels."""
 BACKGROUND_SIGMA = 2.0
 """Width of the Gaussian filter under which a background is distinguished from noise, voxels."""
 MAX_LABELS_NAMED = 10
@@ -81,7 +82,8 @@ def grains_from_labels(
     """Extract the grains of a labelled volume.
 
     All attenuation must belong to some body (Σ μ⁽ⁱ⁾ = μ): voxels without a label, such as partial-volume
-    surfaces, belong to the nearest grain up to ``reach`` voxels away.
+    surfaces, belong to the nearest grain up to ``reach`` voxels away.  In a liquid, which becomes ``scene.fluid``,
+    grains hold their excess over it; `extract_grains` can be told that there is none, or its attenuation.
 
     Parameters
     ----------
@@ -127,7 +129,13 @@ def _grains_and_scene(
     if small:
         some = ", ".join(str(label) for label in small[:MAX_LABELS_NAMED])
         warnings.warn(f"{len(small)} labels of too few voxels are no grains: {some}", stacklevel=3)
-    owned = _owners(volume, labels, settings)
+    told = None if isinstance(settings.fluid, str) else settings.fluid
+    fluid = None if settings.fluid == "none" else find_fluid(volume, labels, told)
+    whole = volume
+    if fluid is not None:
+        volume = without_fluid(volume, fluid, labels)
+        settings = replace(settings, reach=min(settings.reach, MAX_REACH_WITH_REST))
+    owned = _owners(volume, labels, settings, whole)
     grown, first = owned.grown, owned.pieces[0].label if owned.pieces else int(owned.labels.max(initial=0)) + 1
     grains, boxes = [], []
     for label, box in enumerate(ndimage.find_objects(grown)[: first - 1], start=1):
@@ -144,7 +152,7 @@ def _grains_and_scene(
         raise InputError("labels", "no grains found", "check the threshold, or the labels given")
     store_contiguously(grains)
     bodies = _bodies(volume, owned, settings)
-    return GrainSet(tuple(grains), Scene(tuple(bodies), field=volume.field))
+    return GrainSet(tuple(grains), Scene(tuple(bodies), fluid, volume.field))
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,18 +166,18 @@ class _Owners:
     rest: bool = False
 
 
-def _owners(volume: Volume, labels: NDArray[np.integer], settings: SegmentSettings) -> _Owners:
+def _owners(volume: Volume, labels: NDArray[np.integer], settings: SegmentSettings, whole: Volume) -> _Owners:
     """Grains, bodies and the rest."""
     reach, background, pieces = settings.reach, settings.background, tuple[Piece, ...]()
     grown = _expanded(labels, reach)
     deep, told = min(volume.shape) > 1, any(body.label is not None for body in settings.bodies)
     if background == "ignore" and not told:
         return _Owners(labels, grown, reach)
-    share = _unowned_share(volume, labels, grown) if background == "auto" and deep else 0.0
+    share = _unowned_share(volume, labels, grown, whole) if background == "auto" and deep else 0.0
     if deep and (background != "auto" or share > MIN_BACKGROUND_SHARE or told):
         labels, pieces = find_bodies(volume, labels, grown == 0, settings.bodies)
         grown = _expanded(labels, reach)
-        share = _unowned_share(volume, labels, grown) if background == "auto" and pieces else share
+        share = _unowned_share(volume, labels, grown, whole) if background == "auto" and pieces else share
     rest = share > MIN_BACKGROUND_SHARE if background == "auto" else background != "ignore"
     if rest and reach > MAX_REACH_WITH_REST:
         reach = MAX_REACH_WITH_REST
@@ -192,10 +200,12 @@ def _bodies(volume: Volume, owned: _Owners, settings: SegmentSettings) -> Iterat
         yield Body("rest", "rest", volume.cropped(owned.grown == 0), free)
 
 
-def _unowned_share(volume: Volume, labels: NDArray[np.integer], grown: NDArray[np.integer]) -> float:
-    """Share of all attenuation that belongs to no label and is no noise."""
-    whole = float(volume.array.sum(dtype=float))
-    grain = float(volume.array[labels > 0].mean()) if labels.any() else 0.0
+def _unowned_share(
+    volume: Volume, labels: NDArray[np.integer], grown: NDArray[np.integer], with_fluid: Volume
+) -> float:
+    """Share of all attenuation, a liquid's included, that belongs to no label, to no liquid and is no noise."""
+    whole = float(with_fluid.array.sum(dtype=float))
+    grain = float(with_fluid.array[labels > 0].mean()) if labels.any() else 0.0
     rest = ndimage.gaussian_filter(np.where(grown == 0, volume.array, 0), BACKGROUND_SIGMA)
     return float(rest[rest > BACKGROUND_LEVEL * grain].sum(dtype=float)) / whole if whole > 0 else 0.0
 

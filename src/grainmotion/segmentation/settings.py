@@ -12,6 +12,7 @@ from grainmotion.model.scene import Freedom
 
 Background = Literal["auto", "ignore", "fixed", "moving"]
 Place = Literal["above", "below", "around", "beside"]
+FluidSetting = Literal["auto", "none"] | Annotated[float, Field(gt=0)]
 
 
 @validated
@@ -108,3 +109,10 @@ class SegmentSettings:
     finer: Annotated[
         int, Field(ge=1, le=4, description="upsampling, by splines, of the voxels of the last stages of tracking")
     ] = 2
+    fluid: Annotated[
+        FluidSetting,
+        Field(
+            description='a liquid around the grains: "auto" looks for one, "none" is a dry sample, a number is its '
+            "attenuation, 1/mm"
+        ),
+    ] = "auto"

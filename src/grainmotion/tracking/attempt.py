@@ -20,6 +20,7 @@ from grainmotion.solvers.gauss_newton import Solution, gauss_newton
 from grainmotion.tracking.ambiguity import MAX_MOVES, find_ambiguities, with_reasons
 from grainmotion.tracking.body_motions import fixed_note, fixed_unless_moved, with_body_edges_discounted
 from grainmotion.tracking.classification import classify
+from grainmotion.tracking.fluid_fit import FluidTracker
 from grainmotion.tracking.global_search import SearchResult, search
 from grainmotion.tracking.initial_guess import initialise, smooth_fields
 from grainmotion.tracking.missing_grains import grain_supports
@@ -60,7 +61,7 @@ class Approach:
     """A fit before any search: all grains free, from the best of the smooth fields.
 
     ``fields`` are the poses of the smooth fields, ``field_pose`` the last of them or else the start; ``misregistered``
-    are the grains that fit badly so far, ``(n,)``.
+    are the grains that fit badly so far, ``(n,)``; ``fluid`` keeps a liquid up to date, None for a dry sample.
     """
 
     fit: MultistageFit
@@ -69,6 +70,7 @@ class Approach:
     problem: StateProblem
     solution: Solution[Pose]
     misregistered: NDArray[np.bool_]
+    fluid: FluidTracker | None = None
 
     @property
     def field_pose(self) -> Pose:
@@ -87,16 +89,23 @@ def approach(job: Job) -> Approach:
     """The stages before any search."""
     settings, fit = job.settings, job.fit()
     start = starting_pose(job.grains, job.start)
+    fluid = FluidTracker.of(fit, job.grains)
+    if fluid is not None:
+        fluid.search(start)
     if settings.strain:
         start_strained(fit, job.grains, job.start)
     fields = smooth_fields(fit, start) if settings.fields else []
+    if fluid is not None and fields:
+        fluid.search(fields[-1])
     pose = initialise(fit, start, fields)
     done = 1 if settings.fields and len(settings.filters) > 1 else 0  # the initial guess ends with the first filter
     problem, solution = fit.solve_free(pose, "free", settings.filters[done:])
+    if fluid is not None:
+        problem, solution = fluid.settle(problem, solution)
     misregistered = np.zeros(len(job.grains), dtype=bool)
     if settings.search:
         misregistered = misregistered_grains(problem, solution.state) & ~fit.cut
-    return Approach(fit, start, fields, problem, solution, misregistered)
+    return Approach(fit, start, fields, problem, solution, misregistered, fluid)
 
 
 def finish(job: Job, near: Approach) -> Attempt:
@@ -105,6 +114,8 @@ def finish(job: Job, near: Approach) -> Attempt:
     result = SearchResult(near.problem, near.solution, np.zeros(len(grains), dtype=bool))
     if settings.search:
         result = search(fit, field_pose, near.problem, near.solution, near.misregistered)
+    if near.fluid is not None and result.solution is not near.solution:
+        result = SearchResult(*near.fluid.settle(result.problem, result.solution), result.ambiguous)
     problem, solution, fixed = fixed_unless_moved(fit, result.problem, result.solution)
     problem, solution = with_body_edges_discounted(fit, problem, solution)
     if settings.strain:
@@ -122,6 +133,9 @@ def finish(job: Job, near: Approach) -> Attempt:
         refined = refine(fit, field_pose, problem, solution)
     motions = classify(grains, refined, result.ambiguous, limits, tuple(fit.costs))
     motions = with_reasons(motions, ambiguous)
+    if near.fluid is not None and refined.fluid_covariance is not None:
+        found = near.fluid.result(refined.evaluation.fluid_step, refined.fluid_covariance)
+        motions = replace(motions, fit=replace(motions.fit, fluid=found))
     supports = grain_supports(refined.problem, refined.solution.state)
     if fixed:
         notes = (*motions.fit.notes, fixed_note(grains.scene.bodies, fixed))

@@ -57,6 +57,10 @@ def coarsened(target: Target, factor: int, margin: tuple[int, int] | NDArray[np.
     images = binned(target.scan.line_integrals.astype(target.precision) * target.valid) / weight
     fixed = binned(target.fixed_background * target.valid) / weight
     scan = Scan(images, window.binned(factor), share > 0.5)
+    fluid, *columns = (
+        None if image is None else binned(image * target.valid) / weight
+        for image in (target.fluid, *target.fluid_columns)
+    )
     return replace(
         target,
         scan=scan,
@@ -64,4 +68,6 @@ def coarsened(target: Target, factor: int, margin: tuple[int, int] | NDArray[np.
         sigma=target.sigma / factor,
         weights=None,
         bodies=tuple(body.coarsened(factor) for body in target.bodies),
+        fluid=fluid,
+        fluid_columns=tuple(column for column in columns if column is not None),
     )

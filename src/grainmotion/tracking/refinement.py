@@ -48,7 +48,7 @@ class RefinedFit:
     ``covariances (n, 6, 6)`` of (u, δ), mm and radians, are from the radiographs alone, ``posterior`` are the same with
     the prior on weak directions; ``strain_covariances (n, 6, 6)`` are those of the strains, None for rigid grains;
     ``corrections_sd`` are of the views' poses, ``body_covariances (k, 6, 6)`` of the bodies' motions; ``downweighted``
-    is the share of pixels that a robust loss counted less.
+    is the share of pixels that a robust loss counted less; ``fluid_covariance`` is of a liquid's unknowns.
     """
 
     problem: StateProblem
@@ -58,6 +58,7 @@ class RefinedFit:
     strain_covariances: Float | None = None
     corrections_sd: ViewCorrections | None = None
     downweighted: float = 0.0
+    fluid_covariance: Float | None = None
     notes: tuple[str, ...] = ()
     body_covariances: Float = field(default_factory=lambda: np.zeros((0, 6, 6)))
 
@@ -74,6 +75,8 @@ def refine(fit: MultistageFit, field_pose: Pose, problem: StateProblem, solution
     if fit.settings.strain:
         problem, solution = refine_strains(fit, problem, solution)
     grain_covariances, strain_covariances, nuisance_covariance, hessian = _covariances(fit, problem, solution.state)
+    fluid = len(problem.target.fluid_columns)
+    fluid_covariance, nuisance_covariance = nuisance_covariance[:fluid, :fluid], nuisance_covariance[fluid:, fluid:]
     of_bodies = body_covariances(problem, solution.state, nuisance_covariance)
     if misalignment.significant:
         grain_covariances += common_motion(problem, solution.state, misalignment)
@@ -91,8 +94,8 @@ def refine(fit: MultistageFit, field_pose: Pose, problem: StateProblem, solution
         sd = np.sqrt(np.diagonal(nuisance_covariance))[: 3 * views]
         corrections_sd = ViewCorrections.of(sd.reshape(3, views).T)
     return RefinedFit(
-        problem, solution, grain_covariances, posterior, strain_covariances, corrections_sd, downweighted, tuple(notes),
-        of_bodies,
+        problem, solution, grain_covariances, posterior, strain_covariances, corrections_sd, downweighted,
+        fluid_covariance, tuple(notes), of_bodies,
     )  # fmt: skip
 
 
@@ -141,7 +144,7 @@ def _reweight(
 def _covariances(
     fit: MultistageFit, problem: StateProblem, pose: Pose
 ) -> tuple[Float, Float | None, Float, sparse.bsr_array | PatchNormalMatrix]:
-    """Covariances of motions and of strains ``(n, 6, 6)`` and of the nuisance unknowns ``(k, k)``, and JᵀJ."""
+    """Covariances of motions and of strains ``(n, 6, 6)``, of liquid and nuisance unknowns ``(k, k)``, and JᵀJ."""
     evaluation, coarse, strains = problem.evaluate_with_derivatives(pose), fit.grains, None
     hessian = normal_of(evaluation.jacobian)
     if fit.settings.strain:

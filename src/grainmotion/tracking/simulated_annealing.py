@@ -213,4 +213,5 @@ def _filtered_residual(grains: GrainArrays, pose: Pose, target: Target) -> Image
     geometry = target.scan.geometry
     patches = footprint_patches(grains, pose, geometry)
     simulated = assemble(project_patches(grains, pose, geometry, patches, target.projector), patches, geometry)
-    return target.measured - target.filtered(simulated + target.fixed_background)
+    others = target.fixed_background if target.fluid is None else target.fixed_background + target.fluid
+    return target.measured - target.filtered(simulated + others)

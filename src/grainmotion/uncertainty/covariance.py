@@ -50,7 +50,7 @@ is 1,000 times the best one's.  The solver still steps along it, down to `semide
 def covariances(
     problem: StateProblem, pose: Pose, evaluation: LinearizedEvaluation, hessian: Hessian
 ) -> tuple[Float, Float]:
-    """Covariances ``(n, 6, 6)`` of (u, δ), mm and radians, and ``(k, k)`` of the nuisance unknowns.
+    """Covariances ``(n, 6, 6)`` of (u, δ), mm and radians, and ``(k, k)`` of a liquid's and the nuisance unknowns.
 
     With strains after the motions in the Jacobian (`strain_problem.with_strains`) they are ``(2n, 6, 6)``.
     """
@@ -82,7 +82,8 @@ class _System:
         free = len(evaluation.nuisance_columns.owners)
         if free:
             corner[-free:, -free:] += nuisance_prior(problem.target, pose)[0]
-        at = Linearization(evaluation.cost, np.zeros(len(border)), hessian, border, corner, np.zeros(free))
+        wanted = np.zeros(free + len(problem.target.fluid_columns))
+        at = Linearization(evaluation.cost, np.zeros(len(border)), hessian, border, corner, wanted)
         return cls(problem.target, evaluation, columns, at)
 
     def draws(self, variances: Float) -> NoiseDraws:

@@ -1,0 +1,290 @@
+"""The liquid of a later state: its attenuation, its level, and what the grains add to it at their present poses.
+
+1. *Search*: from any start the level is found under a wide filter.  The space of the liquid is cut into layers; for
+   every level between two of them, and for solid and for porous grains, the attenuation follows linearly, and the
+   least residual counts.
+2. *Rounds*: the derivatives of the radiographs by attenuation, level and κ (see `model.fluid`) are columns that are
+   eliminated at every pose, as gain and offset are.  After a fit their coefficients correct the values, and the grains
+   are rebuilt at their new poses, until nothing changes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from grainmotion._typing import Float, Image, Projector
+from grainmotion.model.fluid import NO_ATTENUATION, Fluid, FluidFit
+from grainmotion.model.geometry import Geometry
+from grainmotion.model.grains import GrainSet
+from grainmotion.model.pose import Pose
+from grainmotion.objective.data_term import Target
+from grainmotion.objective.residual import StateProblem
+from grainmotion.projection.displaced_fluid import Submersion
+from grainmotion.projection.footprints import footprint_patches
+from grainmotion.projection.grain_arrays import GrainArrays
+from grainmotion.projection.grains import assemble, project_patches
+from grainmotion.projection.volumes import project
+from grainmotion.solvers.gauss_newton import Solution
+from grainmotion.tracking.multistage import MultistageFit
+
+SEARCH_LAYERS = 24
+"""Layers of the liquid's space between which the level is sought."""
+LEVEL_LAYER = 1.0
+"""Half the thickness of the layer that stands for the derivative by the level, voxels: the blur of its surface."""
+SEARCH_DISPLACED = (1.0, 0.0)
+"""Values of κ that are tried with every level: solid grains, and grains whose pores fill and drain."""
+MIN_COST_DECREASE = 0.9
+"""Times the cost of the liquid as it was in the reference, below which a search takes another one."""
+MIN_COLUMN = 0.02
+"""Norm of the derivative by κ beside those by the gain of all grains and by the liquid, over that of a liquid in all
+grains' places, below which κ keeps its value: where no grain fell dry or became wet, it is as good as a gain."""
+MAX_DISPLACED = 1.5
+"""Largest κ, and minus half of it the least: beyond lies only error."""
+GONE = 0.02
+"""Attenuation over the reference's below which the liquid is gone."""
+LEVEL_FLOOR, ATTENUATION_FLOOR = 0.02, 0.005
+"""Standard deviations of what voxels leave of the level (voxels) and of the attenuation (over the reference's), beside
+that of noise: errors of 0.01 to 0.02 voxel and 0.2 to 0.5 % measured, where noise alone gives 0.004 voxel and 0.1 %."""
+MAX_FLUID_ROUNDS = 4
+"""Rounds at most after each fit."""
+LEVEL_TOLERANCE, ATTENUATION_TOLERANCE = 0.02, 2e-3
+"""Changes of the level (voxels), of the attenuation over the reference's and of κ, that end the rounds."""
+
+
+@dataclass(frozen=True)
+class FluidValues:
+    """Attenuation (1/mm), height of the surface (mm, within the space) and κ of a liquid."""
+
+    attenuation: float
+    surface: float
+    displaced: float = 1.0
+
+
+@dataclass
+class FluidTracker:
+    """The liquid of one state under way: it keeps grains and radiographs of a fit up to date."""
+
+    fit: MultistageFit
+    submersion: Submersion
+    values: FluidValues
+    unknowns: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, fit: MultistageFit, grains: GrainSet, known: FluidFit | None = None) -> FluidTracker | None:
+        """A tracker that starts with the reference's liquid, or a ``known`` one; None for a dry sample."""
+        fluid = grains.scene.fluid
+        if fluid is None:
+            return None
+        values = FluidValues(fluid.attenuation, fluid.surface)
+        if known is not None:
+            surface = fluid.top if np.isnan(known.level) else known.level
+            values = FluidValues(
+                known.attenuation, surface, values.displaced if np.isnan(known.displaced) else known.displaced
+            )
+        return cls(fit, Submersion(grains), values)
+
+    @property
+    def reference(self) -> Fluid:
+        """The liquid of the reference."""
+        return self.submersion.reference
+
+    def fluid(self, values: FluidValues | None = None) -> Fluid:
+        """The liquid of the state."""
+        values = values or self.values
+        return self.reference.changed(max(values.attenuation, NO_ATTENUATION), values.surface)
+
+    # ------------------------------------------------------------------ rounds
+    def place(self, pose: Pose) -> None:
+        """Rebuild grains, the liquid's image and its derivatives at a pose."""
+        fit, settings = self.fit, self.fit.settings
+        geometry, projector = fit.target.scan.geometry, settings.projector
+        fluid = self.fluid()
+        grains = self.submersion.effective(fluid, self.values.displaced, pose)
+        smooth = projector == "trilinear"
+        fit.grains, fit.fine_grains = (
+            GrainArrays.of(grains, fine=f and smooth).on(fit.target.backend) for f in (False, True)
+        )
+        image = project(fluid.volume, geometry, projector=projector)
+        self.unknowns, columns = self._columns(fluid, pose, geometry)
+        fit.target = replace(fit.target, fluid=image, fluid_columns=columns)
+        fit.levels.clear()
+
+    def _columns(self, fluid: Fluid, pose: Pose, geometry: Geometry) -> tuple[tuple[str, ...], tuple[Image, ...]]:
+        """Names of the unknowns that the radiographs may determine, and derivatives of the line integrals by them."""
+        projector, h = self.fit.settings.projector, self.reference.space.voxel_size
+        displaced, columns = self.values.displaced, dict[str, Image]()
+
+        def displaced_by_grains(arrays: list[Image]) -> Image:
+            return projected_values(self.submersion.grains, arrays, pose, geometry, projector)
+
+        whole = project(replace(fluid, attenuation=1.0).volume, geometry, projector=projector)
+        if fluid.surface > fluid.bottom + h:
+            taken = displaced_by_grains(self.submersion.wet_occupancies(fluid, pose))
+            columns["attenuation"] = whole - displaced * taken
+        if fluid.bottom + h < fluid.surface < fluid.top - h:
+            half = LEVEL_LAYER * h
+            low, high = fluid.surface - half, fluid.surface + half
+            layer = project(fluid.layer(low, high), geometry, projector=projector)
+            taken = displaced_by_grains(self.submersion.wet_occupancies(replace(fluid, level=high), pose, low))
+            columns["level"] = fluid.attenuation / (2 * half) * (layer - displaced * taken)
+        change = displaced_by_grains(self.submersion.changes(fluid, pose))
+        others = [displaced_by_grains([g.volume.array for g in self.submersion.grains.grains]), *columns.values()]
+        scale = float(np.linalg.norm(displaced_by_grains(self._filled_occupancies())))
+        if _independent_norm(change, others) > MIN_COLUMN * scale:
+            columns["displaced"] = change
+        return tuple(columns), tuple(columns.values())
+
+    def _filled_occupancies(self) -> list[Image]:
+        """What the reference's liquid would attenuate in all grains' places."""
+        return [self.reference.attenuation * occupancy for occupancy in self.submersion.occupancies]
+
+    def corrected(self, step: Float) -> float:
+        """Correct the values by the coefficients of the columns; the largest change over its tolerance."""
+        if len(step) != len(self.unknowns):
+            return 0.0
+        by_name = dict(zip(self.unknowns, (float(s) for s in step), strict=True))
+        before, reference = self.values, self.reference
+        attenuation = max(before.attenuation + by_name.get("attenuation", 0.0), 0.0)
+        if attenuation < GONE * reference.attenuation:
+            attenuation, by_name["level"] = 0.0, reference.bottom - before.surface
+        surface = float(np.clip(before.surface + by_name.get("level", 0.0), reference.bottom, reference.top))
+        displaced = before.displaced + by_name.get("displaced", 0.0)
+        displaced = float(np.clip(displaced, -MAX_DISPLACED / 2, MAX_DISPLACED))
+        self.values = FluidValues(attenuation, surface, displaced)
+        return max(
+            abs(attenuation - before.attenuation) / (ATTENUATION_TOLERANCE * reference.attenuation),
+            abs(surface - before.surface) / (LEVEL_TOLERANCE * reference.space.voxel_size),
+            abs(displaced - before.displaced) / ATTENUATION_TOLERANCE,
+        )
+
+    def settle(self, problem: StateProblem, solution: Solution[Pose]) -> tuple[StateProblem, Solution[Pose]]:
+        """Rounds of corrections and fits under the last filter, until the values stay."""
+        for _ in range(MAX_FLUID_ROUNDS):
+            evaluation = problem.evaluate(solution.state)
+            change = self.corrected(evaluation.fluid_step)
+            self.place(solution.state)
+            problem, solution = self.fit.solve_free(solution.state, "liquid", self.fit.settings.filters[-1:])
+            if change < 1:
+                break
+        return problem, solution
+
+    # ------------------------------------------------------------------ search
+    def search(self, pose: Pose) -> None:
+        """Find attenuation, level and κ under a wide filter with the grains at a pose, and place the grains there."""
+        fit = self.fit
+        self.place(pose)
+        _, target = fit.level(fit.settings.field_filter)
+        target = replace(target, fluid=None, fluid_columns=())
+        reference = self.reference
+        own = StateProblem(GrainArrays.of(self.submersion.grains), target).evaluate(pose).line_integrals
+        trial = _LevelSearch(self, target, own, pose)
+        before = trial.cost(FluidValues(reference.attenuation, reference.surface))
+        best, cost = FluidValues(reference.attenuation, reference.surface), MIN_COST_DECREASE * before
+        edges = np.linspace(reference.bottom, reference.top, SEARCH_LAYERS + 1)
+        step = edges[1] - edges[0]
+        while step > reference.space.voxel_size / 2:
+            for surface in edges:
+                for displaced in SEARCH_DISPLACED:
+                    values, at = trial.best_attenuation(float(surface), displaced)
+                    if at < cost:
+                        best, cost = values, at
+            step /= 3
+            edges = np.clip(best.surface + step * np.array([-2, -1, 1, 2]), reference.bottom, reference.top)
+        self.values = best
+        self.place(pose)
+
+    def result(self, step: Float, covariance: Float) -> FluidFit:
+        """The liquid that the last fit found, with the coefficients of its columns and their covariance."""
+        self.corrected(step)
+        sd = dict(zip(self.unknowns, np.sqrt(np.maximum(np.diagonal(covariance), 0)), strict=False))
+        values, nan = self.values, float("nan")
+        full = values.surface >= self.reference.top - self.reference.space.voxel_size
+        return FluidFit(
+            values.attenuation,
+            nan if full else values.surface,
+            values.displaced if "displaced" in self.unknowns else nan,
+            float(np.hypot(sd.get("attenuation", nan), ATTENUATION_FLOOR * self.reference.attenuation)),
+            float(np.hypot(sd.get("level", nan), LEVEL_FLOOR * self.reference.space.voxel_size)),
+            float(sd.get("displaced", nan)),
+        )
+
+
+@dataclass
+class _LevelSearch:
+    """Residuals of trial liquids beside grains at a pose, under one filter; ``own`` are line integrals of the rest."""
+
+    tracker: FluidTracker
+    target: Target
+    own: Image
+    pose: Pose
+    liquids: dict[float, tuple[Image, Image]] = field(default_factory=dict)
+
+    def images(self, surface: float, displaced: float) -> tuple[Image, Image]:
+        """Line integrals without the later liquid, and those of a liquid of unit attenuation beside them."""
+        if surface not in self.liquids:
+            liquid = self.tracker.reference.changed(1.0, surface)
+            unit = project(liquid.volume, self.target.scan.geometry, projector=self.target.projector)
+            self.liquids[surface] = unit, self._of_grains(self.tracker.submersion.wet_occupancies(liquid, self.pose))
+        unit, wet = self.liquids[surface]
+        return self.own + displaced * self.were_wet, unit - displaced * wet
+
+    @cached_property
+    def were_wet(self) -> Image:
+        """Line integrals of the reference's liquid in the grains' own places, carried to the pose."""
+        reference = self.tracker.reference
+        empty = reference.changed(reference.attenuation, reference.bottom)
+        return self._of_grains(self.tracker.submersion.changes(empty, self.pose))
+
+    def _of_grains(self, arrays: list[Image]) -> Image:
+        geometry, projector = self.target.scan.geometry, self.target.projector
+        return projected_values(self.tracker.submersion.grains, arrays, self.pose, geometry, projector)
+
+    def best_attenuation(self, surface: float, displaced: float) -> tuple[FluidValues, float]:
+        """The attenuation that fits best with a surface and κ, and the cost."""
+        fixed, unit = self.images(surface, displaced)
+        gap, column = self._without_offset(fixed), self._centered(self.target.filtered(unit))
+        norm = float(np.vdot(column, column))
+        value = max(float(np.vdot(column, gap)) / norm, 0.0) if norm > 0 else 0.0
+        return FluidValues(value, surface, displaced), 0.5 * float(np.sum((gap - value * column) ** 2))
+
+    def cost(self, values: FluidValues) -> float:
+        """The cost of a given liquid."""
+        fixed, unit = self.images(values.surface, values.displaced)
+        gap = self._without_offset(fixed + values.attenuation * unit)
+        return 0.5 * float(np.sum(gap**2))
+
+    def _without_offset(self, path: Image) -> Float:
+        return self._centered(self.target.measured - self.target.filtered(path))
+
+    def _centered(self, stack: Image) -> Float:
+        """Images without the offset of each view, if the response has any."""
+        images: Float = stack.astype(np.float64)
+        for trend in self.target.trends.stacks[:1]:
+            trend = trend.astype(float)
+            shares = np.einsum("vrc,vrc->v", images, trend) / np.maximum(np.einsum("vrc,vrc->v", trend, trend), 1e-30)
+            images = images - shares[:, None, None] * trend
+        return images
+
+
+def _independent_norm(image: Image, others: list[Image]) -> float:
+    """Norm of what is left of an image beside its least-squares combination of others."""
+    basis = np.stack([other.ravel().astype(float) for other in others], axis=1)
+    flat = image.ravel().astype(float)
+    return float(np.linalg.norm(flat - basis @ np.linalg.lstsq(basis, flat, rcond=1e-9)[0]))
+
+
+def projected_values(
+    grains: GrainSet, arrays: list[Image], pose: Pose, geometry: Geometry, projector: Projector
+) -> Image:
+    """Line integrals of other values of the grains' voxels at a pose."""
+    rows = [k for k, array in enumerate(arrays) if array.any()]
+    if not rows:
+        return np.zeros((len(geometry), *geometry.shape), grains.precision)
+    chosen = ((grains.grains[k], arrays[k]) for k in rows)
+    kept = tuple(replace(grain, volume=replace(grain.volume, array=array), fine=None) for grain, array in chosen)
+    packed, at = GrainArrays.of(GrainSet(kept)), Pose(pose.translations[rows], pose.matrices[rows])
+    patches = footprint_patches(packed, at, geometry)
+    return assemble(project_patches(packed, at, geometry, patches, projector), patches, geometry)

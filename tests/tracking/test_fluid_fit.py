@@ -1,0 +1,60 @@
+"""Grains in a liquid: motions, and attenuation and level of the later state, on the voxel-free simulator."""
+
+import numpy as np
+import pytest
+
+import wet_sample
+from grainmotion.analysis.residual_images import residual_images
+from grainmotion.rotations import recenter
+from grainmotion.tracking.track import track
+from wet_sample import LIQUID, VOXEL
+
+LEVEL = -0.2
+STONES = wet_sample.stones()
+
+
+def errors(motions, truth):
+    """Errors (rms) of translations (voxels) and of rotation angles (degrees), by nearest true centre."""
+    nearest = [int(np.linalg.norm(truth.centers - c, axis=1).argmin()) for c in motions.centers]
+    matrices = truth.matrices[nearest]
+    wanted = recenter(matrices, truth.translations[nearest], truth.centers[nearest], motions.centers)
+    relative = motions.matrices @ np.swapaxes(matrices, 1, 2)
+    angles = np.degrees(np.arccos(np.clip((np.trace(relative, axis1=1, axis2=2) - 1) / 2, -1, 1)))
+    return np.sqrt(np.mean((motions.translations - wanted) ** 2)) / VOXEL, np.sqrt(np.mean(angles**2))
+
+
+@pytest.mark.parametrize(("reference_level", "level"), [(None, None), (None, LEVEL), (LEVEL, 0.4)])
+def test_motions_and_level_in_a_liquid_that_drains_or_rises(reference_level, level):
+    truth, later = wet_sample.moved(STONES)
+    grains = wet_sample.reference(STONES, reference_level)
+    scan = wet_sample.radiographs(wet_sample.in_liquid(later, LIQUID, level))
+    motions = track(grains, scan)
+    assert motions.ok.all()
+    shift, angle = errors(motions, truth)
+    assert shift < 0.06
+    assert angle < 0.6
+    fluid = motions.fit.fluid
+    assert fluid.attenuation == pytest.approx(LIQUID, rel=0.01)
+    if level is None:
+        assert np.isnan(fluid.level)
+    else:
+        assert fluid.level == pytest.approx(level, abs=0.1 * VOXEL)
+        assert 0 < fluid.level_sd < 0.2 * VOXEL
+    assert np.abs(residual_images(grains, motions, scan)).max() < 0.15 * scan.line_integrals.max()
+
+
+def test_another_liquid_in_the_later_state():
+    truth, later = wet_sample.moved(STONES)
+    motions = track(wet_sample.reference(STONES), wet_sample.radiographs(wet_sample.in_liquid(later, 0.25)))
+    assert motions.ok.all()
+    assert errors(motions, truth)[0] < 0.06
+    assert motions.fit.fluid.attenuation == pytest.approx(0.25, rel=0.02)
+
+
+def test_solid_stones_that_fall_dry_attenuate_as_stones():
+    truth, later = wet_sample.moved(STONES)
+    motions = track(wet_sample.reference(STONES), wet_sample.radiographs(wet_sample.solid(later, 0.0)))
+    assert motions.ok.all()
+    assert errors(motions, truth)[0] < 0.06
+    assert motions.fit.fluid.displaced == pytest.approx(1.0, abs=0.03)
+    assert motions.fit.fluid.level == pytest.approx(0.0, abs=0.1 * VOXEL)
