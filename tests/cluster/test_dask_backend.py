@@ -167,3 +167,12 @@ def test_same_motions(workers, search):
     np.testing.assert_array_equal(motions.statuses, expected.statuses)
     np.testing.assert_array_equal(motions.covariances, expected.covariances)
     assert workers.executor.done.count("differentiate") > 4
+
+
+def test_same_strains(workers):
+    """Stages with strains run on the client's processor, those before them on the workers."""
+    settings = TrackSettings(search=False, alternatives=False, strain=True, device="cpu")
+    expected, motions = track(GRAINS, SCAN, settings=settings), track(GRAINS, SCAN, settings=settings, device=workers)
+    np.testing.assert_array_equal(motions.strains, expected.strains)
+    np.testing.assert_array_equal(motions.strain_covariances, expected.strain_covariances)
+    assert workers.executor.done.count("differentiate") > 4
