@@ -10,9 +10,11 @@ import few_grains
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions
+from grainmotion.model.pose import Pose
 from grainmotion.model.scan import Scan
-from grainmotion.model.strain import components, polar_decomposition, stretches
+from grainmotion.model.strain import components, polar_decomposition, stretches, tensors
 from grainmotion.model.volume import Volume
+from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.reconstruction.reconstruct import reconstruct
 from grainmotion.rotations import apply_motion, rotation_matrix, rotation_vector
 from grainmotion.segmentation.extraction import grains_from_labels
@@ -27,6 +29,7 @@ from grainmotion.simulate import (
     stone,
 )
 from grainmotion.tracking.settings import TrackSettings
+from grainmotion.tracking.strain_stages import strains_by_rotations
 from grainmotion.tracking.track import track
 
 COUNT, SEED, VOXEL = 7, 3, 0.125
@@ -126,3 +129,18 @@ class TestRigidGrains:
         np.testing.assert_array_equal(other.strains[0], 0.01)
         assert np.isnan(other.strains[1]).all()
         np.testing.assert_array_equal(other.stretches[1], np.eye(3))
+
+
+def test_strains_of_a_grain_whose_rotation_is_unknown_turn_with_it():
+    """The covariance is that of many rotations of the same shape in the sample."""
+    grains = GrainArrays.of(few_grains.grain_set(1))
+    strain, start = np.array([[0.05, -0.02, 0.01, 0.03, 0.0, -0.04]]), rotation_matrix([[0.4, -0.8, 1.1]])
+    pose = Pose(np.zeros((1, 3)), start)
+    rng = np.random.default_rng(0)
+    spread = np.diag([1e-3, 3e-3, 2e-3])
+    turned = rotation_matrix(rng.standard_normal((4000, 3)) @ spread) @ start
+    shape = start @ tensors(strain) @ np.swapaxes(start, 1, 2)
+    expected = np.cov(components(np.swapaxes(turned, 1, 2) @ shape @ turned).T)
+    found = strains_by_rotations((spread**2)[None], grains.stretched(stretches(strain)), pose)[0]
+    np.testing.assert_allclose(found, expected, atol=0.06 * np.abs(expected).max())
+    assert not strains_by_rotations((spread**2)[None], grains, pose).any()

@@ -22,7 +22,7 @@ from grainmotion.solvers.block_cg import diagonal_blocks
 from grainmotion.solvers.gauss_newton import Solution, gauss_newton
 from grainmotion.tracking.body_motions import body_covariances
 from grainmotion.tracking.multistage import MultistageFit
-from grainmotion.tracking.strain_stages import refine_strains, strained_covariances
+from grainmotion.tracking.strain_stages import refine_strains, strained_covariances, strains_by_rotations
 from grainmotion.tracking.view_alignment import (
     ViewMisalignment,
     alignment_refusal,
@@ -157,6 +157,8 @@ def _covariances(
         free = free + unconfirmed_rotations(replace(problem, grains=coarse), pose, evaluation)
     own[:, 3:, 3:] += free
     own[:, :3, :3] += shifts_by_rotations(free, diagonal_blocks(hessian))
+    if strains is not None:
+        strains += strains_by_rotations(free, problem.grains, pose)
     if planar(problem.grains, problem.target.scan.geometry):
         own[:, OUT_OF_PLANE, :] = own[:, :, OUT_OF_PLANE] = 0
     return own, strains, nuisance, hessian

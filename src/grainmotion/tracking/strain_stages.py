@@ -12,7 +12,7 @@ from grainmotion._typing import Float
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions
 from grainmotion.model.pose import Pose
-from grainmotion.model.strain import components, stretches
+from grainmotion.model.strain import components, stretches, tensors
 from grainmotion.objective.data_term import Target
 from grainmotion.objective.evaluation import LinearizedEvaluation
 from grainmotion.objective.normal_matrix import normal_of
@@ -20,6 +20,7 @@ from grainmotion.objective.residual import StateProblem
 from grainmotion.objective.strain_problem import StrainedPose, StrainProblem, with_strains
 from grainmotion.projection.grain_arrays import GrainArrays, planar
 from grainmotion.projection.strain_derivatives import OUT_OF_PLANE_STRAINS
+from grainmotion.rotations import skew_matrix
 from grainmotion.solvers.gauss_newton import Solution, Stopping, gauss_newton
 from grainmotion.tracking.multistage import MultistageFit
 from grainmotion.uncertainty.covariance import covariances
@@ -81,6 +82,18 @@ def strained_covariances(
     if planar(problem.grains, problem.target.scan.geometry):
         strains[:, OUT_OF_PLANE_STRAINS, :] = strains[:, :, OUT_OF_PLANE_STRAINS] = 0
     return both[:n], strains, nuisance
+
+
+def strains_by_rotations(rotations: Float, grains: GrainArrays, pose: Pose) -> Float:
+    """Covariances ``(n, 6, 6)`` of strains by ``rotations (n, 3, 3)``, rad², that the radiographs do not confirm.
+
+    They show a grain's shape as it lies in the sample.  Rotated further by δ, it has the same shape with the strain
+    e + e S − S e in the frame of the reference, with S = [Ωᵀ δ]ₓ: none of a ball without strain changes.
+    """
+    e = tensors(strains_of(grains))[:, None]
+    turned = skew_matrix(pose.matrices)  # of the rows of Ω: Ωᵀ times the axes of the sample
+    changes = components(e @ turned - turned @ e)
+    return np.asarray(np.einsum("nai,nab,nbj->nij", changes, rotations, changes))
 
 
 def _solve(
