@@ -84,7 +84,7 @@ def keys(table: type) -> Iterator[tuple[str, str, str]]:
 
 def shown(value: Any) -> str:
     """A default as TOML writes it."""
-    if value is PydanticUndefined:
+    if value in (PydanticUndefined, dataclasses.MISSING):
         return "required"
     if value is None:
         return ""
