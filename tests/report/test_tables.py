@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from example import motions
 
+from grainmotion.model.motions import BodyMotion
 from grainmotion.report import StateReport, tables
 
 
@@ -43,3 +44,17 @@ def test_strains_are_columns_of_the_grains_where_they_were_measured():
     assert [columns[0] for _, columns in table.groups][-3:] == ["exx", "sd_exx", "reason"]
     assert table.rows[0][2][-12:] == ("−0.0123",) * 6 + ("0.0020",) * 6
     assert tables.grain_table(StateReport("rigid", images, images, motions(), 0.1), 10).groups == tables.COLUMN_GROUPS
+
+
+def test_bodies_have_motions_with_standard_deviations():
+    images, covariance = np.zeros((1, 2, 2)), np.diag([0.01, 0.01, 0.02, *np.deg2rad([0.1, 0.1, 104.0])]) ** 2
+    moved = BodyMotion(
+        "upper piston", "piston", "free", np.zeros(3), np.array([0, 0, -0.25]), np.zeros(3), covariance, True
+    )
+    still = replace(moved, name="wall", moved=False)
+    with_bodies = replace(motions(), fit=replace(motions().fit, bodies=(moved, still)))
+    first, second = tables.body_rows(StateReport("a", images, images, with_bodies, 0.1))
+    assert first[:2] == ("upper piston", "moved")
+    assert first[2][2] == "−0.2500 ± 0.020"
+    assert first[2][5] == "0.000 ± 104"
+    assert second == ("wall", "did not move", ["–"] * 6)

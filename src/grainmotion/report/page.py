@@ -91,6 +91,7 @@ def _state(state: StateReport, pixels: int, rows: int) -> Mapping[str, object]:
         "facts": tables.fit_facts(state),
         "notes": fit.notes,
         "corrections": tables.correction_rows(fit, state.views),
+        "bodies": tables.body_rows(state),
         "comparison": state.comparison,
         "curve": Markup(curves.convergence_svg(fit.costs)) if fit.costs else None,
         "radiographs": {"views": views, "grey": grey, "diverging": diverging},

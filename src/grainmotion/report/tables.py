@@ -169,6 +169,21 @@ def correction_rows(fit: StateFit, views: tuple[str, ...]) -> list[tuple[str, li
     return [(view, [f"{v:.4f} ± {d:.4f}" for v, d in zip(value, deviation)]) for view, value, deviation in pairs]
 
 
+def body_rows(state: StateReport) -> list[tuple[str, str, list[str]]]:
+    """Name of each body, whether it moved, and u (mm) and ω (degrees) with their standard deviations."""
+    rows, decimals = [], length_decimals(state.voxel_size)
+    for body in state.motions.fit.bodies:
+        sd = np.sqrt(np.diagonal(body.covariance))
+        values = ["–"] * 6
+        if body.moved:
+            values = [f"{number(u, decimals)} ± {significant(d, 2)}" for u, d in zip(body.translation, sd[:3])]
+            turns = zip(np.rad2deg(body.rotation), np.rad2deg(sd[3:]))
+            values += [f"{number(w, 3)} ± {significant(d, 2)}" for w, d in turns]
+        word = "moved" if body.moved else ("fixed" if body.freedom == "fixed" else "did not move")
+        rows.append((body.name, word, values))
+    return rows
+
+
 def attention_groups(motions: Motions) -> list[Attention]:
     """The grains that did not converge, by status and reason."""
     groups: dict[tuple[str, str], list[int]] = {}

@@ -21,7 +21,7 @@ from grainmotion.segmentation.settings import BodySettings, Place
 
 MIN_PIECE_SHARE = 0.01
 """Share of all attenuation from which a connected piece is a body of its own."""
-MIN_BODY_LEVEL, BODY_NOISE = 0.1, 1.2
+MIN_BODY_LEVEL, BODY_NOISE = 0.05, 1.2
 """Filtered attenuation from which a voxel may be of a body: over the mean of the grains, and over the noise of a voxel,
 of which the filter leaves a third or less."""
 CORE_SIGMA = 1.0

@@ -16,6 +16,7 @@ from grainmotion.calibration.scanner import ScannerCalibration
 from grainmotion.experiment.config import Experiment, Export
 from grainmotion.experiment.inputs import Inputs
 from grainmotion.experiment.scan_inputs import ScanInput
+from grainmotion.io.bodies_csv import write_body_motions
 from grainmotion.io.results import StoredReference
 from grainmotion.io.spam import write_ddic_tsv
 from grainmotion.io.tiff import read_tiff, write_tiff
@@ -33,7 +34,7 @@ from grainmotion.workflow.tracking_stage import TrackedState
 
 REFERENCE_EXPORTS = {"vtk": ("reference.vti",), "spam": ("reference.tif", "reference_labels.tif")}
 STATE_EXPORTS = {"vtk": "grains.vtp", "spam": "grains-ddic.tsv"}
-RESIDUALS, REPORT = "residuals.tif", "report.html"
+RESIDUALS, BODIES, REPORT = "residuals.tif", "bodies.csv", "report.html"
 DEFORMED = ("rebuilt.tif", "rebuilt_labels.tif")
 
 
@@ -64,6 +65,9 @@ def write_outputs(
         folder, state = context.folder / table.name, tracked[table.name]
         files = [folder / RESIDUALS]
         outputs = [("residuals", files, partial(_write_residuals, context, reference, source, state, files[0]))]
+        if bodies := state.motions.fit.bodies:
+            files = [folder / BODIES]
+            outputs.append(("bodies", files, partial(write_body_motions, files[0], bodies)))
         if output.rebuild:
             files = [folder / file for file in DEFORMED]
             outputs.append(("rebuilt", files, partial(_write_deformed, context, reference, state, files)))
@@ -188,6 +192,10 @@ def _reference_facts(inputs: Inputs, reference: StoredReference) -> Rows:
         rows.append(("Threshold", f"{reference.threshold:.4g} /mm"))
     if reference.phases:
         rows.append(("Phases, with their shares of the volume", ", ".join(map(str, reference.phases))))
+    if reference.scene is not None and reference.scene.bodies:
+        rows.append(
+            ("Bodies beside the grains", ", ".join(f"{b.name} ({b.freedom.text})" for b in reference.scene.bodies))
+        )
     if reference.border:
         rows.append(("Cut by the border of the field of view", f"{len(reference.border)} grains"))
     if inputs.reference is None:

@@ -84,7 +84,8 @@ def segment_stage(context: RunContext, reference: Callable[[], StoredReference])
         labels, threshold, border = segmentation.labels, segmentation.threshold, segmentation.border
         stored = StoredReference(stored.volume, stored.residuals, labels, threshold, border, phases=segmentation.phases)
         segmented = SegmentedReference(stored, settings, cut)
-        len(segmented.grains)  # extract them now: if that fails, the old result is kept
+        scene = segmented.grains.scene  # extracted now: if that fails, the old result is kept
+        segmented.stored = replace(segmented.stored, scene=scene)
         return segmented
 
     def write(segmented: SegmentedReference) -> None:
