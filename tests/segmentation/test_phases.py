@@ -138,6 +138,10 @@ class TestTold:
         assert segmentation.labels.max() == STONES // 2
         assert [phase.kind for phase in segmentation.phases] == ["air", "body", "grains"]
 
+    def test_air_need_not_be_told(self):
+        truth, volume = scanned(0)
+        assert_found(truth, segment(volume, SegmentSettings(phases=(PhaseSettings("grains", 1.0),))))
+
     @pytest.mark.parametrize("values", [{}, {"attenuation": 1.0, "range": (0.5, 1.0)}, {"range": (1.0, 0.5)}])
     def test_a_phase_needs_an_attenuation_or_a_range(self, values):
         with pytest.raises(InputError, match="PhaseSettings"):

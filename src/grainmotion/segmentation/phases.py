@@ -112,13 +112,15 @@ def find_levels(array: Floats, threshold: float, told: Sequence[PhaseSettings] =
     threshold : float
         Attenuation that separates bodies from air roughly, as Otsu's does, 1/mm.
     told : sequence of PhaseSettings
-        Phases that are known; found if empty.
+        Phases that are known; found if empty.  Air without attenuation is added unless it is told.
 
     Returns
     -------
     Levels or None
         None if there are no two levels above the lowest, so that one threshold separates all there is.
     """
+    if told and all(phase.kind != "air" for phase in told):
+        told = (PhaseSettings("air", 0.0), *told)
     cores = UniformCores.of(array, threshold, [phase.bounds for phase in told])
     if len(cores.levels) < 3 and not told:
         return None
