@@ -5,18 +5,20 @@ Coverage is that of some fifty errors here, of which 88 to 99 % are within 1.96 
 """
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
 from validation.accuracy.laboratory_scores import BARS, Bar, reference_grains, score, shortfalls, tracked
 
 from grainmotion.analysis.validation import compare
+from grainmotion.diagnosis.scan_geometry import check_scan
 from grainmotion.simulate import LABORATORY_CASES, LATER_ANGLES_DEG, hard_case
 from grainmotion.tracking.track import TrackSettings, track
 
 SEED = 3
 MIN_COVERAGE_OF_FEW = 0.85
-REACHED = ("plain", "tall", "wide", "sizes", "gone", "materials", "round")
+REACHED = ("plain", "tall", "wide", "wet", "drains", "sizes", "gone", "soft", "materials", "round")
 """Samples that the package does as it should."""
 MANY_GRAINS = ("tall", "wide", "sizes")
 
@@ -55,6 +57,33 @@ def test_a_laboratory_sample_reaches_its_bar(chain, name, views):
     case, grains = chain(name)
     expected = bar(name) if views == 4 else dataclasses.replace(bar(name), voxels=0.1, degrees=0.6)
     assert shortfalls(expected, [tracked(case, grains, views)]) == []
+
+
+def test_a_creep_is_named_with_its_size_and_covered(chain):
+    case, grains = chain("settling")
+    expected = dataclasses.replace(bar("settling"), note="")
+    assert shortfalls(expected, [tracked(case, grains, 4)]) == []
+    (finding,) = check_scan(case.reference(), case.case.scanner.grid)
+    assert finding.check == "moving-sample"
+    size = float(re.search(r"([\d.]+) mm at the sample", finding.evidence)[1])
+    assert size == pytest.approx(np.linalg.norm(case.creep), rel=0.2)
+
+
+def test_the_level_of_a_drained_liquid_is_a_result(chain):
+    case, grains = chain("drains")
+    found = track(grains, case.state(LATER_ANGLES_DEG[4])).fit.fluid
+    assert found.level == pytest.approx(case.facts["level"], abs=0.5 * case.case.scanner.voxel_size)
+    assert found.attenuation == pytest.approx(case.facts["liquid_attenuation"], rel=0.05)
+
+
+def test_pistons_are_bodies_with_their_own_motion(chain):
+    case, grains = chain("platens")
+    measured = track(grains, case.state(LATER_ANGLES_DEG[4]))
+    found = {body.name: body for body in measured.fit.bodies}
+    assert set(found) == {"lower piston", "upper piston"}
+    for row, name in enumerate(("lower piston", "upper piston")):
+        stroke = case.body_motions.translations[row, 2]
+        assert found[name].translation[2] == pytest.approx(stroke, abs=0.1 * case.case.scanner.voxel_size)
 
 
 def test_strains_are_measured_where_it_is_asked_for(chain):
