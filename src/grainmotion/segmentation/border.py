@@ -58,7 +58,10 @@ def _distances(ny: int, nx: int) -> Float:
 def _borders(field: FieldOfView, volume: Volume) -> tuple[Float, Float, NDArray[np.bool_]]:
     """Heights between which nearly all views see a column of voxels, mm, and columns beside the field ``(ny, nx)``."""
     nz, ny, nx = volume.shape
-    x, y = (volume.origin[k] + volume.voxel_size * np.arange(0, n, FIELD_LATTICE) for k, n in ((0, nx), (1, ny)))
+    middle = (FIELD_LATTICE - 1) / 2  # of the voxels for which a place stands
+    x, y = (
+        volume.origin[k] + volume.voxel_size * (np.arange(0, n, FIELD_LATTICE) + middle) for k, n in ((0, nx), (1, ny))
+    )
     places = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     low, high = field.border_heights(places, WHOLE_SHARE)
     sides, seen = replace(field, above=False, below=False), np.ones(len(places))
