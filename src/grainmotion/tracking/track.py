@@ -27,6 +27,7 @@ from grainmotion.model.scan import Scan
 from grainmotion.model.starting_pose import starting_pose
 from grainmotion.tracking.absent_grains import without_absent
 from grainmotion.tracking.attempt import Attempt, Job, approach, attempt, finish, unsolved
+from grainmotion.tracking.broken_grains import with_broken
 from grainmotion.tracking.missing_grains import (
     MAX_GRAINS_ALL_TRIED,
     MAX_SINGLE_SUSPECTS,
@@ -116,10 +117,11 @@ def track_with_residual(
         try:
             near = approach(job)
             first = without_absent(job, near) or finish(job, near)
+            first = with_broken(job, near, first) or first
         except np.linalg.LinAlgError as error:  # ends one attempt, not the run
             first = unsolved(job.grains, error)
-        absent = (first.motions.statuses == Status.ABSENT.value).any()
-        best = first if absent else _without_missing(job, first)
+        explained = np.isin(first.motions.statuses, [Status.ABSENT.value, Status.BROKEN.value]).any()
+        best = first if explained else _without_missing(job, first)
         chosen, motions = first, first.motions
         if registered(best.motions).sum() > registered(first.motions).sum():
             chosen, motions = best, complete(best.motions, grains)
