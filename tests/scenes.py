@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from grainmotion.model.motions import BodyMotion
 from grainmotion.model.scene import NO_MOTION, RIGID_MOTION, Body, Scene, first_voxel
+from grainmotion.model.state_fit import BodyMotion
 from grainmotion.projection.bodies import packed_body
 from grainmotion.projection.grains import body_image
 from grainmotion.rotations import rotation_matrix

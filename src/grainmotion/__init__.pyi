@@ -30,7 +30,6 @@ from .model.geometry import Geometry as Geometry
 from .model.grains import Grain as Grain
 from .model.grains import GrainSet as GrainSet
 from .model.motions import Motions as Motions
-from .model.motions import StateFit as StateFit
 from .model.motions import Status as Status
 from .model.scan import Scan as Scan
 from .model.scan import normalize_air as normalize_air
@@ -38,6 +37,7 @@ from .model.scan import snr as snr
 from .model.scene import Body as Body
 from .model.scene import Freedom as Freedom
 from .model.scene import Scene as Scene
+from .model.state_fit import StateFit as StateFit
 from .model.volume import Volume as Volume
 from .planning.plan import Plan as Plan
 from .planning.plan import PlanSettings as PlanSettings

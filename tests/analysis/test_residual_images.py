@@ -9,9 +9,9 @@ from few_grains import VOXEL, geometry, grain_set, small_motions
 from grainmotion.analysis.residual_images import residual_images
 from grainmotion.model.detector_response import Response
 from grainmotion.model.grains import GrainSet
-from grainmotion.model.motions import StateFit
 from grainmotion.model.pose import NuisanceMotion, ViewCorrections
 from grainmotion.model.scan import Scan
+from grainmotion.model.state_fit import StateFit
 from grainmotion.model.volume import Volume
 from grainmotion.objective.nuisance_motions import corrected_geometry
 from grainmotion.projection.grains import simulate_radiographs

@@ -10,8 +10,9 @@ import grainmotion.tracking
 from grainmotion.diagnosis import results
 from grainmotion.diagnosis.results import SEE_COMMON_CAUSE, check_motions, common_cause, with_common_cause
 from grainmotion.model.finding import Finding, Level
-from grainmotion.model.motions import Motions, StateFit
+from grainmotion.model.motions import Motions
 from grainmotion.model.pose import ViewCorrections
+from grainmotion.model.state_fit import StateFit
 from grainmotion.model.volume import Volume
 from grainmotion.tracking.body_motions import fixed_note
 from grainmotion.tracking.view_alignment import ViewMisalignment

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from grainmotion.model.motions import Motions, StateFit, Status
+from grainmotion.model.motions import Motions, Status
+from grainmotion.model.state_fit import StateFit
 
 
 def motions() -> Motions:

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 
 from grainmotion.io.bodies_csv import BODY_COLUMNS, write_body_motions
-from grainmotion.model.motions import BodyMotion
+from grainmotion.model.state_fit import BodyMotion
 
 
 def test_columns_are_in_mm_and_degrees(tmp_path):

@@ -10,7 +10,8 @@ import pytest
 
 from grainmotion.errors import InputError
 from grainmotion.io.motions_csv import read_motions, write_motions
-from grainmotion.model.motions import MOTION_COLUMNS, Motions
+from grainmotion.model.motion_table import MOTION_COLUMNS
+from grainmotion.model.motions import Motions
 
 
 @pytest.fixture(name="motions")

@@ -10,9 +10,10 @@ import pytest
 from grainmotion.io.results import StoredReference, read_motions_h5, read_reference, write_motions_h5, write_reference
 from grainmotion.model.detector_response import Response
 from grainmotion.model.grains import GrainSet
-from grainmotion.model.motions import BodyMotion, Motions, StateFit
+from grainmotion.model.motions import Motions
 from grainmotion.model.pose import ViewCorrections
 from grainmotion.model.scene import RIGID_MOTION, Body, Freedom, Scene
+from grainmotion.model.state_fit import BodyMotion, StateFit
 from grainmotion.model.volume import Volume
 from grainmotion.segmentation.extraction import grains_from_labels
 from grainmotion.segmentation.phases import Phase

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from grainmotion.errors import InputError
-from grainmotion.model.motions import Motions, StateFit, Status
+from grainmotion.model.motions import Motions, Status
 from grainmotion.model.pose import ViewCorrections
+from grainmotion.model.state_fit import StateFit
 from grainmotion.rotations import rotation_matrix
 
 N = 5

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from grainmotion.model.fluid import FluidFit
-from grainmotion.model.motions import Motions, StateFit
+from grainmotion.model.motions import Motions
 from grainmotion.model.pose import Pose
+from grainmotion.model.state_fit import StateFit
 from grainmotion.projection.displaced_fluid import Submersion
 from grainmotion.projection.grains import simulate_radiographs
 from wet_sample import EXCESS, LIQUID, in_liquid, radiographs, reference, stones

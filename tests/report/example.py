@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from grainmotion.model.motions import Motions, StateFit, Status
+from grainmotion.model.motions import Motions, Status
+from grainmotion.model.state_fit import StateFit
 from grainmotion.model.volume import Volume
 from grainmotion.report import ReportData, StateReport
 

@@ -13,7 +13,8 @@ import plotly.graph_objects
 import pytest
 
 from grainmotion.model.finding import Finding, Level
-from grainmotion.model.motions import MOTION_COLUMNS, OK_COLUMNS, Motions, Status
+from grainmotion.model.motion_table import MOTION_COLUMNS, OK_COLUMNS
+from grainmotion.model.motions import Motions, Status
 from grainmotion.report import ReportData, StateReport, write_report
 
 

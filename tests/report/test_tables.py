@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from example import motions
 
-from grainmotion.model.motions import BodyMotion
+from grainmotion.model.state_fit import BodyMotion
 from grainmotion.report import StateReport, tables
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from grainmotion.errors import InputError
-from grainmotion.model.motions import MOTION_COLUMNS, OK_COLUMNS, REASON_COLUMN
+from grainmotion.model.motion_table import MOTION_COLUMNS, OK_COLUMNS, REASON_COLUMN
 from grainmotion.rotations import skew_matrix
 from grainmotion.simulate import Ellipsoid, Particle, Sample, affine, random, rigid, shear_band, unmoved
 

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from few_grains import GAIN_AND_OFFSET, grain_set, motions, radiographs, small_motions
-from grainmotion.model.motions import Motions, StateFit, Status
+from grainmotion.model.motions import Motions, Status
 from grainmotion.model.pose import Pose
 from grainmotion.model.scan import Scan
+from grainmotion.model.state_fit import StateFit
 from grainmotion.objective.data_term import Target
 from grainmotion.objective.residual import StateProblem
 from grainmotion.projection.grain_arrays import GrainArrays

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from grainmotion.io.files import atomic_write
-from grainmotion.model.motions import BodyMotion
+from grainmotion.model.state_fit import BodyMotion
 
 BODY_COLUMNS = (
     "name", "kind", "freedom", "moved", "x", "y", "z", "ux", "uy", "uz", "wx", "wy", "wz",

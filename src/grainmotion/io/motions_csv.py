@@ -1,5 +1,5 @@
-"""Motions as CSV: one row a grain, the columns of `grainmotion.model.motions.MOTION_COLUMNS`, then the reason, then
-whether translation and rotation are results to use (`OK_COLUMNS`), and where they were measured the strains
+"""Motions as CSV: one row a grain, the columns `MOTION_COLUMNS` of `grainmotion.model.motion_table`, then the reason,
+then whether translation and rotation are results to use (`OK_COLUMNS`), and where they were measured the strains
 (`STRAIN_COLUMNS`, see `grainmotion.model.strain`).
 
 Lengths (x, u and their standard deviations) are in mm, rotation vectors w and their standard deviations in
@@ -16,7 +16,8 @@ import pandas as pd
 from grainmotion._arguments import checked_arguments
 from grainmotion.errors import InputError
 from grainmotion.io.files import atomic_write, checked_file
-from grainmotion.model.motions import MOTION_COLUMNS, OK_COLUMNS, STRAIN_COLUMNS, Motions
+from grainmotion.model.motion_table import MOTION_COLUMNS, OK_COLUMNS, STRAIN_COLUMNS
+from grainmotion.model.motions import Motions
 
 _YES_OR_NO = {"true": True, "false": False, "1": True, "0": False, "1.0": True, "0.0": False}
 """Words for yes and no."""

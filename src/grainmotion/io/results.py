@@ -30,9 +30,10 @@ from grainmotion.io.hdf5 import opened
 from grainmotion.model.detector_response import Response
 from grainmotion.model.fluid import Fluid, FluidFit
 from grainmotion.model.grains import GrainSet
-from grainmotion.model.motions import BodyMotion, Motions, StateFit
+from grainmotion.model.motions import Motions
 from grainmotion.model.pose import ViewCorrections
 from grainmotion.model.scene import Body, Freedom, Scene, first_voxel
+from grainmotion.model.state_fit import BodyMotion, StateFit
 from grainmotion.model.volume import Volume
 from grainmotion.segmentation.phases import Phase
 

@@ -8,14 +8,11 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from typing_extensions import deprecated
 
-from grainmotion._typing import Float
 from grainmotion.errors import InputError
-from grainmotion.model.detector_response import Response
-from grainmotion.model.fluid import FluidFit
-from grainmotion.model.pose import ViewCorrections
-from grainmotion.model.strain import STRAIN_NAMES, stretches
+from grainmotion.model.motion_table import OK_COLUMNS, fields_from_table, table_from_fields
+from grainmotion.model.state_fit import StateFit
+from grainmotion.model.strain import stretches
 from grainmotion.rotations import rotation_matrix
 
 if TYPE_CHECKING:
@@ -39,111 +36,10 @@ class Status(StrEnum):
     DEFORMED = "deformed"
 
 
-MOTION_COLUMNS = (
-    "label", "status", "x", "y", "z", "ux", "uy", "uz", "wx", "wy", "wz",
-    "sd_ux", "sd_uy", "sd_uz", "sd_wx", "sd_wy", "sd_wz", "residual", "iterations",
-)  # fmt: skip
-REASON_COLUMN = "reason"
-"""Column of ``motions.csv`` after `MOTION_COLUMNS`; files of older versions lack it."""
-OK_COLUMNS = ("ok_translation", "ok_rotation")
-"""Columns of ``motions.csv`` after `REASON_COLUMN`; files of older versions lack them."""
-STRAIN_COLUMNS = (*STRAIN_NAMES, *(f"sd_{name}" for name in STRAIN_NAMES))
-"""Last columns of ``motions.csv``, where strains were measured."""
 PARTIAL = (Status.CUT.value, Status.DEFORMED.value, Status.BROKEN.value)
 """Statuses of grains whose translation or rotation may be a result to use; the classification says which."""
 POORLY_DETERMINED_REASON = "poorly determined: "
 """Beginning of the reason of a poorly determined grain; what is not determined follows, up to a semicolon."""
-
-
-@dataclass(frozen=True, eq=False)
-class BodyMotion:
-    """Motion of one body beside the grains, such as a piston, from the reference state to a later one.
-
-    Attributes
-    ----------
-    name, kind, freedom : str
-        As in `Body`; ``freedom`` is the text of the ways in which it may move.
-    center : (3,) array
-        Attenuation-weighted centre of mass in the reference state, mm, x y z.
-    translation, rotation : (3,) arrays
-        u, mm, and the rotation vector ω about the centre, radians, sample frame; zero if it did not move.
-    covariance : (6, 6) array
-        Of (ux, uy, uz, ωx, ωy, ωz), mm and radians; NaN if it did not move.
-    moved : bool
-        Whether it moved, as far as the radiographs show; else it was fixed where it was in the reference.
-    """
-
-    name: str
-    kind: str
-    freedom: str
-    center: NDArray[np.float64]
-    translation: NDArray[np.float64]
-    rotation: NDArray[np.float64]
-    covariance: NDArray[np.float64]
-    moved: bool
-
-    @property
-    def matrix(self) -> NDArray[np.float64]:
-        """Rotation matrix Ω ``(3, 3)``."""
-        return rotation_matrix(self.rotation)
-
-
-@dataclass(frozen=True, eq=False)
-class StateFit:
-    """How the fit of one state went as a whole.
-
-    Attributes
-    ----------
-    gain, offset : float
-        a and b of Eq. 22: measured ≈ a · simulated + b; means over views where each has its own.
-    costs : tuple of (str, float)
-        Stage and relative residual ‖F(b − m(P))‖/‖F b‖ after each iteration, in order, under the
-        stage's own filter F (so that stages with different filters do not compare).
-    response : Response, optional
-        Fitted response of the detector; None if only gain and offset are known.
-    view_corrections, view_corrections_sd : ViewCorrections, optional
-        Shift of each view's panel and angle of its stage, and their standard deviations.  None where they were not
-        estimated.
-    bodies : tuple of BodyMotion
-        Motion of each body beside the grains.
-    downweighted : float
-        Share of the pixels in the grains' footprints to which a robust loss gave less weight.
-    notes : tuple of str
-        Sentences on the state as a whole, such as refused options and unexplained attenuation.
-    fluid : FluidFit, optional
-        Attenuation and level of the liquid in this state; None if the reference is dry.
-    """
-
-    gain: float = 1.0
-    offset: float = 0.0
-    costs: tuple[tuple[str, float], ...] = ()
-    response: Response | None = None
-    view_corrections: ViewCorrections | None = None
-    view_corrections_sd: ViewCorrections | None = None
-    bodies: tuple[BodyMotion, ...] = ()
-    downweighted: float = 0.0
-    notes: tuple[str, ...] = ()
-    fluid: FluidFit | None = None
-
-    @property
-    def background(self) -> NDArray[np.float64] | None:
-        """Motion (u, ω) ``(6,)`` of the first body that may move, mm and radians; None if there is none."""
-        for body in self.bodies:
-            if body.freedom != "fixed":
-                return np.concatenate([body.translation, body.rotation])
-        return None
-
-    @property
-    @deprecated("StateFit.corrections is now StateFit.view_corrections")
-    def corrections(self) -> Float | None:
-        """Columns of `view_corrections`, pixels, pixels and radians, ``(views, 3)``."""
-        return None if self.view_corrections is None else self.view_corrections.columns
-
-    @property
-    @deprecated("StateFit.corrections_sd is now StateFit.view_corrections_sd")
-    def corrections_sd(self) -> Float | None:
-        """Columns of `view_corrections_sd`, pixels, pixels and radians, ``(views, 3)``."""
-        return None if self.view_corrections_sd is None else self.view_corrections_sd.columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -342,22 +238,13 @@ class Motions:
 
     def to_table(self) -> pd.DataFrame:
         """The table of ``motions.csv``: mm and degrees, one row a grain."""
-        import pandas as pd  # takes half a second, which a fit does not need
-
-        sd = np.sqrt(np.diagonal(self.covariances, axis1=1, axis2=2)).copy()
-        sd[:, 3:] = np.rad2deg(sd[:, 3:])
-        numbers = np.concatenate([self.centers, self.translations, np.rad2deg(self.rotations), sd], axis=1)
-        table = pd.DataFrame(numbers, columns=list(MOTION_COLUMNS[2:17]))
-        table.insert(0, "label", self.labels)
-        table.insert(1, "status", self.statuses)
-        table["residual"] = self.residuals
-        table["iterations"] = self.iterations
-        table[REASON_COLUMN] = [_plain_text(reason) for reason in self.reasons]
-        for name in OK_COLUMNS:
-            table[name] = getattr(self, name)
-        if self.strains is not None and self.strain_sd is not None:
-            table[list(STRAIN_COLUMNS)] = np.hstack([self.strains, self.strain_sd])
-        return table
+        return table_from_fields({
+            "labels": self.labels, "centers": self.centers, "translations": self.translations,
+            "rotations": self.rotations, "covariances": self.covariances, "statuses": self.statuses,
+            "residuals": self.residuals, "iterations": self.iterations, "reasons": self.reasons,
+            "ok_translation": self.ok_translation, "ok_rotation": self.ok_rotation,
+            "strains": self.strains, "strain_covariances": self.strain_covariances,
+        })  # fmt: skip
 
     @classmethod
     def from_table(cls, table: pd.DataFrame, where: str = "motions table") -> Motions:
@@ -380,42 +267,4 @@ class Motions:
         InputError
             If a column is missing, naming ``where``.
         """
-        missing = [c for c in MOTION_COLUMNS if c not in table.columns]
-        if missing:
-            raise InputError(where, f"columns {missing} are missing", f"give {','.join(MOTION_COLUMNS)}")
-        sd = table[list(MOTION_COLUMNS[11:17])].to_numpy(float, copy=True)
-        sd[:, 3:] = np.deg2rad(sd[:, 3:])
-        strains = strain_sd = None
-        if set(STRAIN_COLUMNS) <= set(table.columns):
-            strains, strain_sd = np.hsplit(table[list(STRAIN_COLUMNS)].to_numpy(float), 2)
-        return cls(
-            labels=table["label"].to_numpy(np.int64),
-            centers=table[["x", "y", "z"]].to_numpy(float),
-            translations=table[["ux", "uy", "uz"]].to_numpy(float),
-            rotations=np.deg2rad(table[["wx", "wy", "wz"]].to_numpy(float)),
-            covariances=sd[:, :, None] ** 2 * np.eye(6),
-            statuses=table["status"].to_numpy(str).astype("<U20"),
-            residuals=table["residual"].to_numpy(float),
-            iterations=table["iterations"].to_numpy(np.int64),
-            reasons=_reasons(table),
-            ok_translation=_flags(table, "ok_translation"),
-            ok_rotation=_flags(table, "ok_rotation"),
-            strains=strains,
-            strain_covariances=None if strain_sd is None else strain_sd[:, :, None] ** 2 * np.eye(6),
-        )
-
-
-def _plain_text(sentence: str) -> str:
-    """A sentence in one line that no spreadsheet takes for a formula and no reader for a comment."""
-    return " ".join(sentence.replace("#", "no. ").split()).lstrip("=+-@ ")
-
-
-def _reasons(table: pd.DataFrame) -> tuple[str, ...]:
-    if REASON_COLUMN not in table.columns:
-        return ("",) * len(table)
-    return tuple("" if reason != reason else str(reason) for reason in table[REASON_COLUMN])
-
-
-def _flags(table: pd.DataFrame, name: str) -> NDArray[np.bool_]:
-    """A column of `OK_COLUMNS`; empty if the table lacks it."""
-    return table[name].to_numpy(bool) if name in table.columns else np.zeros(0, dtype=bool)
+        return cls(**fields_from_table(table, where))

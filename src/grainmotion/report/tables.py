@@ -8,7 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from grainmotion.model.fluid import FluidFit
-from grainmotion.model.motions import MOTION_COLUMNS, OK_COLUMNS, STRAIN_COLUMNS, Motions, StateFit, Status
+from grainmotion.model.motion_table import MOTION_COLUMNS, OK_COLUMNS, STRAIN_COLUMNS
+from grainmotion.model.motions import Motions, Status
+from grainmotion.model.state_fit import StateFit
 from grainmotion.report.data import Rows, StateReport
 
 STATUS_COLOURS = {

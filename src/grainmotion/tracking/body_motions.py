@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from grainmotion._typing import Float
-from grainmotion.model.motions import BodyMotion
 from grainmotion.model.pose import NuisanceMotion, Pose
 from grainmotion.model.scene import Body
+from grainmotion.model.state_fit import BodyMotion
 from grainmotion.objective.data_term import Target
 from grainmotion.objective.nuisance_motions import NuisanceModel, nuisance_values
 from grainmotion.objective.priors import nuisance_prior

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from grainmotion._typing import Float
 from grainmotion.model.grains import GrainSet
-from grainmotion.model.motions import POORLY_DETERMINED_REASON, Motions, StateFit, Status
+from grainmotion.model.motions import POORLY_DETERMINED_REASON, Motions, Status
 from grainmotion.model.pose import Pose
+from grainmotion.model.state_fit import StateFit
 from grainmotion.objective.residual import StateProblem
 from grainmotion.rotations import rotation_vector
 from grainmotion.solvers.gauss_newton import Solution

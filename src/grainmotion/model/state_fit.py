@@ -1,0 +1,106 @@
+"""The fit of one state as a whole: detector, alignment, liquid and the motions of bodies beside the grains."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from typing_extensions import deprecated
+
+from grainmotion._typing import Float
+from grainmotion.model.detector_response import Response
+from grainmotion.model.fluid import FluidFit
+from grainmotion.model.pose import ViewCorrections
+from grainmotion.rotations import rotation_matrix
+
+
+@dataclass(frozen=True, eq=False)
+class BodyMotion:
+    """Motion of one body beside the grains, such as a piston, from the reference state to a later one.
+
+    Attributes
+    ----------
+    name, kind, freedom : str
+        As in `Body`; ``freedom`` is the text of the ways in which it may move.
+    center : (3,) array
+        Attenuation-weighted centre of mass in the reference state, mm, x y z.
+    translation, rotation : (3,) arrays
+        u, mm, and the rotation vector ω about the centre, radians, sample frame; zero if it did not move.
+    covariance : (6, 6) array
+        Of (ux, uy, uz, ωx, ωy, ωz), mm and radians; NaN if it did not move.
+    moved : bool
+        Whether it moved, as far as the radiographs show; else it was fixed where it was in the reference.
+    """
+
+    name: str
+    kind: str
+    freedom: str
+    center: NDArray[np.float64]
+    translation: NDArray[np.float64]
+    rotation: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    moved: bool
+
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        """Rotation matrix Ω ``(3, 3)``."""
+        return rotation_matrix(self.rotation)
+
+
+@dataclass(frozen=True, eq=False)
+class StateFit:
+    """How the fit of one state went as a whole.
+
+    Attributes
+    ----------
+    gain, offset : float
+        a and b of Eq. 22: measured ≈ a · simulated + b; means over views where each has its own.
+    costs : tuple of (str, float)
+        Stage and relative residual ‖F(b − m(P))‖/‖F b‖ after each iteration, in order, under the
+        stage's own filter F (so that stages with different filters do not compare).
+    response : Response, optional
+        Fitted response of the detector; None if only gain and offset are known.
+    view_corrections, view_corrections_sd : ViewCorrections, optional
+        Shift of each view's panel and angle of its stage, and their standard deviations.  None where they were not
+        estimated.
+    bodies : tuple of BodyMotion
+        Motion of each body beside the grains.
+    downweighted : float
+        Share of the pixels in the grains' footprints to which a robust loss gave less weight.
+    notes : tuple of str
+        Sentences on the state as a whole, such as refused options and unexplained attenuation.
+    fluid : FluidFit, optional
+        Attenuation and level of the liquid in this state; None if the reference is dry.
+    """
+
+    gain: float = 1.0
+    offset: float = 0.0
+    costs: tuple[tuple[str, float], ...] = ()
+    response: Response | None = None
+    view_corrections: ViewCorrections | None = None
+    view_corrections_sd: ViewCorrections | None = None
+    bodies: tuple[BodyMotion, ...] = ()
+    downweighted: float = 0.0
+    notes: tuple[str, ...] = ()
+    fluid: FluidFit | None = None
+
+    @property
+    def background(self) -> NDArray[np.float64] | None:
+        """Motion (u, ω) ``(6,)`` of the first body that may move, mm and radians; None if there is none."""
+        for body in self.bodies:
+            if body.freedom != "fixed":
+                return np.concatenate([body.translation, body.rotation])
+        return None
+
+    @property
+    @deprecated("StateFit.corrections is now StateFit.view_corrections")
+    def corrections(self) -> Float | None:
+        """Columns of `view_corrections`, pixels, pixels and radians, ``(views, 3)``."""
+        return None if self.view_corrections is None else self.view_corrections.columns
+
+    @property
+    @deprecated("StateFit.corrections_sd is now StateFit.view_corrections_sd")
+    def corrections_sd(self) -> Float | None:
+        """Columns of `view_corrections_sd`, pixels, pixels and radians, ``(views, 3)``."""
+        return None if self.view_corrections_sd is None else self.view_corrections_sd.columns
