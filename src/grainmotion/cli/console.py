@@ -141,6 +141,7 @@ def print_states(motions: dict[str, Motions]) -> None:
     import numpy as np
 
     from grainmotion.diagnosis.results import SEE_COMMON_CAUSE
+    from grainmotion.report.tables import scene_sentences
 
     if not motions:
         return
@@ -155,9 +156,8 @@ def print_states(motions: dict[str, Motions]) -> None:
         table.add_row(name, str(len(m)), str(int(m.ok.sum())), str(len(u)), str(len(w)), others or "-", *medians)
     Console(width=None if sys.stdout.isatty() else 120).print(table)
     for name, m in motions.items():
-        for body in m.fit.bodies:
-            u, w = np.linalg.norm(body.translation), np.rad2deg(np.linalg.norm(body.rotation))
-            print(f"{name}, {body.name}: " + (f"moved by {u:.4g} mm and {w:.4g} deg" if body.moved else "did not move"))
+        for sentence in scene_sentences(m.fit):
+            print(f"{name}: {sentence}")
     groups: dict[tuple[str, str], list[int]] = {}
     for name, m in motions.items():
         for label, status, reason, ok in zip(m.labels, m.statuses, m.reasons, m.ok):

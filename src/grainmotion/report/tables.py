@@ -151,13 +151,26 @@ def fit_facts(state: StateReport) -> Rows:
 
 def fluid_facts(fluid: FluidFit) -> list[tuple[str, str]]:
     """Attenuation and level of a liquid, and what the grains displaced where it changed."""
-    facts = [("attenuation of the liquid", f"{fluid.attenuation:.5g} ± {significant(fluid.attenuation_sd, 2)} /mm")]
+    facts = [("attenuation of the liquid", f"{_with_sd(fluid.attenuation, fluid.attenuation_sd)} /mm")]
     full = np.isnan(fluid.level)
-    level = "the top of the field, or above" if full else f"{fluid.level:.5g} ± {significant(fluid.level_sd, 2)} mm"
+    level = "the top of the field, or above" if full else f"{_with_sd(fluid.level, fluid.level_sd)} mm"
     facts.append(("level of the liquid (z)", level))
     if not np.isnan(fluid.displaced):
-        facts.append(("porosity of the grains, as the liquid fills and drains", f"{1 - fluid.displaced:.3f}"))
+        name = "share of the grains' own space that fills and drains with it (0: solid grains)"
+        facts.append((name, _with_sd(1 - fluid.displaced, fluid.displaced_sd)))
     return facts
+
+
+def scene_sentences(fit: StateFit) -> list[str]:
+    """What bodies beside the grains did in a state, and where the liquid is: a sentence each."""
+    sentences = []
+    for body in fit.bodies:
+        u, w = np.linalg.norm(body.translation), np.rad2deg(np.linalg.norm(body.rotation))
+        what = f"moved by {u:.4g} mm and {w:.4g} deg" if body.moved else "did not move"
+        sentences.append(f"{body.name} {what}")
+    if fit.fluid is not None:
+        sentences.append("; ".join(f"{name} {value}" for name, value in fluid_facts(fit.fluid)))
+    return sentences
 
 
 def correction_rows(fit: StateFit, views: tuple[str, ...]) -> list[tuple[str, list[str]]]:
@@ -223,6 +236,13 @@ def _column(values: np.ndarray, name: str, decimals: int) -> list[str]:
     if name in STRAIN_COLUMNS:
         return [number(v, 4) for v in values]
     return [number(v, 3 if name.startswith("w") else decimals) for v in values]
+
+
+def _with_sd(value: float, sd: float) -> str:
+    """A value to the second digit of its standard deviation, with that; to five digits where it has none."""
+    if not (math.isfinite(sd) and sd > 0):
+        return f"{value:.5g}"
+    return f"{number(value, max(0, 1 - math.floor(math.log10(sd))))} ± {significant(sd, 2)}"
 
 
 def _median(values: np.ndarray) -> float:

@@ -198,7 +198,10 @@ def _of_whole_grains(grains: GrainSet, cut: _Cut, found: Motions) -> Motions:
         fits = np.isin(found.statuses[pieces], [Status.CONVERGED.value, Status.POORLY_DETERMINED.value]).all()
         statuses[row] = (Status.BROKEN if fits else Status.NOT_CONVERGED).value
         told = [_told(share, found, i) for share, i in zip(shares, pieces, strict=True)]
-        reasons[row] = f"broken in two, which fit the radiographs: {', '.join(told)}; the motion given is the larger's"
+        fact = (
+            "broken in two, which fit the radiographs" if fits else "perhaps broken, but its two pieces do not both fit"
+        )
+        reasons[row] = f"{fact}: {', '.join(told)}; the motion given is the larger's"
     return replace(motions, statuses=statuses, reasons=tuple(reasons))
 
 

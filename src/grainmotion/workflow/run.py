@@ -26,6 +26,7 @@ from grainmotion.io.files import checked_folder
 from grainmotion.io.results import StoredReference
 from grainmotion.model.finding import Finding, worst_first
 from grainmotion.model.motions import Motions
+from grainmotion.report.tables import scene_sentences
 from grainmotion.workflow.beam_level_stage import BEAM_LEVEL, level_reference
 from grainmotion.workflow.calibration_stage import CALIBRATION, calibrate_stage, calibration_findings
 from grainmotion.workflow.checks import check_files, check_radiographs, check_reference
@@ -148,6 +149,8 @@ def _check_motions(context: RunContext, name: str, motions: Motions) -> None:
     """Record what the motions of a state show."""
     context.add(check_motions(name, motions, context.findings_on(f"states.{name}")))
     STAGE_LOG.info("%s: %s grains usable", name, motions.counts)
+    for sentence in scene_sentences(motions.fit):
+        STAGE_LOG.info("%s: %s", name, sentence)
 
 
 def _check_overwriting(inputs: Inputs, folder: Path) -> None:
