@@ -77,6 +77,19 @@ def test_faint_neighbours_and_a_wall_are_no_liquid():
     assert find_fluid(Volume(array, VOXEL), np.where(faint, 0, labels)) is None
 
 
+def test_a_wall_about_as_dense_as_the_liquid_is_a_body():
+    volume, labels, _ = sample(noise=0.02)
+    y, x = np.indices(SHAPE[1:]) - 21.5
+    wall = np.clip(19.5 - np.hypot(y, x), 0, 1) * np.clip(np.hypot(y, x) - 13.5, 0, 1) * ~(labels > 0)
+    array = volume.array - ndimage.gaussian_filter(0.25 * LIQUID * wall, 0.6)
+    grains = grains_from_labels(Volume(array.astype(np.float32), VOXEL), labels)
+    assert grains.scene.fluid is not None
+    assert grains.scene.fluid.attenuation == pytest.approx(LIQUID, rel=0.02)
+    assert [body.name for body in grains.scene.bodies] == ["wall"]
+    inner = grains.scene.fluid.space.array.sum(axis=0) > 0.5 * SHAPE[0]
+    assert inner.sum() == pytest.approx(np.pi * 13.5**2, rel=0.2)
+
+
 def test_fines_with_texture_are_no_liquid():
     volume, labels, _ = sample(texture=0.15)
     assert find_fluid(volume, labels) is None

@@ -6,6 +6,7 @@ import pytest
 import wet_sample
 from grainmotion.analysis.residual_images import residual_images
 from grainmotion.rotations import recenter
+from grainmotion.simulate import Sample
 from grainmotion.tracking.track import track
 from wet_sample import LIQUID, VOXEL
 
@@ -58,3 +59,12 @@ def test_solid_stones_that_fall_dry_attenuate_as_stones():
     assert errors(motions, truth)[0] < 0.06
     assert motions.fit.fluid.displaced == pytest.approx(1.0, abs=0.03)
     assert motions.fit.fluid.level == pytest.approx(0.0, abs=0.1 * VOXEL)
+
+
+def test_stones_that_were_taken_out_of_the_liquid_are_absent():
+    truth, later = wet_sample.moved(STONES)
+    left = Sample(tuple(particle for k, particle in enumerate(later.particles) if k not in (1, 3)))
+    motions = track(wet_sample.reference(STONES), wet_sample.radiographs(wet_sample.in_liquid(left, LIQUID)))
+    assert motions.statuses.tolist() == ["converged", "absent", "converged", "absent", "converged", "converged"]
+    rows = np.flatnonzero(motions.ok)
+    assert errors(motions.for_grains(motions.labels[rows], motions.centers[rows]), truth)[0] < 0.06

@@ -13,7 +13,7 @@ from grainmotion.model.scan import Scan
 from grainmotion.objective.data_term import Target
 from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.tracking.multistage import MultistageFit
-from grainmotion.tracking.presence import bounded_least_squares, count, take_census
+from grainmotion.tracking.presence import bounded_least_squares, count, none_is_there, take_census
 from grainmotion.tracking.settings import TrackSettings
 from grainmotion.tracking.track import track
 
@@ -80,3 +80,14 @@ def test_a_grain_that_fell_by_its_size_is_not_absent():
     measured = track(GRAINS, radiographs(GRAINS, fallen))
     assert measured.statuses[3] != Status.ABSENT.value
     assert measured.ok[[0, 1, 2, 4]].all()
+
+
+def test_all_are_absent_on_radiographs_without_any():
+    rng = np.random.default_rng(2)
+    scan = radiographs_of([0])
+    noise = 0.02 * rng.standard_normal(scan.line_integrals.shape) + 0.01
+    measured = track(GRAINS, Scan(noise.astype(np.float32), scan.geometry))
+    assert set(measured.statuses) == {Status.ABSENT.value}
+    assert not np.isfinite(measured.translations).any()
+    assert "none is there" in measured.reasons[0]
+    assert not none_is_there(MultistageFit.of(GRAINS, scan, TrackSettings()), STILL)

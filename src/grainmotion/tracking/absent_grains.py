@@ -23,7 +23,7 @@ from grainmotion.tracking.attempt import Approach, Attempt, Job, approach, finis
 from grainmotion.tracking.global_search import affine_field_through
 from grainmotion.tracking.missing_grains import complete, registered
 from grainmotion.tracking.new_grains import unexplained_places
-from grainmotion.tracking.presence import Census, count_again, take_census
+from grainmotion.tracking.presence import Census, count_again, none_is_there, take_census
 
 MAX_CENSUS_ROUNDS = 4
 """Times that grains are left out or come back, at most."""
@@ -37,6 +37,9 @@ WEAK_AMPLITUDE, MAX_WEAK_TRIALS, MAX_LEFT_SHARE = 0.8, 3, 0.5
 left then.  With 2 views and one of 21 grains gone it has 0.55 to 0.62, the others 0.71 at least."""
 REACH_DIAMETERS = 3.0
 """Grain diameters from where its neighbours went within which something unexplained may be a grain left out."""
+NONE_REASON = (
+    "the radiographs hold less than the shadow of any grain: none is there; check whether the sample was in the beam"
+)
 ELSEWHERE_REASON = (
     "its shadow is not where its neighbours went, but the radiographs hold something near {place} that no grain "
     "explains: it may be there, far from its place or in pieces; give a start near it, or check it"
@@ -62,6 +65,8 @@ def without_absent(job: Job, near: Approach) -> Attempt | None:
 
 def _of_those_present(job: Job, near: Approach) -> Attempt | None:
     """The same where grains fit badly."""
+    if none_is_there(near.fit, near.start):
+        return _all_absent(job.grains)
     rest = _those_present(job, near)
     if rest is None:
         return None
@@ -83,13 +88,27 @@ def _of_those_present(job: Job, near: Approach) -> Attempt | None:
     return _completed(job, result, motions, {})
 
 
+def _all_absent(grains: GrainSet) -> Attempt:
+    """No grain is there."""
+    motions = Motions.identity(grains.labels, grains.centers)
+    unknown, n = np.full((len(grains), 3), np.nan), len(grains)
+    motions = replace(
+        motions,
+        translations=unknown,
+        rotations=unknown.copy(),
+        statuses=np.full(n, Status.ABSENT.value, dtype=motions.statuses.dtype),
+        reasons=(NONE_REASON,) * n,
+    )
+    return Attempt(motions, np.zeros(n))
+
+
 def _those_present(job: Job, near: Approach) -> _Rest | None:
     """The grains that are there; None if all or none are."""
     rest = _Rest(np.arange(len(job.grains)), job, near)
     for _ in range(MAX_CENSUS_ROUNDS):
         if not rest.near.misregistered.any():
             break
-        census = take_census(rest.near.fit, rest.near.start, rest.near.fields)
+        census = _census(rest.near)
         present = census.present
         if not present.any():
             break
@@ -98,6 +117,18 @@ def _those_present(job: Job, near: Approach) -> _Rest | None:
             break
         rest = fewer
     return None if len(rest.rows) == len(job.grains) else rest
+
+
+def _census(near: Approach) -> Census:
+    """Which grains are there, in the liquid that was found with all of them or in that of the reference.
+
+    Shadows that are not there can give the liquid any level and attenuation.
+    """
+    census = take_census(near.fit, near.start, near.fields)
+    if near.fluid is None:
+        return census
+    unchanged = take_census(near.fluid.fit_with(near.start), near.start, near.fields)
+    return min(census, unchanged, key=lambda census: census.residual)
 
 
 def _rest(job: Job, rest: _Rest, census: Census, present: NDArray[np.bool_]) -> _Rest:
@@ -134,7 +165,10 @@ def _come_back(job: Job, near: Approach, rest: _Rest, motions: Motions) -> tuple
     out = np.setdiff1d(np.arange(len(job.grains)), rest.rows)
     pose = _expected(near, rest.rows, motions)
     width = job.settings.filters[min(1, len(job.settings.filters) - 1)]
-    census = count_again(near.fit, pose, width)
+    fit = near.fit
+    if near.fluid is not None and rest.near.fluid is not None:
+        fit = near.fluid.fit_with(pose, rest.near.fluid.values)
+    census = count_again(fit, pose, width)
     back = {int(k): near.fit.grains.centers[k] + pose.translations[k] for k in out if census.present[k]}
     problem = StateProblem(rest.near.fit.grains, rest.near.fit.filtered_target(job.settings.filters[-1]))
     seen = Pose(pose.translations[rest.rows], pose.matrices[rest.rows])

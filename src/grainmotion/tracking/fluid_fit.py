@@ -112,6 +112,13 @@ class FluidTracker:
         fit.target = replace(fit.target, fluid=image, fluid_columns=columns)
         fit.levels.clear()
 
+    def fit_with(self, pose: Pose, values: FluidValues | None = None) -> MultistageFit:
+        """A copy of the fit with grains at a pose in a liquid of some values, those of the reference by default."""
+        values = values or FluidValues(self.reference.attenuation, self.reference.surface)
+        other = FluidTracker(replace(self.fit, levels={}), self.submersion, values)
+        other.place(pose)
+        return other.fit
+
     def _columns(self, fluid: Fluid, pose: Pose, geometry: Geometry) -> tuple[tuple[str, ...], tuple[Image, ...]]:
         """Names of the unknowns that the radiographs may determine, and derivatives of the line integrals by them."""
         projector, h = self.fit.settings.projector, self.reference.space.voxel_size

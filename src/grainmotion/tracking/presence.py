@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from grainmotion._typing import Float
+from grainmotion._typing import Float, Image
 from grainmotion.backends.cpu import CPU
 from grainmotion.model.pose import Pose
 from grainmotion.objective import displacement_bases
@@ -48,6 +48,9 @@ ALIKE_AMPLITUDES, LEAST_GAIN = 0.6, 0.4
 """Share of the largest amplitude from which a grain counts for the mean of those that are there; least such mean."""
 MAX_SWEEPS, SETTLED_AMPLITUDE = 100, 2e-3
 """Of the bounded least squares: sweeps over all grains at most, and the change of an amplitude that ends them."""
+MAX_EMPTY_SHARE = 0.3
+"""What filtered radiographs hold beside bodies, liquid and an offset a view (norm), over the weakest shadow of a grain,
+up to which no grain is there: 0.005 measured with none, 2 and more with some; grains may lose half of their gain."""
 CENSUS_STOPPING = Stopping(iterations=8, step=0.1, decrease=0.05)
 """For fields through grains of some amplitude."""
 FIELDS = (
@@ -68,7 +71,10 @@ amplitude 1 goes five sixths of its way, one of amplitude 0.1 a twentieth."""
 
 @dataclass(frozen=True, eq=False)
 class Census:
-    """Amplitudes of all grains ``(n,)`` at a pose, and ‖F(b − Σ a P − o)‖ over ‖F b‖ there."""
+    """Amplitudes of all grains ``(n,)`` at a pose, and ‖F(b − Σ a P − o)‖ over ‖F b‖ there.
+
+    Bodies and a liquid are taken off b first; a liquid still counts in ‖F b‖.
+    """
 
     pose: Pose
     amplitudes: Float
@@ -85,6 +91,25 @@ class Census:
         largest = float(self.amplitudes.max(initial=0.0))
         alike = self.amplitudes[self.amplitudes > ALIKE_AMPLITUDES * largest]
         return float(np.clip(alike.mean() if len(alike) else 1.0, LEAST_GAIN, 1.0))
+
+
+def none_is_there(fit: MultistageFit, start: Pose) -> bool:
+    """Whether the radiographs hold less than any single grain would add to them, wherever it went."""
+    grains, target = _on_host(*fit.level(fit.settings.field_filter, least=FIELD_GRAIN_PIXELS))
+    beside, measured = _beside_grains(target, start), target.measured.astype(float)
+    ones = target.filtered(np.ones_like(target.valid)).astype(float)
+    left = measured - target.filtered(beside)
+    offsets = np.einsum("vrc,vrc->v", left, ones) / np.maximum(np.einsum("vrc,vrc->v", ones, ones), 1e-30)
+    shadows = np.sqrt(_shadows(grains, target, start).power(2).sum(axis=0))
+    left -= offsets[:, None, None] * ones
+    return bool(np.linalg.norm(left) < MAX_EMPTY_SHARE * np.min(shadows, initial=np.inf))
+
+
+def _beside_grains(target: Target, pose: Pose) -> Image:
+    """Line integrals of bodies and of a liquid."""
+    views = target.scan.geometry, target.projector
+    bodies = body_images(target.bodies, target.nuisance, pose.nuisance, views, target.fixed_background).path
+    return bodies if target.fluid is None else bodies + target.fluid
 
 
 def take_census(fit: MultistageFit, start: Pose, fields: list[Pose]) -> Census:
@@ -128,9 +153,9 @@ def count(grains: GrainArrays, target: Target, pose: Pose) -> Census:
         [shadows, sparse.csc_array((ones, (np.arange(ones.size), owner)), shape=(ones.size, count_of_views))],
         format="csc",
     )
-    views = target.scan.geometry, target.projector
-    bodies = body_images(target.bodies, target.nuisance, pose.nuisance, views, target.fixed_background).path
-    measured = (target.measured - target.filtered(bodies)).astype(float).ravel()
+    bare = replace(target, fluid=None)
+    norm = float(np.linalg.norm(target.measured - target.filtered(_beside_grains(bare, pose)))) or 1.0
+    measured = (target.measured - target.filtered(_beside_grains(target, pose))).astype(float).ravel()
     n = len(grains)
     low, high = (
         np.append(np.zeros(n), np.full(count_of_views, -np.inf)),
@@ -138,7 +163,6 @@ def count(grains: GrainArrays, target: Target, pose: Pose) -> Census:
     )
     start = np.append(np.ones(n), np.zeros(count_of_views))
     found = bounded_least_squares((columns.T @ columns).tocsr(), columns.T @ measured, start, low, high)
-    norm = float(np.linalg.norm(measured)) or 1.0
     return Census(pose, found[:n], float(np.linalg.norm(measured - columns @ found)) / norm)
 
 
