@@ -114,6 +114,14 @@ class TestNotes:
         assert finding.where == "states.a"
         assert "0.80 pixel" in str(finding)
 
+    def test_strained_grains_are_told_where_views_contradict_each_other(self):
+        note = ViewMisalignment(1000.0, 0.8, 0.01, 30.0).note
+        soft = replace(failed(6, 2, "deformed", notes=(note,)), ok_translation=np.ones(6, dtype=bool))
+        (finding,) = check_motions("a", soft)
+        assert "strain = true" in finding.fact
+        (rigid,) = check_motions("a", failed(6, 6, notes=(note,)))
+        assert "strain" not in rigid.fact
+
     def test_other_notes_are_notes(self):
         scene = one_body(Volume.zeros((1, 1, 1), 1.0))
         (finding,) = check_motions("a", failed(6, 6, notes=(fixed_note(scene.bodies, (0,)),)))

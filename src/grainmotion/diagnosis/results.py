@@ -43,6 +43,7 @@ _PANEL = (
     "the panel does not see them where the geometry puts them. Usual causes: detector_offset, distances or pixel_size "
     "of this state; a sample that was lifted or taken out"
 )
+_STRAINED = "; strained grains look so as well, which most of these are: set [track] strain = true first"
 
 
 @dataclass(frozen=True)
@@ -134,6 +135,7 @@ def _note_findings(motions: Motions, where: str) -> list[Finding]:
     """A finding for each note of the fit; for several places of unexplained attenuation one."""
     found: list[Finding] = []
     notes = dict.fromkeys(motions.fit.notes)
+    strained = 2 * np.count_nonzero(motions.statuses == Status.DEFORMED.value) > len(motions)
     for kind in _KINDS:
         alike = [note for note in notes if note.startswith(kind.beginning)]
         if alike:
@@ -141,6 +143,8 @@ def _note_findings(motions: Motions, where: str) -> list[Finding]:
             level = kind.level
             if kind.check == "views" and motions.fit.view_corrections is None:
                 level = Level.NOTE
+            if kind.check == "views" and strained:
+                more += _STRAINED
             found.append(Finding(level, kind.check, where, alike[0] + more, remedy=kind.remedy))
     known = tuple(kind.beginning for kind in _KINDS)
     return found + [Finding(Level.NOTE, "fit", where, note) for note in notes if not note.startswith(known)]
