@@ -66,3 +66,16 @@ def test_a_strain_that_explains_little_or_is_small_only_enlarges_the_covariance(
     np.testing.assert_array_equal(found.deformed, [True, False, False, False])
     np.testing.assert_allclose(found.covariances[:, 0, 0], [0.01, 0.01, 0.01, 0.0])
     assert not Deformations.by_step(step, np.zeros(4, dtype=bool)).deformed.any()
+
+
+@pytest.mark.parametrize(
+    ("explained", "strain", "notes"), [(0.55, 0.03, 1), (0.3, 0.03, 0), (0.55, 0.01, 0), (0.9, 0.03, 0)]
+)
+def test_likely_strains_of_a_sample_are_noted_unless_its_grains_are_deformed(explained, strain, notes):
+    strains = np.zeros((4, 6))
+    strains[:, 0] = strain
+    step = StrainStep(np.full((4, 6), 0.1), strains, np.full(4, explained))
+    found = Deformations.by_step(step, np.ones(4, dtype=bool))
+    assert len(found.notes) == notes
+    if notes:
+        assert "[track] strain = true" in found.notes[0]

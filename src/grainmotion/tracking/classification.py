@@ -73,7 +73,7 @@ def classify(
             verdict = _Verdict(Status.NOT_CONVERGED, AMBIGUOUS_REASON)
         verdicts.append(verdict)
     statuses = np.array([verdict.status.value for verdict in verdicts], dtype="<U20")
-    notes = (*_sparse_note(problem), *unexplained_notes(problem, solution.state, evaluation))
+    notes = (*_sparse_note(problem), *bent.notes, *unexplained_notes(problem, solution.state, evaluation))
     unknown = np.isin(statuses, [Status.LEFT_FIELD.value, Status.NOT_FITTED.value])
     translations, rotations = solution.state.translations.copy(), rotation_vector(solution.state.matrices)
     covariances = refined.posterior + bent.covariances
