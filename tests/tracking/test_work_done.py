@@ -50,7 +50,7 @@ def test_number_of_linearisations(counts):
 def test_number_of_rays(counts):
     """A grain covers about 300 pixels of a view, which are traced about a dozen times with derivatives."""
     assert counts["project_with_derivatives"] <= 83_000
-    assert counts["project"] <= 120_000
+    assert counts["project"] <= 126_000  # with one evaluation that asks whether the state shows beam hardening
 
 
 def test_rays_that_miss_a_grain_are_not_traced():

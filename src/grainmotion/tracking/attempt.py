@@ -22,6 +22,7 @@ from grainmotion.tracking.body_motions import fixed_note, fixed_unless_moved, wi
 from grainmotion.tracking.classification import classify
 from grainmotion.tracking.fluid_fit import FluidTracker
 from grainmotion.tracking.global_search import SearchResult, search
+from grainmotion.tracking.hardened_response import with_hardening
 from grainmotion.tracking.initial_guess import initialise, smooth_fields
 from grainmotion.tracking.missing_grains import grain_supports
 from grainmotion.tracking.multistage import MultistageFit
@@ -118,6 +119,7 @@ def finish(job: Job, near: Approach) -> Attempt:
         result = SearchResult(*near.fluid.settle(result.problem, result.solution), result.ambiguous)
     problem, solution, fixed = fixed_unless_moved(fit, result.problem, result.solution)
     problem, solution = with_body_edges_discounted(fit, problem, solution)
+    problem, solution = with_hardening(fit, problem, solution)
     if settings.strain:
         problem, solution = solve_strained(fit, problem, solution)
     fit.report("classifying the grains", fit.expected_stages)

@@ -67,8 +67,12 @@ class TrackSettings:
         Trend, Field(description='polynomial background to eliminate in each view; "constant" is a beam that drifts')
     ] = "constant"
     hardening: Annotated[
-        int, Field(ge=1, le=4, description="degree of a polynomial of the line integral fitted for beam hardening")
-    ] = 1
+        Annotated[int, Field(ge=1, le=4)] | Literal["auto"],
+        Field(
+            description='degree of a polynomial of the line integral fitted for beam hardening; "auto" is 2 where the '
+            "state shows it, else 1"
+        ),
+    ] = "auto"
     weights: Annotated[
         Weights, Field(description="of pixels: all alike, or by the estimated photon noise and model error")
     ] = "uniform"
@@ -101,7 +105,8 @@ class TrackSettings:
     @property
     def response_model(self) -> ResponseModel:
         """Which numbers of the detector's response are unknown."""
-        return ResponseModel(self.gain, self.trend, self.hardening)
+        degree = 1 if self.hardening == "auto" else self.hardening
+        return ResponseModel(self.gain, self.trend, degree)
 
 
 PAPER = TrackSettings(
