@@ -100,7 +100,7 @@ def test_all_grains_are_registered_despite_a_drift_of_the_beam():
 @pytest.fixture(scope="module")
 def tracked_round_grains():
     """A ball and a spheroid between two stones, tracked; the spheroid's axis in the reference."""
-    scanner = Scanner((52, 52), 0.5, 120.0, 480.0, 90)
+    scanner = Scanner((60, 68), 0.5, 120.0, 480.0, 90)
     d, rng = 20 * scanner.voxel_size, np.random.default_rng(3)
     stones = [random_polyhedron(rng, d, 12) for _ in range(2)]
     places = 0.55 * d * np.array([[-1, -1, -1], [1, 1, -1], [1, -1, 1], [-1, 1, 1]])
