@@ -30,8 +30,9 @@ from grainmotion.tracking.multistage import MultistageFit
 from grainmotion.uncertainty.noise_model import shaded_pixels, squared_gradient
 from grainmotion.uncertainty.rotation_identifiability import UNIFORM_ANGLE_VARIANCE
 
-MOVED_BODY_CHI2 = 2.5
-"""χ² over its degrees of freedom from which a body moved: measured 0.5 to 0.8 where it did not, 400 for a dense tube
+MOVED_BODY_CHI2 = 10.0
+"""χ² over its degrees of freedom from which a body moved: measured 0.5 to 0.8 where it did not, 6.5
+for the streaks of a poor reference (15 views, one sweep), which have many minima, 400 for a dense tube
 that moved by 0.06 voxel, and as the square of the motion."""
 EDGE_CORRELATION, MIN_EDGE_EXCESS = 100.0, 0.5
 """Pixels over which the residual along a body's face is correlated, and its least share of the other variance to
@@ -40,7 +41,7 @@ discount it.  Grains between pistons are better by 2 to 20 % than with weights f
 BODY_MODEL_ERROR = 0.006
 """Voxels by which a body's surface is off for other reasons than noise: measured up to 0.014 with pistons, 2 to 3 times
 their standard deviations by noise, as flat faces seen along themselves are sharper than voxels."""
-CLEAR_MOTION_RATIO = 20.0
+CLEAR_MOTION_RATIO = 5.0
 """Times that χ², by the quadratic model of the cost, from which a body is not tried fixed: its minima may be many, but
 none is at rest."""
 

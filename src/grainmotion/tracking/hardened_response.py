@@ -16,9 +16,10 @@ from grainmotion.solvers.gauss_newton import Solution, gauss_newton
 from grainmotion.solvers.semidefinite import pseudo_inverse
 from grainmotion.tracking.multistage import MultistageFit
 
-MIN_EXPLAINED_BY_SQUARE = 0.02
+MIN_EXPLAINED_BY_SQUARE = 0.04
 """Share of the squared residual that the square of the line integral explains, from which it becomes an unknown: 0.0001
-to 0.0004 in clean experiments, 0.04 to 0.08 with four energies and a wall, 0.4 with hardening of 20 %."""
+to 0.0004 in clean experiments, 0.02 with a reference of 15 views, 0.04 to 0.08 with four energies and a wall, 0.4
+with hardening of 20 %."""
 
 
 def with_hardening(
