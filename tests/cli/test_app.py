@@ -117,6 +117,12 @@ class TestInspect:
             assert words in text
         assert not (tmp_path / "results").exists()
 
+    def test_tells_what_attenuates_in_the_reference_of_the_last_run(self, finished):
+        text = invoke("inspect", finished[0], "--picture", finished[0].parent / "again.png").stdout
+        assert "reference of the last run" in text
+        assert "grains 9" in text  # more than 90 % of the attenuation
+        assert ", 3\n" in text
+
     def test_warns_of_dead_pixels_air_and_single_views(self, tmp_path):
         path = write_tiny(tmp_path)
         flats = read_tiff(tmp_path / "flats.tif")

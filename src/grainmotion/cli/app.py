@@ -165,11 +165,14 @@ def inspect(
     """Describe the input files and the memory that a run needs, and draw up and the sense of rotation."""
     from grainmotion.experiment.inputs import find_inputs
     from grainmotion.experiment.inspection import inspect_inputs
+    from grainmotion.experiment.last_reference import last_reference
     from grainmotion.report.inspection_figure import orientation, write_inspection_figure
+    from grainmotion.workflow.reference_stages import REFERENCE
 
     inputs = find_inputs(experiment := _read(file))
     inspection = inspect_inputs(inputs, experiment.tables)
     console.print_inspection(inspection)
+    console.print_reference(last_reference(experiment.output / REFERENCE))
     path = picture or file.parent / "inspection.png"
     for sentence in orientation(inspection.first_views, inputs.grid):
         print(sentence)

@@ -10,7 +10,7 @@ import re
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
@@ -134,6 +134,14 @@ def print_inspection(inspection: Inspection) -> None:
     )
     console.print(f"memory: about {inspection.memory / 1e9:.2f} GB at the peak")
     findings.print_findings(worst_first(inspection.findings))
+
+
+def print_reference(sentences: Sequence[str]) -> None:
+    """Print what attenuates in the reference of the last run; nothing if there is none yet."""
+    if sentences:
+        print("reference of the last run, with shares of its attenuation:")
+    for sentence in sentences:
+        print(f"  {sentence}")
 
 
 def print_states(motions: dict[str, Motions]) -> None:

@@ -15,6 +15,7 @@ from grainmotion.analysis.residual_images import residual_images
 from grainmotion.calibration.scanner import ScannerCalibration
 from grainmotion.experiment.config import Experiment, Export
 from grainmotion.experiment.inputs import Inputs
+from grainmotion.experiment.last_reference import described
 from grainmotion.experiment.scan_inputs import ScanInput
 from grainmotion.io.bodies_csv import write_body_motions
 from grainmotion.io.results import StoredReference
@@ -192,10 +193,8 @@ def _reference_facts(inputs: Inputs, reference: StoredReference) -> Rows:
         rows.append(("Threshold", f"{reference.threshold:.4g} /mm"))
     if reference.phases:
         rows.append(("Phases, with their shares of the volume", ", ".join(map(str, reference.phases))))
-    if reference.scene is not None and reference.scene.bodies:
-        rows.append(
-            ("Bodies beside the grains", ", ".join(f"{b.name} ({b.freedom.text})" for b in reference.scene.bodies))
-        )
+    if sentences := described(reference):
+        rows.append(("What attenuates, with its share", "; ".join(sentences)))
     if reference.border:
         rows.append(("Cut by the border of the field of view", f"{len(reference.border)} grains"))
     if inputs.reference is None:
