@@ -10,7 +10,7 @@ from grainmotion.io.results import StoredReference, read_reference
 
 
 def last_reference(path: Path) -> tuple[str, ...]:
-    """What attenuates in a ``reference.h5``; empty if there is no such file, a sentence on what is wrong if it is damaged."""
+    """What attenuates in a ``reference.h5``; empty without such a file; what is wrong with it if it is damaged."""
     if not path.is_file():
         return ()
     try:
