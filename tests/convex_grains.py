@@ -68,9 +68,15 @@ class ConvexGrains:
             labels[share >= 0.5] = k + 1
         return Volume(array.astype(np.float32), VOXEL), labels
 
-    def scan(self, angles_deg: tuple[float, ...] = STATE_ANGLES_DEG, photons: float = 20000, seed: int = 0) -> Scan:
-        """Radiographs with the noise of photons."""
-        geometry = Geometry.cone(angles_deg, PANEL, 0.5, **DISTANCES)
+    def scan(
+        self,
+        angles_deg: tuple[float, ...] = STATE_ANGLES_DEG,
+        photons: float = 20000,
+        seed: int = 0,
+        geometry: Geometry | None = None,
+    ) -> Scan:
+        """Radiographs with the noise of photons, in a geometry or at angles."""
+        geometry = geometry or Geometry.cone(angles_deg, PANEL, 0.5, **DISTANCES)
         images = np.zeros((len(geometry), *PANEL))
         for view in range(len(geometry)):
             source = geometry.source[view]

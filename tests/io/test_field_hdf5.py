@@ -5,10 +5,11 @@ from __future__ import annotations
 import h5py
 import numpy as np
 
-from grainmotion.io.field_hdf5 import read_field
+from grainmotion.io.field_hdf5 import read_field, write_field
 from grainmotion.io.results import StoredReference, read_reference, write_reference
 from grainmotion.model.field_of_view import FieldOfView
 from grainmotion.model.geometry import Geometry
+from grainmotion.model.view_shifts import ViewShifts
 from grainmotion.model.volume import Volume
 
 GEOMETRY = Geometry.parallel([0.0, 60.0, 120.0], (5, 7), 0.1)
@@ -22,6 +23,17 @@ def test_field_of_a_volume_is_kept(tmp_path):
     assert (found.radius, found.axis, found.above, found.below, found.beside) == (0.4, (0.1, -0.2), True, False, False)
     np.testing.assert_array_equal(found.geometry.vectors, GEOMETRY.vectors)
     assert (found.geometry.shape, found.geometry.beam) == ((5, 7), "parallel")
+
+
+def test_shifts_of_views_are_kept(tmp_path):
+    shifts = ViewShifts(np.ones((3, 2)), np.arange(3.0), np.arange(3), np.zeros(3), np.ones((3, 2)), 0.125, 46.0)
+    with h5py.File(tmp_path / "field.h5", "w") as file:
+        write_field(file, FieldOfView(GEOMETRY, 0.4, shifts=shifts))
+        field = read_field(file)
+    assert field is not None
+    assert field.shifts is not None
+    for name in ("values", "turns", "views", "times", "along", "pixel", "half_width"):
+        np.testing.assert_array_equal(getattr(field.shifts, name), getattr(shifts, name))
 
 
 def test_older_files_do_not_tell_it(tmp_path):

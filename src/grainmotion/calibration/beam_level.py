@@ -20,7 +20,7 @@ from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.preprocessing.binning import binned_grid, binned_images, binning_factor
 from grainmotion.projection.volumes import project
-from grainmotion.reconstruction.reconstruct import reconstruct
+from grainmotion.reconstruction.fit import fitted_volume
 from grainmotion.reconstruction.settings import ReconstructSettings
 from grainmotion.reconstruction.view_offsets import fitted_offsets
 
@@ -146,7 +146,7 @@ def _misfit(scan: Scan, grid: Volume, settings: ReconstructSettings) -> float:
     """Norm of b − A x after a short reconstruction."""
     plain = replace(settings, method="sart", sweeps=SHORT_SWEEPS, tolerance=0, relaxation=None, decay=None, noise=None)
     plain = replace(plain, outline="grid")
-    volume = reconstruct(scan, grid, plain).volume
+    volume = fitted_volume(scan, grid, plain).volume
     difference = scan.line_integrals - project(volume, scan.geometry, projector=settings.projector)
     return float(np.linalg.norm(difference if scan.valid is None else np.where(scan.valid, difference, 0)))
 

@@ -12,7 +12,8 @@ from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.preprocessing.binning import binned_grid, binned_scan
 from grainmotion.projection.volumes import project
-from grainmotion.reconstruction.reconstruct import ReconstructSettings, reconstruct
+from grainmotion.reconstruction.fit import fitted_volume
+from grainmotion.reconstruction.settings import ReconstructSettings
 
 DIFFERENCE_STEP = 0.5
 """Half the span of a central difference, in the unit of a correction."""
@@ -55,7 +56,7 @@ class Trial:
         inside, outside = slice(half, None, 2), slice(1 - half, None, 2)
         scan = Scan(images[inside], geometry[inside], None if valid is None else valid[inside])
         settings = ReconstructSettings(method="sart", sweeps=self.sweeps, tolerance=0, outline="grid")
-        volume = reconstruct(scan, self.grid, settings).volume
+        volume = fitted_volume(scan, self.grid, settings).volume
         out = images[outside].astype(float) - project(volume, geometry[outside])
         return out if valid is None else np.where(valid[outside], out, 0)
 

@@ -15,7 +15,7 @@ from grainmotion.errors import InputError
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.preprocessing.beam_hardening import Hardening, HardeningSettings, calibrate_hardening
-from grainmotion.reconstruction.reconstruct import reconstruct
+from grainmotion.reconstruction.fit import fitted_volume
 from grainmotion.segmentation.segment import segment
 
 HARDENING_ROUNDS = ("hardening", "hardening, once more")  # the first template is of a volume not yet corrected
@@ -91,7 +91,7 @@ def _hardening(
     if labels is not None:  # they are on this grid
         reconstruction = replace(reconstruction, outline="grid")
     for name in HARDENING_ROUNDS:
-        volume = reconstruct(curve.apply(scan), grid, reconstruction, progress=prefixed(progress, name)).volume
+        volume = fitted_volume(curve.apply(scan), grid, reconstruction, prefixed(progress, name)).volume
         grains = _grains(volume, settings) if labels is None else labels
         curve = calibrate_hardening(scan, volume, curve_settings, labels=grains)
         if curve.is_linear:

@@ -1,22 +1,23 @@
 """Whether the sample moved while its full scan was taken: it crept, settled or jumped, or source and panel drifted.
 
-Each radiograph is compared with its prediction from the half of the views to which it does not belong.  Where the two
-differ by a shift s of the panel, r = -s·∇p with p the prediction, so that least squares give the shift of every view.
-Shifts that grow with time, or change at one view, are a motion of the sample: in the direction of u the projections
-of one vector (x and y), in the direction of v one number (z).
+Each radiograph is compared with its prediction from the half of the views to which it does not belong, which gives a
+shift of every view (`reconstruction.view_shifts`).  Shifts that grow with time, or change at one view, are a motion of
+the sample: in the direction of u the projections of one vector (x and y), in the direction of v one number (z).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
-from grainmotion._typing import Float, Index
+from grainmotion._typing import Float
 from grainmotion.diagnosis.view_consistency import BinnedViews
 from grainmotion.model.finding import Check, Finding, Level
 from grainmotion.model.geometry import Geometry
+from grainmotion.model.view_shifts import ViewShifts
+from grainmotion.reconstruction.view_shifts import view_shifts
 
 MOTION_CHECK: Check = "moving-sample"
 MIN_MOTION_PIXELS = 0.25
@@ -39,43 +40,6 @@ CLEARLY_ONE_KIND = 0.8
 """Misfit of one kind of motion over that of another, from which only the first is named."""
 
 MotionKind = Literal["steady", "jump", "panel"]
-
-
-@dataclass(frozen=True, eq=False)
-class ViewShifts:
-    """Shifts of the views against what the others predict.
-
-    Attributes
-    ----------
-    values : (n, 2) array
-        Along u and v, pixels of the scan.
-    times : (n,) array
-        Of each view, from -1/2 to 1/2.
-    views : (n,) int array
-        Their numbers in the scan.
-    along : (n, 2) array
-        x and y of each view's unit vector along u.
-    """
-
-    values: Float
-    times: Float
-    views: Index
-    along: Float
-
-    @classmethod
-    def of(cls, views: BinnedViews, geometry: Geometry, residual: Float) -> ViewShifts:
-        """Shifts of binned views with these residuals in a geometry of them."""
-        predicted = views.scan.line_integrals - residual
-        down, right = (np.asarray(np.gradient(predicted, axis=axis)) for axis in (1, 2))
-        valid = np.ones(residual.shape, bool) if views.scan.valid is None else views.scan.valid
-        shifts = np.zeros((len(residual), 2))
-        for k, good in enumerate(valid):
-            # a view's own level and gain are no shift
-            columns = np.stack([right[k][good], down[k][good], predicted[k][good], np.ones(int(good.sum()))], axis=1)
-            shifts[k] = -np.linalg.lstsq(columns, residual[k][good], rcond=None)[0][:2]
-        u = geometry.u / np.linalg.norm(geometry.u, axis=1, keepdims=True)
-        numbers = np.asarray(views.views)
-        return cls(views.factor * shifts, numbers / max(int(numbers[-1]), 1) - 0.5, numbers, u[:, :2])
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,26 +93,37 @@ def moving_sample_findings(
     where : str
         The scan.
     """
-    shifts = ViewShifts.of(views, geometry, residual)
-    if len(shifts.times) < 4 * MIN_VIEWS_BESIDE_A_JUMP:
+    small = replace(views.scan, geometry=geometry)
+    return motion_findings(view_shifts(small, residual, views.factor, views.views, views.grid.center), where)
+
+
+def motion_findings(shifts: ViewShifts, where: str) -> tuple[Finding, ...]:
+    """A finding if the shifts of a full scan's views show that the sample moved during the scan."""
+    likely = likely_motions(shifts)
+    if not likely:
         return ()
-    candidates = steady_motion(shifts), panel_motion(shifts), jump_motion(shifts)
-    least = min(motion.misfit for motion in candidates)
-    likely = [motion for motion in candidates if least > CLEARLY_ONE_KIND * motion.misfit]
-    if not likely:  # no shift was measured: the reconstruction is empty, as of line integrals below zero
-        return ()
-    best = min(likely, key=lambda motion: round(motion.misfit / max(least, 1e-12), 1))
-    if not best.significant:
-        return ()
-    pixel = geometry.pixel_at(views.grid.center) / views.factor
-    likely.sort(key=lambda motion: motion is not best)
+    best = likely[0]
     level = Level.ERROR if best.size > HARMFUL_MOTION_PIXELS else Level.WARNING
     fact = "the sample did not stay in its place during the scan: " + ", or ".join(_words(m) for m in likely)
-    evidence = _evidence(best, pixel)
+    evidence = _evidence(best, shifts.pixel)
     first = f"; the views before or from {best.view} on agree among themselves" if best.kind == "jump" else ""
     remedy = "let the sample settle and warm up, fix it to the stage, and take the scan again" + first
     remedy += "; if the file records the stage's motors, or the motion is known, give it in a table of views (geometry)"
     return (Finding(level, MOTION_CHECK, where, fact, evidence, remedy),)
+
+
+def likely_motions(shifts: ViewShifts) -> list[FittedMotion]:
+    """Motions that explain the shifts of a full scan's views, the likeliest first; none if the sample was at rest."""
+    if len(shifts.times) < 4 * MIN_VIEWS_BESIDE_A_JUMP:
+        return []
+    candidates = steady_motion(shifts), panel_motion(shifts), jump_motion(shifts)
+    least = min(motion.misfit for motion in candidates)
+    likely = [motion for motion in candidates if least > CLEARLY_ONE_KIND * motion.misfit]
+    if not likely:  # no shift was measured: the reconstruction is empty, as of line integrals below zero
+        return []
+    best = min(likely, key=lambda motion: round(motion.misfit / max(least, 1e-12), 1))
+    likely.sort(key=lambda motion: motion is not best)
+    return likely if best.significant else []
 
 
 def steady_motion(shifts: ViewShifts) -> FittedMotion:

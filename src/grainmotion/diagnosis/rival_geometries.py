@@ -17,10 +17,11 @@ import numpy as np
 from grainmotion._typing import Float, Index
 from grainmotion.calibration.calibrate import SEARCH_RANGE
 from grainmotion.diagnosis.hypotheses import HYPOTHESES, corrected
-from grainmotion.diagnosis.view_consistency import BinnedViews, Consistency, best_factor, best_shift
+from grainmotion.diagnosis.view_consistency import BinnedViews, Consistency, best_shift
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
+from grainmotion.preprocessing.binning import best_factor
 
 ROUGH_STEP = 2
 """Step of the panel's shift in rough trials, pixels."""

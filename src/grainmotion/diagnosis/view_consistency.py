@@ -27,7 +27,8 @@ from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.preprocessing.binning import binned_geometry, binned_grid, binned_scan, sufficient_views
 from grainmotion.projection.volumes import project
-from grainmotion.reconstruction.reconstruct import ReconstructSettings, reconstruct
+from grainmotion.reconstruction.fit import fitted_volume
+from grainmotion.reconstruction.settings import ReconstructSettings
 
 CONSISTENT_SHARE = 1.1
 """c: a reconstruction is smoother than the sample, so that its own radiographs contradict each other less."""
@@ -155,7 +156,7 @@ class BinnedViews:
         """r₀ in a geometry of the binned views."""
         settings = ReconstructSettings(method="sart", sweeps=FULL_SWEEPS, tolerance=0, outline="grid")
         scan = Scan(self.scan.line_integrals, geometry, self.scan.valid)
-        own = project(reconstruct(scan, self.grid, settings).volume, geometry)
+        own = project(fitted_volume(scan, self.grid, settings).volume, geometry)
         return relative_norm(self._residual(own, geometry), own)
 
     def _residual(self, images: NDArray[np.floating], geometry: Geometry) -> Float:
@@ -183,22 +184,6 @@ def _layers_seen(grid: Volume, geometry: Geometry) -> Volume:
 def shifted(geometry: Geometry, shift: float) -> Geometry:
     """Panels shifted along u by pixels."""
     return corrected(geometry, {"shift_u": shift * step_of_a_pixel("shift_u", geometry)}) if shift else geometry
-
-
-def best_factor(scan: Scan, grid: Volume, columns: tuple[int, int]) -> int:
-    """Factor that leaves between two numbers of columns, as far as possible, and cuts off least of panel and grid.
-
-    A panel or a grid that does not divide by the factor is cut or padded, and its pixels and voxels slip against each
-    other by up to half a binned pixel, which doubles the residual of a sound scan.
-    """
-    rows, width = scan.geometry.shape
-    most = max(1, rows // 2)
-    lowest, highest = (min(most, max(1, -(-width // n))) for n in reversed(columns))
-
-    def rest(factor: int) -> float:
-        return sum(n % factor for n in (rows, width, *grid.shape[:2])) / factor
-
-    return min(range(lowest, highest + 1), key=lambda factor: (round(rest(factor), 3), factor))
 
 
 def best_shift(residual: Callable[[float], float], shifts: Float, steps: tuple[float, ...]) -> float:

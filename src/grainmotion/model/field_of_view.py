@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from grainmotion._typing import Float
 from grainmotion.errors import InputError
 from grainmotion.model.geometry import Geometry
+from grainmotion.model.view_shifts import ViewShifts
 
 MAX_FIELD_VIEWS = 48
 """Views, evenly spaced, from which shares are counted: more change the share of a point by 2 % at most."""
@@ -31,6 +32,8 @@ class FieldOfView:
         x and y of the cylinder's axis, mm.
     above, below, beside : bool
         Whether the sample goes on beyond the upper border of the field, its lower border, and its sides.
+    shifts : ViewShifts, optional
+        How far each view is from where the others predict it; None if that was not measured.
 
     Raises
     ------
@@ -44,6 +47,7 @@ class FieldOfView:
     above: bool = False
     below: bool = False
     beside: bool = False
+    shifts: ViewShifts | None = None
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.radius) and self.radius > 0):

@@ -71,3 +71,19 @@ def sufficient_views(count: int, columns: int) -> NDArray[np.int64]:
 def binning_factor(shape: tuple[int, int], columns: int) -> int:
     """Factor that leaves a panel of (rows, columns) pixels about ``columns`` columns, and two rows at least."""
     return max(1, min(-(-shape[1] // columns), shape[0] // 2))
+
+
+def best_factor(scan: Scan, grid: Volume, columns: tuple[int, int]) -> int:
+    """Factor that leaves between two numbers of columns, as far as possible, and cuts off least of panel and grid.
+
+    A panel or a grid that does not divide by the factor is cut or padded, and its pixels and voxels slip against each
+    other by up to half a binned pixel, which doubles the residual of a sound scan.
+    """
+    rows, width = scan.geometry.shape
+    most = max(1, rows // 2)
+    lowest, highest = (min(most, max(1, -(-width // n))) for n in reversed(columns))
+
+    def rest(factor: int) -> float:
+        return sum(n % factor for n in (rows, width, *grid.shape[:2])) / factor
+
+    return min(range(lowest, highest + 1), key=lambda factor: (round(rest(factor), 3), factor))

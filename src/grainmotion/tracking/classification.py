@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion._typing import Float
+from grainmotion.diagnosis.reference_errors import ReferenceErrors
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import POORLY_DETERMINED_REASON, Motions, Status
 from grainmotion.model.pose import Pose
@@ -30,6 +31,7 @@ from grainmotion.uncertainty.weak_directions import poorly_determined
 AMBIGUOUS_REASON = (
     "another search put it elsewhere, and neither fit is perfect; take more views, or give a nearer start"
 )
+REFERENCE_REASON = "the reference scan contradicts itself, see the notes on the state"
 STILL_MOVING = "still moving when iterations ran out; raise track.iterations"
 MAX_DISTURBED_MISFIT = 0.05
 """Residual beyond the noise over line integrals, above which a misregistered neighbour may have shifted a grain."""
@@ -59,6 +61,9 @@ def classify(
     coverage, moving = evaluation.patches.seen.mean(axis=1), _still_moving(problem, solution)
     supports = grain_supports(problem, solution.state) if misregistered.any() else [GrainSupport()] * n
     bent = find_deformations(problem, solution.state, evaluation, misregistered)
+    places = grains.centers + solution.state.translations
+    shared = ReferenceErrors.of(grains.scene.field, problem.target.scan.geometry, places)
+    added = bent.covariances + shared.covariances
     verdicts = list[_Verdict]()
     for k in range(n):
         fit = _GrainFit(
@@ -66,17 +71,25 @@ def classify(
             bool(disturbed[k]), bool(moving[k]), supports[k], cut_reason(bool(cut[k]), bool(cut_now[k])),
         )  # fmt: skip
         rigid = _verdict(fit, refined.covariances[k], limits)
-        verdict = _verdict(fit, refined.covariances[k] + bent.covariances[k], limits)
+        known = _verdict(fit, refined.covariances[k] + bent.covariances[k], limits)
+        verdict = _verdict(fit, refined.covariances[k] + added[k], limits)
+        if verdict.status is not known.status:
+            verdict = verdict._replace(reason=f"{verdict.reason.partition(';')[0]}; {REFERENCE_REASON}")
         if bent.deformed[k] and rigid.status is Status.CONVERGED:
             verdict = _Verdict(Status.DEFORMED, bent.reasons[k], (verdict.ok[0], False))
         if verdict.status is Status.CONVERGED and ambiguous[k]:
             verdict = _Verdict(Status.NOT_CONVERGED, AMBIGUOUS_REASON)
         verdicts.append(verdict)
     statuses = np.array([verdict.status.value for verdict in verdicts], dtype="<U20")
-    notes = (*_sparse_note(problem), *bent.notes, *unexplained_notes(problem, solution.state, evaluation))
+    notes = (
+        *shared.notes,
+        *_sparse_note(problem),
+        *bent.notes,
+        *unexplained_notes(problem, solution.state, evaluation),
+    )
     unknown = np.isin(statuses, [Status.LEFT_FIELD.value, Status.NOT_FITTED.value])
     translations, rotations = solution.state.translations.copy(), rotation_vector(solution.state.matrices)
-    covariances = refined.posterior + bent.covariances
+    covariances = refined.posterior + added
     translations[unknown] = rotations[unknown] = np.nan
     covariances[unknown] = np.nan
     usable = np.array([verdict.ok for verdict in verdicts], dtype=bool).reshape(n, 2)

@@ -1,0 +1,51 @@
+"""A volume fitted to a scan: what `reconstruct` does, without a look at the scan itself."""
+
+from __future__ import annotations
+
+from pydantic.dataclasses import dataclass
+
+from grainmotion._typing import Progress
+from grainmotion.model.scan import Scan
+from grainmotion.model.volume import Volume
+from grainmotion.reconstruction.coarse_start import started
+from grainmotion.reconstruction.grid_growth import fitted_grid, growth_views
+from grainmotion.reconstruction.iterate import new_iterate
+from grainmotion.reconstruction.ordered_subsets import accelerated, plain_sart
+from grainmotion.reconstruction.settings import ReconstructSettings
+from grainmotion.reconstruction.system import Iterate
+
+
+@dataclass(frozen=True, config={"arbitrary_types_allowed": True})
+class Reconstruction:
+    """A reconstructed volume and its residuals.
+
+    Attributes
+    ----------
+    volume : Volume
+        Attenuation, 1/mm.
+    residuals : tuple of float
+        Relative residual ε = ‖b − A x‖/‖b‖ (Eq. 23) of each sweep or phase, each view just before its update.
+    notes : tuple of str
+        Sentences on the grid, if it was grown.
+    """
+
+    volume: Volume
+    residuals: tuple[float, ...]
+    notes: tuple[str, ...] = ()
+
+
+def fitted_volume(
+    scan: Scan, grid: Volume, settings: ReconstructSettings | None = None, progress: Progress | None = None
+) -> Reconstruction:
+    """As `reconstruct`, for trials: it does not look for views that are shifted."""
+    settings = settings or ReconstructSettings()
+    fitted = fitted_grid(scan.select(growth_views(len(scan))), scan.geometry, grid, settings)
+    fitted.report(progress)
+    grid, settings = fitted.grid, fitted.settings
+    if settings.plain(len(scan)):
+        iterate: Iterate = new_iterate(scan, grid, settings)
+        history = plain_sart(iterate, len(scan), settings, progress)
+    else:
+        iterate = started(scan, grid, settings)
+        history = accelerated(iterate, len(scan), progress)
+    return Reconstruction(fitted.seen(iterate.volume()), tuple(history), fitted.notes)
