@@ -68,6 +68,14 @@ def test_a_strain_that_explains_little_or_is_small_only_enlarges_the_covariance(
     assert not Deformations.by_step(step, np.zeros(4, dtype=bool)).deformed.any()
 
 
+@pytest.mark.parametrize(("explained", "held"), [(0.16, True), (0.1, False)])
+def test_a_small_share_that_most_grains_have_enlarges_the_covariances_of_these(explained, held):
+    step = StrainStep(np.full((5, 6), 0.1), np.zeros((5, 6)), np.array([explained] * 4 + [0.02]))
+    found = Deformations.by_step(step, np.ones(5, dtype=bool))
+    np.testing.assert_allclose(found.covariances[:, 0, 0], [0.01 * held] * 4 + [0.0])
+    assert not found.deformed.any()
+
+
 @pytest.mark.parametrize(
     ("explained", "strain", "notes"), [(0.55, 0.03, 1), (0.3, 0.03, 0), (0.55, 0.01, 0), (0.9, 0.03, 0)]
 )

@@ -1,6 +1,6 @@
 """Grains that no rigid motion explains because they are strained: found without solving for strains.
 
-Where residuals are well above the noise, one step of motions and strains together shows how much of them strains would
+Where residuals are above the noise, one step of motions and strains together shows how much of them strains would
 explain.  What it changes in the motions is the error that the strain causes, and becomes a part of their covariance.
 A strain of 5 % in grains of 20 voxels turns their best rigid motions by 1.5 degrees and moves them by 0.07 voxel.
 """
@@ -20,12 +20,15 @@ from grainmotion.projection.grain_arrays import planar
 from grainmotion.uncertainty.covariance import noise_variances
 from grainmotion.uncertainty.likely_strains import StrainStep, strain_step
 
-MIN_RESIDUAL_OVER_NOISE = 3.0
-"""Squared residual in a grain's shadow over the noise there, from which strains are looked for: 1.2 to 2.6 in clean
-experiments, 3.8 to 8 where grains are strained by 5 %."""
+MIN_RESIDUAL_OVER_NOISE = 1.5
+"""Squared residual in a grain's shadow over the noise there, from which strains are looked for: 1.6 to 3.6 in clean
+experiments, 1.9 to 3.3 where grains are strained by 1 %, 3.8 to 8 by 5 %.  Below it noise is all that is left."""
 MIN_EXPLAINED_FOR_SD = 0.2
-"""Share of a grain's residual that the step explains, from which its standard deviations hold the step: up to 0.09 in
-clean experiments, 0.17 with a wall, inclusions and a polychromatic beam, 0.15 to 0.55 with strong beam hardening."""
+"""Share of a grain's residual that the step explains, from which its standard deviations hold the step: up to 0.17 in
+clean experiments and with a wall, inclusions and a polychromatic beam, 0.15 to 0.55 with strong beam hardening."""
+MIN_EXPLAINED_OF_MANY_FOR_SD = 0.12
+"""Median over the sample of that share, from which the standard deviations of all grains hold the step whose own share
+is at least half of it: 0.02 to 0.10 in experiments without strain, 0.15 to 0.20 where grains are strained by 0.5 %."""
 MIN_EXPLAINED, MIN_STRAIN = 0.7, 0.015
 """Share explained, and principal strain, from which a grain is deformed: 0.87 to 0.92 where it is strained by 5 %."""
 MIN_EXPLAINED_OF_MANY, MIN_STRAIN_OF_MANY = 0.48, 0.02
@@ -57,7 +60,10 @@ class Deformations:
     def by_step(cls, step: StrainStep, trusted: NDArray[np.bool_]) -> Deformations:
         """What a step means for the ``trusted (n,)`` grains, which are in their places."""
         deformed = trusted & (step.explained > MIN_EXPLAINED) & (step.principal > MIN_STRAIN)
-        motions = np.where((trusted & (step.explained > MIN_EXPLAINED_FOR_SD))[:, None], step.motions, 0.0)
+        usual = float(np.median(step.explained[trusted])) if trusted.any() else 0.0
+        least = usual / 2 if usual > MIN_EXPLAINED_OF_MANY_FOR_SD else MIN_EXPLAINED_FOR_SD
+        held = trusted & (step.explained > min(least, MIN_EXPLAINED_FOR_SD))
+        motions = np.where(held[:, None], step.motions, 0.0)
         reasons = tuple(
             f"no rigid motion explains its radiographs: a strain of {strain:.1%} would explain {share:.0%} of its "
             "residual; set [track] strain = true to measure it, or check its label"
