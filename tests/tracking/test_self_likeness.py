@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from tests.symmetric_grains import SHAPES, case
 
+from grainmotion.model.volume import Volume
 from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.rotations import rotation_matrix
+from grainmotion.segmentation.extraction import grains_from_labels
 from grainmotion.tracking.self_likeness import angles_between, near_symmetries
 
 # Rotations other than the identity, and mirrored ones, of each solid's group.
@@ -43,6 +45,21 @@ def test_likeness_of_symmetries_is_nearly_one():
 @pytest.mark.parametrize("stone", [3, 17, 29, 42, 58, 71, 90])
 def test_gravel_has_none(stone):
     assert len(found(f"stone {stone}").matrices) == 0
+
+
+def nearly_round(longer, noise, seed=0):
+    """An ellipsoid of 20 voxels whose axes are 1, 1 + longer / 2 and 1 + longer, with noisy voxels."""
+    axes = 10 * np.array([1 + longer, 1 + longer / 2, 1])
+    places = np.stack(np.meshgrid(*[np.arange(-15, 16)] * 3, indexing="ij")) / axes[:, None, None, None]
+    inside = np.clip(0.5 + 10 * (1 - np.linalg.norm(places, axis=0)), 0, 1)
+    image = inside * (1 + noise * np.random.default_rng(seed).standard_normal(inside.shape))
+    return GrainArrays.of(grains_from_labels(Volume(0.1 * image, 0.125), (inside > 0.5).astype(np.int32), reach=0))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_noise_hides_no_symmetry_of_a_nearly_round_grain(seed):
+    signs = np.linalg.det(near_symmetries(nearly_round(0.1, 0.08, seed), 0).matrices)
+    assert (int((signs > 0).sum()), int((signs < 0).sum())) == ORDERS["ellipsoid"]
 
 
 def test_angles_between_rotations():

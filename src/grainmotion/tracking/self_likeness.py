@@ -36,6 +36,12 @@ MIN_GRID_LIKENESS, MIN_LIKENESS = 0.82, (0.88, 0.92)
 """Likeness of a near-symmetry: on the grid of rotations, which lie up to 10° beside it, and after each refinement.
 Voxels of cubes, prisms, octahedra and ellipsoids 16 across have 0.87 and 0.968 at least with 10 % noise, 0.84 and 0.932
 with 20 %; of 95 gravel stones one has a rotation with more than 0.93, and a ball has none."""
+NOISE_SHARE = 1e-3
+"""Share of a grain's power that is noise of its voxels, which no rotation carries to itself: balls have 0.0004 to
+0.0012 beside their round part (20 voxels across, 45 views, SNR 50), nearly round ellipsoids 0.003 to 0.1, stones 0.09 to 0.33.
+The likeness of an ellipsoid with 0.007 is 0.82 to 0.88."""
+MIN_NOISY_LIKENESS = 0.6
+"""The bounds fall with the noise, to this share of a grain whose power beside the round part is noise alone."""
 MIN_DISTANCE = np.deg2rad(25.0)
 """Between two near-symmetries, and between one and the identity: the width of a peak of C."""
 MAX_SYMMETRIES = 64
@@ -58,19 +64,22 @@ class NearSymmetries:
 def near_symmetries(grains: GrainArrays, row: int) -> NearSymmetries:
     """The near-symmetries of one grain about its centre of mass."""
     power = _power(grains, row)
+    round_part = float(power[0].trace().real)
+    power[0] = 0
     own = _overlaps(power, np.eye(3)[None])[0]
     if own <= 0:
         return NearSymmetries(np.zeros((0, 3, 3)), np.zeros(0))
+    kept = max(1 - NOISE_SHARE * (own + round_part) / own, MIN_NOISY_LIKENESS)
     matrices, likeness = list[Float](), list[Float]()
     signs = (-1.0) ** np.arange(DEGREE + 1)[:, None, None]
     for sign, each in ((1.0, power), (-1.0, power * signs)):
-        found = _peaks(_grid_overlaps(each) / own)
+        found = _peaks(_grid_overlaps(each) / own, kept * MIN_GRID_LIKENESS)
         if sign > 0:
             found = found[angles_between(found, np.eye(3)) > MIN_DISTANCE]
         for step, least in zip(REFINEMENT_STEPS, MIN_LIKENESS, strict=True):
             found = _refined(each, found, step)
             values = _overlaps(each, found) / own
-            found, values = found[values > least], values[values > least]
+            found, values = found[values > kept * least], values[values > kept * least]
         order = np.argsort(-values, kind="stable")
         first = order[_first_of_each(found[order])]
         matrices.append(sign * found[first])
@@ -97,10 +106,9 @@ def angles_between(left: Float, right: Float) -> Float:
 
 
 def _power(grains: GrainArrays, row: int) -> NDArray[np.complex128]:
-    """A_lmm' of a grain, ``(DEGREE + 1, 2 DEGREE + 1, 2 DEGREE + 1)``, without the round part."""
+    """A_lmm' of a grain, ``(DEGREE + 1, 2 DEGREE + 1, 2 DEGREE + 1)``."""
     coefficients = _samples(grains, row) @ _harmonics()  # (l, radii, m)
-    power = coefficients.conj().swapaxes(1, 2) @ coefficients
-    power[0] = 0
+    power: NDArray[np.complex128] = coefficients.conj().swapaxes(1, 2) @ coefficients
     return power
 
 
@@ -193,9 +201,9 @@ def _overlaps(power: NDArray[np.complex128], matrices: Float) -> Float:
     return out
 
 
-def _peaks(likeness: Float) -> Float:
-    """Rotations of the grid that are more alike than all others within a peak's width ``(k, 3, 3)``."""
-    rows = np.flatnonzero(likeness > MIN_GRID_LIKENESS)
+def _peaks(likeness: Float, least: float) -> Float:
+    """Rotations of the grid above ``least``, more alike than all others within a peak's width ``(k, 3, 3)``."""
+    rows = np.flatnonzero(likeness > least)
     rows = rows[np.argsort(-likeness[rows], kind="stable")]
     matrices = _grid()[1][rows]
     flat = matrices.reshape(-1, 9)
