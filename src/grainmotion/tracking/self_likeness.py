@@ -37,9 +37,10 @@ MIN_GRID_LIKENESS, MIN_LIKENESS = 0.82, (0.88, 0.92)
 Voxels of cubes, prisms, octahedra and ellipsoids 16 across have 0.87 and 0.968 at least with 10 % noise, 0.84 and 0.932
 with 20 %; of 95 gravel stones one has a rotation with more than 0.93, and a ball has none."""
 NOISE_SHARE = 1e-3
-"""Share of a grain's power that is noise of its voxels, which no rotation carries to itself: balls have 0.0004 to
-0.0012 beside their round part (20 voxels across, 45 views, SNR 50), nearly round ellipsoids 0.003 to 0.1, stones 0.09 to 0.33.
-The likeness of an ellipsoid with 0.007 is 0.82 to 0.88."""
+"""Share of a grain's power that is noise of its voxels, which no rotation carries to itself.
+
+Balls have 0.0004 to 0.0012 beside their round part (20 voxels across, 45 views, SNR 50), nearly round ellipsoids 0.003
+to 0.1, stones 0.09 to 0.33.  The likeness of an ellipsoid with 0.007 is 0.82 to 0.88."""
 MIN_NOISY_LIKENESS = 0.6
 """The bounds fall with the noise, to this share of a grain whose power beside the round part is noise alone."""
 MIN_DISTANCE = np.deg2rad(25.0)
