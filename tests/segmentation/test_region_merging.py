@@ -1,9 +1,11 @@
 """Merging of watershed basins (`segmentation.region_merging`): by depth, then by the neck between them."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
-from grainmotion.segmentation.region_merging import BasinGraph
+from grainmotion.segmentation.region_merging import BasinGraph, Deficits
 
 
 def graph(peaks, pairs, saddles, faces):
@@ -45,6 +47,46 @@ def test_basins_with_a_stiff_neck_are_merged(faces, labels):
 def test_basins_in_a_row_are_merged_in_the_order_of_their_necks():
     basin_graph = graph([4.0, 4.0, 4.0, 4.0], [[1, 2], [2, 3], [3, 4]], [3.0, 3.0, 1.0], [90, 80, 1])
     np.testing.assert_array_equal(basin_graph.merged(0.0, 0.5), [0, 1, 1, 1, 2])
+
+
+def with_deficits(basin_graph, basins, necks, noise=0.0):
+    """The graph with mean deficits of its basins, of ten voxels each, and of its necks."""
+    voxels = np.full(len(basin_graph.peaks), 10.0)
+    sums = np.array(necks) * basin_graph.faces.sum(axis=1)
+    return dataclasses.replace(basin_graph, deficits=Deficits(voxels * [0, *basins], voxels, sums, noise))
+
+
+@pytest.mark.parametrize("saddle", [3.5, 3.9])
+@pytest.mark.parametrize(("neck", "labels"), [(0.01, [0, 1, 1]), (0.05, [0, 1, 2])])
+def test_basins_with_a_valley_between_them_are_two(saddle, neck, labels):
+    """Of a neck that is wide enough, and of a saddle that is high enough."""
+    basin_graph = with_deficits(graph([5.0, 4.0], [[1, 2]], [saddle], [60]), [0.0, 0.0], [neck])
+    np.testing.assert_array_equal(basin_graph.merged(0.2, 0.7), labels)
+
+
+@pytest.mark.parametrize(("basins", "noise"), [([0.05, 0.06], 0.0), ([0.0, 0.0], 0.4)])
+def test_a_neck_as_faint_as_its_basins_or_as_noise_makes_it_is_no_valley(basins, noise):
+    basin_graph = with_deficits(graph([5.0, 4.0], [[1, 2]], [3.5], [60]), basins, [0.05], noise)
+    np.testing.assert_array_equal(basin_graph.merged(0.2, 0.7), [0, 1, 1])
+
+
+def test_deficits_of_basins_and_necks_follow_merging():
+    """Basins 1 and 2 are one; both together have a valley towards 3, though 2 alone has none."""
+    basin_graph = graph([4.0, 4.0, 4.0], [[1, 2], [1, 3], [2, 3]], [3.9, 3.5, 3.5], [60, 60, 20])
+    basin_graph = with_deficits(basin_graph, [0.0, 0.0, 0.0], [0.0, 0.06, 0.0])
+    np.testing.assert_array_equal(basin_graph.merged(0.2, 0.6), [0, 1, 1, 2])
+
+
+def test_deficits_of_voxels_are_gathered():
+    distance, basins = np.zeros((3, 3, 6), np.float32), np.zeros((3, 3, 6), np.int32)
+    distance[1, 1], basins[1, 1] = [1, 2, 1, 1, 3, 1], [1, 1, 1, 2, 2, 2]
+    faint = np.zeros(distance.shape, np.float32)
+    faint[1, 1] = [0.0, 0.03, 0.06, 0.02, 0.01, 0.0]
+    known = BasinGraph.of(distance, basins, faint, 0.5).deficits
+    np.testing.assert_allclose(known.basins[1:], [0.09, 0.03], atol=1e-6)
+    np.testing.assert_allclose(known.voxels[1:], [3, 3])
+    np.testing.assert_allclose(known.necks, [0.04], atol=1e-6)
+    assert known.noise == 0.5
 
 
 def test_a_graph_without_basins():

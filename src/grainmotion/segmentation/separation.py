@@ -16,6 +16,9 @@ their two peaks (the half-width of the smaller) and A the area of the neck:
    neck with that of the smaller basin's thickest round section: two halves of one grain give about 1 or
    more, however flat or long it is, two touching grains much less.
 
+A neck that is fainter than its basins at equal depth is a valley between two grains whose faces blur joins (`valleys`):
+κ is multiplied by how flat it is, 1 to 0, and no basin is merged across one in the first step.
+
 Then the labels grow from the cores into all voxels above the threshold, bright ones first.
 
 Soille (2003) for the watershed of distances; `docs/decisions/0002-segmentation.md` for the criterion.
@@ -31,6 +34,7 @@ from skimage.segmentation import relabel_sequential, watershed
 
 from grainmotion.segmentation.region_merging import BasinGraph
 from grainmotion.segmentation.settings import SegmentSettings
+from grainmotion.segmentation.valleys import deficits
 
 Ints = NDArray[np.int32]
 Bools = NDArray[np.bool_]
@@ -82,9 +86,11 @@ def separated(array: NDArray[np.float32], solid: Bools, threshold: float, settin
         return labels
     array, solid = array[box], solid[box]
     smallest = min(settings.min_volume or MIN_GRAIN_VOXELS, MIN_GRAIN_VOXELS)
-    distance = edt.edt(_cores(array, solid, threshold), parallel=1)
+    level = _own_level(array, solid)
+    distance = edt.edt(_cores(array, solid, level, threshold), parallel=1)
     basins = distance_basins(distance)
-    cores = BasinGraph.of(distance, basins).merged(settings.depth, settings.oneness)[basins]
+    graph = BasinGraph.of(distance, basins, *deficits(level, distance))
+    cores = graph.merged(settings.depth, settings.oneness)[basins]
     labels[box] = without_fragments(array, watershed(-array, without_small(cores, smallest), mask=solid))
     return labels
 
@@ -185,10 +191,10 @@ def bounding_box(solid: Bools) -> tuple[slice, slice, slice] | None:
     return box[0], box[1], box[2]
 
 
-def _cores(array: NDArray[np.float32], solid: Bools, threshold: float) -> Bools:
-    """Voxels above `CORE_LEVEL` of their grain's own attenuation and above the threshold.
+def _own_level(array: NDArray[np.float32], solid: Bools) -> NDArray[np.float32]:
+    """Attenuation of each voxel: 0 is the mean outside the grains, 1 the grain's own nearby.
 
-    A grain fainter than the others has a lower level; inclusions brighter than the others do not raise it.
+    A grain fainter than the others has a lower one of its own; inclusions brighter than the others do not raise it.
     """
     bright = float(np.median(array[solid]))
     outside = array[~solid]
@@ -198,7 +204,12 @@ def _cores(array: NDArray[np.float32], solid: Bools, threshold: float) -> Bools:
     own = ndimage.uniform_filter(np.where(inner, np.minimum(array, bright), 0).astype(np.float32), CORE_WINDOW)
     averaged = weight > 1 / CORE_WINDOW**3
     own = np.where(averaged, own / np.where(averaged, weight, 1), bright)
-    cores = ndimage.binary_fill_holes(solid & (array > np.maximum(threshold, dark + CORE_LEVEL * (own - dark))))
+    return np.asarray((array - dark) / np.where(own > dark, own - dark, 1), np.float32)
+
+
+def _cores(array: NDArray[np.float32], solid: Bools, level: NDArray[np.float32], threshold: float) -> Bools:
+    """Voxels above `CORE_LEVEL` of their grain's own attenuation and above the threshold."""
+    cores = ndimage.binary_fill_holes(solid & (array > threshold) & (level > CORE_LEVEL))
     pieces, n = ndimage.label(solid)
     coreless = np.ones(n + 1, dtype=bool)
     coreless[pieces[cores]] = False

@@ -1,0 +1,37 @@
+"""Voxels fainter than others as deep (`segmentation.valleys`)."""
+
+import numpy as np
+
+from grainmotion.segmentation.valleys import MAX_LEVEL, deficits
+
+
+def test_a_voxel_is_compared_with_those_as_deep():
+    distance = np.zeros((3, 3, 40), np.float32)
+    distance[1, 1, ::2], distance[1, 1, 1::2] = 1.0, 3.0
+    level = np.where(distance == 1.0, 0.8, 1.0)
+    level[1, 1, 4], level[1, 1, 7] = 0.7, 0.9
+    faint, noise = deficits(level, distance)
+    assert noise == 0.0
+    np.testing.assert_allclose(faint[1, 1, [4, 7]], 0.1, atol=1e-6)
+    assert np.count_nonzero(np.abs(faint) > 1e-6) == 2
+
+
+def test_an_inclusion_counts_little():
+    distance = np.full((3, 3, 3), 3.0, np.float32)
+    level = np.ones(distance.shape)
+    level[1, 1, 1] = 4.0
+    faint, _ = deficits(level, distance)
+    np.testing.assert_allclose(faint[1, 1, 1], 1 - MAX_LEVEL, atol=1e-6)
+
+
+def test_noise_is_that_of_deep_voxels():
+    rng = np.random.default_rng(0)
+    distance = np.full((20, 20, 20), 4.0, np.float32)
+    _, noise = deficits(1 + rng.normal(0, 0.02, distance.shape), distance)
+    assert abs(noise - 0.02) < 0.002
+
+
+def test_no_core():
+    faint, noise = deficits(np.ones((2, 2, 2)), np.zeros((2, 2, 2), np.float32))
+    assert not faint.any()
+    assert noise == 0.0
