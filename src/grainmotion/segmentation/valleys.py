@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 Floats = NDArray[np.floating]
 
@@ -19,6 +20,8 @@ MAX_LEVEL = 1.05
 """Attenuation over the grain's own, from which a voxel is of an inclusion and counts as this much."""
 NOISE_DEPTH = 2.0
 """Depth from which noise is measured, voxels."""
+NOISE_WINDOW = 3
+"""Edge of the cubes over which deficits are averaged to measure it, voxels."""
 
 
 def deficits(level: Floats, distance: Floats) -> tuple[Floats, float]:
@@ -36,7 +39,8 @@ def deficits(level: Floats, distance: Floats) -> tuple[Floats, float]:
     deficits : (nz, ny, nx) array
         As a share of the grain's own attenuation; 0 outside of the cores.
     noise : float
-        Their standard deviation inside grains.
+        Standard deviation of their mean over a neck of n faces, times the root of n.  It is taken from means over cubes
+        as wide as a neck of nine faces, since noise is correlated between voxels.
     """
     inside = distance > 0
     depth, level = distance[inside], np.minimum(level[inside], MAX_LEVEL)
@@ -50,6 +54,7 @@ def deficits(level: Floats, distance: Floats) -> tuple[Floats, float]:
     for k, values in zip(present, np.split(level[order], starts[1:]), strict=True):
         typical[k] = np.median(values)
     own = typical[bins] - level
-    deep = own[depth > NOISE_DEPTH]
     out[inside] = own
-    return out, 1.4826 * float(np.median(np.abs(deep - np.median(deep)))) if deep.size else 0.0
+    means = ndimage.uniform_filter(out, NOISE_WINDOW)[distance > NOISE_DEPTH]
+    noise = 1.4826 * float(np.median(np.abs(means - np.median(means)))) if means.size else 0.0
+    return out, NOISE_WINDOW * noise
