@@ -8,7 +8,7 @@ import pytest
 from grainmotion.model.field_of_view import FieldOfView
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.volume import Volume
-from grainmotion.segmentation.border import border_labels, cut_labels
+from grainmotion.segmentation.border import beyond_field, border_labels, cut_labels
 
 SHAPE = (40, 40, 40)
 ANGLES = np.arange(0, 360, 7.5)
@@ -56,3 +56,12 @@ class TestWhatViewsSaw:
 
 def test_without_a_field_faces_and_cylinder_cut(labels):
     assert cut_labels(labels, Volume(np.zeros(SHAPE), 1.0)) == border_labels(labels) == (4,)
+
+
+def test_what_was_not_seen_is_beyond_the_field():
+    beyond = beyond_field(Volume(np.zeros(SHAPE), 1.0, field=field(GEOMETRIES["parallel"], above=True, beside=True)))
+    assert beyond[37, 20, 20]
+    assert beyond[20, 20, 38]
+    assert not beyond[[2, 20], 20, 20].any()
+    assert beyond_field(Volume(np.zeros(SHAPE), 1.0, field=field(GEOMETRIES["parallel"]))) is None
+    assert beyond_field(Volume(np.zeros(SHAPE), 1.0)) is None

@@ -35,18 +35,24 @@ def cut_labels(labels: NDArray[np.integer], volume: Volume) -> tuple[int, ...]:
     if field is None:
         return border_labels(labels)
     nz, ny, nx = labels.shape
-    found = set()
+    found = set[int]()
     if nz > 1:
         found.update(np.unique(labels[[0, -1]]).tolist())
     found.update(np.unique(labels[:, _distances(ny, nx) > min(ny, nx) / 2 - 0.5]).tolist())
-    if not field.holds_all:
-        low, high, aside = _borders(field, volume)
-        heights = volume.origin[2] + volume.voxel_size * np.arange(nz)
-        for plane, z in zip(labels, heights, strict=True):
-            out = aside | (z > high) | (z < low)
-            if out.any():
-                found.update(np.unique(plane[out]).tolist())
+    out = beyond_field(volume)
+    if out is not None:
+        found.update(np.unique(labels[out]).tolist())
     return tuple(sorted(int(label) for label in found if label))
+
+
+def beyond_field(volume: Volume) -> NDArray[np.bool_] | None:
+    """Voxels ``(nz, ny, nx)`` that not nearly all views saw; None if all were seen, or if it is not known."""
+    field = volume.field
+    if field is None or field.holds_all:
+        return None
+    low, high, aside = _borders(field, volume)
+    heights = (volume.origin[2] + volume.voxel_size * np.arange(volume.shape[0]))[:, None, None]
+    return np.asarray(aside | (heights > high) | (heights < low))
 
 
 def _distances(ny: int, nx: int) -> Float:

@@ -16,6 +16,7 @@ from scipy import ndimage
 from skimage.filters import threshold_otsu
 
 from grainmotion.model.volume import Volume
+from grainmotion.segmentation.border import beyond_field
 from grainmotion.segmentation.labels import checked_labels
 from grainmotion.segmentation.level_kinds import Neighbours, liquid_levels, without_inclusions
 from grainmotion.segmentation.level_map import flooded, without_shells
@@ -102,7 +103,9 @@ class Levels:
         return self.values.astype(np.float32)[self.of_voxel[tuple(nearest)]]
 
 
-def find_levels(array: Floats, threshold: float, told: Sequence[PhaseSettings] = ()) -> Levels | None:
+def find_levels(
+    array: Floats, threshold: float, told: Sequence[PhaseSettings] = (), beyond: Bools | None = None
+) -> Levels | None:
     """Levels of a volume.
 
     Parameters
@@ -113,6 +116,8 @@ def find_levels(array: Floats, threshold: float, told: Sequence[PhaseSettings] =
         Attenuation that separates bodies from air roughly, as Otsu's does, 1/mm.
     told : sequence of PhaseSettings
         Phases that are known; found if empty.  Air without attenuation is added unless it is told.
+    beyond : (nz, ny, nx) bool array, optional
+        Voxels beyond the field of view, which make no level of their own.
 
     Returns
     -------
@@ -121,7 +126,7 @@ def find_levels(array: Floats, threshold: float, told: Sequence[PhaseSettings] =
     """
     if told and all(phase.kind != "air" for phase in told):
         told = (PhaseSettings("air", 0.0), *told)
-    cores = UniformCores.of(array, threshold, [phase.bounds for phase in told])
+    cores = UniformCores.of(array, threshold, [phase.bounds for phase in told], beyond)
     if len(cores.levels) < 3 and not told:
         return None
     regions = flooded(array, cores)
@@ -206,5 +211,5 @@ def find_phases(volume: Volume, labels: NDArray[np.integer], told: Sequence[Phas
     labels = checked_labels(labels, volume.shape)
     grains = volume.array[labels > 0]
     threshold = float(grains.mean()) / 2 if len(grains) else float(threshold_otsu(volume.array))
-    levels = find_levels(volume.array, threshold, told)
+    levels = find_levels(volume.array, threshold, told, beyond_field(volume))
     return None if levels is None else PhaseMap.of(volume.array, levels, labels)

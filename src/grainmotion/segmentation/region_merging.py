@@ -15,7 +15,7 @@ Ints = NDArray[np.int32]
 
 MAX_SADDLE = 0.9
 """Saddle over the lower of the two peaks, above which basins are one: an uneven surface causes as much."""
-FLAT, VALLEY = 0.015, 0.03
+NO_VALLEY, OPEN_VALLEY = 0.015, 0.03
 """Deficit of a neck, beyond its basins' own, up to which it is no valley, and from which it is an open one."""
 MIN_FLATNESS = 0.7
 """Flatness, 1 for no valley and 0 for an open one, below which a shallow basin is not merged across it."""
@@ -182,7 +182,7 @@ def _sums(index: NDArray[np.integer], values: NDArray[np.floating], count: int) 
 
 def _flat(deficit: NDArray[np.float64]) -> NDArray[np.float64]:
     """From 1 for no valley to 0 for an open one."""
-    return np.asarray(np.clip((VALLEY - deficit) / (VALLEY - FLAT), 0, 1))
+    return np.asarray(np.clip((OPEN_VALLEY - deficit) / (OPEN_VALLEY - NO_VALLEY), 0, 1))
 
 
 def _numbered(representatives: NDArray[np.int64], sets: DisjointSet) -> Ints:

@@ -17,7 +17,7 @@ from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Progress
 from grainmotion.errors import InputError
 from grainmotion.model.volume import Volume
-from grainmotion.segmentation.border import border_labels, cut_labels
+from grainmotion.segmentation.border import beyond_field, border_labels, cut_labels
 from grainmotion.segmentation.by_level import Pieces
 from grainmotion.segmentation.labels import checked_labels
 from grainmotion.segmentation.large_bodies import large_bodies
@@ -118,7 +118,7 @@ def segment(
     report("phases", 1)
     levels = None
     if min(volume.shape) > 1 and (settings.phases or settings.threshold is None):
-        levels = find_levels(volume.array, threshold, settings.phases)
+        levels = find_levels(volume.array, threshold, settings.phases, beyond_field(volume))
     report("distances and watershed", 2)
     labels = None
     if levels is not None:

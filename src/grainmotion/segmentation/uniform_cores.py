@@ -82,7 +82,9 @@ class UniformCores:
     told: tuple[int, ...] = ()
 
     @classmethod
-    def of(cls, array: Floats, threshold: float, told: Sequence[tuple[float, float]] = ()) -> UniformCores:
+    def of(
+        cls, array: Floats, threshold: float, told: Sequence[tuple[float, float]] = (), beyond: Bools | None = None
+    ) -> UniformCores:
         """The uniform cores of a volume.
 
         Parameters
@@ -93,6 +95,8 @@ class UniformCores:
             Attenuation that separates bodies from air roughly, as Otsu's does, 1/mm.
         told : sequence of (float, float)
             Lowest and highest attenuation of each phase, 1/mm, if they are known.
+        beyond : (nz, ny, nx) bool array, optional
+            Voxels beyond the field of view.  Smeared attenuation lies there, so they make no level of their own.
 
         Returns
         -------
@@ -109,17 +113,21 @@ class UniformCores:
         uniform = spread < np.maximum(MAX_RELATIVE_SPREAD * rise, NOISE_FACTOR * noise)
         if told:
             return cls._connected(_told_levels(smooth, uniform, told), array, noise, smooth)
-        bodies = rise[uniform & (rise > max(threshold / 20, NOISE_FACTOR * noise))]
+        seen = uniform if beyond is None else uniform & ~beyond
+        bodies = rise[seen & (rise > max(threshold / 20, NOISE_FACTOR * noise))]
         bright = float(np.median(bodies)) if len(bodies) else 0.0
-        bounds = _bounds(rise[uniform], max(LOWEST_LEVEL * bright, NOISE_FACTOR * noise / 2))
+        bounds = _bounds(rise[seen], max(LOWEST_LEVEL * bright, NOISE_FACTOR * noise / 2))
         level = np.searchsorted(bounds, rise).astype(np.int8)
         level[~uniform] = -1
         level[_between(level, rise, spread, NOISE_FACTOR * noise)] = -1
+        if beyond is not None:
+            level[_smeared(level, rise, beyond)] = -1
         counts = np.bincount(level[level > 0], minlength=len(bounds) + 1)
         level[(counts < MIN_LEVEL_SHARE * counts.sum())[level] & (level > 0)] = -1
         highest = level == len(bounds)
         if highest.any():  # what is too thin to be uniform: a wire, a wall of metal
-            level[(rise > THIN_AND_DENSE * np.median(rise[highest])) & ~_rim(array.shape)] = len(bounds) + 1
+            dense = (rise > THIN_AND_DENSE * np.median(rise[highest])) & ~_rim(array.shape)
+            level[dense if beyond is None else dense & ~beyond] = len(bounds) + 1
         return cls._connected(level, array, noise, smooth)
 
     @classmethod
@@ -153,6 +161,18 @@ def _between(level: NDArray[np.int8], rise: Floats, spread: Floats, noise: float
     limits = np.full(int(present.max(initial=0)) + 2, np.inf)  # the last for voxels of no level
     limits[present] = np.maximum(MAX_STEP_SHARE * np.minimum(steps[:-1], steps[1:]), noise)
     return np.asarray(spread > limits[level])
+
+
+def _smeared(level: NDArray[np.int8], rise: Floats, beyond: Bools) -> Bools:
+    """Uniform voxels beyond the field of none of the levels that were found within it."""
+    smeared = beyond & (level > 0)
+    for number in np.unique(level[smeared]):
+        own = level == number
+        within = rise[own & ~beyond]
+        if len(within):
+            typical = float(np.median(within))
+            smeared &= ~(own & (rise > typical / MIN_RATIO) & (rise < typical * MIN_RATIO))
+    return np.asarray(smeared)
 
 
 def _rim(shape: tuple[int, ...]) -> Bools:
