@@ -11,10 +11,12 @@ import few_grains
 import grainmotion as gm
 from classified_poses import classified, pose_of
 from convex_grains import DISTANCES, PANEL, SHAPE, VOXEL, ConvexGrains
+from grainmotion.diagnosis.moving_sample import displaced_volume, steady_motion
 from grainmotion.diagnosis.panel_offset import PanelOffset
 from grainmotion.diagnosis.reference_errors import ReferenceErrors
 from grainmotion.model.field_of_view import FieldOfView
 from grainmotion.model.motions import Status
+from grainmotion.model.view_shifts import ViewShifts
 from grainmotion.reconstruction.view_shifts import measured_shifts
 from grainmotion.simulate import Misalignment
 from grainmotion.simulate.misalignment import misaligned
@@ -90,6 +92,20 @@ def test_a_sample_that_crept_is_in_the_notes_with_its_size():
     assert note.startswith("reference: the sample did not stay in its place")
     assert "crept" in note
     assert 0.01 < np.sqrt(found.covariances[0, 2, 2]) / VOXEL < 0.04
+
+
+def test_a_creep_across_displaces_the_volume():
+    """Of motions along x the views of one turn ask for another place along y, by the mean of t sin 2θ."""
+    angles = np.deg2rad(ANGLES_DEG)
+    along, times = np.stack([-np.sin(angles), np.cos(angles)], axis=1), np.arange(36) / 35 - 0.5
+    seen = times * along[:, 0]
+    shifts = ViewShifts(np.stack([seen, 0 * seen], axis=1), 0 * seen, np.arange(36), times, along, VOXEL, 40.0)
+    place = displaced_volume(shifts, steady_motion(shifts))
+    assert abs(place[1]) == pytest.approx(1 / (4 * np.pi), rel=0.1)
+    field = FieldOfView(NOMINAL, 20 * VOXEL, shifts=shifts)
+    sd = np.sqrt(np.diagonal(ReferenceErrors.of(field, TWO_VIEWS, GRAINS.centers).covariances[0])) / VOXEL
+    assert sd[1] > 0.07
+    assert sd[2] == pytest.approx(0.02, rel=0.1)
 
 
 def test_statuses_and_standard_deviations_of_a_state_hold_it(off):

@@ -126,6 +126,18 @@ def likely_motions(shifts: ViewShifts) -> list[FittedMotion]:
     return likely if best.significant else []
 
 
+def displaced_volume(shifts: ViewShifts, motion: FittedMotion) -> Float:
+    """Where the volume of a sample that moved lies beside its mean place during the scan, ``(2,)``, x and y in pixels.
+
+    A reconstruction puts it where the views agree best, and each sees only what is along its u: a creep along x by a
+    pixel in one turn moves the volume by 1/4π pixel along y.
+    """
+    profile = shifts.times if motion.kind != "jump" else np.where(shifts.views < motion.view, -0.5, 0.5)
+    along_u = profile * (motion.amounts[0] if motion.kind == "panel" else shifts.along @ motion.amounts[:2])
+    place = np.linalg.lstsq(shifts.along, along_u, rcond=None)[0]
+    return place if motion.kind == "panel" else place - motion.amounts[:2] * profile.mean()
+
+
 def steady_motion(shifts: ViewShifts) -> FittedMotion:
     """The motion of the sample at constant velocity that explains the shifts best."""
     return _motion(shifts, "steady", shifts.times)

@@ -12,7 +12,7 @@ import numpy as np
 
 from grainmotion._typing import Float
 from grainmotion.diagnosis.directions import missing_directions
-from grainmotion.diagnosis.moving_sample import likely_motions, motion_findings
+from grainmotion.diagnosis.moving_sample import displaced_volume, likely_motions, motion_findings
 from grainmotion.diagnosis.panel_offset import PanelOffset
 from grainmotion.model.field_of_view import FieldOfView
 from grainmotion.model.geometry import Geometry
@@ -20,7 +20,8 @@ from grainmotion.model.geometry import Geometry
 WHERE = "reference"
 ERROR_BY_CREEP = 0.02
 """Error that all translations have in common, over the motion of the sample during the reference scan: 0.007 to 0.024
-along each axis where it sank steadily by a voxel (two samples, 4 and 2 views)."""
+along each axis where it sank steadily by a voxel (two samples, 4 and 2 views).  Motions along x and y displace the
+volume as well (`displaced_volume`)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +41,9 @@ class ReferenceErrors:
         if moved:
             notes += [str(finding) for finding in motion_findings(field.shifts, WHERE)]
             covariances[:, :3, :3] += (ERROR_BY_CREEP * moved[0].size * field.shifts.pixel) ** 2 * np.eye(3)
+            for motion in moved:
+                place = displaced_volume(field.shifts, motion) * field.shifts.pixel
+                covariances[:, :2, :2] += np.outer(place, place)
         if panel:
             notes.append(panel.note)
             covariances += panel.covariances(geometry, places)
