@@ -6,12 +6,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
+import wet_sample
 from grainmotion.analysis.deformed_volume import rebuild, typical_attenuation
 from grainmotion.errors import InputError
 from grainmotion.model.grains import Grain, GrainSet
 from grainmotion.model.motions import Motions, Status
 from grainmotion.model.volume import Volume
+from grainmotion.rotations import recenter
+from grainmotion.model.fluid import FluidFit
+from grainmotion.model.state_fit import StateFit
+from grainmotion.simulate.voxelise import attenuation_volume, label_volume
 from scenes import one_body
 
 H = 0.1  # voxel size, mm
@@ -207,3 +213,36 @@ def test_a_strained_grain_keeps_its_mass_and_spreads_along_its_strain(sample, st
         away = positions(volume)[..., 0] - mass_center(volume)[0]
         spreads.append((away**2 * volume.array).sum() / volume.array.sum())
     assert spreads[1] / spreads[0] == pytest.approx(1.2**2, rel=0.02)
+
+
+@pytest.fixture(scope="module")
+def wet():
+    """Grains of a wet reference, what they did, and the stones after it."""
+    stones = wet_sample.stones()
+    truth, later = wet_sample.moved(stones)
+    grains = wet_sample.reference(stones)
+    rows = [int(np.linalg.norm(truth.centers - c, axis=1).argmin()) for c in grains.centers]
+    shifts = recenter(truth.matrices[rows], truth.translations[rows], truth.centers[rows], grains.centers)
+    still = Motions.identity(grains.labels, grains.centers)
+    statuses = np.full(len(grains), Status.CONVERGED.value, dtype="<U20")
+    return grains, replace(still, translations=shifts, rotations=truth.rotations[rows], statuses=statuses), later
+
+
+@pytest.mark.parametrize("level", [None, 0.0])
+def test_a_liquid_is_that_of_the_state(wet, level):
+    grains, motions, later = wet
+    if level is not None:
+        motions = replace(motions, fit=StateFit(fluid=FluidFit(wet_sample.LIQUID, level, 1.0)))
+        later = wet_sample.solid(later, level)
+    grid = Volume.zeros(wet_sample.SHAPE, wet_sample.VOXEL)
+    volume, labels = rebuild(grains, motions, grid)
+    z, y, x = (grid.origin[k] + grid.voxel_size * np.arange(grid.shape[2 - k]) for k in (2, 1, 0))
+    below = (z < (np.inf if level is None else level))[:, None, None]
+    filled = (np.hypot(y[:, None], x) < wet_sample.RADIUS) & below
+    truth = label_volume(later, grid)
+    expected = attenuation_volume(later, grid).array + wet_sample.LIQUID * filled
+    inner, pores = (ndimage.binary_erosion(where, iterations=2) for where in (truth > 0, truth == 0))
+    for where in (inner & filled, inner & ~filled, pores & filled, pores & ~filled):
+        if where.any():
+            assert volume.array[where].mean() == pytest.approx(expected[where].mean(), abs=0.02)
+    assert (labels == truth)[truth > 0].mean() > 0.9

@@ -5,8 +5,13 @@ import pytest
 
 import wet_sample
 from grainmotion.analysis.residual_images import residual_images
+from grainmotion.model.pose import Pose
+from grainmotion.model.strain import stretches
 from grainmotion.rotations import recenter
 from grainmotion.simulate import Sample
+from grainmotion.tracking.fluid_fit import FluidTracker
+from grainmotion.tracking.multistage import MultistageFit
+from grainmotion.tracking.settings import TrackSettings
 from grainmotion.tracking.track import track
 from wet_sample import LIQUID, VOXEL
 
@@ -68,3 +73,27 @@ def test_stones_that_were_taken_out_of_the_liquid_are_absent():
     assert motions.statuses.tolist() == ["converged", "absent", "converged", "absent", "converged", "converged"]
     rows = np.flatnonzero(motions.ok)
     assert errors(motions.for_grains(motions.labels[rows], motions.centers[rows]), truth)[0] < 0.06
+
+
+def test_grains_keep_their_strains_when_the_liquid_changes():
+    grains, scan = wet_sample.reference(STONES), wet_sample.radiographs(wet_sample.in_liquid(STONES, LIQUID))
+    fit = MultistageFit.of(grains, scan, TrackSettings(strain=True))
+    fluid = FluidTracker.of(fit, grains)
+    strained = stretches(np.tile([0.03, -0.02, -0.01, 0.01, 0.0, 0.0], (len(grains), 1)))
+    fit.grains, fit.fine_grains = fit.grains.stretched(strained), fit.fine_grains.stretched(strained)
+    fluid.place(Pose(np.zeros((len(grains), 3)), np.tile(np.eye(3), (len(grains), 1, 1))))
+    np.testing.assert_array_equal(fit.grains.stretches, strained)
+    np.testing.assert_array_equal(fit.fine_grains.stretches, strained)
+
+
+def test_strained_stones_in_a_liquid_that_drains():
+    truth, later = wet_sample.moved(STONES)
+    strain = np.array([0.04, -0.03, -0.01])
+    soft = tuple(p.moved(np.eye(3) + np.diag(strain), -strain * p.center) for p in later.particles)
+    scan = wet_sample.radiographs(wet_sample.in_liquid(Sample(soft), LIQUID, LEVEL))
+    motions = track(wet_sample.reference(STONES), scan, settings=TrackSettings(strain=True))
+    assert motions.ok.all()
+    assert errors(motions, truth)[0] < 0.06
+    turned = np.swapaxes(motions.matrices, 1, 2) @ np.diag(strain) @ motions.matrices
+    assert np.sqrt(np.mean((motions.stretches - np.eye(3) - turned) ** 2)) < 0.008
+    assert motions.fit.fluid.level == pytest.approx(LEVEL, abs=0.1 * VOXEL)

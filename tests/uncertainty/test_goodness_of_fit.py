@@ -89,6 +89,22 @@ class TestMisfits:
     def test_a_large_residual_in_strong_noise_is_no_misregistration(self):
         assert not alone([0.05], 0.03).misregistered.any()
 
+    def test_noise_that_exceeds_its_mean_by_chance_is_no_misregistration(self):
+        """As of grains little denser than the liquid around them: noise is a third of their line integrals."""
+        others = [0.34] * 8
+        fit = replace(alone([0.36, 0.45, *others], 0.34), noise_spread=np.full(10, 0.04))
+        np.testing.assert_array_equal(fit.misregistered, [False, True, *[False] * 8])
+        assert alone([0.36, *others], 0.34).misregistered[0]  # of as many pixels as to leave no chance
+
+    def test_noise_is_that_of_each_grain_s_own_pixels(self):
+        problem = StateProblem(GRAINS, target())
+        path = problem.evaluate(POSE).line_integrals
+        noise = 0.02 * np.exp(path / 2) * np.random.default_rng(0).normal(size=path.shape)
+        noisy = StateProblem(GRAINS, target(images=(path + noise).astype(np.float32)))
+        fit = misfits(noisy, noisy.evaluate(POSE))
+        np.testing.assert_allclose(fit.noise, fit.rms_residuals, rtol=0.25)
+        assert not fit.misregistered.any()
+
 
 def alone(residuals, noise):
     """Goodness of fit of grains that overlap with no others."""

@@ -3,7 +3,8 @@
 Each voxel centre x of the grid is pulled back into the grain's own voxels by the inverse motion,
 X = F⁻¹(x − u − c) + c with F = Ω U (see `model.strain`), and the grain's attenuation is interpolated there
 trilinearly, so that a moved grain has no holes; that of a strained grain is divided by det U, which keeps its
-mass.  The contributions of all grains and bodies add up.
+mass.  The contributions of all grains and bodies add up, and that of a liquid: up to the level and with the
+attenuation that the state found, else as in the reference, and displaced by the moved grains.
 
 A voxel carries the label of the grain that contributes most to it, provided that this contribution
 exceeds half of that grain's typical attenuation: the attenuation below which half of the grain's mass
@@ -18,9 +19,13 @@ from numpy.typing import NDArray
 from grainmotion._arguments import checked_arguments
 from grainmotion.errors import InputError
 from grainmotion.kernels import resample
+from grainmotion.model.fluid import Fluid
 from grainmotion.model.grains import Grain, GrainSet
 from grainmotion.model.motions import Motions, Status
+from grainmotion.model.pose import Pose
 from grainmotion.model.volume import Volume
+from grainmotion.projection.displaced_fluid import Submersion
+from grainmotion.rotations import recenter
 
 WITHOUT_MOTION = (Status.LEFT_FIELD.value, Status.NOT_FITTED.value, Status.ABSENT.value)
 
@@ -61,7 +66,9 @@ def rebuild(grains: GrainSet, motions: Motions, grid: Volume) -> tuple[Volume, N
     labels = np.zeros(grid.shape, np.int32)
     gradients = motions.gradients
     finite = np.isfinite(motions.translations).all(axis=1) & np.isfinite(motions.rotations).all(axis=1)
-    for i in np.flatnonzero(finite & ~np.isin(motions.statuses, WITHOUT_MOTION)):
+    shown = np.flatnonzero(finite & ~np.isin(motions.statuses, WITHOUT_MOTION))
+    in_liquid, liquid = _in_liquid(grains, motions, shown)
+    for i in shown:
         grain = by_label[int(motions.labels[i])]
         gradient = gradients[i]
         matrix, offset = _pull_back(grain.volume, grid, gradient, motions.translations[i], motions.centers[i])
@@ -70,6 +77,10 @@ def rebuild(grains: GrainSet, motions: Motions, grid: Volume) -> tuple[Volume, N
         half = np.float32(density * typical_attenuation(grain) / 2)
         array = grain.volume.array if density == 1 else (density * grain.volume.array).astype(np.float32)
         resample.add_moved_label(array, matrix, offset, low, high, total, np.int32(grain.label), half, best, labels)
+        changed = in_liquid.get(grain.label)
+        if changed is not None:  # labels follow the excess over the reference's liquid, which is even within a grain
+            change = (density * (changed - grain.volume.array)).astype(np.float32)
+            resample.add_moved(change, matrix, offset, low, high, total)
     moved = {body.name: body for body in motions.fit.bodies}
     for body in grains.scene.bodies:
         motion = moved.get(body.name)
@@ -77,7 +88,29 @@ def rebuild(grains: GrainSet, motions: Motions, grid: Volume) -> tuple[Volume, N
         matrix, offset = _pull_back(body.volume, grid, rotation, u, body.center)
         low, high = _bounds(body.volume, matrix, offset, grid.shape)
         resample.add_moved(body.volume.array, matrix, offset, low, high, total)
+    if liquid is not None:
+        matrix, offset = _pull_back(liquid.space, grid, np.eye(3), np.zeros(3), np.zeros(3))
+        low, high = _bounds(liquid.space, matrix, offset, grid.shape)
+        resample.add_moved(liquid.volume.array, matrix, offset, low, high, total)
     return Volume(total, grid.voxel_size, grid.center), labels
+
+
+def _in_liquid(
+    grains: GrainSet, motions: Motions, rows: NDArray[np.integer]
+) -> tuple[dict[int, NDArray[np.floating]], Fluid | None]:
+    """What grains at ``rows`` of the motions add to the liquid of a state, by label, where that is not their excess; and
+    that liquid.
+    """
+    fluid, fit = grains.scene.fluid, motions.fit.fluid
+    if fluid is None or fit is None or not len(rows):
+        return {}, fluid if fit is None or fluid is None else fluid.found(fit)
+    row_of = {int(motions.labels[row]): int(row) for row in rows}
+    kept = grains.without([k for k, g in enumerate(grains.grains) if g.label not in row_of])
+    at = [row_of[g.label] for g in kept.grains]
+    shifts = recenter(motions.gradients[at], motions.translations[at], motions.centers[at], kept.centers)
+    effective = Submersion(kept).in_state(fit, Pose(shifts, motions.gradients[at]))
+    pairs = zip(kept.grains, effective.grains, strict=True)
+    return {old.label: new.volume.array for old, new in pairs if new is not old}, fluid.found(fit)
 
 
 def typical_attenuation(grain: Grain) -> float:

@@ -19,7 +19,7 @@ from edt import edt
 from scipy import ndimage
 
 from grainmotion._typing import Float, Image
-from grainmotion.model.fluid import Fluid, below_level
+from grainmotion.model.fluid import Fluid, FluidFit, below_level
 from grainmotion.model.grains import Grain, GrainSet
 from grainmotion.model.pose import Pose
 from grainmotion.model.volume import Volume
@@ -86,6 +86,13 @@ class Submersion:
                 fine = replace(fine, array=fine.array + displaced * change)
             out.append(replace(grain, volume=volume, fine=fine))
         return replace(self.grains, grains=tuple(out))
+
+    def in_state(self, fit: FluidFit, pose: Pose) -> GrainSet:
+        """The grains with what each adds at a pose to the image of the liquid that a state found.
+
+        ``pose.matrices`` are deformation gradients where grains are strained.
+        """
+        return self.effective(self.reference.found(fit), 1.0 if np.isnan(fit.displaced) else fit.displaced, pose)
 
     def _change(self, k: int, volume: Volume, fluid: Fluid, pose: Pose) -> Image:
         """φ₀ − φ at each voxel of a grain, 1/mm."""

@@ -154,8 +154,7 @@ def simulate_radiographs(
         shifts = recenter(gradients, motions.translations[known], motions.centers[known], kept.centers)
         pose = Pose(shifts, motions.matrices[known])
         if scene.fluid is not None and fluid is not None:
-            displaced = 1.0 if np.isnan(fluid.displaced) else fluid.displaced
-            kept = Submersion(kept).effective(scene.fluid, displaced, pose)
+            kept = Submersion(kept).in_state(fluid, pose.moved(shifts, gradients))
         packed = GrainArrays.of(kept, fine=projector == "trilinear")
         if motions.strains is not None:
             packed = packed.stretched(motions.stretches[known])

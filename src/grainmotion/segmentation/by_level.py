@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from grainmotion.segmentation.large_bodies import large_bodies
+from grainmotion.segmentation.level_crossing import hosts_across_surface, with_caps
 from grainmotion.segmentation.phases import Levels
 from grainmotion.segmentation.separation import large_enough, separated
 from grainmotion.segmentation.settings import SegmentSettings
@@ -81,7 +82,9 @@ class Pieces:
             level_of += [level] * (int(labels.max()) + 1 - len(level_of))
         numbers = np.array(level_of, np.intp)
         if len(levels.solids) > 1:
-            labels[~_grain_like(array, labels, numbers, levels)[labels]] = 0
+            hosts = hosts_across_surface(labels, numbers, levels)
+            like = _grain_like(array, labels, numbers, levels)
+            labels = with_caps(np.where(like[hosts], hosts, 0).astype(np.int32)[labels], array, levels)
         labels, kept = large_enough(labels, settings)
         return cls(labels, numbers[kept])
 

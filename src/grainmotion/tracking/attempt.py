@@ -122,6 +122,8 @@ def finish(job: Job, near: Approach) -> Attempt:
     problem, solution = with_hardening(fit, problem, solution)
     if settings.strain:
         problem, solution = solve_strained(fit, problem, solution)
+        if near.fluid is not None:
+            problem, solution = near.fluid.settle(problem, solution)
     fit.report("classifying the grains", fit.expected_stages)
     limits = (settings.max_sd_voxel * grains.voxel_size, float(np.deg2rad(settings.max_sd_deg)))
     refined, ambiguous = refine(fit, field_pose, problem, solution), dict[int, str]()

@@ -29,6 +29,7 @@ from grainmotion.projection.grains import assemble, project_patches
 from grainmotion.projection.volumes import project
 from grainmotion.solvers.gauss_newton import Solution
 from grainmotion.tracking.multistage import MultistageFit
+from grainmotion.tracking.strain_stages import refine_strains
 
 SEARCH_LAYERS = 24
 """Layers of the liquid's space between which the level is sought."""
@@ -48,6 +49,9 @@ GONE = 0.02
 LEVEL_FLOOR, ATTENUATION_FLOOR = 0.02, 0.005
 """Standard deviations of what voxels leave of the level (voxels) and of the attenuation (over the reference's), beside
 that of noise: errors of 0.01 to 0.02 voxel and 0.2 to 0.5 % measured, where noise alone gives 0.004 voxel and 0.1 %."""
+DISPLACED_FLOOR, MAX_DISPLACED_Z = 0.02, 3.0
+"""Standard deviation of what voxels leave of κ, beside that of noise: errors of 0.01 to 0.04 measured; and how many of
+them it may lie beyond what a share can be and still count as 0 or 1."""
 MAX_FLUID_ROUNDS = 4
 """Rounds at most after each fit."""
 LEVEL_TOLERANCE, ATTENUATION_TOLERANCE = 0.02, 2e-3
@@ -101,11 +105,12 @@ class FluidTracker:
         """Rebuild grains, the liquid's image and its derivatives at a pose."""
         fit, settings = self.fit, self.fit.settings
         geometry, projector = fit.target.scan.geometry, settings.projector
-        fluid = self.fluid()
-        grains = self.submersion.effective(fluid, self.values.displaced, pose)
+        fluid, strained = self.fluid(), fit.grains.stretches
+        grains = self.submersion.effective(fluid, self.values.displaced, self.deformed(pose))
         smooth = projector == "trilinear"
+        packed = (GrainArrays.of(grains, fine=f and smooth) for f in (False, True))
         fit.grains, fit.fine_grains = (
-            GrainArrays.of(grains, fine=f and smooth).on(fit.target.backend) for f in (False, True)
+            each.on(fit.target.backend) if strained is None else each.stretched(strained) for each in packed
         )
         image = project(fluid.volume, geometry, projector=projector)
         self.unknowns, columns = self._columns(fluid, pose, geometry)
@@ -119,25 +124,35 @@ class FluidTracker:
         other.place(pose)
         return other.fit
 
+    def deformed(self, pose: Pose) -> Pose:
+        """The pose with deformation gradients Ω U of strained grains in place of their rotations Ω."""
+        strained = self.fit.grains.stretches
+        return pose if strained is None else pose.moved(pose.translations, pose.matrices @ strained)
+
+    def projected(self, arrays: list[Image], pose: Pose) -> Image:
+        """Line integrals of other values of the grains' voxels, strained as the grains are, at a pose."""
+        geometry, projector = self.fit.target.scan.geometry, self.fit.settings.projector
+        return projected_values(self.submersion.grains, arrays, pose, geometry, projector, self.fit.grains.stretches)
+
     def _columns(self, fluid: Fluid, pose: Pose, geometry: Geometry) -> tuple[tuple[str, ...], tuple[Image, ...]]:
         """Names of the unknowns that the radiographs may determine, and derivatives of the line integrals by them."""
         projector, h = self.fit.settings.projector, self.reference.space.voxel_size
-        displaced, columns = self.values.displaced, dict[str, Image]()
+        displaced, columns, deformed = self.values.displaced, dict[str, Image](), self.deformed(pose)
 
         def displaced_by_grains(arrays: list[Image]) -> Image:
-            return projected_values(self.submersion.grains, arrays, pose, geometry, projector)
+            return self.projected(arrays, pose)
 
         whole = project(replace(fluid, attenuation=1.0).volume, geometry, projector=projector)
         if fluid.surface > fluid.bottom + h:
-            taken = displaced_by_grains(self.submersion.wet_occupancies(fluid, pose))
+            taken = displaced_by_grains(self.submersion.wet_occupancies(fluid, deformed))
             columns["attenuation"] = whole - displaced * taken
         if fluid.bottom + h < fluid.surface < fluid.top - h:
             half = LEVEL_LAYER * h
             low, high = fluid.surface - half, fluid.surface + half
             layer = project(fluid.layer(low, high), geometry, projector=projector)
-            taken = displaced_by_grains(self.submersion.wet_occupancies(replace(fluid, level=high), pose, low))
+            taken = displaced_by_grains(self.submersion.wet_occupancies(replace(fluid, level=high), deformed, low))
             columns["level"] = fluid.attenuation / (2 * half) * (layer - displaced * taken)
-        change = displaced_by_grains(self.submersion.changes(fluid, pose))
+        change = displaced_by_grains(self.submersion.changes(fluid, deformed))
         others = [displaced_by_grains([g.volume.array for g in self.submersion.grains.grains]), *columns.values()]
         scale = float(np.linalg.norm(displaced_by_grains(self._filled_occupancies())))
         if _independent_norm(change, others) > MIN_COLUMN * scale:
@@ -168,12 +183,19 @@ class FluidTracker:
         )
 
     def settle(self, problem: StateProblem, solution: Solution[Pose]) -> tuple[StateProblem, Solution[Pose]]:
-        """Rounds of corrections and fits under the last filter, until the values stay."""
+        """Rounds of corrections and fits under the last filter, until the values stay; strains are fitted where the
+        grains have some.
+        """
         for _ in range(MAX_FLUID_ROUNDS):
             evaluation = problem.evaluate(solution.state)
             change = self.corrected(evaluation.fluid_step)
             self.place(solution.state)
-            problem, solution = self.fit.solve_free(solution.state, "liquid", self.fit.settings.filters[-1:])
+            fit = self.fit
+            if fit.settings.strain and fit.grains.stretches is not None:
+                target = replace(problem.target, fluid=fit.target.fluid, fluid_columns=fit.target.fluid_columns)
+                problem, solution = refine_strains(fit, StateProblem(fit.fine_grains, target), solution)
+            else:
+                problem, solution = fit.solve_free(solution.state, "liquid", fit.settings.filters[-1:])
             if change < 1:
                 break
         return problem, solution
@@ -186,7 +208,9 @@ class FluidTracker:
         _, target = fit.level(fit.settings.field_filter)
         target = replace(target, fluid=None, fluid_columns=())
         reference = self.reference
-        own = StateProblem(GrainArrays.of(self.submersion.grains), target).evaluate(pose).line_integrals
+        packed, strained = GrainArrays.of(self.submersion.grains), fit.grains.stretches
+        packed = packed if strained is None else packed.stretched(strained)
+        own = StateProblem(packed, target).evaluate(pose).line_integrals
         trial = _LevelSearch(self, target, own, pose)
         before = trial.cost(FluidValues(reference.attenuation, reference.surface))
         best, cost = FluidValues(reference.attenuation, reference.surface), MIN_COST_DECREASE * before
@@ -209,13 +233,17 @@ class FluidTracker:
         sd = dict(zip(self.unknowns, np.sqrt(np.maximum(np.diagonal(covariance), 0)), strict=False))
         values, nan = self.values, float("nan")
         full = values.surface >= self.reference.top - self.reference.space.voxel_size
+        displaced_sd = float(np.hypot(sd.get("displaced", nan), DISPLACED_FLOOR))
+        displaced, nearest = values.displaced, float(np.clip(values.displaced, 0.0, 1.0))
+        if abs(displaced - nearest) < MAX_DISPLACED_Z * displaced_sd:
+            displaced = nearest
         return FluidFit(
             values.attenuation,
             nan if full else values.surface,
-            values.displaced if "displaced" in self.unknowns else nan,
+            displaced if "displaced" in self.unknowns else nan,
             float(np.hypot(sd.get("attenuation", nan), ATTENUATION_FLOOR * self.reference.attenuation)),
             float(np.hypot(sd.get("level", nan), LEVEL_FLOOR * self.reference.space.voxel_size)),
-            float(sd.get("displaced", nan)),
+            displaced_sd,
         )
 
 
@@ -234,7 +262,9 @@ class _LevelSearch:
         if surface not in self.liquids:
             liquid = self.tracker.reference.changed(1.0, surface)
             unit = project(liquid.volume, self.target.scan.geometry, projector=self.target.projector)
-            self.liquids[surface] = unit, self._of_grains(self.tracker.submersion.wet_occupancies(liquid, self.pose))
+            self.liquids[surface] = unit, self._of_grains(
+                self.tracker.submersion.wet_occupancies(liquid, self.tracker.deformed(self.pose))
+            )
         unit, wet = self.liquids[surface]
         return self.own + displaced * self.were_wet, unit - displaced * wet
 
@@ -243,11 +273,14 @@ class _LevelSearch:
         """Line integrals of the reference's liquid in the grains' own places, carried to the pose."""
         reference = self.tracker.reference
         empty = reference.changed(reference.attenuation, reference.bottom)
-        return self._of_grains(self.tracker.submersion.changes(empty, self.pose))
+        return self._of_grains(self.tracker.submersion.changes(empty, self.tracker.deformed(self.pose)))
 
     def _of_grains(self, arrays: list[Image]) -> Image:
-        geometry, projector = self.target.scan.geometry, self.target.projector
-        return projected_values(self.tracker.submersion.grains, arrays, self.pose, geometry, projector)
+        tracker, geometry = self.tracker, self.target.scan.geometry
+        strained = tracker.fit.grains.stretches
+        return projected_values(
+            tracker.submersion.grains, arrays, self.pose, geometry, self.target.projector, strained
+        )
 
     def best_attenuation(self, surface: float, displaced: float) -> tuple[FluidValues, float]:
         """The attenuation that fits best with a surface and κ, and the cost."""
@@ -284,14 +317,21 @@ def _independent_norm(image: Image, others: list[Image]) -> float:
 
 
 def projected_values(
-    grains: GrainSet, arrays: list[Image], pose: Pose, geometry: Geometry, projector: Projector
+    grains: GrainSet,
+    arrays: list[Image],
+    pose: Pose,
+    geometry: Geometry,
+    projector: Projector,
+    stretches: Float | None = None,
 ) -> Image:
-    """Line integrals of other values of the grains' voxels at a pose."""
+    """Line integrals of other values of the grains' voxels at a pose; ``stretches (n, 3, 3)`` if they are strained."""
     rows = [k for k, array in enumerate(arrays) if array.any()]
     if not rows:
         return np.zeros((len(geometry), *geometry.shape), grains.precision)
     chosen = ((grains.grains[k], arrays[k]) for k in rows)
     kept = tuple(replace(grain, volume=replace(grain.volume, array=array), fine=None) for grain, array in chosen)
     packed, at = GrainArrays.of(GrainSet(kept)), Pose(pose.translations[rows], pose.matrices[rows])
+    if stretches is not None:
+        packed = packed.stretched(stretches[rows])
     patches = footprint_patches(packed, at, geometry)
     return assemble(project_patches(packed, at, geometry, patches, projector), patches, geometry)

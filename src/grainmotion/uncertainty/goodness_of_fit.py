@@ -13,13 +13,16 @@ from grainmotion.model.scan import Scan
 from grainmotion.objective.evaluation import Evaluation
 from grainmotion.objective.residual import StateProblem
 from grainmotion.projection.grains import assemble
-from grainmotion.uncertainty.noise_model import noise_level
+from grainmotion.uncertainty.noise_model import pixel_variances
 
 MIN_MISFIT, MAX_USUAL_MISFIT = 0.08, 0.05
 """Shares of a grain's line integrals: the least misfit of a misregistered grain, and the largest misfit that counts as
 the sample's usual one."""
 MISFIT_OVER_USUAL = 2.5
 """Times the usual misfit from which a grain is misregistered."""
+NOISE_SD = 3.0
+"""Standard deviations by which the mean square of noise in a grain's footprints may exceed its mean: grains that are
+little denser than a liquid around them have line integrals of a few times the noise."""
 NEIGHBOUR_MISFIT = 2.0
 """Times the square of the usual misfit that all others on a grain's rays may leave together."""
 
@@ -36,14 +39,17 @@ class Misfits:
         The grain's own line integrals there.
     rms_crowd_integrals : array
         √ΣP² there, of all grains on a ray: their small misfits add up in squares.
-    noise : float
-        Of a pixel, see `noise_level`.
+    noise : array or float
+        Of the pixels there; larger behind more attenuation.
+    noise_spread : array or float
+        Relative standard deviation of the mean square of noise there, by the number of its pixels.
     """
 
     rms_residuals: Float
     rms_line_integrals: Float
     rms_crowd_integrals: Float
-    noise: float
+    noise: Float | float
+    noise_spread: Float | float = 0.0
 
     @property
     def usual(self) -> float:
@@ -56,7 +62,8 @@ class Misfits:
         """Each grain's misfit beyond the noise and beyond what others on its rays leave, over its line integrals."""
         others = np.maximum(self.rms_crowd_integrals**2 - self.rms_line_integrals**2, 0)
         with np.errstate(invalid="ignore", divide="ignore"):
-            own = np.maximum(self._beyond_noise - NEIGHBOUR_MISFIT * self.usual**2 * others, 0)
+            by_chance = NOISE_SD * self.noise_spread * self.noise**2
+            own = np.maximum(self._beyond_noise - by_chance - NEIGHBOUR_MISFIT * self.usual**2 * others, 0)
             return np.asarray(np.sqrt(own) / self.rms_line_integrals)
 
     @property
@@ -98,17 +105,21 @@ def misfits(problem: StateProblem, evaluation: Evaluation) -> Misfits:
     n = len(problem.grains)
     values = np.asarray(evaluation.values)
     squares = assemble(values**2, evaluation.patches, problem.target.scan.geometry)
-    sums = np.zeros((n, 4))
-    images = problem.target.valid, evaluation.raw_residual, squares
-    for grain, own, (valid, residual, crowd) in evaluation.grain_pixels(*images):
+    sums = np.zeros((n, 6))
+    images = problem.target.valid, evaluation.raw_residual, squares, pixel_variances(problem.target, evaluation)
+    for grain, own, (valid, residual, crowd, variance) in evaluation.grain_pixels(*images):
         weight, residual = np.abs(own) * valid, residual.astype(float)
-        sums[grain] += weight.sum(), weight @ residual**2, weight @ own**2, weight @ crowd.astype(float)
-    means = np.sqrt(sums[:, 1:] / np.maximum(sums[:, :1], 1e-30))
+        sums[grain] += (
+            weight.sum(), weight @ residual**2, weight @ own**2, weight @ crowd.astype(float), weight @ variance,
+            weight @ weight,
+        )  # fmt: skip
+    total = np.maximum(sums[:, 0], 1e-30)
+    means, spread = np.sqrt(sums[:, 1:5] / total[:, None]), np.sqrt(2 * sums[:, 5]) / total
     means[sums[:, 0] <= 0] = np.nan
     # A small gain would make any misfit small beside line integrals that were never measured.
-    means[:, 1:] *= float(np.clip(evaluation.response.gain, 0.0, 1.0))
-    residuals, line_integrals, crowds = means.T
-    return Misfits(residuals, line_integrals, crowds, noise_level(problem.target.scan))
+    means[:, 1:3] *= float(np.clip(evaluation.response.gain, 0.0, 1.0))
+    residuals, line_integrals, crowds, noise = means.T
+    return Misfits(residuals, line_integrals, crowds, noise, spread)
 
 
 def misregistered_grains(problem: StateProblem, pose: Pose) -> NDArray[np.bool_]:

@@ -107,6 +107,14 @@ def noise_shares(raw: Image, unit: Float, good: NDArray[np.bool_]) -> tuple[floa
     return float(share), float(white)
 
 
+def pixel_variances(target: Target, evaluation: Evaluation) -> Float:
+    """Variance of the noise alone of each pixel ``(views, rows, columns)``, from differences of residuals."""
+    modelled = evaluation.response.apply(evaluation.line_integrals)
+    unit = NoiseModel(1.0, 0.0, 0.0).photon_variance(modelled, open_beam(target))
+    share, white = noise_shares(evaluation.raw_residual, unit, target.valid > 0)
+    return share * unit + white
+
+
 def noise_level(scan: Scan) -> float:
     """Noise of a pixel, line-integral units: robust spread of second differences along rows."""
     if scan.line_integrals.shape[2] < 3:
