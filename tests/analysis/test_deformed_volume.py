@@ -11,12 +11,12 @@ from scipy import ndimage
 import wet_sample
 from grainmotion.analysis.deformed_volume import rebuild, typical_attenuation
 from grainmotion.errors import InputError
+from grainmotion.model.fluid import FluidFit
 from grainmotion.model.grains import Grain, GrainSet
 from grainmotion.model.motions import Motions, Status
+from grainmotion.model.state_fit import StateFit
 from grainmotion.model.volume import Volume
 from grainmotion.rotations import recenter
-from grainmotion.model.fluid import FluidFit
-from grainmotion.model.state_fit import StateFit
 from grainmotion.simulate.voxelise import attenuation_volume, label_volume
 from scenes import one_body
 

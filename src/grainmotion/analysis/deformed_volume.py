@@ -98,9 +98,7 @@ def rebuild(grains: GrainSet, motions: Motions, grid: Volume) -> tuple[Volume, N
 def _in_liquid(
     grains: GrainSet, motions: Motions, rows: NDArray[np.integer]
 ) -> tuple[dict[int, NDArray[np.floating]], Fluid | None]:
-    """What grains at ``rows`` of the motions add to the liquid of a state, by label, where that is not their excess; and
-    that liquid.
-    """
+    """The liquid of a state, and what grains at ``rows`` of the motions add to it, by label, if not their excess."""
     fluid, fit = grains.scene.fluid, motions.fit.fluid
     if fluid is None or fit is None or not len(rows):
         return {}, fluid if fit is None or fluid is None else fluid.found(fit)

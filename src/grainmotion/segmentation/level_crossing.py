@@ -19,7 +19,7 @@ MIN_ON_PLANE = 0.8
 """Share of the faces between the pieces that lie on the liquid's surface, within `PLANE_VOXELS`."""
 PLANE_VOXELS = 2.0
 """Voxels by which the cut departs from its plane."""
-MAX_STEP = 1.2
+MAX_STEP_OVER_LIQUID = 1.2
 """Largest difference of the two attenuations over that of the liquid."""
 MIN_AREA = 9
 """Faces of a cut."""
@@ -59,20 +59,25 @@ def hosts_across_surface(labels: Ints, level_of: NDArray[np.intp], levels: Level
         touch = np.nonzero(apart & (a > 0) & (b > 0))
         lower, upper = a[touch], b[touch]
         keys.append(np.where(lower < upper, lower * np.int64(count) + upper, upper * np.int64(count) + lower))
-        places.append(touch[0] + 0.5 if axis == 0 else touch[1].astype(float))
+        places.append(np.asarray(touch[0] + 0.5 if axis == 0 else touch[1], float))
     key, place = np.concatenate(keys), np.concatenate(places)
     on_plane = np.abs(place - height) <= PLANE_VOXELS
     pairs, index, faces = np.unique(key, return_inverse=True, return_counts=True)
     flat = np.bincount(index, on_plane, minlength=len(pairs)) / np.maximum(faces, 1)
     sizes = np.bincount(labels.ravel(), minlength=count)
-    heights = np.bincount(labels.ravel(), np.repeat(np.arange(len(labels)), labels[0].size), minlength=count)
-    heights /= np.maximum(sizes, 1)
+    layers = np.repeat(np.arange(len(labels)), labels[0].size)
+    heights = np.bincount(labels.ravel(), layers, minlength=count) / np.maximum(sizes, 1)
     for k in np.argsort(-faces, kind="stable"):
         one, other = divmod(int(pairs[k]), count)
-        upper, lower = (one, other) if heights[one] > heights[other] else (other, one)
-        step = float(levels.values[level_of[lower]] - levels.values[level_of[upper]])
+        above, below = (one, other) if heights[one] > heights[other] else (other, one)
+        step = float(levels.values[level_of[below]] - levels.values[level_of[above]])
         cut = faces[k] / max(min(surface[one], surface[other]), 1)
-        if 0 < step <= MAX_STEP * liquid and faces[k] >= MIN_AREA and cut > MIN_CUT and flat[k] > MIN_ON_PLANE:
+        if (
+            0 < step <= MAX_STEP_OVER_LIQUID * liquid
+            and faces[k] >= MIN_AREA
+            and cut > MIN_CUT
+            and flat[k] > MIN_ON_PLANE
+        ):
             roots = sorted((int(new[one]), int(new[other])), key=lambda label: sizes[label])
             new[new == roots[0]] = roots[1]
     return new
@@ -119,7 +124,8 @@ def _surface(levels: Levels) -> float | None:
     if not levels.has_liquid:
         return None
     air, liquid = (
-        np.isin(levels.of_voxel, [k for k, kind in enumerate(levels.kinds) if kind == name]) for name in ("air", "liquid")
+        np.isin(levels.of_voxel, [k for k, kind in enumerate(levels.kinds) if kind == name])
+        for name in ("air", "liquid")
     )
     tops = np.count_nonzero(liquid[:-1] & air[1:], axis=(1, 2))
     return float(tops.argmax()) + 0.5 if tops.any() else None

@@ -10,24 +10,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from grainmotion._typing import Float, Image, Projector
+from grainmotion._typing import Float, Image
 from grainmotion.model.fluid import NO_ATTENUATION, Fluid, FluidFit
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.pose import Pose
-from grainmotion.objective.data_term import Target
 from grainmotion.objective.residual import StateProblem
 from grainmotion.projection.displaced_fluid import Submersion
-from grainmotion.projection.footprints import footprint_patches
 from grainmotion.projection.grain_arrays import GrainArrays
-from grainmotion.projection.grains import assemble, project_patches
 from grainmotion.projection.volumes import project
 from grainmotion.solvers.gauss_newton import Solution
+from grainmotion.tracking.fluid_search import FluidValues, LevelSearch, deformed, projected_values
 from grainmotion.tracking.multistage import MultistageFit
 from grainmotion.tracking.strain_stages import refine_strains
 
@@ -56,15 +53,6 @@ MAX_FLUID_ROUNDS = 4
 """Rounds at most after each fit."""
 LEVEL_TOLERANCE, ATTENUATION_TOLERANCE = 0.02, 2e-3
 """Changes of the level (voxels), of the attenuation over the reference's and of κ, that end the rounds."""
-
-
-@dataclass(frozen=True)
-class FluidValues:
-    """Attenuation (1/mm), height of the surface (mm, within the space) and κ of a liquid."""
-
-    attenuation: float
-    surface: float
-    displaced: float = 1.0
 
 
 @dataclass
@@ -106,7 +94,7 @@ class FluidTracker:
         fit, settings = self.fit, self.fit.settings
         geometry, projector = fit.target.scan.geometry, settings.projector
         fluid, strained = self.fluid(), fit.grains.stretches
-        grains = self.submersion.effective(fluid, self.values.displaced, self.deformed(pose))
+        grains = self.submersion.effective(fluid, self.values.displaced, deformed(pose, self.fit.grains.stretches))
         smooth = projector == "trilinear"
         packed = (GrainArrays.of(grains, fine=f and smooth) for f in (False, True))
         fit.grains, fit.fine_grains = (
@@ -124,11 +112,6 @@ class FluidTracker:
         other.place(pose)
         return other.fit
 
-    def deformed(self, pose: Pose) -> Pose:
-        """The pose with deformation gradients Ω U of strained grains in place of their rotations Ω."""
-        strained = self.fit.grains.stretches
-        return pose if strained is None else pose.moved(pose.translations, pose.matrices @ strained)
-
     def projected(self, arrays: list[Image], pose: Pose) -> Image:
         """Line integrals of other values of the grains' voxels, strained as the grains are, at a pose."""
         geometry, projector = self.fit.target.scan.geometry, self.fit.settings.projector
@@ -137,22 +120,23 @@ class FluidTracker:
     def _columns(self, fluid: Fluid, pose: Pose, geometry: Geometry) -> tuple[tuple[str, ...], tuple[Image, ...]]:
         """Names of the unknowns that the radiographs may determine, and derivatives of the line integrals by them."""
         projector, h = self.fit.settings.projector, self.reference.space.voxel_size
-        displaced, columns, deformed = self.values.displaced, dict[str, Image](), self.deformed(pose)
+        displaced, columns = self.values.displaced, dict[str, Image]()
+        shaped = deformed(pose, self.fit.grains.stretches)
 
         def displaced_by_grains(arrays: list[Image]) -> Image:
             return self.projected(arrays, pose)
 
         whole = project(replace(fluid, attenuation=1.0).volume, geometry, projector=projector)
         if fluid.surface > fluid.bottom + h:
-            taken = displaced_by_grains(self.submersion.wet_occupancies(fluid, deformed))
+            taken = displaced_by_grains(self.submersion.wet_occupancies(fluid, shaped))
             columns["attenuation"] = whole - displaced * taken
         if fluid.bottom + h < fluid.surface < fluid.top - h:
             half = LEVEL_LAYER * h
             low, high = fluid.surface - half, fluid.surface + half
             layer = project(fluid.layer(low, high), geometry, projector=projector)
-            taken = displaced_by_grains(self.submersion.wet_occupancies(replace(fluid, level=high), deformed, low))
+            taken = displaced_by_grains(self.submersion.wet_occupancies(replace(fluid, level=high), shaped, low))
             columns["level"] = fluid.attenuation / (2 * half) * (layer - displaced * taken)
-        change = displaced_by_grains(self.submersion.changes(fluid, deformed))
+        change = displaced_by_grains(self.submersion.changes(fluid, shaped))
         others = [displaced_by_grains([g.volume.array for g in self.submersion.grains.grains]), *columns.values()]
         scale = float(np.linalg.norm(displaced_by_grains(self._filled_occupancies())))
         if _independent_norm(change, others) > MIN_COLUMN * scale:
@@ -211,7 +195,7 @@ class FluidTracker:
         packed, strained = GrainArrays.of(self.submersion.grains), fit.grains.stretches
         packed = packed if strained is None else packed.stretched(strained)
         own = StateProblem(packed, target).evaluate(pose).line_integrals
-        trial = _LevelSearch(self, target, own, pose)
+        trial = LevelSearch(self.submersion, target, own, pose, fit.grains.stretches)
         before = trial.cost(FluidValues(reference.attenuation, reference.surface))
         best, cost = FluidValues(reference.attenuation, reference.surface), MIN_COST_DECREASE * before
         edges = np.linspace(reference.bottom, reference.top, SEARCH_LAYERS + 1)
@@ -247,91 +231,8 @@ class FluidTracker:
         )
 
 
-@dataclass
-class _LevelSearch:
-    """Residuals of trial liquids beside grains at a pose, under one filter; ``own`` are line integrals of the rest."""
-
-    tracker: FluidTracker
-    target: Target
-    own: Image
-    pose: Pose
-    liquids: dict[float, tuple[Image, Image]] = field(default_factory=dict)
-
-    def images(self, surface: float, displaced: float) -> tuple[Image, Image]:
-        """Line integrals without the later liquid, and those of a liquid of unit attenuation beside them."""
-        if surface not in self.liquids:
-            liquid = self.tracker.reference.changed(1.0, surface)
-            unit = project(liquid.volume, self.target.scan.geometry, projector=self.target.projector)
-            self.liquids[surface] = unit, self._of_grains(
-                self.tracker.submersion.wet_occupancies(liquid, self.tracker.deformed(self.pose))
-            )
-        unit, wet = self.liquids[surface]
-        return self.own + displaced * self.were_wet, unit - displaced * wet
-
-    @cached_property
-    def were_wet(self) -> Image:
-        """Line integrals of the reference's liquid in the grains' own places, carried to the pose."""
-        reference = self.tracker.reference
-        empty = reference.changed(reference.attenuation, reference.bottom)
-        return self._of_grains(self.tracker.submersion.changes(empty, self.tracker.deformed(self.pose)))
-
-    def _of_grains(self, arrays: list[Image]) -> Image:
-        tracker, geometry = self.tracker, self.target.scan.geometry
-        strained = tracker.fit.grains.stretches
-        return projected_values(
-            tracker.submersion.grains, arrays, self.pose, geometry, self.target.projector, strained
-        )
-
-    def best_attenuation(self, surface: float, displaced: float) -> tuple[FluidValues, float]:
-        """The attenuation that fits best with a surface and κ, and the cost."""
-        fixed, unit = self.images(surface, displaced)
-        gap, column = self._without_offset(fixed), self._centered(self.target.filtered(unit))
-        norm = float(np.vdot(column, column))
-        value = max(float(np.vdot(column, gap)) / norm, 0.0) if norm > 0 else 0.0
-        return FluidValues(value, surface, displaced), 0.5 * float(np.sum((gap - value * column) ** 2))
-
-    def cost(self, values: FluidValues) -> float:
-        """The cost of a given liquid."""
-        fixed, unit = self.images(values.surface, values.displaced)
-        gap = self._without_offset(fixed + values.attenuation * unit)
-        return 0.5 * float(np.sum(gap**2))
-
-    def _without_offset(self, path: Image) -> Float:
-        return self._centered(self.target.measured - self.target.filtered(path))
-
-    def _centered(self, stack: Image) -> Float:
-        """Images without the offset of each view, if the response has any."""
-        images: Float = stack.astype(np.float64)
-        for trend in self.target.trends.stacks[:1]:
-            trend = trend.astype(float)
-            shares = np.einsum("vrc,vrc->v", images, trend) / np.maximum(np.einsum("vrc,vrc->v", trend, trend), 1e-30)
-            images = images - shares[:, None, None] * trend
-        return images
-
-
 def _independent_norm(image: Image, others: list[Image]) -> float:
     """Norm of what is left of an image beside its least-squares combination of others."""
     basis = np.stack([other.ravel().astype(float) for other in others], axis=1)
     flat = image.ravel().astype(float)
     return float(np.linalg.norm(flat - basis @ np.linalg.lstsq(basis, flat, rcond=1e-9)[0]))
-
-
-def projected_values(
-    grains: GrainSet,
-    arrays: list[Image],
-    pose: Pose,
-    geometry: Geometry,
-    projector: Projector,
-    stretches: Float | None = None,
-) -> Image:
-    """Line integrals of other values of the grains' voxels at a pose; ``stretches (n, 3, 3)`` if they are strained."""
-    rows = [k for k, array in enumerate(arrays) if array.any()]
-    if not rows:
-        return np.zeros((len(geometry), *geometry.shape), grains.precision)
-    chosen = ((grains.grains[k], arrays[k]) for k in rows)
-    kept = tuple(replace(grain, volume=replace(grain.volume, array=array), fine=None) for grain, array in chosen)
-    packed, at = GrainArrays.of(GrainSet(kept)), Pose(pose.translations[rows], pose.matrices[rows])
-    if stretches is not None:
-        packed = packed.stretched(stretches[rows])
-    patches = footprint_patches(packed, at, geometry)
-    return assemble(project_patches(packed, at, geometry, patches, projector), patches, geometry)
