@@ -1,5 +1,7 @@
 """The data term (`objective.data_term`): Gaussian filter and masked pixels."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -31,6 +33,16 @@ class TestFilter:
         filtered = target(sigma).filtered(images)
         np.testing.assert_allclose(filtered, by_scipy(images, gaussian(sigma)), atol=2e-6)
         assert filtered is not images
+
+    def test_a_discount_is_a_factor_on_the_weights(self):
+        images, rng = measured(noise=0.1), np.random.default_rng(0)
+        weights, discount = (rng.uniform(0.1, 1.0, images.shape).astype(np.float32) for _ in range(2))
+        valid = mask()
+        both = replace(target(valid=valid), weights=weights, discount=discount)
+        one = replace(target(valid=valid), weights=weights * discount)
+        np.testing.assert_allclose(both.filtered(images), one.filtered(images), rtol=1e-5)
+        np.testing.assert_array_equal(both.trust, valid * discount)
+        np.testing.assert_array_equal(one.trust, valid)
 
     def test_masked_pixels_count_as_zero_before_the_filter(self):
         valid = mask()

@@ -82,8 +82,23 @@ def test_pistons_are_bodies_with_their_own_motion(chain):
     found = {body.name: body for body in measured.fit.bodies}
     assert set(found) == {"lower piston", "upper piston"}
     for row, name in enumerate(("lower piston", "upper piston")):
-        stroke = case.body_motions.translations[row, 2]
-        assert found[name].translation[2] == pytest.approx(stroke, abs=0.1 * case.case.scanner.voxel_size)
+        error = found[name].translation - case.body_motions.translations[row]
+        sd = np.sqrt(np.diagonal(found[name].covariance))
+        assert (np.abs(error) < 0.05 * case.case.scanner.voxel_size).all()
+        assert (np.abs(error) < 3 * sd[:3]).all()
+        assert (np.abs(found[name].rotation) < 3 * sd[3:]).all()
+
+
+@pytest.mark.parametrize("views", [4, pytest.param(2, marks=pytest.mark.slow)])
+def test_stones_between_pistons_are_covered_and_no_view_is_blamed(chain, views):
+    """The bar of 0.12 degree is out of reach: photon noise alone is near it (decision 0032)."""
+    case, grains = chain("platens")
+    expected = dataclasses.replace(
+        bar("platens"), voxels=0.012 if views == 4 else 0.03, degrees=0.2 if views == 4 else 0.3
+    )
+    one = tracked(case, grains, views)
+    assert shortfalls(expected, [one]) == []
+    assert not any("contradict" in note for note in one.notes)
 
 
 def test_strains_are_measured_where_it_is_asked_for(chain):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from grainmotion.errors import InputError
 from grainmotion.model.scene import NO_MOTION, RIGID_MOTION, Freedom
@@ -75,6 +76,18 @@ class TestPieces:
         found = bodies(volume, labels)["upper piston"].volume
         face = found.array[np.abs(found.origin[2] + 0.5 * np.arange(found.shape[0]) - 0.5 * 16.5) < 0.1]
         assert (face > PISTON / 2).sum() > 0.95 * np.pi * 18**2
+
+    def test_half_a_piston_in_a_voxel_under_a_grain_is_the_piston(self):
+        """A voxel that the piston half fills is as dense as a grain, and labelled as one."""
+        volume, labels = sample(lower=0.0)
+        face, inside = 44, np.hypot(X, Y)[0] < 18  # z = 16.5
+        volume.array[face : face + 11, inside] = PISTON
+        volume.array[face, inside] = PISTON / 2
+        for k in range(5, 9):
+            _, y, x = ndimage.center_of_mass(labels == k)
+            labels[face][np.hypot(Y[0] - y + 27.5, X[0] - x + 27.5) < 3] = k
+        found = bodies(volume, labels)["upper piston"].volume
+        assert found.array.sum() == pytest.approx(10.5 * PISTON * inside.sum(), rel=0.002)
 
 
 class TestSettings:

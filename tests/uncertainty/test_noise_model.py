@@ -103,6 +103,18 @@ class TestNoiseModel:
         with_outliers = np.where(rng(4).uniform(size=IDEAL.shape) < 0.01, images + 1.0, images)
         np.testing.assert_allclose(model(with_outliers).photons, plain.photons, rtol=0.25)
 
+    def test_discounted_pixels_show_nothing_about_the_others(self):
+        at = problem(IDEAL + 0.01 * rng().standard_normal(IDEAL.shape))
+        target, evaluation = at.target, at.evaluate(POSE)
+        raw, discount = evaluation.raw_residual.copy(), np.ones_like(evaluation.raw_residual)
+        raw[:, 20:30] += 0.2
+        discount[:, 20:30] = 0.01
+        wrong = replace(evaluation, raw_residual=raw)
+        expected = noise_model(target, evaluation)
+        found = noise_model(replace(target, discount=discount), wrong)
+        assert found.even == pytest.approx(expected.even, rel=0.1)
+        assert noise_model(target, wrong).even > 2 * expected.even
+
     def test_without_noise_the_variance_is_small_and_finite(self):
         estimated = model(IDEAL)
         assert np.isfinite(estimated.variance(IDEAL, 1.0)).all()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import Literal
 
 import numpy as np
@@ -34,7 +34,8 @@ class Target:
     ``fixed_background (views, rows, columns)`` are line integrals of all bodies that may not move, and ``bodies`` are
     all of them, one row each, those that may move too; ``sigma`` is the width of the Gaussian filter, pixels;
     ``response_model`` and ``nuisance`` select the unknowns beside the grains' motions; ``weights`` are those of
-    pixels, None if equal; ``backend`` filters radiographs; ``fluid (views, rows, columns)`` are line integrals of
+    pixels, None if equal, and ``discount`` is a factor on them, at most 1, where the model's errors are alike over many
+    pixels (None: nowhere); ``backend`` filters radiographs; ``fluid (views, rows, columns)`` are line integrals of
     a liquid as if no grain were in it (None: there is none), and ``fluid_columns`` derivatives of all line integrals by
     its unknowns, which enter linearly.
     """
@@ -46,6 +47,7 @@ class Target:
     response_model: ResponseModel = IDENTITY_RESPONSE
     derivatives: Derivatives = "analytic"
     weights: Image | None = None
+    discount: Image | None = None
     bodies: tuple[GrainArrays, ...] = ()
     nuisance: NuisanceModel = GRAINS_ONLY
     backend: PatchBackend = CPU
@@ -72,7 +74,13 @@ class Target:
     @cached_property
     def root_weights(self) -> Image:
         """Square root of each pixel's weight, 0 where it does not count."""
-        return self.valid if self.weights is None else self.valid * np.sqrt(self.weights).astype(self.precision)
+        factors = [np.sqrt(w).astype(self.precision) for w in (self.weights, self.discount) if w is not None]
+        return reduce(np.multiply, factors, self.valid)
+
+    @cached_property
+    def trust(self) -> Image:
+        """Of each pixel how far its residual shows something about the grains: ``valid`` with the discount."""
+        return self.valid if self.discount is None else self.valid * self.discount.astype(self.precision)
 
     @cached_property
     def measured(self) -> Image:

@@ -10,10 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from edt import edt
 from numpy.typing import NDArray
 from scipy import ndimage
 from skimage.filters import threshold_otsu
-from skimage.segmentation import expand_labels
+from skimage.segmentation import expand_labels, watershed
 
 from grainmotion.model.scene import Kind
 from grainmotion.model.volume import Volume
@@ -28,6 +29,10 @@ CORE_SIGMA = 1.0
 """Width of the Gaussian filter under which bodies are told from noise, voxels."""
 SURFACE_VOXELS = 4
 """Distance from its core up to which a body's surface lies, voxels."""
+BODY_LEVEL_PERCENTILE = 75
+"""Percentile of a body's voxels that is its attenuation: half of a thin one may be its surface."""
+CONTACT_VOXELS = 2
+"""Distance up to which a grain's label may hold the surface of a denser body that it touches, voxels."""
 MIN_MATERIAL_RATIO, MIN_SEPARABILITY = 1.5, 0.75
 """Two materials that touch are two bodies if their attenuations differ by this ratio, and if the difference between
 them is this share of the variance of all."""
@@ -102,12 +107,28 @@ def find_bodies(
             mask |= own
         parts, _ = ndimage.label(mask)
         mask = mask & np.isin(parts, np.unique(parts[own & mask]))
+        if k not in told:
+            mask |= _surface_in_grains(array, out[around], mask, level)
         out[around][mask] = first + k - 1
         place = _place(out == first + k - 1, grains)
         name = told[k].name if k in told else _name(place, [p.name for p in pieces])
         kinds: dict[Place, Kind] = {"above": "piston", "below": "piston", "around": "wall", "beside": "body"}
         pieces.append(Piece(first + k - 1, name, kinds[place], place))
     return out, tuple(pieces)
+
+
+def _surface_in_grains(array: NDArray[np.floating], labels: NDArray[np.integer], body: Mask, level: float) -> Mask:
+    """Voxels of grains' labels that are the surface of a denser body: half of it is as dense as a grain.
+
+    A watershed from the insides of the grains and from the body; the valley between them is the border.
+    """
+    grains = labels > 0
+    if not grains.any() or float(np.percentile(array[body], BODY_LEVEL_PERCENTILE)) < MIN_MATERIAL_RATIO * level:
+        return np.zeros(body.shape, bool)
+    near = grains & (ndimage.distance_transform_edt(~body) <= CONTACT_VOXELS)
+    markers = np.where(grains & (edt(labels.astype(np.uint32), black_border=False) > 1), 1, 0)
+    markers[body] = 2
+    return grains & (watershed(-array, markers, mask=near | body) == 2)
 
 
 def _cores(array: NDArray[np.floating], beyond: Mask, level: float) -> list[Mask]:

@@ -92,8 +92,8 @@ def with_body_edges_discounted(
     even, edge = nnls(columns.T @ columns, columns.T @ squares)[0]
     if even <= 0 or edge * float(steepness.max()) < MIN_EDGE_EXCESS * even:
         return problem, solution
-    weights = 1 / (1 + EDGE_CORRELATION * edge / even * steepness)
-    problem = replace(problem, target=replace(problem.target, weights=weights.astype(problem.target.precision)))
+    discount = 1 / (1 + EDGE_CORRELATION * edge / even * steepness)
+    problem = replace(problem, target=replace(problem.target, discount=discount.astype(problem.target.precision)))
     observe = fit.observer(problem.target, "edges of bodies discounted")
     return problem, gauss_newton(problem, solution.state, fit.fine_stopping(), observe)
 

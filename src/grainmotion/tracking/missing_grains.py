@@ -67,7 +67,7 @@ class GrainSupport:
 
 def grain_supports(problem: StateProblem, pose: Pose) -> list[GrainSupport]:
     """How far the radiographs support each grain's projections."""
-    plain = replace(problem.target, sigma=0.0, response_model=ResponseModel(), weights=None)
+    plain = replace(problem.target, sigma=0.0, response_model=ResponseModel(), weights=None, discount=None)
     evaluation = StateProblem(problem.grains, plain).evaluate(pose)
     sums = np.zeros((len(problem.grains), 4))
     for grain, own, (valid, residual) in evaluation.grain_pixels(problem.target.valid, evaluation.raw_residual):

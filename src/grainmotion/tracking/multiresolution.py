@@ -67,6 +67,7 @@ def coarsened(target: Target, factor: int, margin: tuple[int, int] | NDArray[np.
         fixed_background=fixed,
         sigma=target.sigma / factor,
         weights=None,
+        discount=None,
         bodies=tuple(body.coarsened(factor) for body in target.bodies),
         fluid=fluid,
         fluid_columns=tuple(column for column in columns if column is not None),

@@ -123,7 +123,6 @@ def _reweight(
 ) -> tuple[StateProblem, Solution[Pose], float]:
     """Solve with the weights of the settings, and the share of pixels that a robust loss counts less."""
     settings, plain, downweighted = fit.settings, problem.target, 0.0
-    discount = plain.weights  # of edges of bodies
     if settings.weights == "uniform" and settings.loss == "squares":
         return problem, solution, downweighted
     for k in range(REWEIGHTING_ROUNDS):
@@ -131,8 +130,6 @@ def _reweight(
         with_radiographs = replace(problem, target=replace(plain, weights=problem.target.weights))
         evaluation = with_radiographs.evaluate(solution.state)
         target, downweighted = reweighted(plain, evaluation, settings.weights, settings.loss)
-        if discount is not None and target.weights is not None:
-            target = replace(target, weights=target.weights * discount)
         problem = replace(problem, target=target)
         observe = fit.observer(problem.target, f"weights {k + 1}")
         solution = gauss_newton(problem, solution.state, fit.fine_stopping(), observe)

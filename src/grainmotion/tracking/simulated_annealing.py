@@ -105,6 +105,7 @@ def anneal(
         response_model=IDENTITY_RESPONSE,
         nuisance=GRAINS_ONLY,
         weights=None,
+        discount=None,
     )
     images = _filtered_residual(coarse, base, view)
     if not images.any():  # no pixel that counts leaves a residual

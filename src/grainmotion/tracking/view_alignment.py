@@ -20,7 +20,7 @@ from grainmotion.solvers.block_cg import inverse
 from grainmotion.solvers.gauss_newton import Linearization, damped_step, predicted_decrease
 from grainmotion.solvers.semidefinite import pseudo_inverse
 from grainmotion.uncertainty.goodness_of_fit import misregistered_grains
-from grainmotion.uncertainty.noise_model import shaded_pixels
+from grainmotion.uncertainty.noise_model import MIN_TRUST, shaded_pixels
 
 MIN_VIEWS_FOR_ALIGNMENT = 3
 IMITATED_MOTIONS = (0, 1, 2, 5)
@@ -79,7 +79,7 @@ def view_misalignment(problem: StateProblem, pose: Pose) -> ViewMisalignment:
     trial = with_view_poses(problem, pose)
     evaluation, at = trial.evaluate(pose), trial.linearize(pose)
     explained, step = _explained(trial, pose, at)
-    shaded = shaded_pixels(trial.target, evaluation)
+    shaded = shaded_pixels(trial.target, evaluation) & (trial.target.trust >= MIN_TRUST)
     variance = float((evaluation.residual[shaded].astype(float) ** 2).mean()) if shaded.any() else np.inf
     freedom = 3 * views - len(IMITATED_MOTIONS)
     corrections = step[: 3 * views].reshape(3, views)

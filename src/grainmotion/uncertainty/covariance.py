@@ -36,6 +36,8 @@ from grainmotion.uncertainty.view_disagreement import disagreement
 
 MIN_RESIDUAL_SHARE = 2e-3
 """Smallest residual that is trusted, as a share of the radiographs' rms: voxel images are no better."""
+MIN_DISCOUNT = 1e-6
+"""Discount down to which variances rise."""
 OUTLIER_SD = 4.0
 """Standard deviations to which residuals are cut when the model error is estimated."""
 STRUCTURE_FILTER = 2.0
@@ -138,10 +140,14 @@ def sampled_covariances(at: Linearization, draws: NoiseDraws, variance: float) -
 
 
 def pixel_variances(target: Target, evaluation: LinearizedEvaluation) -> Float:
-    """Variance of every pixel of the radiographs, line integrals squared."""
+    """Variance of every pixel of the radiographs, line integrals squared.
+
+    A discounted pixel counts as if its error were alike over so many pixels that the discount makes up for them.
+    """
     noise = noise_model(target, evaluation, OUTLIER_SD)  # a grain that does not fit shows nothing about the others
     least = MIN_RESIDUAL_SHARE**2 * float(np.mean(target.scan.line_integrals.astype(float) ** 2))
-    return noise.variance(evaluation.response.apply(evaluation.line_integrals), open_beam(target)) + least
+    variance = noise.variance(evaluation.response.apply(evaluation.line_integrals), open_beam(target)) + least
+    return variance if target.discount is None else variance / np.maximum(target.discount, MIN_DISCOUNT)
 
 
 def noise_variances(target: Target, evaluation: Evaluation) -> Float:
@@ -181,13 +187,12 @@ def excess_factors(problem: StateProblem, evaluation: LinearizedEvaluation, vari
     Residuals beyond the variances come from a broken neighbour, hardening, or the like.  They are correlated
     over as many pixels as a Gaussian filter preserves them, relative to what it preserves of noise.
     """
-    valid = problem.target.valid
     smooth = evaluation.raw_residual.copy()
     kernel = gaussian(STRUCTURE_FILTER).astype(smooth.dtype)
     problem.target.backend.filter_images(smooth, kernel)
     noise_left = float((np.concatenate([kernel[:0:-1], kernel]).astype(float) ** 2).sum()) ** 2
     sums = np.zeros((len(problem.grains), 3))
-    images = valid, evaluation.raw_residual, smooth, variances
+    images = problem.target.trust, evaluation.raw_residual, smooth, variances
     for grain, own, (good, residual, smoothed, variance) in evaluation.grain_pixels(*images):
         weight = np.abs(own) * good
         squares = [weight @ image.astype(float) ** 2 for image in (residual, smoothed)]

@@ -100,13 +100,14 @@ class Misfits:
 def misfits(problem: StateProblem, evaluation: Evaluation) -> Misfits:
     """How well each grain fits, pixel by pixel.
 
-    Pixels are weighted by the grain's own line integral, so that its core counts and its rim does not.
+    Pixels are weighted by the grain's own line integral, so that its core counts and its rim does not, and by the
+    discount.
     """
     n = len(problem.grains)
     values = np.asarray(evaluation.values)
     squares = assemble(values**2, evaluation.patches, problem.target.scan.geometry)
     sums = np.zeros((n, 6))
-    images = problem.target.valid, evaluation.raw_residual, squares, pixel_variances(problem.target, evaluation)
+    images = problem.target.trust, evaluation.raw_residual, squares, pixel_variances(problem.target, evaluation)
     for grain, own, (valid, residual, crowd, variance) in evaluation.grain_pixels(*images):
         weight, residual = np.abs(own) * valid, residual.astype(float)
         sums[grain] += (

@@ -29,6 +29,8 @@ NOISE_CLASSES, VARIANCE_REFITS = 8, 4
 """Classes of pixels by their photon noise; fits of the two variances to these."""
 MEDIAN_NORMAL_SQUARE = 0.4549
 """Median of the squares of numbers that are normal with variance 1."""
+MIN_TRUST = 0.5
+"""Discount of a pixel down to which its residual counts for the model errors of the others."""
 SHADED_SHARE = 0.02
 """Share of the largest line integral from which a pixel is shaded."""
 MAX_LINE_INTEGRAL = 12.0
@@ -67,7 +69,7 @@ def noise_model(target: Target, evaluation: Evaluation, clip: float = np.inf) ->
     modelled = evaluation.response.apply(evaluation.line_integrals)
     unit = NoiseModel(1.0, 0.0, 0.0).photon_variance(modelled, open_beam(target))
     share, white = noise_shares(evaluation.raw_residual, unit, target.valid > 0)
-    shaded = shaded_pixels(target, evaluation)
+    shaded = shaded_pixels(target, evaluation) & (target.trust >= MIN_TRUST)
     photons = 1 / share if share > 0 else np.inf
     if not shaded.any():
         return NoiseModel(photons, float(np.sqrt(white)), 0.0)
