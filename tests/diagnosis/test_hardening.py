@@ -7,7 +7,7 @@ import pytest
 
 import grainmotion as gm
 from convex_grains import ConvexGrains
-from grainmotion.diagnosis.hardening import check_hardening
+from grainmotion.diagnosis.hardening import check_hardening, corrected_hardening
 from grainmotion.simulate import attenuation_volume, hard_case, label_volume
 
 VIEWS = tuple(np.arange(24) * 15.0)
@@ -40,3 +40,11 @@ def test_two_materials_are_no_hardening():
     sample, grid = case.case.sample, case.case.scanner.grid
     scan = case.reference().select(slice(None, 30))
     assert check_hardening(scan, attenuation_volume(sample, grid, 2), label_volume(sample, grid)) == ()
+
+
+def test_a_curve_that_was_applied_is_told():
+    assert corrected_hardening(gm.Hardening()) == ()
+    (finding,) = corrected_hardening(gm.Hardening((1.0, 0.1), 1.2, 0.004))
+    assert finding.level == gm.Level.NOTE
+    assert "12.0 ± 0.4 %" in finding.evidence
+    assert "[reconstruct] hardening = false" in finding.remedy

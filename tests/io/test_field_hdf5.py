@@ -9,6 +9,7 @@ from grainmotion.io.field_hdf5 import read_field, write_field
 from grainmotion.io.results import StoredReference, read_reference, write_reference
 from grainmotion.model.field_of_view import FieldOfView
 from grainmotion.model.geometry import Geometry
+from grainmotion.model.hardening import Hardening
 from grainmotion.model.view_shifts import ViewShifts
 from grainmotion.model.volume import Volume
 
@@ -39,3 +40,9 @@ def test_shifts_of_views_are_kept(tmp_path):
 def test_older_files_do_not_tell_it(tmp_path):
     with h5py.File(tmp_path / "old.h5", "w") as file:
         assert read_field(file) is None
+
+
+def test_curve_that_linearised_the_scan_is_kept(tmp_path):
+    curve = Hardening((1.0, 0.1, 0.02), 1.5, 0.003)
+    write_reference(tmp_path / "reference.h5", StoredReference(Volume(np.ones((3, 3, 3)), 0.1, hardening=curve)))
+    assert read_reference(tmp_path / "reference.h5").volume.hardening == curve

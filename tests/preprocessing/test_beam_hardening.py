@@ -35,7 +35,7 @@ def measured(case, attenuations, spectrum):
     sample = dataclasses.replace(case.sample, particles=particles)
     views = case.scanner.geometry()
     scan = record_line_integrals(sample, views, dataclasses.replace(case.physics, spectrum=spectrum), 1)
-    volume = reconstruct(scan, case.scanner.grid, ReconstructSettings(sweeps=2)).volume
+    volume = reconstruct(scan, case.scanner.grid, ReconstructSettings(sweeps=2, hardening=False)).volume
     return scan, volume, line_integrals(sample, views, spectrum=spectrum), line_integrals(sample, views)
 
 

@@ -21,7 +21,7 @@ def residual_images(grains: GrainSet, motions: Motions, scan: Scan, *, projector
 
     Grains with unknown motions are left out of what is simulated.
     """
-    fit, views = motions.fit, len(scan)
+    scan, fit, views = grains.scene.hardening.apply(scan), motions.fit, len(scan)
     nuisance = NuisanceMotion.still(views)
     if fit.view_corrections is not None:
         nuisance = replace(nuisance, views=fit.view_corrections)

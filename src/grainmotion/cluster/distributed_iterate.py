@@ -16,6 +16,7 @@ from grainmotion.model.volume import Volume
 from grainmotion.preprocessing.binning import sufficient_views
 from grainmotion.reconstruction.coarse_start import COARSENING, has_coarse_start, pieces_of
 from grainmotion.reconstruction.grid_growth import fitted_grid, growth_views
+from grainmotion.reconstruction.hardening import consistent_hardening
 from grainmotion.reconstruction.ordered_subsets import accelerated, plain_sart
 from grainmotion.reconstruction.reconstruct import Reconstruction
 from grainmotion.reconstruction.settings import ReconstructSettings
@@ -206,12 +207,18 @@ def reconstruct_distributed(
     fitted = fitted_grid(source.select(growth_views(count)).read()[0], source.geometry, grid, settings)
     fitted.report(progress)
     settings = fitted.settings
+    hardening = consistent_hardening(
+        lambda views: source.select(views).read()[0], source.geometry, fitted.grid, settings
+    )
+    if not hardening.is_linear:  # a source that was calibrated with a curve of its own comes with the setting off
+        source = replace(source, hardening=hardening)
     iterate = DistributedIterate(executor, store, source, fitted.grid, settings)
     if settings.plain(count):
         history = plain_sart(iterate, count, settings, progress)
     else:
         history = accelerated(iterate, count, progress)
-    return Reconstruction(fitted.seen(iterate.volume()), tuple(history), fitted.notes)
+    volume = replace(fitted.seen(iterate.volume()), hardening=hardening)
+    return Reconstruction(volume, tuple(history), fitted.notes)
 
 
 def _take(stored: StoredObject) -> object:

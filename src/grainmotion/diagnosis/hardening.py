@@ -1,7 +1,8 @@
 """Beam hardening, or light that the sample scatters, in the line integrals of the full scan.
 
 Both make long paths look shorter than they are: the beam gets harder on its way, or scattered light fills the shadow.
-The measured line integrals are compared with those of a template in which all material has one attenuation
+Where the views show a curve by themselves, all scans are linearised by it (`reconstruction.hardening`), and what is
+left is checked here: the line integrals are compared with those of a template in which all material has one attenuation
 (`preprocessing.beam_hardening`).  They look alike, and one curve corrects both.
 """
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from grainmotion.model.finding import Check, Finding, Level
+from grainmotion.model.hardening import Hardening
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.preprocessing.beam_hardening import HardeningSettings, calibrate_hardening
@@ -34,6 +36,24 @@ attenuation, and half of the grains at 0.25 to 0.4 of the others' looked like a 
 material gave 1.01 to 1.05, hardened by a fifth or not."""
 HALO_VOXELS = 2
 """Voxels around grains that belong to them."""
+
+
+def corrected_hardening(curve: Hardening, where: str = "reference") -> tuple[Finding, ...]:
+    """A note if the radiographs of all scans were linearised by a curve that the full scan showed by itself.
+
+    Parameters
+    ----------
+    curve : Hardening
+        As of the volume, `Volume.hardening`.
+    where : str
+        The scan.
+    """
+    if curve.is_linear:
+        return ()
+    fact = "beam hardening, or light that the sample scatters, was corrected in all scans"
+    evidence = f"{100 * curve.departure:.1f} ± {100 * curve.sd:.1f} % less at a line integral of {curve.longest:.2g}"
+    remedy = "if states were taken with another beam, or are linearised already, set [reconstruct] hardening = false"
+    return (Finding(Level.NOTE, HARDENING_CHECK, where, fact, evidence, remedy),)
 
 
 def check_hardening(

@@ -30,6 +30,7 @@ from grainmotion.io.hdf5 import opened
 from grainmotion.model.detector_response import Response
 from grainmotion.model.fluid import Fluid, FluidFit
 from grainmotion.model.grains import GrainSet
+from grainmotion.model.hardening import LINEAR, Hardening
 from grainmotion.model.motions import Motions
 from grainmotion.model.pose import ViewCorrections
 from grainmotion.model.scene import Body, Freedom, Scene, first_voxel
@@ -87,6 +88,8 @@ def write_reference(path: str | Path, reference: StoredReference, grains: GrainS
         volume.attrs.update(voxel_size=reference.volume.voxel_size, center=reference.volume.center, unit="1/mm")
         file["residuals"] = np.asarray(reference.residuals, dtype=float)
         write_field(file, reference.volume.field)
+        curve = reference.volume.hardening
+        volume.attrs.update(hardening=curve.coefficients, hardening_longest=curve.longest, hardening_sd=curve.sd)
         if reference.labels is not None:
             labels = file.create_dataset(
                 "labels", data=reference.labels, compression="gzip", compression_opts=1, shuffle=True
@@ -143,7 +146,7 @@ def _read_scene(file: h5py.File, volume: Volume) -> Scene | None:
         level = float(file["fluid"].attrs["level"])
         space = replace(volume, array=file["fluid"][()])
         fluid = Fluid(float(file["fluid"].attrs["attenuation"]), space, None if np.isnan(level) else level)
-    return Scene(tuple(bodies), fluid, volume.field)
+    return Scene(tuple(bodies), fluid, volume.field, volume.hardening)
 
 
 def read_reference(path: str | Path) -> StoredReference:
@@ -151,7 +154,7 @@ def read_reference(path: str | Path) -> StoredReference:
     with opened(path) as file:
         data = file["volume"]
         x, y, z = (float(c) for c in data.attrs["center"])
-        volume = Volume(data[()], float(data.attrs["voxel_size"]), (x, y, z), read_field(file))
+        volume = Volume(data[()], float(data.attrs["voxel_size"]), (x, y, z), read_field(file), _read_hardening(data))
         residuals = tuple(float(r) for r in file["residuals"][()])
         if "labels" not in file:
             return StoredReference(volume, residuals)
@@ -166,6 +169,14 @@ def read_reference(path: str | Path) -> StoredReference:
             _read_scene(file, volume),
             _read_phases(labels),
         )
+
+
+def _read_hardening(volume: h5py.Dataset) -> Hardening:
+    """The curve that linearised the scan; the identity from a file without it."""
+    if "hardening" not in volume.attrs:
+        return LINEAR
+    longest, sd = (float(volume.attrs[f"hardening_{name}"]) for name in ("longest", "sd"))
+    return Hardening(tuple(float(c) for c in volume.attrs["hardening"]), longest, sd)
 
 
 def _read_phases(labels: h5py.Dataset) -> tuple[Phase, ...]:

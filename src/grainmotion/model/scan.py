@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from grainmotion._arguments import check_argument, checked_arguments
 from grainmotion.errors import InputError
 from grainmotion.model.geometry import Geometry
-from grainmotion.model.volume import precision_of
+from grainmotion.model.precision import precision_of
 
 
 @dataclass(frozen=True, eq=False)

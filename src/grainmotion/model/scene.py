@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from grainmotion.errors import InputError
 from grainmotion.model.field_of_view import FieldOfView
 from grainmotion.model.fluid import Fluid
+from grainmotion.model.hardening import LINEAR, Hardening
 from grainmotion.model.symmetry import symmetry_axis
 from grainmotion.model.volume import Volume
 
@@ -179,6 +180,8 @@ class Scene:
         The liquid between them: grains hold their excess over it.
     field : FieldOfView, optional
         What the reference scan saw of the sample; None if that is not known.
+    hardening : Hardening
+        Curve by which the reference scan was linearised; `track` applies it to the radiographs of each state.
 
     Raises
     ------
@@ -189,6 +192,7 @@ class Scene:
     bodies: tuple[Body, ...] = ()
     fluid: Fluid | None = None
     field: FieldOfView | None = None
+    hardening: Hardening = LINEAR
 
     def __post_init__(self) -> None:
         names = [body.name for body in self.bodies]

@@ -5,15 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from grainmotion.errors import InputError
 from grainmotion.model.field_of_view import FieldOfView
-
-
-def precision_of(array: ArrayLike) -> type[np.floating]:
-    """float64 for an array in double precision, float32 for any other."""
-    return np.float64 if np.asarray(array).dtype == np.float64 else np.float32
+from grainmotion.model.hardening import LINEAR, Hardening
+from grainmotion.model.precision import precision_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +28,9 @@ class Volume:
         Centre of the whole array in the sample frame, mm, x y z.
     field : FieldOfView, optional
         What of it the scan saw from which it was reconstructed; None if that is not known.
+    hardening : Hardening
+        Curve by which the scan was linearised before it was reconstructed; radiographs that are compared with the
+        volume must go through it, too.
 
     Raises
     ------
@@ -43,6 +43,7 @@ class Volume:
     voxel_size: float
     center: tuple[float, float, float] = (0.0, 0.0, 0.0)
     field: FieldOfView | None = None
+    hardening: Hardening = LINEAR
 
     def __post_init__(self) -> None:
         with np.errstate(over="ignore"):  # larger values become infinite, which is refused below

@@ -13,7 +13,6 @@ of the unhardened beam.  Where the departure from linear is not significant, g i
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Annotated
 
 import numpy as np
@@ -27,14 +26,15 @@ from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Float, Projector
 from grainmotion._validation import validated
 from grainmotion.errors import InputError
+from grainmotion.model.hardening import SIGNIFICANT_SD, Hardening
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.projection.volumes import project
 
+__all__ = ["Hardening", "HardeningSettings", "calibrate_hardening"]
+
 JACKKNIFE_GROUPS = 8
 """Groups of views that are left out in turn, for the standard deviation of the curve."""
-SIGNIFICANT_SD = 3.0
-"""Standard deviations from which a departure from linear is significant."""
 MIN_DEPARTURE = 0.02
 """Smallest relative departure on the longest path that counts as hardening: partly filled voxels cause less."""
 LONGEST_PERCENTILE = 99.5
@@ -53,68 +53,6 @@ class HardeningSettings:
     ] = None
     views: Annotated[int, Field(ge=JACKKNIFE_GROUPS, description="most views on which the template is projected")] = 64
     projector: Annotated[Projector, Field(description="as the reconstruction's")] = "trilinear"
-
-
-@validated
-class Hardening:
-    """The curve g(b) = Σ c_k bᵏ from measured to linear line integrals.
-
-    Attributes
-    ----------
-    coefficients : tuple of float
-        c₁ = 1, c₂, …, none negative.
-    longest : float
-        Line integral up to which the curve was fitted; 99.5 % of those of the sample lie below.
-    sd : float
-        Standard deviation of `departure`.
-    """
-
-    coefficients: tuple[float, ...] = (1.0,)
-    longest: float = 0.0
-    sd: float = 0.0
-
-    def __post_init__(self) -> None:
-        c = self.coefficients
-        if not c or c[0] != 1 or min(c) < 0 or not np.isfinite(c).all():
-            raise InputError("hardening", f"coefficients {c}", "the first must be 1, and none may be negative")
-
-    @property
-    def is_linear(self) -> bool:
-        """Whether the curve is the identity."""
-        return not any(self.coefficients[1:])
-
-    @property
-    def departure(self) -> float:
-        """How far the longest path is from linear: g(b)/b − 1."""
-        return float(self(np.array(self.longest)) / self.longest - 1) if self.longest > 0 else 0.0
-
-    def __call__(self, line_integrals: NDArray[np.floating]) -> NDArray[np.floating]:
-        """g(b), in the precision of b; negative values, which are noise, stay as they are."""
-        b = np.maximum(line_integrals, 0)
-        higher = np.zeros_like(b)
-        for c in self.coefficients[:0:-1]:
-            higher = b * (higher + b.dtype.type(c))
-        return line_integrals + b * higher
-
-    def apply(self, scan: Scan) -> Scan:
-        """Linearise a scan.
-
-        Parameters
-        ----------
-        scan : Scan
-            As measured.
-
-        Returns
-        -------
-        Scan
-            Its line integrals as a monochromatic beam would have given them.
-        """
-        return scan if self.is_linear else dataclasses.replace(scan, line_integrals=self(scan.line_integrals))
-
-    def __str__(self) -> str:
-        if self.is_linear:
-            return f"no beam hardening beyond {SIGNIFICANT_SD:.0f} sd ({100 * self.sd:.2g} %)"
-        return f"beam hardening of {100 * self.departure:.1f} ± {100 * self.sd:.1f} % on the longest path"
 
 
 @checked_arguments

@@ -37,7 +37,7 @@ class Reconstruction:
 def fitted_volume(
     scan: Scan, grid: Volume, settings: ReconstructSettings | None = None, progress: Progress | None = None
 ) -> Reconstruction:
-    """As `reconstruct`, for trials: it does not look for views that are shifted."""
+    """As `reconstruct`, for trials: it looks neither for views that are shifted nor for beam hardening."""
     settings = settings or ReconstructSettings()
     fitted = fitted_grid(scan.select(growth_views(len(scan))), scan.geometry, grid, settings)
     fitted.report(progress)

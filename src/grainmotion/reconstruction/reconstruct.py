@@ -9,6 +9,8 @@ from grainmotion._typing import Progress
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.reconstruction.fit import Reconstruction, fitted_volume
+from grainmotion.reconstruction.grid_growth import fitted_grid, growth_views
+from grainmotion.reconstruction.hardening import consistent_hardening
 from grainmotion.reconstruction.settings import ReconstructSettings
 from grainmotion.reconstruction.view_shifts import measured_shifts
 
@@ -22,7 +24,8 @@ def reconstruct(
     """Reconstruct a scan.
 
     The grid is grown where rays that show the sample leave it, see ``settings.outline``: the sample goes on above or
-    below the panel, or beside it (local tomography).
+    below the panel, or beside it (local tomography).  The scan is linearised first if its views contradict each other
+    by what beam hardening explains, see ``settings.hardening``.
 
     Parameters
     ----------
@@ -39,10 +42,14 @@ def reconstruct(
     -------
     Reconstruction
         The volume on ``grid``, or on a larger grid that has the same voxels, with what of it the scan saw
-        (`Volume.field`) and how its views are shifted, and ε after each sweep (plain SART) or phase (accelerated).
+        (`Volume.field`), how its views are shifted and the curve that linearised it (`Volume.hardening`), and ε after each sweep (plain SART) or phase (accelerated).
     """
+    settings = settings or ReconstructSettings()
+    place = fitted_grid(scan.select(growth_views(len(scan))), scan.geometry, grid, settings)
+    hardening = consistent_hardening(scan.select, scan.geometry, place.grid, place.settings)
+    scan = hardening.apply(scan)
     fitted = fitted_volume(scan, grid, settings, progress)
-    volume = fitted.volume
+    volume = replace(fitted.volume, hardening=hardening)
     if volume.field is not None:
         volume = replace(volume, field=replace(volume.field, shifts=measured_shifts(scan, volume)))
     return replace(fitted, volume=volume)

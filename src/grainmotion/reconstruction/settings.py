@@ -58,6 +58,14 @@ class ReconstructSettings:
             "it as well"
         ),
     ] = "auto"
+    hardening: Annotated[
+        Literal["auto", False],
+        Field(
+            description='"auto": where radiographs contradict each other by what beam hardening explains, linearise '
+            "them, and those of all states; false: use them as they are; [calibrate] hardening fits another curve "
+            "instead"
+        ),
+    ] = "auto"
     device: Annotated[
         DeviceName, Field(description="where rays are traced: CPU, NVIDIA GPU, or the GPU if there is one")
     ] = "auto"

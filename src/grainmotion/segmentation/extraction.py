@@ -152,7 +152,7 @@ def _grains_and_scene(
         raise InputError("labels", "no grains found", "check the threshold, or the labels given")
     store_contiguously(grains)
     bodies = _bodies(volume, owned, settings)
-    return GrainSet(tuple(grains), Scene(tuple(bodies), fluid, volume.field))
+    return GrainSet(tuple(grains), Scene(tuple(bodies), fluid, volume.field, volume.hardening))
 
 
 @dataclass(frozen=True, eq=False)

@@ -74,7 +74,8 @@ def track(
     grains : GrainSet
         The grains of the reference state.
     scan : Scan
-        A few radiographs of the later state ``(views, rows, columns)``, as line integrals.
+        A few radiographs of the later state ``(views, rows, columns)``, as line integrals.  They are linearised as the
+        reference scan was, see `Scene.hardening`.
     start : Motions, optional
         Motions to start from, as of the state before; none is no motion.  Grains in it without a
         finite motion start as the others moved on average.
@@ -112,6 +113,7 @@ def track_with_residual(
 
     They are None if the last fit simulated a grain whose motion is not reported, or a stand-in for a new one.
     """
+    scan = grains.scene.hardening.apply(scan)
     job = Job(grains, scan, start, settings or TrackSettings(), progress, device)
     with threadpool_limits(limits=1, user_api="blas"):  # its matrices are small, and kernels use all cores
         try:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from grainmotion.diagnosis.grain_shapes import check_grain_shapes
-from grainmotion.diagnosis.hardening import check_hardening
+from grainmotion.diagnosis.hardening import check_hardening, corrected_hardening
 from grainmotion.diagnosis.start_file import check_start
 from grainmotion.diagnosis.unlabelled import check_fragments, check_grain_sizes, check_unlabelled
 from grainmotion.experiment.given_inputs import given_label_findings, given_volume_findings
@@ -65,7 +65,10 @@ def check_grains(context: RunContext, reference: Callable[[], SegmentedReference
                 found += check_grain_shapes(stored.labels, f"{source.key}.geometry.pixel_size")
         if inputs.reference is not None and inputs.volume is None:
             scan = context.some_views(inputs.reference)
-            found += check_hardening(scan, stored.volume, stored.labels, inputs.reference.key)
+            found += corrected_hardening(stored.volume.hardening, inputs.reference.key)
+            found += check_hardening(
+                stored.volume.hardening.apply(scan), stored.volume, stored.labels, inputs.reference.key
+            )
         for k in named:
             start = inputs.starts[k]
             assert start is not None

@@ -90,6 +90,8 @@ class Reference:
         scanner = calibrate_scanner(scan, grid, settings, labels=given, progress=progress)
         step = prefixed(progress, "reconstruct")
         how = settings.reconstruct if given is None else replace(settings.reconstruct, outline="grid")
+        if settings.calibrate.hardening:  # the scan is linearised by another curve
+            how = replace(how, hardening=False)
         reconstruction = reconstruct(scanner.apply(scan), grid, how, progress=step)
         volume = reconstruction.volume
         if given is None:

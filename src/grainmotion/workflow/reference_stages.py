@@ -106,6 +106,8 @@ def _reconstruct(context: RunContext) -> StoredReference:
     progress = prefixed(context.progress, "reconstruct")
     if context.inputs.labels is not None:  # they are on this grid
         settings = replace(settings, outline="grid")
+    if context.tables.calibrate.hardening:  # the scan is linearised by another curve
+        settings = replace(settings, hardening=False)
     if context.cluster is not None:
         context.forget(source)  # the workers read it
         result = context.cluster.reconstruct(corrected_source(source, context.scanner()), grid, settings, progress)
