@@ -15,7 +15,7 @@ from grainmotion.tracking.settings import TrackSettings
 from grainmotion.tracking.track import track
 
 FOUR, TWO = (0.0, 45.0, 90.0, 135.0), (22.5, 112.5)
-QUICK = TrackSettings(search=False, hardening=1)  # voxels of two small cubes imitate a hardened beam
+QUICK = TrackSettings(search=False)
 
 
 def errors_and_excess(some, truth, measured):

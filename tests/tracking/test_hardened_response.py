@@ -7,6 +7,7 @@ import pytest
 
 from few_grains import grain_set, radiographs, small_motions
 from grainmotion.model.scan import Scan
+from grainmotion.tracking.hardened_response import Bend
 from grainmotion.tracking.track import TrackSettings, track
 
 GRAINS = grain_set(3)
@@ -39,3 +40,14 @@ def test_a_state_that_shows_hardening_gets_its_square_and_better_motions():
 def test_a_known_gain_is_kept():
     measured = track(GRAINS, state(-0.1), settings=replace(QUICK, gain="none"))
     assert measured.fit.response.polynomial.shape[1] == 1
+
+
+def test_a_square_of_the_wrong_sign_is_no_hardening():
+    assert track(GRAINS, state(0.1), settings=QUICK).fit.response.polynomial.shape[1] == 1
+
+
+def test_a_bend_that_the_views_do_not_share_is_no_hardening():
+    assert Bend(0.05, 0.03, 0.002).is_hardening
+    assert not Bend(0.05, 0.13, 0.2).is_hardening
+    assert not Bend(0.001, 0.03, 0.002).is_hardening
+    assert not Bend(0.05, 0.03, np.inf).is_hardening

@@ -2,8 +2,8 @@
 
 Radiographs of a monochromatic beam are line integrals of one volume.  In a polychromatic beam long paths look too
 short, and the views contradict each other.  A reconstruction is nearly linear in its radiographs, and so is
-what it leaves of them, r(b).  If attenuation is gamma distributed over the spectrum, with θ its variance over its squared mean, the
-line integral of the unhardened beam is
+what it leaves of them, r(b).  If attenuation is gamma distributed over the spectrum, with θ its variance over its
+squared mean, the line integral of the unhardened beam is
 
     g(b) = (e^{θ b} − 1)/θ = b + θ b²/2 + θ² b³/6 + …,
 
