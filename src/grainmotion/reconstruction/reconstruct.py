@@ -42,7 +42,8 @@ def reconstruct(
     -------
     Reconstruction
         The volume on ``grid``, or on a larger grid that has the same voxels, with what of it the scan saw
-        (`Volume.field`), how its views are shifted and the curve that linearised it (`Volume.hardening`), and ε after each sweep (plain SART) or phase (accelerated).
+        (`Volume.field`), how its views are shifted and the curve that linearised it
+        (`Volume.hardening`), and ε after each sweep (plain SART) or phase (accelerated).
     """
     settings = settings or ReconstructSettings()
     place = fitted_grid(scan.select(growth_views(len(scan))), scan.geometry, grid, settings)
