@@ -48,9 +48,13 @@ def test_number_of_linearisations(counts):
 
 
 def test_number_of_rays(counts):
-    """A grain covers about 300 pixels of a view, which are traced about a dozen times with derivatives."""
-    assert counts["project_with_derivatives"] <= 83_000
-    assert counts["project"] <= 126_000  # with one evaluation that asks whether the state shows beam hardening
+    """A grain covers about 300 pixels of a view, which are traced about a dozen times with derivatives.
+
+    One evaluation asks whether the state shows beam hardening.  One of these small grains has a near-symmetry, within
+    the noise that voxels of nearly round grains may have (decision 0029): its alternative poses are traced, too.
+    """
+    assert counts["project_with_derivatives"] <= 86_000
+    assert counts["project"] <= 129_000
 
 
 def test_rays_that_miss_a_grain_are_not_traced():
