@@ -12,7 +12,7 @@ from grainmotion.diagnosis.results import SEE_COMMON_CAUSE, check_motions, commo
 from grainmotion.model.finding import Finding, Level
 from grainmotion.model.motions import Motions
 from grainmotion.model.pose import ViewCorrections
-from grainmotion.model.state_fit import StateFit
+from grainmotion.model.state_fit import NewGrain, StateFit
 from grainmotion.model.volume import Volume
 from grainmotion.tracking.body_motions import fixed_note
 from grainmotion.tracking.view_alignment import ViewMisalignment
@@ -48,7 +48,7 @@ class TestCommonCause:
         assert common_cause(failed(10, 1)).level is Level.WARNING
 
     def test_grains_with_a_usable_motion_have_not_failed(self):
-        for status in ("converged", "poorly-determined", "ambiguous"):
+        for status in ("converged", "poorly-determined", "ambiguous", "absent", "broken", "cut"):
             assert common_cause(failed(status=status)) is None
 
     @pytest.mark.parametrize(
@@ -121,6 +121,13 @@ class TestNotes:
         assert "strain = true" in finding.fact
         (rigid,) = check_motions("a", failed(6, 6, notes=(note,)))
         assert "strain" not in rigid.fact
+
+    def test_grains_that_appeared_are_a_warning(self):
+        new = NewGrain(np.zeros(3), np.full(3, 0.1), 0.8, 0.1, 0.1)
+        (finding,) = check_motions("a", motions("converged", "absent", appeared=(new, new)))
+        assert (finding.level, finding.check) == (Level.WARNING, "new-grain")
+        assert "2 grains of this state are not in the reference" in finding.fact
+        assert "moved there" in finding.fact
 
     def test_other_notes_are_notes(self):
         scene = one_body(Volume.zeros((1, 1, 1), 1.0))

@@ -13,7 +13,7 @@ from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions
 from grainmotion.model.pose import ViewCorrections
 from grainmotion.model.scene import RIGID_MOTION, Body, Freedom, Scene
-from grainmotion.model.state_fit import BodyMotion, StateFit
+from grainmotion.model.state_fit import BodyMotion, NewGrain, PieceMotion, StateFit
 from grainmotion.model.volume import Volume
 from grainmotion.segmentation.extraction import grains_from_labels
 from grainmotion.segmentation.phases import Phase
@@ -93,6 +93,18 @@ class TestMotionsFile:
             assert file["fit/corrections"].attrs["unit"] == "pixel, pixel, rad"
             np.testing.assert_array_equal(file["fit/corrections"][:, 2], fit.view_corrections.angles)
         assert_same_fit(read_motions_h5(tmp_path / "m.h5").fit, fit)
+
+    def test_new_grains_and_pieces_come_back(self, tmp_path, motions):
+        rng = np.random.default_rng(5)
+        new = NewGrain(*rng.normal(size=(2, 3)), 0.8, 0.05, 0.11)
+        piece = PieceMotion(3, 1, 0.6, *rng.normal(size=(3, 3)), rng.normal(size=(6, 6)), "converged")
+        fit = StateFit(appeared=(new, replace(new, radius=0.7)), pieces=(piece, replace(piece, piece=2)))
+        write_motions_h5(tmp_path / "m.h5", replace(motions, fit=fit))
+        back = read_motions_h5(tmp_path / "m.h5").fit
+        assert (len(back.appeared), len(back.pieces)) == (2, 2)
+        for one, other in ((new, back.appeared[0]), (piece, back.pieces[0])):
+            for name, value in vars(one).items():
+                np.testing.assert_array_equal(getattr(other, name), value)
 
     def test_units_are_stored_as_attributes(self, tmp_path, motions):
         write_motions_h5(tmp_path / "m.h5", replace(motions, fit=StateFit(bodies=two_bodies(np.random.default_rng(0)))))

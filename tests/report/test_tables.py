@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from example import motions
 
-from grainmotion.model.state_fit import BodyMotion
+from grainmotion.model.state_fit import BodyMotion, NewGrain, PieceMotion
 from grainmotion.report import StateReport, tables
 
 
@@ -58,3 +58,22 @@ def test_bodies_have_motions_with_standard_deviations():
     assert first[2][2] == "−0.2500 ± 0.020"
     assert first[2][5] == "0.000 ± 104"
     assert second == ("wall", "did not move", ["–"] * 6)
+
+
+def test_new_grains_and_pieces_have_rows_and_sentences():
+    images, covariance = np.zeros((1, 2, 2)), np.diag([0.01, 0.01, 0.02, *np.deg2rad([0.1, 0.1, 0.2])]) ** 2
+    new = NewGrain(np.array([1.0, -2.0, 0.5]), np.full(3, 0.02), 0.9, 0.03, 0.11)
+    piece = PieceMotion(5, 1, 0.6, np.zeros(3), np.array([0, 0, 0.25]), np.zeros(3), covariance, "converged")
+    pieces = (piece, replace(piece, piece=2, share=0.4))
+    state = StateReport(
+        "a", images, images, replace(motions(), fit=replace(motions().fit, appeared=(new,), pieces=pieces)), 0.1
+    )
+    ((name, values),) = tables.appeared_rows(state)
+    assert (name, values[1], values[3]) == ("1", "−2.0000 ± 0.020", "0.9000 ± 0.030")
+    first, second = tables.piece_rows(state)
+    assert first[:2] == ("5, piece 1", "converged")
+    assert first[2][:1] + first[2][3:4] == ["60%", "0.2500 ± 0.020"]
+    assert second[0] == "5, piece 2"
+    sentences = tables.scene_sentences(state.motions.fit)
+    assert sentences[0].startswith("a grain has appeared that the reference does not have: x = 1, y = -2")
+    assert sentences[1] == "1 broken grain in 2 pieces"

@@ -61,3 +61,12 @@ def test_a_broken_grain_disturbs_no_other(cut):
     assert measured.statuses[2] == Status.BROKEN.value
     assert "broken in two" in measured.reasons[2]
     assert np.isfinite(measured.translations[2]).all()
+    first, second = measured.fit.pieces
+    assert {first.label, second.label} == {int(GRAINS.labels[2])}
+    assert first.share + second.share == pytest.approx(1)
+    assert first.share >= second.share
+    for piece in (first, second):  # each moved as the half that it is
+        k = min((4, 5), key=lambda k: np.linalg.norm(cut.grains.centers[k] - piece.center))
+        arm = piece.center - cut.grains.centers[k]
+        shift = shifts[k] + (rotation_matrix(turns[k]) - np.eye(3)) @ arm
+        np.testing.assert_allclose(piece.translation, shift, atol=0.06)

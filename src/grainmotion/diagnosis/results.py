@@ -60,7 +60,6 @@ _KINDS = (
     _Kind("the views contradict each other", Level.WARNING, "views"),
     _Kind(SCALE_NOTE, Level.WARNING, SCALE_CHECK),
     _Kind(RESIDUAL_NOTE, Level.WARNING, "fit", "compare panel and exposure of this state with those of the reference"),
-    _Kind("a grain has appeared", Level.WARNING, "new-grain"),
     _Kind(
         "something that is no grain attenuates", Level.WARNING, "new-grain",
         "look at residuals.tif; lower segment.threshold if a grain of the reference has no label",
@@ -77,7 +76,12 @@ def check_motions(name: str, motions: Motions, known: tuple[Finding, ...] = ()) 
     common = common_cause(motions, where, known)
     if common is not None:
         return (common,) if common not in known else ()
-    return (*_note_findings(motions, where), *_gain_findings(motions, where), *_many(motions, where))
+    return (
+        *_new_grains(motions, where),
+        *_note_findings(motions, where),
+        *_gain_findings(motions, where),
+        *_many(motions, where),
+    )
 
 
 def common_cause(motions: Motions, where: str = "state", known: tuple[Finding, ...] = ()) -> Finding | None:
@@ -126,8 +130,8 @@ def with_common_cause(motions: Motions, cause: Finding | None) -> Motions:
 
 
 def failures(motions: Motions) -> NDArray[np.bool_]:
-    """Grains that were not found, ``(n,)``: not those that fit in several ways, are absent, or seen in part only."""
-    found = (Status.AMBIGUOUS.value, Status.ABSENT.value, Status.CUT.value)
+    """Grains that were not found, ``(n,)``: not those that fit in several ways, are absent, broken, or seen in part."""
+    found = (Status.AMBIGUOUS.value, Status.ABSENT.value, Status.CUT.value, Status.BROKEN.value)
     return ~(motions.usable | np.isin(motions.statuses, found))
 
 
@@ -148,6 +152,19 @@ def _note_findings(motions: Motions, where: str) -> list[Finding]:
             found.append(Finding(level, kind.check, where, alike[0] + more, remedy=kind.remedy))
     known = tuple(kind.beginning for kind in _KINDS)
     return found + [Finding(Level.NOTE, "fit", where, note) for note in notes if not note.startswith(known)]
+
+
+def _new_grains(motions: Motions, where: str) -> list[Finding]:
+    """A finding if grains have appeared."""
+    count = len(motions.fit.appeared)
+    if not count:
+        return []
+    fact = f"{count} grain{'s' * (count != 1)} of this state {'is' if count == 1 else 'are'} not in the reference"
+    if (motions.statuses == Status.ABSENT.value).any():
+        fact += ", or moved there from far away, as others are absent"
+    evidence = "ellipsoids stand for them so that they disturb no other; appeared.csv holds places and sizes"
+    remedy = "check the reference for them; lower segment.threshold if one has no label"
+    return [Finding(Level.WARNING, "new-grain", where, fact, evidence, remedy)]
 
 
 def _gain_findings(motions: Motions, where: str) -> list[Finding]:

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from grainmotion.io.field_hdf5 import read_field, write_field
 from grainmotion.io.files import atomic_write
+from grainmotion.io.fit_hdf5 import read_bodies, read_new_grains, read_pieces, write_parts
 from grainmotion.io.hdf5 import opened
 from grainmotion.model.detector_response import Response
 from grainmotion.model.fluid import Fluid, FluidFit
@@ -34,7 +35,7 @@ from grainmotion.model.hardening import LINEAR, Hardening
 from grainmotion.model.motions import Motions
 from grainmotion.model.pose import ViewCorrections
 from grainmotion.model.scene import Body, Freedom, Scene, first_voxel
-from grainmotion.model.state_fit import BodyMotion, StateFit
+from grainmotion.model.state_fit import StateFit
 from grainmotion.model.volume import Volume
 from grainmotion.segmentation.phases import Phase
 
@@ -57,13 +58,6 @@ _OPTIONAL = {
     "corrections_sd": "pixel, pixel, rad",
 }
 """Arrays of `StateFit` that may be missing, and their units."""
-_BODY_ARRAYS = {
-    "center": "mm",
-    "translation": "mm",
-    "rotation": "rad",
-    "covariance": "of mm, mm, mm, rad, rad, rad",
-}
-"""Arrays of `BodyMotion` and their units, one row a body in the file."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,44 +221,10 @@ def write_motions_h5(path: str | Path, motions: Motions) -> None:
         for (name, unit), value in zip(_OPTIONAL.items(), optional, strict=True):
             if value is not None:
                 fit.create_dataset(name, data=value).attrs["unit"] = unit
-        if motions.fit.bodies:
-            _write_body_motions(fit.create_group("bodies"), motions.fit.bodies)
+        write_parts(fit, motions.fit)
         if motions.fit.response is not None:
             fit["polynomial"] = motions.fit.response.polynomial
             fit["background_terms"] = motions.fit.response.background
-
-
-def _write_body_motions(group: h5py.Group, bodies: tuple[BodyMotion, ...]) -> None:
-    """One row a body in each dataset."""
-    text = h5py.string_dtype()
-    for name in ("name", "kind", "freedom"):
-        group.create_dataset(name, data=[getattr(body, name) for body in bodies], dtype=text)
-    group["moved"] = np.array([body.moved for body in bodies])
-    for name, unit in _BODY_ARRAYS.items():
-        group.create_dataset(name, data=np.array([getattr(body, name) for body in bodies])).attrs["unit"] = unit
-
-
-def _read_body_motions(fit: h5py.Group) -> tuple[BodyMotion, ...]:
-    """The motions of the bodies; in a file of an older version that of the one background."""
-    if "background" in fit:
-        motion = fit["background"][()]
-        unknown, moved = np.full(3, np.nan), bool(motion.any())
-        return (BodyMotion("rest", "rest", "free", unknown, motion[:3], motion[3:], np.full((6, 6), np.nan), moved),)
-    if "bodies" not in fit:
-        return ()
-    group = fit["bodies"]
-    texts = [group[name].asstr()[()] for name in ("name", "kind", "freedom")]
-    arrays, moved = {name: group[name][()] for name in _BODY_ARRAYS}, group["moved"][()]
-    return tuple(
-        BodyMotion(
-            str(name),
-            str(kind),
-            str(freedom),
-            **{array: rows[k] for array, rows in arrays.items()},
-            moved=bool(moved[k]),
-        )
-        for k, (name, kind, freedom) in enumerate(zip(*texts, strict=True))
-    )
 
 
 def _read_fluid(fit: h5py.Group) -> FluidFit | None:
@@ -295,7 +255,9 @@ def read_motions_h5(path: str | Path) -> Motions:
                 notes=tuple(str(n) for n in fit["notes"].asstr()[()]) if "notes" in fit else (),
                 view_corrections=None if views is None else ViewCorrections.of(views),
                 view_corrections_sd=None if views_sd is None else ViewCorrections.of(views_sd),
-                bodies=_read_body_motions(fit),
+                bodies=read_bodies(fit),
                 fluid=_read_fluid(fit),
+                appeared=read_new_grains(fit),
+                pieces=read_pieces(fit),
             ),
         )

@@ -49,6 +49,64 @@ class BodyMotion:
 
 
 @dataclass(frozen=True, eq=False)
+class NewGrain:
+    """A grain of a state that the reference does not have, as an ellipsoid.
+
+    Attributes
+    ----------
+    center, center_sd : (3,) arrays
+        Its centre in this state, mm, x y z, and its standard deviations.
+    radius, radius_sd : float
+        Radius of the ball of the same volume, mm, and its standard deviation.
+    attenuation : float
+        Of the ellipsoid, 1/mm.
+    """
+
+    center: NDArray[np.float64]
+    center_sd: NDArray[np.float64]
+    radius: float
+    radius_sd: float
+    attenuation: float
+
+
+@dataclass(frozen=True, eq=False)
+class PieceMotion:
+    """Motion of one piece of a grain that broke, from the reference state to a later one.
+
+    Attributes
+    ----------
+    label : int
+        Label of the grain in the reference volume.
+    piece : int
+        1 for the largest piece of the grain, 2 for the next.
+    share : float
+        Share of the grain's attenuation, and so of its volume, in this piece.
+    center : (3,) array
+        Centre of mass of the piece in the reference state, mm, x y z.
+    translation, rotation : (3,) arrays
+        u, mm, and the rotation vector ω about the piece's centre, radians, sample frame.
+    covariance : (6, 6) array
+        Of (ux, uy, uz, ωx, ωy, ωz), mm and radians.
+    status : str
+        As `Motions.statuses`: that of the piece fitted as a grain.
+    """
+
+    label: int
+    piece: int
+    share: float
+    center: NDArray[np.float64]
+    translation: NDArray[np.float64]
+    rotation: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    status: str
+
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        """Rotation matrix Ω ``(3, 3)``."""
+        return rotation_matrix(self.rotation)
+
+
+@dataclass(frozen=True, eq=False)
 class StateFit:
     """How the fit of one state went as a whole.
 
@@ -72,6 +130,10 @@ class StateFit:
         Sentences on the state as a whole, such as refused options and unexplained attenuation.
     fluid : FluidFit, optional
         Attenuation and level of the liquid in this state; None if the reference is dry.
+    appeared : tuple of NewGrain
+        Grains of this state that the reference does not have.
+    pieces : tuple of PieceMotion
+        Motions of the pieces of grains that broke.
     """
 
     gain: float = 1.0
@@ -84,6 +146,8 @@ class StateFit:
     downweighted: float = 0.0
     notes: tuple[str, ...] = ()
     fluid: FluidFit | None = None
+    appeared: tuple[NewGrain, ...] = ()
+    pieces: tuple[PieceMotion, ...] = ()
 
     @property
     def background(self) -> NDArray[np.float64] | None:

@@ -92,6 +92,8 @@ def _state(state: StateReport, pixels: int, rows: int) -> Mapping[str, object]:
         "notes": fit.notes,
         "corrections": tables.correction_rows(fit, state.views),
         "bodies": tables.body_rows(state),
+        "appeared": tables.appeared_rows(state),
+        "pieces": tables.piece_rows(state),
         "comparison": state.comparison,
         "curve": Markup(curves.convergence_svg(fit.costs)) if fit.costs else None,
         "radiographs": {"views": views, "grey": grey, "diverging": diverging},

@@ -162,12 +162,23 @@ def fluid_facts(fluid: FluidFit) -> list[tuple[str, str]]:
 
 
 def scene_sentences(fit: StateFit) -> list[str]:
-    """What bodies beside the grains did in a state, and where the liquid is: a sentence each."""
+    """What bodies did in a state, what appeared or broke, and where the liquid is: a sentence each."""
     sentences = []
     for body in fit.bodies:
         u, w = np.linalg.norm(body.translation), np.rad2deg(np.linalg.norm(body.rotation))
         what = f"moved by {u:.4g} mm and {w:.4g} deg" if body.moved else "did not move"
         sentences.append(f"{body.name} {what}")
+    if fit.appeared:
+        places = "; ".join(
+            f"x = {g.center[0]:.3g}, y = {g.center[1]:.3g}, z = {g.center[2]:.3g}, radius {g.radius:.3g} mm"
+            for g in fit.appeared
+        )
+        count = len(fit.appeared)
+        what = "a grain has" if count == 1 else f"{count} grains have"
+        sentences.append(f"{what} appeared that the reference does not have: {places}")
+    broken = len({piece.label for piece in fit.pieces})
+    if broken:
+        sentences.append(f"{broken} broken grain{'s' * (broken != 1)} in {len(fit.pieces)} pieces")
     if fit.fluid is not None:
         sentences.append("; ".join(f"{name} {value}" for name, value in fluid_facts(fit.fluid)))
     return sentences
@@ -196,6 +207,29 @@ def body_rows(state: StateReport) -> list[tuple[str, str, list[str]]]:
             values += [f"{number(w, 3)} ± {significant(d, 2)}" for w, d in turns]
         word = "moved" if body.moved else ("fixed" if body.freedom == "fixed" else "did not move")
         rows.append((body.name, word, values))
+    return rows
+
+
+def appeared_rows(state: StateReport) -> list[tuple[str, list[str]]]:
+    """Number of each grain that appeared; its place and radius (mm) with standard deviations, attenuation (1/mm)."""
+    decimals = length_decimals(state.voxel_size)
+    rows = []
+    for number_of, grain in enumerate(state.motions.fit.appeared, start=1):
+        lengths = zip([*grain.center, grain.radius], [*grain.center_sd, grain.radius_sd], strict=True)
+        values = [f"{number(x, decimals)} ± {significant(sd, 2)}" for x, sd in lengths]
+        rows.append((str(number_of), [*values, significant(grain.attenuation)]))
+    return rows
+
+
+def piece_rows(state: StateReport) -> list[tuple[str, str, list[str]]]:
+    """Grain and piece, status, share of the grain, and u (mm) and ω (degrees) with their standard deviations."""
+    rows, decimals = [], length_decimals(state.voxel_size)
+    for piece in state.motions.fit.pieces:
+        sd = np.sqrt(np.diagonal(piece.covariance))
+        values = [f"{number(u, decimals)} ± {significant(d, 2)}" for u, d in zip(piece.translation, sd[:3])]
+        turns = zip(np.rad2deg(piece.rotation), np.rad2deg(sd[3:]))
+        values += [f"{number(w, 3)} ± {significant(d, 2)}" for w, d in turns]
+        rows.append((f"{piece.label}, piece {piece.piece}", piece.status, [f"{piece.share:.0%}", *values]))
     return rows
 
 

@@ -22,8 +22,8 @@ from grainmotion.rotations import rotation_vector
 from grainmotion.tracking.attempt import Approach, Attempt, Job, approach, finish
 from grainmotion.tracking.global_search import affine_field_through
 from grainmotion.tracking.missing_grains import complete, registered
-from grainmotion.tracking.new_grains import unexplained_places
 from grainmotion.tracking.presence import Census, count_again, none_is_there, take_census
+from grainmotion.tracking.unexplained import unexplained_places
 
 MAX_CENSUS_ROUNDS = 4
 """Times that grains are left out or come back, at most."""

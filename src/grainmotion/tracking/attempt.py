@@ -20,6 +20,13 @@ from grainmotion.solvers.gauss_newton import Solution, gauss_newton
 from grainmotion.tracking.ambiguity import MAX_MOVES, find_ambiguities, with_reasons
 from grainmotion.tracking.body_motions import fixed_note, fixed_unless_moved, with_body_edges_discounted
 from grainmotion.tracking.classification import classify
+from grainmotion.tracking.ellipsoids import Ellipsoid
+from grainmotion.tracking.ellipsoids_beside import (
+    add_ellipsoids,
+    new_grains,
+    refitted_beside,
+    with_ellipsoids_discounted,
+)
 from grainmotion.tracking.fluid_fit import FluidTracker
 from grainmotion.tracking.global_search import SearchResult, search
 from grainmotion.tracking.hardened_response import with_hardening
@@ -34,7 +41,7 @@ from grainmotion.uncertainty.goodness_of_fit import misregistered_grains
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """Input of one attempt."""
+    """Input of one attempt; ``new`` are ellipsoids for grains that the reference does not have."""
 
     grains: GrainSet
     scan: Scan
@@ -42,10 +49,13 @@ class Job:
     settings: TrackSettings
     progress: Progress | None
     device: Device | PatchBackend | None
+    new: tuple[Ellipsoid, ...] = ()
 
     def fit(self) -> MultistageFit:
         """A fit that is about to start."""
-        return MultistageFit.of(self.grains, self.scan, self.settings, self.progress, self.device)
+        fit = MultistageFit.of(self.grains, self.scan, self.settings, self.progress, self.device)
+        add_ellipsoids(fit, self.new)
+        return fit
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +130,9 @@ def finish(job: Job, near: Approach) -> Attempt:
     if near.fluid is not None and result.solution is not near.solution:
         result = SearchResult(*near.fluid.settle(result.problem, result.solution), result.ambiguous)
     problem, solution, fixed = fixed_unless_moved(fit, result.problem, result.solution)
+    problem, solution, new = refitted_beside(fit, problem, solution, job.new)
     problem, solution = with_body_edges_discounted(fit, problem, solution)
+    problem, solution = with_ellipsoids_discounted(fit, problem, solution, new)
     problem, solution = with_hardening(fit, problem, solution)
     if settings.strain:
         problem, solution = solve_strained(fit, problem, solution)
@@ -139,6 +151,8 @@ def finish(job: Job, near: Approach) -> Attempt:
         refined = refine(fit, field_pose, problem, solution)
     motions = classify(grains, refined, result.ambiguous, limits, tuple(fit.costs))
     motions = with_reasons(motions, ambiguous)
+    if new:
+        motions = replace(motions, fit=replace(motions.fit, appeared=new_grains(new)))
     if near.fluid is not None and refined.fluid_covariance is not None:
         found = near.fluid.result(refined.evaluation.fluid_step, refined.fluid_covariance)
         motions = replace(motions, fit=replace(motions.fit, fluid=found))
@@ -147,7 +161,7 @@ def finish(job: Job, near: Approach) -> Attempt:
         notes = (*motions.fit.notes, fixed_note(grains.scene.bodies, fixed))
         motions = replace(motions, fit=replace(motions.fit, notes=notes))
     residual = None
-    if np.isfinite(motions.translations).all():
+    if np.isfinite(motions.translations).all() and not new:
         residual = refined.evaluation.raw_residual
         valid = fit.target.scan.valid
         residual = residual if valid is None else np.where(valid, residual, np.nan)

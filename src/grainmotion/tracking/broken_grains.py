@@ -19,6 +19,7 @@ from grainmotion._typing import Float
 from grainmotion.model.grains import Grain, GrainSet
 from grainmotion.model.motions import Motions, Status
 from grainmotion.model.pose import Pose
+from grainmotion.model.state_fit import PieceMotion
 from grainmotion.model.volume import Volume
 from grainmotion.objective.residual import StateProblem
 from grainmotion.projection.grain_arrays import ball_directions
@@ -181,9 +182,9 @@ def _half(grain: Grain, normal: Float, shift: float, label: int) -> Grain:
 def _of_whole_grains(grains: GrainSet, cut: _Cut, found: Motions) -> Motions:
     """A row for each grain of the reference: of a broken one that of its larger piece, carried to its centre."""
     motions = found.for_grains(grains.labels, grains.centers)
-    statuses, reasons = motions.statuses.copy(), list(motions.reasons)
+    statuses, reasons, parts = motions.statuses.copy(), list(motions.reasons), list[PieceMotion]()
     masses = np.array([float(grain.volume.array.sum(dtype=float)) for grain in cut.grains.grains])
-    for row in set(cut.whole.values()):
+    for row in sorted(set(cut.whole.values())):
         pieces = sorted((i for i, whole in cut.whole.items() if whole == row), key=lambda i: -masses[i])
         shares, larger = masses[pieces] / masses[pieces].sum(), pieces[0]
         arm = grains.centers[row] - cut.grains.centers[larger]
@@ -197,12 +198,24 @@ def _of_whole_grains(grains: GrainSet, cut: _Cut, found: Motions) -> Motions:
         motions.iterations[row] = found.iterations[larger]
         fits = np.isin(found.statuses[pieces], [Status.CONVERGED.value, Status.POORLY_DETERMINED.value]).all()
         statuses[row] = (Status.BROKEN if fits else Status.NOT_CONVERGED).value
+        label = int(grains.labels[row])
+        parts += [
+            _piece(label, number, float(share), found, i)
+            for number, (share, i) in enumerate(zip(shares, pieces, strict=True), start=1)
+        ]
         told = [_told(share, found, i) for share, i in zip(shares, pieces, strict=True)]
         fact = (
             "broken in two, which fit the radiographs" if fits else "perhaps broken, but its two pieces do not both fit"
         )
         reasons[row] = f"{fact}: {', '.join(told)}; the motion given is the larger's"
-    return replace(motions, statuses=statuses, reasons=tuple(reasons))
+    fit = replace(motions.fit, pieces=tuple(parts))
+    return replace(motions, statuses=statuses, reasons=tuple(reasons), fit=fit)
+
+
+def _piece(label: int, number: int, share: float, found: Motions, i: int) -> PieceMotion:
+    """The motion of a piece, row ``i`` of ``found``."""
+    motion = found.centers[i], found.translations[i], found.rotations[i], found.covariances[i]
+    return PieceMotion(label, number, share, *motion, status=str(found.statuses[i]))
 
 
 def _told(share: float, found: Motions, i: int) -> str:

@@ -22,9 +22,9 @@ from grainmotion.tracking.cut_grains import cut_by_panel, cut_reason
 from grainmotion.tracking.deformed_grains import find_deformations
 from grainmotion.tracking.missing_grains import GrainSupport, grain_supports
 from grainmotion.tracking.multistage import pixels_per_unknown
-from grainmotion.tracking.new_grains import unexplained_notes
 from grainmotion.tracking.refinement import RefinedFit
 from grainmotion.tracking.strain_stages import strains_of
+from grainmotion.tracking.unexplained import unexplained_notes
 from grainmotion.uncertainty.goodness_of_fit import misfits
 from grainmotion.uncertainty.weak_directions import poorly_determined
 

@@ -105,7 +105,7 @@ def find_deformations(
 
 def _residual_over_noise(problem: StateProblem, evaluation: Evaluation) -> Float:
     """Squared residual over the variance of the noise in each grain's shadow, ``(n,)``."""
-    images = problem.target.valid, evaluation.raw_residual, noise_variances(problem.target, evaluation)
+    images = problem.target.trust, evaluation.raw_residual, noise_variances(problem.target, evaluation)
     sums = np.zeros((len(problem.grains), 2))
     for grain, own, (good, residual, variance) in evaluation.grain_pixels(*images):
         weight = np.abs(own) * good

@@ -1,140 +1,111 @@
-"""New grains: attenuation in a state that no grain of the reference explains.
+"""New grains: how many grains a state holds that the reference does not, roughly where, and how large.
 
-All views must leave something unexplained at the projections of one place, so the least of them over the views bounds
-what may be there: a visual hull of the residuals.  `unexplained_notes` names such places to the user.
-
-Unexplained attenuation also draws all grains towards it.  Where a grain too many seems to be on the radiographs, a
-ball of the usual size and attenuation is put at the place with most of it and fitted like a grain, so that the others
-are not disturbed; the ball's own motion is not reported.
+Unexplained attenuation draws all grains towards it.  So where grains fit badly before any search, the census of
+`presence` is asked what the radiographs hold beside the grains that are there: at the place where all views leave most,
+an ellipsoid is fitted, and the next place is sought beside it, until nothing of a grain's size is left.  Census and
+ellipsoids are found again beside each other, since each disturbs the other.  Their line integrals then are fixed images
+beside the grains, as those of bodies that do not move, and are fitted again once all grains are in their places.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from contextlib import suppress
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import ndimage
 
-from grainmotion._typing import Float
-from grainmotion.kernels.layout import PADDING
-from grainmotion.model.grains import Grain, GrainSet
-from grainmotion.model.motions import Motions, Status
+from grainmotion.model.motions import Motions
 from grainmotion.model.pose import Pose
-from grainmotion.model.volume import Volume
-from grainmotion.objective.evaluation import Evaluation
-from grainmotion.objective.residual import StateProblem
-from grainmotion.tracking.initial_guess import smooth_fields
+from grainmotion.projection.grain_arrays import planar
+from grainmotion.rotations import rotation_vector
+from grainmotion.tracking.attempt import Approach, Attempt, Job, approach, finish
+from grainmotion.tracking.ellipsoids import Ellipsoid
+from grainmotion.tracking.ellipsoids_beside import with_ellipsoids
+from grainmotion.tracking.leftover import beside_census, beside_pose
 from grainmotion.tracking.missing_grains import registered
-from grainmotion.tracking.multistage import MultistageFit
-from grainmotion.uncertainty.goodness_of_fit import misfits
+from grainmotion.tracking.presence import Census, census_of_fields, count_again
 
-RESIDUAL_FILTER_RADII, PLACE_STEP_RADII, PLACE_MARGIN_RADII = 0.5, 0.5, 1.5
-"""In grain radii: the width of the filter on residuals, the distance between the places that are tried, and how far
-they reach beyond the box of the grains' centres."""
-UNEXPLAINED_SHARE = 0.3
-"""Unexplained line integrals that are reported, as a share of a grain's."""
-MAX_NEW_GRAINS = 5
-"""Places reported at most."""
-SURPLUS_GAIN_SHARE = 0.3
-"""Excess of the fitted gain over 1 where a grain has appeared, over one grain's share of all attenuation."""
-MIN_DOUBTFUL_SHARE = 0.3
-"""Share of grains that must be in doubt before a new grain is supposed."""
+STIFF, LOOSE = 0.1, 0.3
+"""Spreads of radius and attenuation that are expected, while grains are near and once each is in its place."""
+FIELD_ROUNDS, FREE_ROUNDS = 3, 2
+"""Rounds of ellipsoids and a census of fields, and of ellipsoids beside free grains."""
+MAX_RESIDUAL_BESIDE = 0.75
+"""Residual of the census beside ellipsoids, over the one without, up to which grains have appeared."""
 
 
-def unexplained_notes(problem: StateProblem, pose: Pose, evaluation: Evaluation) -> tuple[str, ...]:
-    """A sentence for each place where all views hold something that no grain explains."""
-    return tuple(
-        f"something that is no grain attenuates near x = {x:.3g}, y = {y:.3g}, z = {z:.3g}, "
-        f"{share:.0%} of a grain's line integrals: one that appeared, or a piece of one"
-        for x, y, z, share in unexplained_places(problem, pose, evaluation)
-    )
+@dataclass(frozen=True, eq=False)
+class _Beside:
+    """Ellipsoids, and the census of the grains beside them."""
+
+    found: tuple[Ellipsoid, ...]
+    census: Census
 
 
-def unexplained_places(
-    problem: StateProblem, pose: Pose, evaluation: Evaluation
-) -> list[tuple[float, float, float, float]]:
-    """Places of unexplained attenuation (mm, x y z), and its line integrals there over those of a grain."""
-    grains, geometry = problem.grains, problem.target.scan.geometry
-    radius = float(np.median(grains.radii))
-    of_grains = misfits(problem, evaluation).rms_line_integrals
-    usual = float(np.nanmedian(of_grains)) if np.isfinite(of_grains).any() else 0.0
-    if usual <= 0 or len(problem.target.scan) < 2:
-        return []
-    centers = grains.centers + pose.translations
-    grid = _grid_around(centers, radius)
-    sigma = RESIDUAL_FILTER_RADII * radius / geometry.pixel_at(centers.mean(axis=0))
-    smooth = np.stack([ndimage.gaussian_filter(image.astype(float), sigma) for image in evaluation.raw_residual])
-    least = np.full(len(grid), np.inf)
-    for image, pixels in zip(smooth, geometry.project_points(grid), strict=True):
-        values = ndimage.map_coordinates(image, np.nan_to_num(pixels, nan=-1e9).T, order=1, cval=0.0)
-        least = np.minimum(least, values)
-    places: list[tuple[float, float, float, float]] = []
-    while len(places) < MAX_NEW_GRAINS and least.size and least.max() > UNEXPLAINED_SHARE * usual:
-        best = int(np.argmax(least))
-        x, y, z = (float(v) for v in grid[best])
-        places.append((x, y, z, float(least[best] / usual)))
-        least[np.linalg.norm(grid - grid[best], axis=1) < 3 * radius] = -np.inf
-    return places
+def find_new_grains(job: Job, near: Approach) -> tuple[Ellipsoid, ...]:
+    """Grains of the state that the reference does not have, where grains fit badly; none if they explain nothing."""
+    fit = near.fit
+    if not near.misregistered.any() or len(job.scan) < 2 or planar(fit.grains, job.scan.geometry):
+        return ()
+    alone = census_of_fields(fit, near.start, near.fields)
+    best = _Beside((), alone)
+    for pose in [near.start, *near.fields[:1]]:
+        census = count_again(fit, pose, job.settings.field_filter)
+        for _ in range(FIELD_ROUNDS):
+            found = beside_census(fit, census, STIFF)
+            if not found:
+                break
+            # fields start anew, as those beside other ellipsoids were drawn to what these left
+            census = census_of_fields(with_ellipsoids(fit, found), pose, [])
+            best = min(best, _Beside(found, census), key=lambda trial: trial.census.residual)
+    if best.census.residual > MAX_RESIDUAL_BESIDE * alone.residual or not best.census.present.any():
+        return ()
+    return _beside_free_grains(job, near, best)
 
 
-def _grid_around(centers: Float, radius: float) -> Float:
-    """A grid of points in and around the grains ``(k, 3)``, mm, x y z."""
-    margin, step = PLACE_MARGIN_RADII * radius, PLACE_STEP_RADII * radius
-    low, high = centers.min(axis=0) - margin, centers.max(axis=0) + margin
-    axes = [np.arange(a, b + step, step) for a, b in zip(low, high, strict=True)]
-    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+def _beside_free_grains(job: Job, near: Approach, beside: _Beside) -> tuple[Ellipsoid, ...]:
+    """Ellipsoids once each of the grains that are there has its own motion."""
+    rows, found = np.flatnonzero(beside.census.present), beside.found
+    absent = np.flatnonzero(~beside.census.present)
+    pose = Pose(beside.census.pose.translations[rows], beside.census.pose.matrices[rows])
+    quick = replace(job.settings, fields=False, search=False)
+    grains = job.grains.without(absent.tolist())
+    for _ in range(FREE_ROUNDS):
+        start = replace(
+            Motions.identity(grains.labels, grains.centers),
+            translations=pose.translations,
+            rotations=rotation_vector(pose.matrices),
+        )
+        free = approach(replace(job, grains=grains, new=found, start=start, settings=quick, progress=None))
+        pose = free.solution.state
+        found = beside_pose(with_ellipsoids(free.fit, found, -1), pose, LOOSE, found)
+    return found
 
 
-def may_have_appeared(measured: Motions) -> bool:
-    """Whether a fit looks as if a grain too many were on the radiographs."""
-    surplus = measured.fit.gain > 1 + SURPLUS_GAIN_SHARE / len(measured)
-    doubtful = ~(registered(measured) | (measured.statuses == Status.ABSENT.value))
-    return bool(doubtful.mean() > MIN_DOUBTFUL_SHARE and surplus)
+def beside_new_grains(job: Job, near: Approach) -> tuple[Job, Approach]:
+    """The job and its first stages beside the new grains, if any."""
+    found: tuple[Ellipsoid, ...] = ()
+    if job.settings.search:
+        with suppress(np.linalg.LinAlgError):  # ends the search, not the run
+            found = find_new_grains(job, near)
+    if not found:
+        return job, near
+    job = replace(job, new=found)
+    return job, approach(job)
 
 
-def place_of_new_grain(fit: MultistageFit, start: Pose) -> Float | None:
-    """Place of the most unexplained attenuation after the smooth fields, mm, x y z; None if there is none."""
-    pose = smooth_fields(fit, start)[-1]
-    problem = StateProblem(fit.grains, fit.filtered_target(fit.settings.filters[0]))
-    places = unexplained_places(problem, pose, problem.evaluate(pose))
-    return np.array(places[0][:3]) if places else None
-
-
-def with_stand_in(grains: GrainSet, place: Float) -> GrainSet:
-    """The sample with a ball at ``place`` (mm, x y z), labelled one beyond the others."""
-    masses = [float(g.volume.array.sum(dtype=float)) for g in grains.grains]
-    attenuation = float(np.median(np.concatenate([g.volume.array[g.volume.array > 0] for g in grains.grains])))
-    radius = grains.voxel_size * float(np.cbrt(3 * np.median(masses) / (4 * np.pi * attenuation)))
-    fine = next((g.fine.voxel_size for g in grains.grains if g.fine is not None), None)
-    ball = Grain(
-        int(grains.labels.max()) + 1,
-        _ball(place, radius, attenuation, grains.voxel_size, grains.precision),
-        np.asarray(place, dtype=float),
-        fine=None if fine is None else _ball(place, radius, attenuation, fine, grains.precision),
-    )
-    return replace(grains, grains=(*grains.grains, ball))
-
-
-def _ball(
-    place: Float, radius: float, attenuation: float, voxel_size: float, precision: np.dtype[np.floating]
-) -> Volume:
-    half = int(np.ceil(radius / voxel_size)) + PADDING + 1
-    z, y, x = np.mgrid[-half : half + 1, -half : half + 1, -half : half + 1]
-    array = attenuation * np.clip(radius / voxel_size - np.sqrt(x**2 + y**2 + z**2) + 0.5, 0, 1)
-    return Volume(array.astype(precision), voxel_size, (float(place[0]), float(place[1]), float(place[2])))
-
-
-def start_with_stand_in(start: Motions | None, grains: GrainSet) -> Motions | None:
-    """The start of the sample with a stand-in, which moves from where it was put."""
-    return None if start is None else start.for_grains(grains.labels, grains.centers)
-
-
-def without_last(measured: Motions) -> Motions:
-    """The motions of all but the stand-in, with a note on it."""
-    x, y, z = measured.centers[-1] + np.nan_to_num(measured.translations[-1])
-    note = (
-        f"a grain has appeared near x = {x:.3g}, y = {y:.3g}, z = {z:.3g}: a ball stands in for it so that it does "
-        "not disturb the others; check the reference for it"
-    )
-    others = measured.for_grains(measured.labels[:-1], measured.centers[:-1])
-    return replace(others, fit=replace(others.fit, notes=(*others.fit.notes, note)))
+def with_undisturbing(job: Job, first: Attempt) -> Attempt:
+    """The attempt beside new grains that disturbed none so far; the same if there is none."""
+    motions = first.motions
+    if job.new or not any("that is no grain" in note for note in motions.fit.notes):
+        return first
+    rows = np.flatnonzero(registered(motions))
+    if len(job.scan) < 2 or len(rows) < len(motions) or planar(job.fit().grains, job.scan.geometry):
+        return first
+    pose = Pose(motions.translations, motions.matrices)
+    found = beside_pose(job.fit(), pose, LOOSE)
+    if not found:
+        return first
+    settings = replace(job.settings, fields=False, filters=job.settings.filters[-1:])
+    again = replace(job, new=found, start=motions, settings=settings)
+    second = finish(again, approach(again))
+    return second if registered(second.motions).all() else first

@@ -113,7 +113,15 @@ def _beside_grains(target: Target, pose: Pose) -> Image:
 
 
 def take_census(fit: MultistageFit, start: Pose, fields: list[Pose]) -> Census:
-    """Amplitudes of all grains at the best of ``start`` and ``fields``, and at fields fitted to what is there."""
+    """Amplitudes of all grains near the best of ``start`` and ``fields``, and of fields fitted to what is there."""
+    best = census_of_fields(fit, start, fields)
+    for width in LOOSE_FILTERS:
+        best = _loosened(*_on_host(*fit.level(width, least=LOOSE_GRAIN_PIXELS)), best)
+    return best
+
+
+def census_of_fields(fit: MultistageFit, start: Pose, fields: list[Pose]) -> Census:
+    """The same before any grain leaves its field."""
     grains, target = _on_host(*fit.level(fit.settings.field_filter, least=FIELD_GRAIN_PIXELS))
     starts = [start, centroid_shift(StateProblem(grains, target, displacement_bases.rigid), start), *fields]
     best = min((count(grains, target, pose) for pose in starts), key=lambda census: census.residual)
@@ -123,8 +131,6 @@ def take_census(fit: MultistageFit, start: Pose, fields: list[Pose]) -> Census:
         problem = StateProblem(scaled(grains, best.amplitudes), target, basis)
         census = count(grains, target, gauss_newton(problem, best.pose, CENSUS_STOPPING).state)
         best = min(best, census, key=lambda census: census.residual)
-    for width in LOOSE_FILTERS:
-        best = _loosened(*_on_host(*fit.level(width, least=LOOSE_GRAIN_PIXELS)), best)
     return best
 
 

@@ -24,7 +24,6 @@ from grainmotion.diagnosis.state_geometry import check_state
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions, Status
 from grainmotion.model.scan import Scan
-from grainmotion.model.starting_pose import starting_pose
 from grainmotion.tracking.absent_grains import without_absent
 from grainmotion.tracking.attempt import Attempt, Job, approach, attempt, finish, unsolved
 from grainmotion.tracking.broken_grains import with_broken
@@ -37,13 +36,7 @@ from grainmotion.tracking.missing_grains import (
     registered,
     suspects,
 )
-from grainmotion.tracking.new_grains import (
-    may_have_appeared,
-    place_of_new_grain,
-    start_with_stand_in,
-    with_stand_in,
-    without_last,
-)
+from grainmotion.tracking.new_grains import beside_new_grains, with_undisturbing
 from grainmotion.tracking.settings import PAPER, TrackSettings
 
 __all__ = ["PAPER", "TrackSettings", "track", "track_with_residual"]
@@ -117,9 +110,10 @@ def track_with_residual(
     job = Job(grains, scan, start, settings or TrackSettings(), progress, device)
     with threadpool_limits(limits=1, user_api="blas"):  # its matrices are small, and kernels use all cores
         try:
-            near = approach(job)
+            job, near = beside_new_grains(job, approach(job))
             first = without_absent(job, near) or finish(job, near)
             first = with_broken(job, near, first) or first
+            first = with_undisturbing(job, first)
         except np.linalg.LinAlgError as error:  # ends one attempt, not the run
             first = unsolved(job.grains, error)
         explained = np.isin(first.motions.statuses, [Status.ABSENT.value, Status.BROKEN.value]).any()
@@ -127,12 +121,7 @@ def track_with_residual(
         chosen, motions = first, first.motions
         if registered(best.motions).sum() > registered(first.motions).sum():
             chosen, motions = best, complete(best.motions, grains)
-        residual = chosen.residual
-        if job.settings.search and may_have_appeared(motions):
-            with_new = _with_new_grain(job)
-            if with_new is not None and registered(with_new).sum() > registered(motions).sum():
-                motions, residual = with_new, None
-        return _with_likely_cause(job, motions), residual
+        return _with_likely_cause(job, motions), chosen.residual
 
 
 def _with_likely_cause(job: Job, motions: Motions) -> Motions:
@@ -165,17 +154,3 @@ def _without_missing(job: Job, first: Attempt) -> Attempt:
             break
         present, best = trials[k].grains, attempts[k]
     return best
-
-
-def _with_new_grain(job: Job) -> Motions | None:
-    """The motions beside a ball that stands in for a new grain; None if there is no place for one."""
-    try:
-        place = place_of_new_grain(job.fit(), starting_pose(job.grains, job.start))
-    except np.linalg.LinAlgError:
-        place = None
-    if place is None:
-        return None
-    grains = with_stand_in(job.grains, place)
-    start = start_with_stand_in(job.start, grains)
-    quick = replace(job.settings, search=False)
-    return without_last(attempt(replace(job, grains=grains, start=start, settings=quick)).motions)

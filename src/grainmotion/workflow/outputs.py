@@ -17,7 +17,9 @@ from grainmotion.experiment.config import Experiment, Export
 from grainmotion.experiment.inputs import Inputs
 from grainmotion.experiment.last_reference import described
 from grainmotion.experiment.scan_inputs import ScanInput
+from grainmotion.io.appeared_csv import write_new_grains
 from grainmotion.io.bodies_csv import write_body_motions
+from grainmotion.io.pieces_csv import write_piece_motions
 from grainmotion.io.results import StoredReference
 from grainmotion.io.spam import write_ddic_tsv
 from grainmotion.io.tiff import read_tiff, write_tiff
@@ -35,7 +37,8 @@ from grainmotion.workflow.tracking_stage import TrackedState
 
 REFERENCE_EXPORTS = {"vtk": ("reference.vti",), "spam": ("reference.tif", "reference_labels.tif")}
 STATE_EXPORTS = {"vtk": "grains.vtp", "spam": "grains-ddic.tsv"}
-RESIDUALS, BODIES, REPORT = "residuals.tif", "bodies.csv", "report.html"
+RESIDUALS, REPORT = "residuals.tif", "report.html"
+BODIES, APPEARED, PIECES = "bodies.csv", "appeared.csv", "pieces.csv"
 DEFORMED = ("rebuilt.tif", "rebuilt_labels.tif")
 
 
@@ -66,9 +69,16 @@ def write_outputs(
         folder, state = context.folder / table.name, tracked[table.name]
         files = [folder / RESIDUALS]
         outputs = [("residuals", files, partial(_write_residuals, context, reference, source, state, files[0]))]
-        if bodies := state.motions.fit.bodies:
+        fit = state.motions.fit
+        if fit.bodies:
             files = [folder / BODIES]
-            outputs.append(("bodies", files, partial(write_body_motions, files[0], bodies)))
+            outputs.append(("bodies", files, partial(write_body_motions, files[0], fit.bodies)))
+        if fit.appeared:
+            files = [folder / APPEARED]
+            outputs.append(("appeared", files, partial(write_new_grains, files[0], fit.appeared)))
+        if fit.pieces:
+            files = [folder / PIECES]
+            outputs.append(("pieces", files, partial(write_piece_motions, files[0], fit.pieces)))
         if output.rebuild:
             files = [folder / file for file in DEFORMED]
             outputs.append(("rebuilt", files, partial(_write_deformed, context, reference, state, files)))
