@@ -65,7 +65,8 @@ def test_each_piston_has_its_own_motion():
     np.testing.assert_allclose(lower.translation, DOWN, atol=0.05 * VOXEL)
     np.testing.assert_allclose(lower.rotation[:2], TILT[:2], atol=np.deg2rad(0.1))
     sd = np.sqrt(np.diag(lower.covariance))
-    assert sd[:3].max() < 0.05 * VOXEL
+    assert (np.abs(lower.translation - DOWN) < 3 * sd[:3]).all()
+    assert sd[:3].max() < 0.15 * VOXEL  # with what voxels leave along the faces (decision 0032)
     assert np.rad2deg(sd[5]) > 90  # a disc looks the same turned about its axis
 
 

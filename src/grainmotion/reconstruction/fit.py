@@ -8,7 +8,7 @@ from grainmotion._typing import Progress
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.reconstruction.coarse_start import started
-from grainmotion.reconstruction.grid_growth import fitted_grid, growth_views
+from grainmotion.reconstruction.grid_growth import FittedGrid, fitted_grid, growth_views
 from grainmotion.reconstruction.iterate import new_iterate
 from grainmotion.reconstruction.ordered_subsets import accelerated, plain_sart
 from grainmotion.reconstruction.settings import ReconstructSettings
@@ -35,17 +35,21 @@ class Reconstruction:
 
 
 def fitted_volume(
-    scan: Scan, grid: Volume, settings: ReconstructSettings | None = None, progress: Progress | None = None
+    scan: Scan, grid: Volume, settings: ReconstructSettings, progress: Progress | None = None
 ) -> Reconstruction:
     """As `reconstruct`, for trials: it looks neither for views that are shifted nor for beam hardening."""
-    settings = settings or ReconstructSettings()
-    fitted = fitted_grid(scan.select(growth_views(len(scan))), scan.geometry, grid, settings)
-    fitted.report(progress)
-    grid, settings = fitted.grid, fitted.settings
+    place = fitted_grid(scan.select(growth_views(len(scan))), scan.geometry, grid, settings)
+    return on_grid(scan, place, progress)
+
+
+def on_grid(scan: Scan, place: FittedGrid, progress: Progress | None = None) -> Reconstruction:
+    """The volume of a scan on a grid that was made for it."""
+    place.report(progress)
+    grid, settings = place.grid, place.settings
     if settings.plain(len(scan)):
         iterate: Iterate = new_iterate(scan, grid, settings)
         history = plain_sart(iterate, len(scan), settings, progress)
     else:
         iterate = started(scan, grid, settings)
         history = accelerated(iterate, len(scan), progress)
-    return Reconstruction(fitted.seen(iterate.volume()), tuple(history), fitted.notes)
+    return Reconstruction(place.seen(iterate.volume()), tuple(history), place.notes)

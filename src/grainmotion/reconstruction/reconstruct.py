@@ -8,7 +8,7 @@ from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Progress
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
-from grainmotion.reconstruction.fit import Reconstruction, fitted_volume
+from grainmotion.reconstruction.fit import Reconstruction, on_grid
 from grainmotion.reconstruction.grid_growth import fitted_grid, growth_views
 from grainmotion.reconstruction.hardening import consistent_hardening
 from grainmotion.reconstruction.settings import ReconstructSettings
@@ -49,7 +49,7 @@ def reconstruct(
     place = fitted_grid(scan.select(growth_views(len(scan))), scan.geometry, grid, settings)
     hardening = consistent_hardening(scan.select, scan.geometry, place.grid, place.settings)
     scan = hardening.apply(scan)
-    fitted = fitted_volume(scan, grid, settings, progress)
+    fitted = on_grid(scan, place, progress)
     volume = replace(fitted.volume, hardening=hardening)
     if volume.field is not None:
         volume = replace(volume, field=replace(volume.field, shifts=measured_shifts(scan, volume)))

@@ -105,9 +105,8 @@ class Ellipsoid:
         axes = self.axes + _symmetric(step[3:9])
         values, vectors = np.linalg.eigh(axes)
         values = np.clip(values, AXIS_RANGE[0] * usual.radius, AXIS_RANGE[1] * usual.radius)
-        low, high = ATTENUATION_RANGE
-        share = self.attenuation * float(np.exp(step[9])) / usual.attenuation
-        attenuation = usual.attenuation * min(max(share, low), high)
+        share = np.log(self.attenuation / usual.attenuation) + step[9]
+        attenuation = usual.attenuation * float(np.exp(np.clip(share, *np.log(ATTENUATION_RANGE))))
         return Ellipsoid(self.center + step[:3], (vectors * values) @ vectors.T, attenuation, self.covariance)
 
 
