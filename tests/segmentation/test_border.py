@@ -53,6 +53,19 @@ class TestWhatViewsSaw:
         volume = Volume(np.zeros((38, 40, 40)), 1.0, field=field(geometry))
         assert cut_labels(labels[:38], volume) == (2,)
 
+    def test_a_grain_that_ends_at_the_border_with_its_full_attenuation_is_cut(self, geometry):
+        """Beyond the border the volume is empty, and without labels."""
+        labels = np.zeros(SHAPE, np.int32)
+        cube(labels, 6, (28, 18, 18), (35, 23, 23))
+        volume = Volume(0.1 * (labels > 0), 1.0, field=field(geometry, above=True))
+        last = np.flatnonzero(~beyond_field(volume)[:, 20, 20])[-1]
+        labels[last + 1 :] = 0
+        cube(labels, 6, (28, 18, 18), (last + 1, 23, 23))
+        full = 0.1 * (labels > 0)
+        assert cut_labels(labels, Volume(full, 1.0, field=field(geometry, above=True))) == (6,)
+        full[last] *= 0.6  # a blurred surface
+        assert cut_labels(labels, Volume(full, 1.0, field=field(geometry, above=True))) == ()
+
 
 def test_without_a_field_faces_and_cylinder_cut(labels):
     assert cut_labels(labels, Volume(np.zeros(SHAPE), 1.0)) == border_labels(labels) == (4,)

@@ -75,7 +75,7 @@ BARS = {
     "platens": Bar(0.012, 0.12),
     "wet": Bar(0.02, 0.2),
     "drains": Bar(0.03, 0.3),
-    "sizes": Bar(),
+    "sizes": Bar(converged="whole"),
     "gone": Bar(0.02, 0.2),
     "soft": Bar(converged="any", coverage=0.0),
     "settling": Bar(coverage=0.9, note="moved|crept|sank|settl"),

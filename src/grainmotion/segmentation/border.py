@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from grainmotion._typing import Float
 from grainmotion.model.field_of_view import FieldOfView
@@ -13,6 +14,9 @@ from grainmotion.model.volume import Volume
 
 WHOLE_SHARE = 0.95
 """Share of the reference's views that must have seen all of a grain: what a few views miss is reconstructed as well."""
+FULL_SHARE, MIN_CUT_VOXELS = 0.8, 9
+"""Attenuation of a voxel at the border of the field, over the mean of its grain, from which the grain goes on there,
+and the number of such voxels from which a grain is cut: beyond the border the volume may be empty."""
 FIELD_LATTICE = 2
 """Voxels, along x and y, between the places at which the field's borders are evaluated."""
 
@@ -42,7 +46,17 @@ def cut_labels(labels: NDArray[np.integer], volume: Volume) -> tuple[int, ...]:
     out = beyond_field(volume)
     if out is not None:
         found.update(np.unique(labels[out]).tolist())
+        found |= _ending_at(out, labels, volume)
     return tuple(sorted(int(label) for label in found if label))
+
+
+def _ending_at(out: NDArray[np.bool_], labels: NDArray[np.integer], volume: Volume) -> set[int]:
+    """Labels that end at the border of what was seen with their full attenuation, not with a blurred surface."""
+    counts = np.bincount(labels.ravel())
+    least = FULL_SHARE * np.bincount(labels.ravel(), weights=volume.array.ravel()) / np.maximum(counts, 1)
+    ends = ndimage.binary_dilation(out) & (labels > 0)
+    full = labels[ends][volume.array[ends] > least[labels[ends]]]
+    return set(np.flatnonzero(np.bincount(full, minlength=1) >= MIN_CUT_VOXELS).tolist())
 
 
 def beyond_field(volume: Volume) -> NDArray[np.bool_] | None:
