@@ -81,16 +81,16 @@ def _beside_free_grains(job: Job, near: Approach, beside: _Beside) -> tuple[Elli
     return found
 
 
-def beside_new_grains(job: Job, near: Approach) -> tuple[Job, Approach]:
-    """The job and its first stages beside the new grains, if any."""
+def beside_new_grains(job: Job, near: Approach) -> tuple[tuple[Job, Approach], ...]:
+    """The job and its first stages beside the new grains, if there seem to be any, and then without them."""
     found: tuple[Ellipsoid, ...] = ()
     if job.settings.search:
         with suppress(np.linalg.LinAlgError):  # ends the search, not the run
             found = find_new_grains(job, near)
     if not found:
-        return job, near
-    job = replace(job, new=found)
-    return job, approach(job)
+        return ((job, near),)
+    beside = replace(job, new=found)
+    return (beside, approach(beside)), (job, near)
 
 
 def with_undisturbing(job: Job, first: Attempt) -> Attempt:

@@ -25,7 +25,7 @@ from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions, Status
 from grainmotion.model.scan import Scan
 from grainmotion.tracking.absent_grains import without_absent
-from grainmotion.tracking.attempt import Approach, Attempt, Job, approach, attempt, finish, unsolved
+from grainmotion.tracking.attempt import Attempt, Job, approach, attempt, finish, unsolved
 from grainmotion.tracking.broken_grains import with_broken
 from grainmotion.tracking.missing_grains import (
     MAX_GRAINS_ALL_TRIED,
@@ -110,37 +110,27 @@ def track_with_residual(
     """
     scan = grains.scene.hardening.apply(scan)
     job = Job(grains, scan, start, settings or TrackSettings(), progress, device)
+    first: Attempt | None = None
     with threadpool_limits(limits=1, user_api="blas"):  # its matrices are small, and kernels use all cores
         try:
-            job, first = _first_attempt(job)
-            first = with_undisturbing(job, first)
+            for trial, near in beside_new_grains(job, approach(job)):
+                found = without_absent(trial, near) or finish(trial, near)
+                found = with_broken(trial, near, found) or found
+                if first is None or registered(found.motions).sum() > registered(first.motions).sum():
+                    job, first = trial, found
+                if (registered(first.motions) | np.isin(first.motions.statuses, EXPLAINED)).all():
+                    break
+            if first is not None:
+                first = with_undisturbing(job, first)
         except np.linalg.LinAlgError as error:  # ends one attempt, not the run
-            first = unsolved(job.grains, error)
+            first = first or unsolved(job.grains, error)
+        assert first is not None
         explained = np.isin(first.motions.statuses, EXPLAINED).any()
         best = first if explained else _without_missing(job, first)
         chosen, motions = first, first.motions
         if registered(best.motions).sum() > registered(first.motions).sum():
             chosen, motions = best, complete(best.motions, grains)
         return _with_likely_cause(job, motions), chosen.residual
-
-
-def _first_attempt(job: Job) -> tuple[Job, Attempt]:
-    """The attempt beside new grains, if there seem to be any, unless more of the known ones are found without them."""
-    near = approach(job)
-    beside, near_them = beside_new_grains(job, near)
-    first = _from_near(beside, near_them)
-    if not beside.new or (registered(first.motions) | np.isin(first.motions.statuses, EXPLAINED)).all():
-        return beside, first
-    alone = _from_near(job, near)
-    if registered(alone.motions).sum() > registered(first.motions).sum():
-        return job, alone
-    return beside, first
-
-
-def _from_near(job: Job, near: Approach) -> Attempt:
-    """The attempt from its first stages, without grains that are absent and with those broken in two."""
-    first = without_absent(job, near) or finish(job, near)
-    return with_broken(job, near, first) or first
 
 
 def _with_likely_cause(job: Job, motions: Motions) -> Motions:
