@@ -103,6 +103,18 @@ class TestExport:
         assert (results / "reference.vti").exists()
         assert read_tiff(results / "reference_labels.tif").max() == 3
 
+    def test_the_word_files_and_the_order_of_options_do_not_matter(self, copied):
+        for arguments in (
+            ["files", copied, "--format", "vtk"],
+            ["--format", "vtk", copied],
+            ["-q", "--format=vtk", copied],
+        ):
+            assert "exported: " in invoke("export", *arguments).stdout
+
+    def test_help_lists_the_kinds_of_export(self):
+        assert "files" in invoke("export", "--help").stdout
+        assert "--format" in invoke("export", "files", "--help").stdout
+
     def test_unknown_format_is_refused(self, copied):
         result = CliRunner().invoke(app, ["export", str(copied), "--format", "dxf"])
         assert result.exit_code == 2

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from enum import StrEnum
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypedDict
+from typing import Annotated
 
 import typer
 
 import grainmotion as gm
 from grainmotion.cli import console
+from grainmotion.cli.export_commands import export_app
 from grainmotion.cli.findings import EXIT_CODES, exit_at_errors, exit_by, print_findings
 from grainmotion.cli.options import (
     Checks,
@@ -29,13 +28,8 @@ from grainmotion.cli.options import (
     Strict,
     command,
 )
+from grainmotion.cli.stages import finish, prepared, read
 from grainmotion.errors import InputError
-
-if TYPE_CHECKING:
-    from grainmotion._typing import Progress
-    from grainmotion.cluster.connection import ComputeConfig
-    from grainmotion.experiment.config import Experiment
-    from grainmotion.workflow.run import RunResult
 
 app = typer.Typer(
     name="grainmotion",
@@ -46,13 +40,6 @@ app = typer.Typer(
     add_completion=False,
 )
 add_command = partial(command, app)
-
-
-class Format(StrEnum):
-    """What `export` writes."""
-
-    VTK = "vtk"
-    SPAM = "spam"
 
 
 class CaseName(StrEnum):
@@ -98,59 +85,44 @@ class DatasetName(StrEnum):
 @add_command
 def run(paths: Paths, *, device: OnDevice = None, execution: Execution, checks: Checks) -> None:
     """Run all stages; those that are done already and unchanged are not repeated."""
-    with _prepared(_read(paths.file, device), execution, checks) as (experiment, options):
+    with prepared(read(paths.file, device), execution, checks) as (experiment, options):
         result = gm.run(experiment, out=paths.out, **options)
-    _finish(result, execution, checks, f"report: {result.report}")
+    finish(result, execution, checks, f"report: {result.report}")
 
 
 @add_command
 def reconstruct(paths: Paths, *, device: OnDevice = None, execution: Execution, checks: Checks) -> None:
     """Reconstruct the reference volume and stop."""
-    with _prepared(_read(paths.file, device), execution, checks) as (experiment, options):
+    with prepared(read(paths.file, device), execution, checks) as (experiment, options):
         result = gm.run(experiment, out=paths.out, until="reconstruct", **options)
-    _finish(result, execution, checks, f"volume: in {result.folder}")
+    finish(result, execution, checks, f"volume: in {result.folder}")
 
 
 @add_command
 def segment(paths: Paths, execution: Execution, checks: Checks) -> None:
     """Find the grains of the reference volume and stop."""
-    with _prepared(_read(paths.file), execution, checks) as (experiment, options):
+    with prepared(read(paths.file), execution, checks) as (experiment, options):
         result = gm.run(experiment, out=paths.out, until="segment", **options)
-    _finish(result, execution, checks, f"grains: {result.folder / 'reference.h5'}")
+    finish(result, execution, checks, f"grains: {result.folder / 'reference.h5'}")
 
 
 @add_command
 def track(paths: Paths, *, device: OnDevice = None, execution: Execution, checks: Checks) -> None:
     """Track the grains through all states and stop before residuals, exports and report."""
-    with _prepared(_read(paths.file, device), execution, checks) as (experiment, options):
+    with prepared(read(paths.file, device), execution, checks) as (experiment, options):
         result = gm.run(experiment, out=paths.out, until="track", **options)
-    _finish(result, execution, checks)
+    finish(result, execution, checks)
 
 
 @add_command
 def report(paths: Paths, execution: Execution, checks: Checks) -> None:
     """Write the report; stages that it needs and that are not done yet are done first."""
-    with _prepared(_read(paths.file), execution, checks) as (experiment, options):
+    with prepared(read(paths.file), execution, checks) as (experiment, options):
         result = gm.run(experiment, out=paths.out, until="report", **options)
-    _finish(result, execution, checks, f"report: {result.report}")
+    finish(result, execution, checks, f"report: {result.report}")
 
 
-@add_command
-def export(
-    paths: Paths,
-    *,
-    format: Annotated[list[Format], typer.Option("--format", help="vtk for ParaView, spam for spam")],
-    execution: Execution,
-    checks: Checks,
-) -> None:
-    """Write the motions for other software; stages that are not done yet are done first."""
-    experiment = _read(paths.file)
-    wanted = sorted({*experiment.tables.output.exports, *(f.value for f in format)})
-    output = experiment.tables.output.model_copy(update={"exports": wanted})
-    tables = experiment.tables.model_copy(update={"output": output})
-    with _prepared(dataclasses.replace(experiment, tables=tables), execution, checks) as (experiment, options):
-        result = gm.run(experiment, out=paths.out, **options)
-    _finish(result, execution, checks, *(f"exported: {result.folder / name}" for name in result.motions))
+app.add_typer(export_app, name="export")
 
 
 @add_command
@@ -169,7 +141,7 @@ def inspect(
     from grainmotion.report.inspection_figure import orientation, write_inspection_figure
     from grainmotion.workflow.reference_stages import REFERENCE
 
-    inputs = find_inputs(experiment := _read(file))
+    inputs = find_inputs(experiment := read(file))
     inspection = inspect_inputs(inputs, experiment.tables)
     console.print_inspection(inspection)
     console.print_reference(last_reference(experiment.output / REFERENCE))
@@ -185,40 +157,6 @@ def inspect(
         print(f"no picture: {error.where} {error.fact}; name another file with --picture")
     exit_at_errors(inspection.findings)
     exit_by({}, inspection.findings, strict=strict)
-
-
-def _read(file: Path, device: OnDevice = None) -> Experiment:
-    """The experiment file, with the device that the command names."""
-    experiment = gm.read_experiment(file)
-    return experiment if device is None else experiment.on(device.value)
-
-
-class RunOptions(TypedDict):
-    """Keywords of `gm.run` that options of the command line set."""
-
-    progress: Progress
-    workplace: ComputeConfig
-
-
-@contextmanager
-def _prepared(experiment: Experiment, execution: Execution, checks: Checks) -> Iterator[tuple[Experiment, RunOptions]]:
-    """The experiment with the options about checks, and what `gm.run` needs to show progress and to find workers."""
-    from grainmotion.cluster.connection import ComputeConfig
-
-    workplace = ComputeConfig(execution.scheduler, execution.workers)
-    with console.progress(execution.quiet) as progress:
-        experiment = experiment.checked(force=checks.force, try_fixes=checks.try_fixes)
-        yield experiment, {"progress": progress, "workplace": workplace}
-
-
-def _finish(result: RunResult, execution: Execution, checks: Checks, *last: str) -> None:
-    """Print stages, states, all findings again, and the last lines; end with the exit code that follows."""
-    console.print_stages(result, execution.quiet)
-    console.print_states(result.motions)
-    print_findings(result.findings, quiet=execution.quiet)
-    for line in last:
-        print(line)
-    exit_by(result.motions, result.findings, strict=checks.strict)
 
 
 # ---------------------------------------------------------------------- before beam time
@@ -242,7 +180,7 @@ def plan(
         raise InputError("plan", fact, "give one of them")
     changes = {**dataclasses.asdict(options), "views": _counts(options.views)}
     changes = {key: value for key, value in changes.items() if value is not None}
-    experiment = None if file is None else _read(file)
+    experiment = None if file is None else read(file)
     try:
         settings = dataclasses.replace(experiment.tables.plan if experiment else gm.PlanSettings(), **changes)
     except InputError as error:

@@ -1,0 +1,67 @@
+"""`grainmotion export`: files for other software.
+
+`grainmotion export FILE --format vtk` is older than the subcommands and stays: arguments that begin with no subcommand
+are those of `files`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from enum import StrEnum
+from functools import partial
+from typing import Annotated
+
+import typer
+from typer.core import TyperGroup
+
+import grainmotion as gm
+from grainmotion.cli.findings import EXIT_CODES
+from grainmotion.cli.options import Checks, Execution, Paths, command
+from grainmotion.cli.stages import finish, prepared, read
+
+DEFAULT_EXPORT = "files"
+
+
+class ExportGroup(TyperGroup):
+    """Subcommands of `export`; arguments that begin with none of them are those of `files`."""
+
+    def parse_args(self, ctx: typer.Context, args: list[str]) -> list[str]:  # type: ignore[override]  # base is private
+        """Arguments of the group, with `files` put in front where no subcommand is named."""
+        if args and args[0] not in self.commands and args[0] not in ctx.help_option_names:
+            args = [DEFAULT_EXPORT, *args]
+        return super().parse_args(ctx, args)
+
+
+export_app = typer.Typer(
+    name="export",
+    cls=ExportGroup,
+    help="Write results for other software: `export FILE --format vtk`, or one of the commands below.",
+    epilog=EXIT_CODES,
+    no_args_is_help=True,
+)
+add_command = partial(command, export_app)
+
+
+class Format(StrEnum):
+    """What `export FILE` writes."""
+
+    VTK = "vtk"
+    SPAM = "spam"
+
+
+@add_command
+def files(
+    paths: Paths,
+    *,
+    format: Annotated[list[Format], typer.Option("--format", help="vtk for ParaView, spam for spam")],
+    execution: Execution,
+    checks: Checks,
+) -> None:
+    """Write the motions for other software (the word `files` may be left out); missing stages are done first."""
+    experiment = read(paths.file)
+    wanted = sorted({*experiment.tables.output.exports, *(f.value for f in format)})
+    output = experiment.tables.output.model_copy(update={"exports": wanted})
+    tables = experiment.tables.model_copy(update={"output": output})
+    with prepared(dataclasses.replace(experiment, tables=tables), execution, checks) as (experiment, options):
+        result = gm.run(experiment, out=paths.out, **options)
+    finish(result, execution, checks, *(f"exported: {result.folder / name}" for name in result.motions))
