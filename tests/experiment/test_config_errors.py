@@ -50,6 +50,14 @@ def test_error_names_the_key(tiny, old, new, message):
         inputs_of(tiny, TOML.replace(old, new, 1))
 
 
+@pytest.mark.parametrize(("one", "two"), [("0", "5"), ("60", "60"), ("60", "30"), ("nan", "5"), ("inf", "inf")])
+def test_times_of_states_increase_from_the_reference(tiny, one, two):
+    toml = TOML.replace('name = "one"', f'name = "one"\ntime = {one}')
+    toml = toml.replace('name = "two"', f'name = "two"\ntime = {two}')
+    with pytest.raises(InputError, match=r"states.*\.time"):
+        inputs_of(tiny, toml)
+
+
 def test_several_errors_are_told_at_once(tiny):
     toml = TOML.replace("voxel_size = 0.1", "voxel_size = -0.1").replace("sweeps = 3", "sweep = 3")
     toml = toml.replace("pixel_size = 0.4", "").replace('first_row = "bottom"', "")

@@ -11,6 +11,7 @@ import dataclasses
 import re
 import tomllib
 from collections.abc import Mapping
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -162,7 +163,14 @@ class StateTable(ScanTable):
     """The few radiographs of one later state."""
 
     name: StateName = Field(description="also its folder's name")
-    initial: str = Field(default="previous", description='"previous", "reference", or a motions.csv or spam .tsv')
+    initial: str = Field(
+        default="previous",
+        description='"previous" (or the extrapolation of the last two states where that fits better), "reference", or '
+        "a motions.csv or spam .tsv",
+    )
+    time: float | None = Field(
+        default=None, gt=0, allow_inf_nan=False, description="of its radiographs, seconds since the reference scan"
+    )
 
 
 class OutputTable(_Table):
@@ -283,6 +291,12 @@ def _check_states(tables: ExperimentFile) -> None:
             raise InputError("states", f"a state cannot be called '{name}': a result file has this name", "rename it")
         if names.count(name) > 1:
             raise InputError("states", f"the name '{name}' is given twice", "give each state its own name")
+    told = [s for s in tables.states if s.time is not None]
+    for before, state in pairwise(told):
+        if before.time is not None and state.time is not None and state.time <= before.time:
+            fact = f"{state.time:g} s, not after the {before.time:g} s of state '{before.name}' before it"
+            remedy = "give the states in loading order, with seconds since the reference scan"
+            raise InputError(f"states '{state.name}'.time", fact, remedy)
 
 
 def _inherited(data: Mapping[str, object]) -> dict[str, object]:
