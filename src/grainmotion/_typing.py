@@ -15,6 +15,8 @@ Image = NDArray[np.floating]
 Pixels = NDArray[np.floating | np.integer | np.bool_]
 """Pixels or voxels in the number type of the file that they come from."""
 Beam = Literal["cone", "parallel"]
+Kind = Literal["counts", "transmission", "line-integrals"]
+"""What the pixels of radiographs are."""
 Projector = Literal["trilinear", "exact"]
 """``"trilinear"``: the smooth image, sampled once a voxel; ``"exact"``: the exact radiological path of boxes."""
 Progress = Callable[[str, int, int], None]

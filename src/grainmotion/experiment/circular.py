@@ -9,15 +9,19 @@ import numpy as np
 from grainmotion._typing import Beam, Float
 from grainmotion.errors import InputError
 from grainmotion.experiment.config import AngleRange, Circular
+from grainmotion.experiment.config_errors import FIRST_ROW_REMEDY, together
 from grainmotion.io.angles import read_angles
 from grainmotion.io.files import checked_file
-from grainmotion.io.hdf5 import NXtomo, read_angles_deg
+from grainmotion.io.hdf5 import read_angles_deg
 from grainmotion.model.detector_alignment import DetectorAlignment
 from grainmotion.model.geometry import Geometry
 
+NEEDED = {"pixel_size": "give it in mm", "first_row": FIRST_ROW_REMEDY}
+"""Keys that a circular scan needs from the experiment file or from a scanner's file, and what to do without."""
 
-def scan_angles_deg(table: Circular, folder: Path, nxtomo: NXtomo | None) -> Float:
-    """Angles of the views, degrees: those of the table, else those of the NXtomo file."""
+
+def scan_angles_deg(table: Circular, folder: Path, recorded: Float | None) -> Float:
+    """Angles of the views, degrees: those of the table, else those ``recorded`` in the scanner's file."""
     angles = table.angles_deg
     of_range = {"first": table.first, "last": table.last, "count": table.count}
     given = [name for name, value in of_range.items() if value is not None]
@@ -39,13 +43,16 @@ def scan_angles_deg(table: Circular, folder: Path, nxtomo: NXtomo | None) -> Flo
         return np.array(angles, dtype=float)
     if table.first is not None and table.last is not None and table.count is not None:
         return np.linspace(table.first, table.last, table.count)
-    if nxtomo is not None and np.isfinite(nxtomo.projection_angles_deg).all():
-        return nxtomo.projection_angles_deg
+    if recorded is not None:
+        return recorded
     raise InputError("geometry.angles_deg", "it is missing", "give a list, a text file, or first, last and count")
 
 
 def circular_geometry(table: Circular, beam: Beam, shape: tuple[int, int], angles_deg: Float) -> Geometry:
     """The views of a ``[….geometry]`` table, on a panel of ``shape`` rows and columns."""
+    unknown = [name for name in NEEDED if getattr(table, name) is None]
+    if unknown or table.pixel_size is None or table.first_row is None:
+        raise together([InputError(f"geometry.{name}", "it is missing", NEEDED[name]) for name in unknown])
     panel = DetectorAlignment(
         offset=table.detector_offset,
         tilts_deg=table.detector_tilts_deg,

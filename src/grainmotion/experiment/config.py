@@ -10,14 +10,13 @@ from __future__ import annotations
 import dataclasses
 import re
 import tomllib
-from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from grainmotion._typing import Beam
+from grainmotion._typing import Beam, Kind
 from grainmotion._validation import validated
 from grainmotion.backends.device import DeviceName
 from grainmotion.calibration.settings import ReferenceSettings, ScannerSettings
@@ -25,6 +24,7 @@ from grainmotion.diagnosis.hypotheses import HYPOTHESES
 from grainmotion.diagnosis.settings import CheckSettings
 from grainmotion.errors import InputError
 from grainmotion.experiment.config_errors import input_error
+from grainmotion.experiment.inherited_keys import with_inherited_keys
 from grainmotion.io.files import checked_file
 from grainmotion.io.text import read_text
 from grainmotion.planning.plan import PlanSettings
@@ -37,7 +37,6 @@ RESERVED_STATE_NAMES = (
     "reference.h5", "reconstruction.h5", "report.html", "stages.json", "reference.tif", "reference.vti",
     "beam_level.json", "calibration.json", "checks.json", "checks-grains.json", "checks-volume.json", "run.log",
 )  # fmt: skip
-Kind = Literal["counts", "transmission", "line-integrals"]
 Export = Literal["vtk", "spam"]
 
 
@@ -93,12 +92,18 @@ class AngleRange(_Table):
 
 
 class Circular(_Table):
-    """A circular scan, as `Geometry.cone` and `Geometry.parallel`; a state's table inherits the reference's keys."""
+    """A circular scan, as `Geometry.cone` and `Geometry.parallel`; a state's table inherits the reference's keys.
+
+    What a scanner's file tells needs no key; a key that is given overrides the file.
+    """
 
     beam: Beam | None = Field(default=None, description='"cone" or "parallel"')
     source_to_axis: float | None = Field(default=None, gt=0, description="mm, cone beam only")
     source_to_detector: float | None = Field(default=None, gt=0, description="mm, cone beam only")
-    pixel_size: float = Field(gt=0, description="mm")
+    pixel_size: float | None = Field(gt=0, description="mm")
+    file: str | None = Field(
+        default=None, description="file with the views or the numbers of the scan; keys override it"
+    )
     angles_deg: list[float] | AngleRange | str | None = Field(
         default=None, description='list, {first, last, count}, a text file with one angle a line, or "file.h5::/path"'
     )
@@ -109,7 +114,7 @@ class Circular(_Table):
     detector_tilts_deg: tuple[float, float, float] = Field(default=(0.0, 0.0, 0.0), description="about x, y, z at 0")
     axis_offset: float = Field(default=0.0, description="of the axis along u, mm")
     axis_tilt_deg: tuple[float, float] = Field(default=(0.0, 0.0), description="about x and y at 0")
-    first_row: Literal["bottom", "top"] = Field(
+    first_row: Literal["bottom", "top"] | None = Field(
         description='where row 0 of the images lies: "top" of the sample (most camera files) or "bottom"; no default'
     )
 
@@ -117,17 +122,20 @@ class Circular(_Table):
 class ScanTable(_Table):
     """Radiographs, with everything needed to turn them into line integrals."""
 
-    radiographs: Files | None = Field(default=None, description="TIFF, .npy, HDF5 path, or one NXtomo file")
+    radiographs: Files | None = Field(default=None, description="TIFF, .npy, HDF5 path, or one file of a scanner")
     flats: Files | None = Field(default=None, description="images of the open beam; averaged")
     darks: Files | None = Field(default=None, description="images without beam; averaged; without them the dark is 0")
     kind: Kind | None = Field(default=None, description='"counts" (default), "transmission" or "line-integrals"')
-    geometry: str | Circular | None = Field(default=None, description="CSV with one row a view, or a table")
+    geometry: str | Circular | None = Field(default=None, description="file with one row a view, or a table")
     beam: Beam | None = Field(default=None, description='"cone" (default) or "parallel"')
     views: str | list[int] | None = Field(
         default=None,
         description='radiographs to use, "start:stop:step" or a list; the geometry holds these or all of them',
     )
     air: Air | None = Field(default=None, description="where the radiographs show only air, for one factor a view")
+    white_level: float | None = Field(
+        default=None, gt=0, description="count of the open beam, if the scanner has divided the counts by its flats"
+    )
     saturation: float | None = Field(default=None, gt=0, description="count from which a pixel is saturated")
     motors: Literal[False] | tuple[Direction, Direction, Direction] | None = Field(
         default=None,
@@ -264,7 +272,7 @@ def read_experiment(path: str | Path) -> Experiment:
     except tomllib.TOMLDecodeError as error:
         raise InputError(str(path), f"malformed TOML: {error}", _toml_remedy(str(error))) from error
     try:
-        data = _inherited(data)
+        data = with_inherited_keys(data)
         try:
             tables = ExperimentFile.model_validate(data)
         except ValidationError as error:
@@ -297,31 +305,3 @@ def _check_states(tables: ExperimentFile) -> None:
             fact = f"{state.time:g} s, not after the {before.time:g} s of state '{before.name}' before it"
             remedy = "give the states in loading order, with seconds since the reference scan"
             raise InputError(f"states '{state.name}'.time", fact, remedy)
-
-
-def _inherited(data: Mapping[str, object]) -> dict[str, object]:
-    """Fill in inherited keys: the projector of ``[track]``, the outline of ``[reconstruct]`` from ``[volume]``, and the
-    circular scan of a state from the reference's.
-    """
-    states = data.get("states", [])
-    if not isinstance(states, list):
-        raise InputError("states", "it is no list of tables", "write [[states]] with double brackets")
-    tables = {**data, "states": states}
-    reconstruct, track = data.get("reconstruct"), data.get("track", {})
-    if isinstance(reconstruct, dict) and isinstance(track, dict) and "projector" in reconstruct:
-        tables["track"] = {"projector": reconstruct["projector"], **track}
-    circle = _geometry(data.get("reference"))
-    volume = data.get("volume")
-    if isinstance(volume, dict) and "outline" in volume and isinstance(reconstruct, dict | None):
-        tables["reconstruct"] = {"outline": volume["outline"], **(reconstruct or {})}
-    if circle is not None:
-        common = {key: value for key, value in circle.items() if key not in ("angles_deg", "first", "last", "count")}
-        circles = [_geometry(state) for state in states]
-        tables["states"] = [s if c is None else {**s, "geometry": {**common, **c}} for s, c in zip(states, circles)]
-    return tables
-
-
-def _geometry(scan: object) -> dict[str, object] | None:
-    """The table of a circular scan, if the scan has one."""
-    geometry = scan.get("geometry") if isinstance(scan, dict) else None
-    return geometry if isinstance(geometry, dict) else None

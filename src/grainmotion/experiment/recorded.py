@@ -172,6 +172,7 @@ def moved_geometry(
 def size_findings(where: str, nxtomo: NXtomo, table: Circular, geometry: Geometry) -> tuple[Finding, ...]:
     """Pixel size and distance of the file that contradict those of the experiment file."""
     found = []
+    assert table.pixel_size is not None  # the geometry follows from it
     told = {table.pixel_size, geometry.pixel_at((0, 0, 0))}
     for name in PIXEL_SIZES:
         found += _contradiction(where, nxtomo, name, told, "pixel_size", table.pixel_size)

@@ -10,25 +10,22 @@ import numpy as np
 from pydantic import ValidationError
 
 from grainmotion._arguments import checked_arguments
-from grainmotion._typing import Beam, Index
+from grainmotion._typing import Beam, Index, Kind
 from grainmotion.diagnosis import hypotheses
 from grainmotion.diagnosis.grey_values import likely_kind
 from grainmotion.errors import InputError, InputWarning
-from grainmotion.experiment.circular import circular_geometry, scan_angles_deg
-from grainmotion.experiment.config import Air, Circular, Kind, ReferenceTable, ScanTable
+from grainmotion.experiment.config import Air, ReferenceTable, ScanTable
 from grainmotion.experiment.config_errors import input_error
 from grainmotion.experiment.file_checks import count_mismatch, file_findings, told_angles_deg
 from grainmotion.experiment.recorded import (
-    CircularScan,
-    Recorded,
     Told,
     beam_monitor,
     recorded_geometry,
     stage_shifts,
 )
+from grainmotion.experiment.scan_geometry import ScanSources, find_views, overridden, recorded_levels
 from grainmotion.experiment.scan_inputs import ScanInput
-from grainmotion.io.geometry_csv import read_geometry
-from grainmotion.io.hdf5 import DARK, FLAT, NXtomo
+from grainmotion.io.hdf5 import DARK, FLAT
 from grainmotion.io.stacks import Stack, find_stack
 from grainmotion.model.finding import Finding, Level
 from grainmotion.model.geometry import Geometry
@@ -109,19 +106,19 @@ def find_scan(
     key: str, table: ScanTable, reference: ReferenceTable, folder: Path, geometry: Geometry | None = None
 ) -> ScanInput:
     """Locate one scan; keys missing in its table are the reference's, and ``geometry`` replaces the table's."""
-    radiographs = named_stack(f"{key}.radiographs", table.radiographs, folder)
-    if radiographs is None:
-        raise InputError(f"{key}.radiographs", "it is missing", "name the radiographs")
-    kind = table.kind or reference.kind or "counts"
+    sources = ScanSources.of(key, table, reference, folder)
+    radiographs = _radiographs(sources)
+    kind = sources.kind
     (count, rows, columns), _ = radiographs.info()
     views = _chosen_views(key, table.views, count)
     nxtomo, recorded, circle = radiographs.nxtomo, list[Finding](), None
     if geometry is None:
-        geometry, circle = _find_geometry(key, table, reference, folder, (rows, columns), nxtomo)
+        geometry, circle = find_views(sources, (rows, columns))
+        recorded += overridden(sources, circle)
         if nxtomo is not None:
-            origin = named_stack("reference.radiographs", reference.radiographs, folder)
+            origin = None if reference.radiographs is None else _radiographs(sources.of_reference).nxtomo
             motors = reference.motors if table.motors is None else table.motors
-            shifts = stage_shifts(key, nxtomo, None if origin is None else origin.nxtomo, motors)
+            shifts = stage_shifts(key, nxtomo, origin, motors)
             geometry, found = recorded_geometry(key, nxtomo, Told(geometry, circle, views), shifts)
             recorded += found
     geometry = hypotheses.corrected(geometry, table.fixes)
@@ -131,20 +128,23 @@ def find_scan(
     used = count if views is None else len(views)
     if len(geometry) != used:
         raise count_mismatch(key, table, radiographs, angles, used)
-    flats, darks = (_find_beam_images(frames, key, table, reference, folder) for frames in (FLAT, DARK))
+    flats, darks = (_find_beam_images(frames, sources) for frames in (FLAT, DARK))
+    white_level = None
     if kind != "counts":
         flats = darks = None
     elif flats is None:
-        raise _without_flats(key, radiographs, count)
+        white_level = sources.white_level
+        if white_level is None:
+            raise _without_flats(key, radiographs, count)
     for name, stack in (("flats", flats), ("darks", darks)):
         if stack is not None and stack.info()[0][1:] != (rows, columns):
             fact = f"images of {stack.info()[0][1:]} pixels, but the radiographs have {(rows, columns)}"
             raise InputError(f"{stack.spec} ({key}.{name})", fact, f"give {name} of the same camera settings")
-    monitor = Recorded()
+    monitor = recorded_levels(sources.own)
     if nxtomo is not None and flats is not None:
-        monitor = beam_monitor(key, nxtomo, flats.nxtomo)
-        recorded += monitor.findings
-    stacks = {"radiographs": radiographs, "flats": flats, "darks": darks}
+        of_file = beam_monitor(key, nxtomo, flats.nxtomo)
+        monitor, recorded = of_file.monitor, [*recorded, *of_file.findings]
+    own, stacks = sources.own, {"radiographs": radiographs, "flats": flats, "darks": darks}
     return ScanInput(
         key=key,
         radiographs=radiographs,
@@ -154,10 +154,31 @@ def find_scan(
         geometry=geometry,
         views=views,
         air=table.air or reference.air,
+        white_level=white_level,
         saturation=table.saturation or reference.saturation,
-        monitor=monitor.monitor if monitor.monitor is None or views is None else monitor.monitor[views],
-        findings=(*recorded, *file_findings(key, table, stacks, angles)),
+        monitor=monitor if monitor is None or views is None else monitor[views],
+        findings=(*(own.findings if own else ()), *recorded, *file_findings(key, table, stacks, angles)),
+        circle=None if circle is None else circle.table,
+        facts=() if own is None else (("Format", own.format), *own.facts),
     )
+
+
+def _radiographs(sources: ScanSources) -> Stack:
+    """The radiographs that the table names, or those of the scanner's file that it names."""
+    key, own = f"{sources.key}.radiographs", sources.own
+    if own is None:
+        radiographs = named_stack(key, sources.table.radiographs, sources.folder)
+    elif own.radiographs:
+        radiographs = named_stack(key, list(own.radiographs), own.path.parent)
+    else:
+        fact, remedy = (
+            "its radiographs are not beside it",
+            "copy them there, or name them and give this file as geometry",
+        )
+        raise InputError(f"{own.path} ({key})", fact, remedy)
+    if radiographs is None:
+        raise InputError(key, "it is missing", "name the radiographs")
+    return radiographs
 
 
 def _without_flats(key: str, radiographs: Stack, count: int) -> InputError:
@@ -166,47 +187,31 @@ def _without_flats(key: str, radiographs: Stack, count: int) -> InputError:
     if found in ("transmission", "line-integrals"):
         fact = f"it is missing, and {radiographs.spec} looks like {found}, not counts"
         return InputError(f"{key}.flats", fact, f'set {key}.kind = "{found}"')
-    return InputError(f"{key}.flats", "it is missing", "give flats, or set kind to what the images are")
+    remedy = (
+        "give flats, or set kind to what the images are, or white_level if the scanner has divided them by its flats"
+    )
+    return InputError(f"{key}.flats", "it is missing", remedy)
 
 
-def _find_beam_images(frames: int, key: str, table: ScanTable, reference: ReferenceTable, folder: Path) -> Stack | None:
-    """Flats or darks: the scan's own files or those in its NXtomo file, else the reference's."""
+def _find_beam_images(frames: int, sources: ScanSources) -> Stack | None:
+    """Flats or darks: the scan's own files or those that its scanner's file names, else the reference's."""
     name = {FLAT: "flats", DARK: "darks"}[frames]
-    for owner, scan in ((key, table), ("reference", reference)):
-        stack = named_stack(f"{owner}.{name}", scan.flats if frames == FLAT else scan.darks, folder)
+    owners = ((sources.key, sources.table, sources.own), ("reference", sources.reference, sources.origin))
+    for owner, scan, file in owners:
+        key = f"{owner}.{name}"
+        stack = named_stack(key, scan.flats if frames == FLAT else scan.darks, sources.folder)
         if stack is not None:
             return stack
-        radiographs = named_stack(f"{owner}.radiographs", scan.radiographs, folder)
+        if file is None:
+            continue
+        specs = file.flats if frames == FLAT else file.darks
+        if specs:
+            return named_stack(key, list(specs), file.path.parent)
+        radiographs = named_stack(key, list(file.radiographs) or None, file.path.parent)
         nxtomo = None if radiographs is None else radiographs.nxtomo
         if radiographs is not None and nxtomo is not None and nxtomo.count(frames):
             return radiographs.frames(frames)
     return None
-
-
-def _find_geometry(
-    key: str,
-    table: ScanTable,
-    reference: ReferenceTable,
-    folder: Path,
-    shape: tuple[int, int],
-    nxtomo: NXtomo | None,
-) -> tuple[Geometry, CircularScan | None]:
-    """The views of a scan: a CSV, a circular scan, or the reference's circle with the angles of an NXtomo file."""
-    given = table.geometry
-    circle = reference.geometry if isinstance(reference.geometry, Circular) else None
-    if given is None and nxtomo is not None and circle is not None:
-        given = circle.model_copy(update={"angles_deg": None, "first": None, "last": None, "count": None})
-    if given is None:
-        raise InputError(f"{key}.geometry", "it is missing", "name a CSV, or give a table for a circular scan")
-    inherited: Beam = table.beam or reference.beam or (circle.beam if circle else None) or "cone"
-    if isinstance(given, str):
-        return read_geometry(folder / given, shape, inherited), None
-    try:
-        angles = scan_angles_deg(given, folder, nxtomo)
-        return circular_geometry(given, given.beam or inherited, shape, angles), CircularScan(given, angles)
-    except InputError as error:
-        where = error.where if error.where.startswith(str(folder)) else f"{key}.{error.where}"
-        raise InputError(where, error.fact, error.remedy) from error
 
 
 def _chosen_views(key: str, views: str | list[int] | None, count: int) -> Index | None:

@@ -5,13 +5,15 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from grainmotion._typing import Float, Index, Pixels
+import numpy as np
+
+from grainmotion._typing import Float, Index, Kind, Pixels
 from grainmotion.diagnosis import hypotheses
 from grainmotion.diagnosis.frames import frame_findings
 from grainmotion.diagnosis.grey_values import TO_UNSCALE, grey_value_findings, scaled, wrong_kind
 from grainmotion.diagnosis.read_scan import ReadScan
 from grainmotion.errors import InputError
-from grainmotion.experiment.config import Air, Kind
+from grainmotion.experiment.config import Air, Circular
 from grainmotion.io.stacks import Stack
 from grainmotion.model.finding import Finding, Level
 from grainmotion.model.geometry import Geometry
@@ -40,12 +42,15 @@ class ScanInput:
     geometry: Geometry  # of the chosen views
     views: Index | None = None  # which radiographs to use; None for all
     air: Air | None = None  # where the radiographs show only air
+    white_level: float | None = None  # count of the open beam, if there are no flats as the counts are divided by them
     saturation: float | None = None  # count from which a pixel is saturated
     monitor: Float | None = None  # −ln of the recorded beam over that of the flats, in each of the views
     levels: Float | None = None  # of the beam in each of the views, to be subtracted; not part of the `settings`
     hardening: Hardening | None = None  # curve that undoes beam hardening; not part of the `settings`
     sample: Index | None = None  # radiographs by which the panel is judged; None for some of those in use
-    findings: tuple[Finding, ...] = ()  # about names of files, told angles, and what NXtomo files record
+    findings: tuple[Finding, ...] = ()  # about names of files, told angles, and what the scanner's file records
+    circle: Circular | None = None  # numbers of a circular scan, if the geometry follows from them
+    facts: tuple[tuple[str, str], ...] = ()  # what else the scanner's file tells, label and text
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -63,6 +68,7 @@ class ScanInput:
             "views": None if self.views is None else self.views.tolist(),
             "air": None if self.air is None else asdict(self.air),
             "saturation": self.saturation,
+            "white_level": self.white_level,
             "inner": [[p.inner, p.key] for s in (self.radiographs, self.flats, self.darks) if s for p in s.parts],
         }
 
@@ -104,7 +110,7 @@ class ScanInput:
         images = self.radiographs.read(self.views)
         flats = darks = None
         if self.kind == "counts":
-            flats = None if self.flats is None else self.flats.read()
+            flats = self._white(images) if self.flats is None else self.flats.read()
             darks = None if self.darks is None else self.darks.read()
         try:
             panel = panel_facts(images, flats) if self.sample is None else self._panel(flats)
@@ -128,6 +134,10 @@ class ScanInput:
         names = {name: self._named(name) for name in ("radiographs", "flats", "darks")}
         top = panel.top if self.saturation is None else None
         return ReadScan(self.key, names, self.kind, images, flats, darks, scan, pixels, top)
+
+    def _white(self, images: Pixels) -> Pixels | None:
+        """One flat of the white level, if there are no flats."""
+        return None if self.white_level is None else np.full((1, *images.shape[1:]), self.white_level, np.float32)
 
     def _line_integrals(
         self, images: Pixels, flats: Pixels | None, darks: Pixels | None, panel: PanelFacts

@@ -15,7 +15,7 @@ from grainmotion import simulate
 from grainmotion._typing import Progress
 from grainmotion.errors import InputError
 from grainmotion.experiment.circular import circular_geometry
-from grainmotion.experiment.config import Circular, Experiment, ScanTable
+from grainmotion.experiment.config import Experiment
 from grainmotion.experiment.inputs import find_inputs
 from grainmotion.experiment.scan_files import find_scan
 from grainmotion.experiment.scan_inputs import ScanInput
@@ -93,22 +93,21 @@ def _planned(
 
 def _candidates(experiment: Experiment, settings: PlanSettings) -> Geometry:
     """Views to choose from: a circular scan at all candidate angles, or the nearest of a scan's own views."""
-    table, scan = _first_scan(experiment)
-    described = table.geometry if table.geometry is not None else experiment.tables.reference.geometry
-    if isinstance(described, Circular):
+    scan = _first_scan(experiment)
+    if scan.circle is not None:
         beam = scan.geometry.beam
-        return circular_geometry(described, beam, scan.geometry.shape, candidate_angles(beam, settings))
+        return circular_geometry(scan.circle, beam, scan.geometry.shape, candidate_angles(beam, settings))
     return nearest_views(scan.geometry, settings)
 
 
-def _first_scan(experiment: Experiment) -> tuple[ScanTable, ScanInput]:
+def _first_scan(experiment: Experiment) -> ScanInput:
     """The reference scan or, where only a volume is given, the first state."""
     tables, inputs = experiment.tables, find_inputs(experiment)
     if inputs.reference is not None:
-        return tables.reference, inputs.reference
+        return inputs.reference
     if tables.reference.radiographs is not None:
-        return tables.reference, find_scan("reference", tables.reference, tables.reference, experiment.folder)
+        return find_scan("reference", tables.reference, tables.reference, experiment.folder)
     if inputs.states:
-        return tables.states[0], inputs.states[0]
+        return inputs.states[0]
     fact = "there is no scan whose geometry the plan could use"
     raise InputError("reference.radiographs", fact, "name the reference's radiographs and geometry, or a state")

@@ -1,0 +1,1 @@
+"""The files in which scanners and beamlines describe a scan, one reader a format."""
