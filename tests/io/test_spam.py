@@ -1,29 +1,21 @@
-"""Exchange of motions with spam: round trip of the TSV format, and tests marked `spam` that run spam itself."""
+"""Exchange of motions with spam: what is in the file, and what is read from it; `test_spam_programs.py` runs spam."""
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-import tifffile
-from scipy import ndimage
 
-from grainmotion.analysis.deformed_volume import rebuild
 from grainmotion.errors import InputError
-from grainmotion.io.spam import DDIC_COLUMNS, GRADIENT, read_ddic_tsv, write_ddic_tsv
+from grainmotion.io.spam import read_ddic_tsv, write_ddic_tsv
+from grainmotion.io.spam_table import ADDED_COLUMNS, DDIC_COLUMNS, GRADIENT
 from grainmotion.model.motions import Motions, Status
 from grainmotion.model.volume import Volume
-from grainmotion.rotations import apply_motion, recenter
-from grainmotion.segmentation.extraction import grains_from_labels
+from grainmotion.rotations import apply_motion, rotation_matrix
 
 GRID = Volume.zeros((48, 52, 56), 0.05, (0.3, -0.2, 1.0))
-ROOT = Path(__file__).parents[2]
 
 
 def converged(labels: list[int], centers: np.ndarray, u: np.ndarray, degrees: np.ndarray) -> Motions:
@@ -54,21 +46,22 @@ class TestRoundTrip:
         np.testing.assert_array_equal(back.labels, motions.labels)
         np.testing.assert_array_equal(back.statuses, motions.statuses)
         np.testing.assert_array_equal(back.iterations, motions.iterations)
-        np.testing.assert_allclose(back.residuals, motions.residuals, rtol=1e-8)
+        np.testing.assert_allclose(back.residuals, motions.residuals, atol=1e-7)
         np.testing.assert_allclose(back.centers, motions.centers, atol=1e-8)
         np.testing.assert_allclose(back.translations, motions.translations, atol=1e-8)
-        np.testing.assert_allclose(back.matrices, motions.matrices, atol=1e-8)
+        np.testing.assert_allclose(back.matrices, motions.matrices, atol=2e-7)
 
     def test_unknown_motions_become_not_fitted(self, tmp_path, motions):
         unknown = np.where(np.arange(3)[:, None] == 1, np.nan, motions.translations)
         statuses = np.array(["converged", "left-field", "not-converged"], dtype="<U20")
         write_ddic_tsv(tmp_path / "a.tsv", replace(motions, translations=unknown, statuses=statuses), GRID)
         back = read_ddic_tsv(tmp_path / "a.tsv", GRID)
-        assert list(back.statuses) == ["converged", "not-fitted", "not-converged"]
-        assert np.isnan(back.translations[1]).all()
-        assert np.isnan(back.rotations[1]).all()
+        assert list(back.statuses) == ["converged", "not-fitted", "not-fitted"]
+        assert np.isnan(back.translations[1:]).all()
+        assert np.isnan(back.rotations[1:]).all()
         assert back.reasons[0] == ""
-        assert "status -7" in back.reasons[1]
+        assert back.reasons[1] == "spam returned status -7: is missing, or had no start"
+        assert back.reasons[2] == "spam returned status -1: diverged"
 
     def test_no_grains(self, tmp_path):
         write_ddic_tsv(tmp_path / "a.tsv", Motions.identity(np.zeros(0, int), np.zeros((0, 3))), GRID)
@@ -83,8 +76,19 @@ class TestFormat:
         one = converged([2], center, h * np.array([[3.0, 2.0, 1.0]]), np.array([[0.0, 0.0, 90.0]]))
         write_ddic_tsv(tmp_path / "a.tsv", one, GRID)
         lines = (tmp_path / "a.tsv").read_text().splitlines()
-        assert tuple(lines[0].split("\t")) == DDIC_COLUMNS
+        assert tuple(lines[0].split("\t")) == DDIC_COLUMNS + ADDED_COLUMNS
+        assert lines[0].startswith(
+            "Label\tZpos\tYpos\tXpos\tZdisp\tYdisp\tXdisp\tFzz\tFzy\tFzx\tFyz\tFyy\tFyx\tFxz\tFxy\tFxx\t"
+            "PSCC\terror\titerations\treturnStatus\tdeltaPhiNorm\tLabelDilate\tpixelSearchCC\t"
+        )
+        assert all(
+            word == "nan" or len(word.partition(".")[2]) == 7 for word in lines[3].split("\t")
+        )  # %.7f, integers too
         rows = [dict(zip(DDIC_COLUMNS, map(float, line.split("\t")))) for line in lines[1:]]
+        background = {"Zpos": 0, "Ypos": 0, "Xpos": 0, "Zdisp": 0, "Ydisp": 0, "Xdisp": 0, "returnStatus": 0}
+        assert {key: rows[0][key] for key in background} == background
+        assert [rows[0][c] for c in GRADIENT] == list(np.eye(3).ravel())
+        assert [rows[1][c] for c in GRADIENT] == list(np.eye(3).ravel())
         assert [row["Label"] for row in rows] == [0, 1, 2]
         assert np.isnan(rows[1]["Zpos"])
         assert rows[1]["returnStatus"] < 0
@@ -107,7 +111,7 @@ class TestFormat:
         np.testing.assert_allclose(
             apply_motion(back.matrices, back.translations, back.centers, points),
             apply_motion(motions.matrices, motions.translations, motions.centers, points),
-            atol=1e-7,
+            atol=1e-6,
         )
 
     def test_rotation_of_a_deformation_gradient_with_strain(self, tmp_path, motions):
@@ -119,7 +123,7 @@ class TestFormat:
             gradient = np.array(line[first : first + 9], dtype=float).reshape(3, 3) @ stretch
             line[first : first + 9] = [repr(float(x)) for x in gradient.ravel()]
         (tmp_path / "b.tsv").write_text("\n".join("\t".join(line) for line in lines))
-        np.testing.assert_allclose(read_ddic_tsv(tmp_path / "b.tsv", GRID).matrices, motions.matrices, atol=1e-8)
+        np.testing.assert_allclose(read_ddic_tsv(tmp_path / "b.tsv", GRID).matrices, motions.matrices, atol=2e-7)
 
 
 class TestBadInput:
@@ -132,7 +136,10 @@ class TestBadInput:
         [
             ("Label\tZpos\n1\t2\n", "columns .* are missing"),
             ("NodeNumber\tZpos\n1\t2\n", "NodeNumber"),
-            ("\t".join(DDIC_COLUMNS) + "\n" + "\t".join(["1"] * 21 + ["x"]) + "\n", None),
+            ("\t".join((*DDIC_COLUMNS, "note")) + "\n" + "\t".join(["1"] * 22 + ["x"]) + "\n", None),
+            ("\t".join(DDIC_COLUMNS) + "\n" + "\t".join(["1.5"] + ["1"] * 21) + "\n", "Label is 1.5 in row 1"),
+            ("\t".join(DDIC_COLUMNS) + "\n" + "\t".join(["-1"] + ["1"] * 21) + "\n", "Label is -1 in row 1"),
+            ("\t".join(DDIC_COLUMNS) + "\n" + "\t".join(["1"] * 12) + "\n", "row 1 has no returnStatus: .*truncated"),
             (
                 "\t".join(DDIC_COLUMNS) + "\n" + "\t".join(["1", "two"] + ["1"] * 20) + "\n",
                 "Zpos is 'two' in row 1",
@@ -159,118 +166,187 @@ class TestBadInput:
             write_ddic_tsv(tmp_path / "a.tsv", motions, GRID, np.zeros(GRID.shape, int))
 
 
-# ---------------------------------------------------------------------- spam itself
-@pytest.fixture(scope="module")
-def spam_python() -> Path:
-    """The Python of an environment that holds spam."""
-    python = Path(os.environ.get("GRAINMOTION_SPAM_PYTHON", ROOT / ".venv-spam" / "bin" / "python"))
-    if not python.exists():
-        pytest.fail(
-            f"{python} is missing: run `python -m venv .venv-spam && .venv-spam/bin/pip install spam`, "
-            "or let GRAINMOTION_SPAM_PYTHON name the Python of an environment that holds spam"
-        )
-    return python
-
-
-def run_in_spam(python: Path, script: str, *arguments: object) -> dict:
-    """Run a script in spam's environment; its last line is JSON."""
-    command = [str(python), "-c", script, *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=900)
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout.splitlines()[-1])
-
-
-READ = """
-import json, sys, numpy, spam.deformation, spam.helpers
-table = spam.helpers.readCorrelationTSV(sys.argv[1], readError=True, verbose=False)
-vectors = [spam.deformation.decomposePhi(phi)["r"] for phi in table["PhiField"]]
-keys = ("fieldCoords", "PhiField", "returnStatus", "iterations", "error")
-print(json.dumps({**{k: numpy.asarray(table[k]).tolist() for k in keys}, "r": numpy.array(vectors).tolist()}))
-"""
-
-MOVE = """
-import json, sys, numpy, tifffile, spam.helpers, spam.label
-table = spam.helpers.readCorrelationTSV(sys.argv[1], verbose=False)
-labels = tifffile.imread(sys.argv[2])
-moved = spam.label.moveLabels(
-    labels, table["PhiField"], returnStatuses=table["returnStatus"], margin=12, nProcesses=1
-)
-tifffile.imwrite(sys.argv[3], moved)
-print(json.dumps({}))
-"""
-
-
-@pytest.fixture(scope="module")
-def packing() -> tuple[Volume, np.ndarray, Motions]:
-    """Three textured ellipsoids with labels 1, 2 and 4, and their motion to another state."""
-    random = np.random.default_rng(5)
-    z, y, x = np.meshgrid(*(np.arange(n) for n in GRID.shape), indexing="ij")
-    texture = 1 + 0.5 * ndimage.gaussian_filter(random.normal(size=GRID.shape), 1.5) / 0.12
+def l_shapes() -> np.ndarray:
+    """Labels 2, 3 and 6, and 8 without a motion, each an L, whose box has its middle far from the centroid."""
     labels = np.zeros(GRID.shape, np.int32)
-    for label, (cz, cy, cx) in {1: (14, 16, 16), 2: (32, 36, 18), 4: (24, 22, 40)}.items():
-        labels[((z - cz) / 8) ** 2 + ((y - cy) / 10) ** 2 + ((x - cx) / 9) ** 2 < 1] = label
-    volume = Volume(ndimage.gaussian_filter(np.where(labels > 0, texture, 0), 0.7), GRID.voxel_size, GRID.center)
-    grains = grains_from_labels(volume, labels)
-    u = random.uniform(-2.5, 2.5, (3, 3)) * GRID.voxel_size
-    return volume, labels, converged([1, 2, 4], grains.centers, u, random.uniform(-9, 9, (3, 3)))
+    for label, z in zip((2, 3, 6, 8), (3, 14, 25, 36)):
+        labels[z : z + 8, 10:14, 20:40] = label
+        labels[z : z + 4, 14:30, 20:26] = label
+    return labels
 
 
-@pytest.mark.spam
-class TestWithSpam:
-    def test_spam_reads_the_same_motions(self, tmp_path, motions, spam_python):
-        small = replace(motions, rotations=motions.rotations / 4)
-        write_ddic_tsv(tmp_path / "a-ddic.tsv", small, GRID)
-        read = {k: np.array(v) for k, v in run_in_spam(spam_python, READ, tmp_path / "a-ddic.tsv").items()}
-        voxels = (small.centers - GRID.origin)[:, ::-1] / GRID.voxel_size
-        np.testing.assert_allclose(read["fieldCoords"][small.labels], voxels, atol=1e-7)
-        phi = read["PhiField"][small.labels]
-        np.testing.assert_allclose(phi[:, :3, 3], small.translations[:, ::-1] / GRID.voxel_size, atol=1e-7)
-        np.testing.assert_allclose(phi[:, :3, :3], small.matrices[:, ::-1, ::-1], atol=1e-7)
-        # Reversing the axes mirrors the frame: spam's rotation vector is minus ours, reversed.
-        np.testing.assert_allclose(read["r"][small.labels], -np.rad2deg(small.rotations)[:, ::-1], atol=1e-5)
-        np.testing.assert_array_equal(read["returnStatus"][small.labels], 2)
-        np.testing.assert_array_equal(read["iterations"][small.labels], small.iterations)
-        np.testing.assert_allclose(read["error"][small.labels], small.residuals, rtol=1e-7)
-
-    def test_labels_moved_by_spam_overlap_those_of_rebuild(self, tmp_path, packing, spam_python):
-        _, labels, motions = packing
-        tifffile.imwrite(tmp_path / "labels.tif", labels.astype("<u4"))
-        write_ddic_tsv(tmp_path / "a-ddic.tsv", motions, GRID, labels)
-        run_in_spam(spam_python, MOVE, tmp_path / "a-ddic.tsv", tmp_path / "labels.tif", tmp_path / "moved.tif")
-        theirs = tifffile.imread(tmp_path / "moved.tif")
-        body = Volume((labels > 0).astype(np.float32), GRID.voxel_size, GRID.center)
-        _, ours = rebuild(grains_from_labels(body, labels, reach=0), about_centres_of(motions, body, labels), GRID)
-        for label in (1, 2, 4):
-            both, either = (theirs == label) & (ours == label), (theirs == label) | (ours == label)
-            assert both.sum() / either.sum() > 0.97
-
-    def test_spam_ddic_started_from_our_file_agrees(self, tmp_path, packing, spam_python):
-        """spam-ddic on reference and deformed volume, started 0.4 voxel away, converges to our motions."""
-        volume, labels, motions = packing
-        moved, _ = rebuild(grains_from_labels(volume, labels), motions, GRID)
-        tifffile.imwrite(tmp_path / "reference.tif", volume.array)
-        tifffile.imwrite(tmp_path / "labels.tif", labels.astype("<u4"))
-        tifffile.imwrite(tmp_path / "moved.tif", moved.array)
-        start = replace(motions, translations=motions.translations + 0.4 * GRID.voxel_size)
-        write_ddic_tsv(tmp_path / "start.tsv", start, GRID, labels)
-        command = [spam_python.parent / "spam-ddic", "-np", "1", "-pf", tmp_path / "start.tsv"]
-        command += ["-od", tmp_path, "-pre", "spam"]
-        command += [tmp_path / name for name in ("reference.tif", "labels.tif", "moved.tif")]
-        done = subprocess.run([str(c) for c in command], capture_output=True, text=True, timeout=900)
-        assert (tmp_path / "spam-ddic.tsv").exists(), done.stdout + done.stderr
-        correlated = read_ddic_tsv(tmp_path / "spam-ddic.tsv", GRID)
-        np.testing.assert_array_equal(correlated.labels, motions.labels)
-        assert set(correlated.statuses) == {"converged"}
-        translations = recenter(correlated.matrices, correlated.translations, correlated.centers, motions.centers)
-        np.testing.assert_allclose(translations, motions.translations, atol=0.05 * GRID.voxel_size)
-        np.testing.assert_allclose(np.rad2deg(correlated.rotations), np.rad2deg(motions.rotations), atol=0.3)
+def box_centers(labels: np.ndarray) -> np.ndarray:
+    """Middles of the boxes of labels 2, 3 and 6, mm, x y z."""
+    ends = [np.argwhere(labels == label)[:, ::-1] for label in (2, 3, 6)]
+    return np.array([(e.min(axis=0) + e.max(axis=0)) / 2 for e in ends]) * GRID.voxel_size + GRID.origin
 
 
-def about_centres_of(motions: Motions, body: Volume, labels: np.ndarray) -> Motions:
-    """The same motions about the centres of grains of uniform attenuation."""
-    centers = grains_from_labels(body, labels, reach=0).centers
-    moved = recenter(motions.matrices, motions.translations, motions.centers, centers)
-    return replace(motions, centers=centers, translations=moved)
+class TestPointOfTheDisplacement:
+    """The displacement is that of the label's centroid, or of the middle of its bounding box."""
+
+    @pytest.mark.parametrize("about", ["centroid", "box"])
+    def test_displacement_is_that_of_the_named_point(self, tmp_path, motions, about):
+        labels = l_shapes()
+        centroids = [np.argwhere(labels == k).mean(axis=0)[::-1] * GRID.voxel_size + GRID.origin for k in (2, 3, 6)]
+        point = np.array(centroids) if about == "centroid" else box_centers(labels)
+        write_ddic_tsv(tmp_path / "a.tsv", motions, GRID, labels, about=about)
+        table = pd.read_csv(tmp_path / "a.tsv", sep="\t").loc[motions.labels]
+        carried = apply_motion(motions.matrices, motions.translations, motions.centers, point)
+        expected = (carried - point)[:, ::-1] / GRID.voxel_size
+        np.testing.assert_allclose(table[["Zdisp", "Ydisp", "Xdisp"]], expected, atol=1e-6)
+        positions = (np.array(centroids) - GRID.origin)[:, ::-1] / GRID.voxel_size
+        np.testing.assert_allclose(table[["Zpos", "Ypos", "Xpos"]], positions, atol=1e-6)  # whatever the point
+
+    @pytest.mark.parametrize("about", ["centroid", "box"])
+    def test_motions_are_read_back_as_the_file_says(self, tmp_path, motions, about):
+        labels = l_shapes()
+        write_ddic_tsv(tmp_path / "a.tsv", motions, GRID, labels, about=about)
+        back = read_ddic_tsv(tmp_path / "a.tsv", GRID, labels)
+        points = np.random.default_rng(0).normal(size=(3, 3))
+        np.testing.assert_allclose(
+            apply_motion(back.matrices[:3], back.translations[:3], back.centers[:3], points),
+            apply_motion(motions.matrices, motions.translations, motions.centers, points),
+            atol=2e-6,
+        )
+
+    def test_a_file_with_the_columns_of_spam_ddic_is_about_the_box(self, tmp_path, motions):
+        labels = l_shapes()
+        write_ddic_tsv(tmp_path / "ours.tsv", motions, GRID, labels, about="box")
+        table = pd.read_csv(tmp_path / "ours.tsv", sep="\t")
+        table[list(DDIC_COLUMNS)].to_csv(tmp_path / "ddic.tsv", sep="\t", index=False, na_rep="nan")
+        ours, theirs = (read_ddic_tsv(tmp_path / f"{name}.tsv", GRID, labels) for name in ("ours", "ddic"))
+        np.testing.assert_array_equal(theirs.translations, ours.translations)
+        # spam's other programs have no column LabelDilate: their displacement is that of the position
+        table[list(DDIC_COLUMNS[:-1])].to_csv(tmp_path / "other.tsv", sep="\t", index=False, na_rep="nan")
+        other = read_ddic_tsv(tmp_path / "other.tsv", GRID, labels)
+        as_told = read_ddic_tsv(tmp_path / "ddic.tsv", GRID, labels, about="centroid")
+        np.testing.assert_array_equal(other.translations, as_told.translations)
+        assert np.abs(other.translations - ours.translations)[:3].max() > GRID.voxel_size
+
+    def test_without_labels_the_position_is_taken_for_the_middle_of_the_box(self, tmp_path, motions):
+        labels = l_shapes()
+        write_ddic_tsv(tmp_path / "a.tsv", motions, GRID, labels, about="box")
+        with_labels, without = (read_ddic_tsv(tmp_path / "a.tsv", GRID, given) for given in (labels, None))
+        arms = box_centers(labels) - with_labels.centers[:3]
+        error = np.einsum("nij,nj->ni", motions.matrices - np.eye(3), arms)
+        np.testing.assert_allclose((without.translations - with_labels.translations)[:3], error, atol=1e-6)
+
+    def test_the_box_needs_labels_to_be_written(self, tmp_path, motions):
+        with pytest.raises(InputError, match="needs the labels"):
+            write_ddic_tsv(tmp_path / "a.tsv", motions, GRID, about="box")
+
+    def test_unknown_points_are_refused(self, tmp_path, motions):
+        with pytest.raises(InputError, match="'corner' is no point of a grain"):
+            write_ddic_tsv(tmp_path / "a.tsv", motions, GRID, about="corner")
+        write_ddic_tsv(tmp_path / "a.tsv", motions, GRID)
+        with pytest.raises(InputError, match="'corner' is no point of a grain"):
+            read_ddic_tsv(tmp_path / "a.tsv", GRID, about="corner")
+
+    def test_rows_go_to_the_largest_label_of_the_image(self, tmp_path, motions):
+        """spam-ddic compares positions with its own centroids of all labels, and NaN with NaN."""
+        labels = l_shapes()
+        write_ddic_tsv(tmp_path / "a.tsv", motions, GRID, labels)
+        table = pd.read_csv(tmp_path / "a.tsv", sep="\t")
+        assert table["Label"].tolist() == list(range(9))
+        for label in range(1, 9):
+            there = np.argwhere(labels == label)
+            expected = there.mean(axis=0) if len(there) else np.full(3, np.nan)
+            np.testing.assert_allclose(table.loc[label, ["Zpos", "Ypos", "Xpos"]].to_numpy(float), expected, atol=1e-6)
+        assert table.loc[8, "returnStatus"] == -7
+        assert np.isnan(table.loc[8, "Zdisp"])
+
+
+class TestStandardDeviations:
+    def test_columns_are_of_the_written_point(self, tmp_path, motions):
+        """Against the scatter of motions drawn from the covariance."""
+        random = np.random.default_rng(8)
+        root = random.normal(size=(3, 6, 6)) * np.array([2e-3] * 3 + [8e-3] * 3)[:, None]
+        measured = replace(motions, covariances=root @ root.swapaxes(1, 2))
+        write_ddic_tsv(tmp_path / "a.tsv", measured, GRID, l_shapes(), about="box")
+        table = pd.read_csv(tmp_path / "a.tsv", sep="\t").loc[[2, 3, 6]]
+        draws = np.einsum("nij,dnj->dni", root, random.normal(size=(20_000, 3, 6)))
+        drawn = rotation_matrix(draws[..., 3:]) @ motions.matrices
+        point = box_centers(l_shapes())
+        carried = apply_motion(drawn, motions.translations + draws[..., :3], motions.centers, point)
+        scatter = carried.std(axis=0)[:, ::-1] / GRID.voxel_size
+        np.testing.assert_allclose(table[["sd_Zdisp", "sd_Ydisp", "sd_Xdisp"]], scatter, rtol=0.03)
+        turns = np.rad2deg(draws[..., 3:].std(axis=0))[:, ::-1]
+        np.testing.assert_allclose(table[["sd_Zrot_deg", "sd_Yrot_deg", "sd_Xrot_deg"]], turns, rtol=0.03)
+
+    def test_variances_are_read_back(self, tmp_path, motions):
+        sd = np.array([0.01, 0.02, 0.03, 0.004, 0.005, 0.006])
+        write_ddic_tsv(tmp_path / "a.tsv", replace(motions, covariances=np.tile(np.diag(sd**2), (3, 1, 1))), GRID)
+        back = read_ddic_tsv(tmp_path / "a.tsv", GRID)
+        np.testing.assert_allclose(
+            np.sqrt(np.diagonal(back.covariances, axis1=1, axis2=2)), np.tile(sd, (3, 1)), rtol=1e-5
+        )
+
+
+class TestReturnStatus:
+    def test_status_says_what_may_be_used(self, tmp_path):
+        n = len(Status)
+        still = Motions.identity(np.arange(1, n + 1), np.zeros((n, 3)))
+        statuses = np.array([s.value for s in Status], dtype="<U20")
+        reasons = tuple("poorly determined: rotation" if s == "poorly-determined" else "" for s in statuses)
+        gone = np.isin(statuses, ["left-field", "absent"])[:, None]
+        told = replace(still, statuses=statuses, reasons=reasons, translations=np.where(gone, np.nan, np.zeros((n, 3))))
+        write_ddic_tsv(tmp_path / "a.tsv", told, GRID)
+        returned = dict(zip(statuses, pd.read_csv(tmp_path / "a.tsv", sep="\t")["returnStatus"][1:]))
+        assert returned == {
+            "converged": 2, "not-converged": -1, "poorly-determined": 1, "left-field": -7, "not-fitted": 0,
+            "ambiguous": 1, "absent": -7, "cut": -1, "broken": -1, "deformed": -1,
+        }  # fmt: skip
+
+    @pytest.mark.parametrize(
+        ("returned", "status", "moves", "words"),
+        [
+            (2, "converged", True, ""),
+            (1, "not-converged", True, "limit of iterations"),
+            (0, "not-fitted", True, "was not correlated"),
+            (-1, "not-fitted", False, "diverged"),
+            (-5, "not-fitted", False, "too small or outside"),
+            (-7, "not-fitted", False, "is missing"),
+            (-9, "not-fitted", False, "spam returned status -9"),
+        ],
+    )
+    def test_meaning_of_what_spam_returns(self, tmp_path, motions, returned, status, moves, words):
+        write_ddic_tsv(tmp_path / "a.tsv", motions, GRID)
+        table = pd.read_csv(tmp_path / "a.tsv", sep="\t")
+        table["returnStatus"] = returned
+        table.to_csv(tmp_path / "a.tsv", sep="\t", index=False)
+        back = read_ddic_tsv(tmp_path / "a.tsv", GRID)
+        assert set(back.statuses) == {status}
+        assert np.isfinite(back.translations).all() == moves
+        assert all(words in reason for reason in back.reasons)
+
+
+class TestExchangedColumns:
+    """spam-ddic -skp writes error, iterations, deltaPhiNorm and LabelDilate of repeated grains one column off."""
+
+    @pytest.mark.parametrize(
+        ("column", "value", "words"),
+        [
+            ("iterations", 0.0312, "iterations is 0.0312 in row 4"),
+            ("iterations", np.inf, "iterations is inf in row 4"),
+            ("LabelDilate", 0.0007, "LabelDilate is 0.0007 in row 4"),
+            ("returnStatus", 0.5, "returnStatus is 0.5 in row 4"),
+        ],
+    )
+    def test_are_refused_with_the_reason(self, tmp_path, motions, column, value, words):
+        write_ddic_tsv(tmp_path / "a.tsv", motions, GRID)
+        table = pd.read_csv(tmp_path / "a.tsv", sep="\t")
+        table[column] = table[column].astype(float)
+        table.loc[3, column] = value
+        table.to_csv(tmp_path / "a.tsv", sep="\t", index=False)
+        with pytest.raises(InputError, match=words) as error:
+            read_ddic_tsv(tmp_path / "a.tsv", GRID)
+        assert "-skp" in str(error.value)
+
+
+def test_file_of_other_voxels_is_refused(tmp_path, motions):
+    write_ddic_tsv(tmp_path / "a.tsv", motions, GRID)
+    with pytest.raises(InputError, match=r"voxels of 0\.05 mm .* voxels of 0\.1"):
+        read_ddic_tsv(tmp_path / "a.tsv", Volume.zeros((24, 26, 28), 0.1, GRID.center))
 
 
 class TestGradientsThatAreNoRotations:
@@ -303,5 +379,5 @@ def test_gradients_of_strained_grains_hold_the_strain(tmp_path, motions):
     write_ddic_tsv(tmp_path / "a.tsv", strained, GRID)
     table = pd.read_csv(tmp_path / "a.tsv", sep="\t").set_index("Label")
     written = table.loc[motions.labels, list(GRADIENT)].to_numpy().reshape(3, 3, 3)[:, ::-1, ::-1]
-    np.testing.assert_allclose(written, strained.gradients, atol=1e-8)
-    np.testing.assert_allclose(read_ddic_tsv(tmp_path / "a.tsv", GRID).matrices, motions.matrices, atol=1e-8)
+    np.testing.assert_allclose(written, strained.gradients, atol=1e-7)
+    np.testing.assert_allclose(read_ddic_tsv(tmp_path / "a.tsv", GRID).matrices, motions.matrices, atol=2e-7)

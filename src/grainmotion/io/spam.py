@@ -1,19 +1,19 @@
 """Exchange with spam (https://www.spam-project.dev): the ``…-ddic.tsv`` of its discrete correlation.
 
-One row a label, from 0 (background) to the largest, so that row number and label agree, tab-separated:
-
-    Label  Zpos Ypos Xpos  Zdisp Ydisp Xdisp  Fzz Fzy Fzx Fyz Fyy Fyx Fxz Fxy Fxx
-    PSCC  error  iterations  returnStatus  deltaPhiNorm  LabelDilate
-
+One row a label, from 0 (background) to the largest; columns and their traps are in `grainmotion.io.spam_table`.
 Positions and displacements are in voxels of the labelled image (voxel [0, 0, 0] is centred at 0), in z y x
-order; Φ = [F | disp] carries the reference to the current state about the label's own position.  Hence,
+order; Φ = [F | disp] carries the reference to the current state about a point p of the label.  Hence,
 with h the voxel size and o the position of voxel [0, 0, 0] in the sample frame,
 
-    pos = (c − o)/h,    disp = u/h,    F = Ω,    each with its x y z components written in z y x order.
+    pos = (centroid − o)/h,    disp = u(p)/h,    F = Ω U,    each with its x y z components written in z y x order.
 
-spam 0.9.1 writes the labels' centres of mass, but its Φ is about the middle of each label's bounding box: for
-grains that rotate, displacements that it measured are off by (Ω − 1) times the vector between the two
-(`validation/benchmarks/full_scan.py`).
+The point p is the position, which is the label's centroid, or the middle of the label's bounding box (`About`):
+
+    u(box) = u(centroid) + (F − 1)(box − centroid).
+
+``spam-moveLabels -com`` and the strains of ``spam.deformation`` take the centroid; ``spam-ddic`` writes, and as a
+start takes, the displacement of the box.  (``spam-moveLabels`` without ``-com`` takes neither, but the centroid
+rounded down to whole voxels.)
 
 Reversing the order of the axes mirrors the frame, so the rotation vector that spam derives from F,
 in z y x order, is **minus** the reversed rotation vector of grainmotion; F itself needs no sign.
@@ -26,122 +26,242 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy import ndimage
 
+from grainmotion._arguments import checked_arguments
+from grainmotion._typing import Float
 from grainmotion.errors import InputError
-from grainmotion.io.files import atomic_write, checked_file
+from grainmotion.io import spam_table
+from grainmotion.io.files import atomic_write
+from grainmotion.io.spam_table import (
+    ABOUT_BOX,
+    ADDED_COLUMNS,
+    DDIC_COLUMNS,
+    DISPLACEMENT,
+    DISPLACEMENT_SD,
+    GRADIENT,
+    POSITION,
+    ROTATION_SD,
+    VOXEL_SIZE,
+    About,
+)
 from grainmotion.model.motions import Motions, Status
 from grainmotion.model.volume import Volume
-from grainmotion.rotations import recenter, rotation_vector
+from grainmotion.rotations import recenter, rotation_vector, skew_matrix
+from grainmotion.segmentation.label_points import LabelPoints
 
-POSITION = ("Zpos", "Ypos", "Xpos")
-DISPLACEMENT = ("Zdisp", "Ydisp", "Xdisp")
-GRADIENT = ("Fzz", "Fzy", "Fzx", "Fyz", "Fyy", "Fyx", "Fxz", "Fxy", "Fxx")
-QUALITY = ("PSCC", "error", "iterations", "returnStatus", "deltaPhiNorm", "LabelDilate")
-DDIC_COLUMNS = ("Label", *POSITION, *DISPLACEMENT, *GRADIENT, *QUALITY)
-
-RETURN_STATUS: dict[str, int] = {
-    Status.CONVERGED.value: 2,
-    Status.POORLY_DETERMINED.value: 1,
-    Status.NOT_CONVERGED.value: 1,
-    Status.LEFT_FIELD.value: -7,
-    Status.NOT_FITTED.value: 0,
-    Status.AMBIGUOUS.value: 1,
-    Status.ABSENT.value: -7,
-    Status.CUT.value: 1,
-    Status.BROKEN.value: 1,
-    Status.DEFORMED.value: 1,
-}
-"""spam's ``returnStatus`` of each status: 2 converged, 1 not converged, 0 not correlated, -7 no grain to correlate."""
-
+TRANSLATION_TO_USE, NOT_TO_USE, NO_MOTION = 1, -1, -7
+"""``returnStatus`` of grains that did not converge: those whose translation is a result to use
+(`Motions.ok_translation`), others, and those without a motion.  Converged ones have 2, and grains with a motion that
+was not fitted 0."""
 MIN_STRETCH = 0.1
 """Smallest stretch of a gradient; one that flattens a grain more has no rotation."""
 MAX_STRAIN = 0.2
 """Largest strain of a grain that is still taken for a rigid motion; grains of stone strain by less than 0.01."""
 
 
-def write_ddic_tsv(path: str | Path, motions: Motions, grid: Volume, labels: NDArray[np.integer] | None = None) -> None:
-    """Write motions as spam's discrete-correlation TSV, in voxels of ``grid``, the reference volume.
+@checked_arguments
+def write_ddic_tsv(
+    path: str | Path,
+    motions: Motions,
+    grid: Volume,
+    labels: NDArray[np.integer] | None = None,
+    *,
+    about: About = "centroid",
+) -> None:
+    """Write motions as the TSV of spam's discrete correlation.
 
-    With ``labels`` (nz, ny, nx) each motion is stated about the label's own centre of mass (all voxels with equal
-    weight), which spam-ddic requires within 0.1 voxel when it starts from this file; without them, about the
-    attenuation-weighted centres of ``motions``.
+    After spam's columns come the standard deviations of the displacement (voxels) and of rotations about z, y and x
+    (degrees), ``AboutBox`` (1 for ``about="box"``) and ``VoxelSize_mm``, which spam ignores.  ``returnStatus`` is 2
+    for converged grains, 1 for others whose translation is a result to use, -1 for a motion not to be used, and -7
+    for labels without a motion, whose displacement is NaN.  ``error`` is the residual in line-integral units, which
+    is not spam's measure; ``PSCC`` and ``pixelSearchCC``, ``deltaPhiNorm`` and ``LabelDilate`` are 0.
 
-    ``error`` is the residual in line-integral units, which is not spam's measure; ``PSCC`` (spam's correlation
-    coefficient), ``deltaPhiNorm`` and ``LabelDilate`` are 0.  Labels without a grain, and grains without a motion, get
-    NaN displacements, as in spam.
+    Parameters
+    ----------
+    path : path
+        The file to write.
+    motions : Motions
+        The motions of one state, mm and radians.
+    grid : Volume
+        The reference volume, in whose voxels the file is; its values do not matter.
+    labels : (nz, ny, nx) int array, optional
+        The labelled image that spam gets.  Positions are the centroids of its labels then, as spam-ddic requires of a
+        start; else the centres of ``motions``.
+    about : {"centroid", "box"}
+        The point whose displacement is written: the position in the row, for ``spam-moveLabels -com`` and strains; or
+        the middle of the label's bounding box, for a start of ``spam-ddic``.
+
+    Raises
+    ------
+    InputError
+        If a label is not positive, or the labels are of another shape, or lack a grain, or are missing where their
+        boxes are asked for.
     """
+    spam_table.check_about(about)
     if len(motions) and motions.labels.min() < 1:
         raise InputError("motions.label", f"label {motions.labels.min()}", "spam counts grains from 1; relabel them")
-    centers, translations, matrices = motions.centers, motions.translations, motions.gradients
-    if labels is not None:
-        centers = _label_centers(labels, motions.labels, grid)
-        translations = recenter(matrices, translations, motions.centers, centers)
+    if about == "box" and labels is None:
+        raise InputError("about", "the middle of a bounding box needs the labels", "give labels")
+    points = None if labels is None else _points_of(labels, motions, grid)
+    positions, chosen = motions.centers, motions.centers
+    if points is not None:
+        at = points.rows_of(motions.labels)
+        positions, chosen = points.centroids[at], (points.box_centers if about == "box" else points.centroids)[at]
+    gradients = motions.gradients
+    moved = np.isfinite(np.hstack([motions.translations, motions.rotations])).all(axis=1)
+    disp = recenter(gradients, motions.translations, motions.centers, chosen)
+    sd = _standard_deviations(motions.covariances, gradients, chosen - motions.centers)
+    unit, origin = grid.voxel_size, grid.origin
 
-    rows = int(motions.labels.max(initial=0)) + 1
-    table = pd.DataFrame(np.zeros((rows, len(DDIC_COLUMNS))), columns=list(DDIC_COLUMNS))
-    table["Label"] = np.arange(rows)
-    table.loc[1:, list(POSITION + DISPLACEMENT)] = np.nan
-    table.loc[1:, "returnStatus"] = RETURN_STATUS[Status.LEFT_FIELD.value]
-    table[["Fzz", "Fyy", "Fxx"]] = 1.0
-    moved = np.isfinite(np.hstack([translations, motions.rotations]).sum(axis=1))
-    gradients = np.where(moved[:, None, None], matrices, np.eye(3))[:, ::-1, ::-1]
-    disp = np.where(moved[:, None], translations, np.nan)[:, ::-1] / grid.voxel_size
-    table.loc[motions.labels, list(POSITION)] = (centers - grid.origin)[:, ::-1] / grid.voxel_size
-    table.loc[motions.labels, list(DISPLACEMENT)] = disp
-    table.loc[motions.labels, list(GRADIENT)] = gradients.reshape(-1, 9)
-    table.loc[motions.labels, "error"] = motions.residuals
-    table.loc[motions.labels, "iterations"] = motions.iterations
-    table.loc[motions.labels, "returnStatus"] = [RETURN_STATUS[str(s)] for s in motions.statuses]
-    integers = ("Label", "iterations", "returnStatus", "LabelDilate")
-    table = table.astype({c: np.int64 for c in integers})
+    table = _empty_table(max(*motions.labels.tolist(), *([] if points is None else points.labels.tolist()), 0, 0))
+    table[ABOUT_BOX], table[VOXEL_SIZE] = float(about == "box"), unit
+    if points is not None:
+        table.loc[points.labels, list(POSITION)] = (points.centroids - origin)[:, ::-1] / unit
+    rows = motions.labels
+    table.loc[rows, list(POSITION)] = (positions - origin)[:, ::-1] / unit
+    table.loc[rows, list(DISPLACEMENT)] = _where(moved, disp[:, ::-1] / unit)
+    table.loc[rows, list(DISPLACEMENT_SD)] = _where(moved, sd[:, 2::-1] / unit)
+    table.loc[rows, list(ROTATION_SD)] = _where(moved, np.rad2deg(sd[:, :2:-1]))
+    table.loc[rows, list(GRADIENT)] = _where(moved, gradients[:, ::-1, ::-1].reshape(-1, 9), np.eye(3).ravel())
+    table.loc[rows, "error"] = motions.residuals
+    table.loc[rows, "iterations"] = motions.iterations
+    table.loc[rows, "returnStatus"] = _return_statuses(motions, moved)
     with atomic_write(path) as part:
-        table.to_csv(part, sep="\t", index=False, na_rep="nan", float_format="%.10g")
+        table.astype(float).to_csv(part, sep="\t", index=False, na_rep="nan", float_format="%.7f")
 
 
-def read_ddic_tsv(path: str | Path, grid: Volume) -> Motions:
-    """Read the TSV of ``spam-ddic`` or `write_ddic_tsv`, in voxels of ``grid``, for instance as ``initial`` of a state.
+@checked_arguments
+def read_ddic_tsv(
+    path: str | Path, grid: Volume, labels: NDArray[np.integer] | None = None, *, about: About | None = None
+) -> Motions:
+    """Read the TSV of ``spam-ddic``, of spam's other discrete programs or of `write_ddic_tsv`.
 
-    One row a label that has a position; label 0 is dropped.  Centres are the file's positions;
-    `grainmotion.rotations.recenter` states the motions about other centres.  Where F strains, its rotation by polar
-    decomposition is taken; one that strains by more than `MAX_STRAIN` is not converged.  A mirrored or singular F has
-    no rotation: its row is ``not-fitted``, and its motion NaN.  ``returnStatus`` 2 becomes ``converged``,
-    1 ``not-converged``, 0 or less ``not-fitted``.
-    Covariances are NaN; ``residuals`` are spam's ``error`` in its own units.
+    Where F strains, its rotation by polar decomposition is taken; one that strains by more than 20 % is not converged.
+    A mirrored or singular F has no rotation: its row is ``not-fitted``, and its motion NaN.  ``returnStatus`` 2 becomes
+    ``converged``, 1 ``not-converged``, 0 or less ``not-fitted``, and below 0 the motion is NaN.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    grid : Volume
+        The volume in whose voxels the file is; its values do not matter.
+    labels : (nz, ny, nx) int array, optional
+        The labelled image that spam had, for the bounding boxes.  Without it, and for labels that it lacks, the
+        position is **taken for the middle of the box**, which puts the translation off by (F − 1) times the
+        vector from one to the other: half a voxel for 10 degrees and 3 voxels.
+    about : {"centroid", "box"}, optional
+        The point whose displacement the file gives: the position in the row, or the middle of the label's bounding
+        box.  By default as the file's column ``AboutBox`` says, else "box" for a file with the columns of spam-ddic,
+        and "centroid" for those of other programs.
+
+    Returns
+    -------
+    Motions
+        mm and radians, one row a label that has a position, without label 0, about the file's positions.  Covariances
+        are the variances of the file's columns of standard deviations, NaN without them; residuals are spam's
+        ``error``, in its own units.
+
+    Raises
+    ------
+    InputError
+        If the file is no such table or truncated, a label is not whole or is there twice, columns were exchanged as
+        by ``spam-ddic -skp``, or the file says that its voxels have another size.
     """
-    table = _read_table(checked_file(path))
+    spam_table.check_about(about)
+    table = spam_table.read_table(path)
+    spam_table.check_voxel_size(path, table, grid.voxel_size)
+    box = spam_table.point_of(table, about) == "box"
     table = table[(table["Label"] > 0) & table[list(POSITION)].notna().all(axis=1)]
     n, h = len(table), grid.voxel_size
-    disp = table[list(DISPLACEMENT)].to_numpy(float)
+    numbers = table["Label"].to_numpy(np.int64)
+    centers = table[list(POSITION)].to_numpy(float)[:, ::-1] * h + grid.origin
+    translations = table[list(DISPLACEMENT)].to_numpy(float)[:, ::-1] * h
     gradients = table[list(GRADIENT)].to_numpy(float).reshape(n, 3, 3)[:, ::-1, ::-1]
-    given = np.isfinite(disp).all(axis=1) & np.isfinite(gradients).all(axis=(1, 2))
+    if box and labels is not None:
+        points = LabelPoints.of(labels, grid)
+        at = points.rows_of(numbers)
+        boxes = np.where(at[:, None] >= 0, points.box_centers[at], centers) if len(points.labels) else centers
+        translations = recenter(gradients, translations, boxes, centers)
+    returned = table["returnStatus"].to_numpy(np.int64)
+    given = np.isfinite(translations).all(axis=1) & np.isfinite(gradients).all(axis=(1, 2)) & (returned >= 0)
     faults = [_gradient_fault(f) if g else ("", False) for f, g in zip(gradients, given, strict=True)]
     moved = given & ~np.array([refused for _, refused in faults], dtype=bool)
     rotations = np.full((n, 3), np.nan)
     rotations[moved] = rotation_vector(_nearest_rotations(gradients[moved]))
-    returned = table["returnStatus"].to_numpy(float)
     sound = np.array([not fault for fault, _ in faults], dtype=bool)
     converged, stopped = (returned == 2) & moved & sound, moved & ((returned == 1) | (returned == 2) & ~sound)
     statuses = np.full(n, Status.NOT_FITTED.value, dtype="<U20")
     statuses[converged], statuses[stopped] = Status.CONVERGED.value, Status.NOT_CONVERGED.value
-    reasons = [
-        fault or ("" if c else f"spam returned status {int(r)}")
-        for c, r, (fault, _) in zip(converged, returned, faults, strict=True)
-    ]
     return Motions(
-        labels=table["Label"].to_numpy(np.int64),
-        centers=table[list(POSITION)].to_numpy(float)[:, ::-1] * h + grid.origin,
-        translations=np.where(moved[:, None], disp[:, ::-1] * h, np.nan),
+        labels=numbers,
+        centers=centers,
+        translations=_where(moved, translations),
         rotations=rotations,
-        covariances=np.full((n, 6, 6), np.nan),
+        covariances=_covariances(table, h),
         statuses=statuses,
         residuals=table["error"].to_numpy(float),
         iterations=table["iterations"].to_numpy(np.int64),
-        reasons=tuple(reasons),
+        reasons=tuple(
+            fault or ("" if c else spam_table.meaning(int(r)))
+            for c, r, (fault, _) in zip(converged, returned, faults, strict=True)
+        ),
     )
 
 
-def _gradient_fault(gradient: NDArray[np.float64]) -> tuple[str, bool]:
+def _points_of(labels: NDArray[np.integer], motions: Motions, grid: Volume) -> LabelPoints:
+    """The points of labels, which hold all grains of the motions."""
+    points = LabelPoints.of(labels, grid)
+    missing = sorted(set(motions.labels.tolist()) - set(points.labels.tolist()))
+    if missing:
+        raise InputError("labels", f"the grains {missing[:10]} are not in it", "give the labels of this reference")
+    return points
+
+
+def _empty_table(last: int) -> pd.DataFrame:
+    """Rows 0 to ``last``: the identity for the background, and no motion for labels."""
+    columns = list(DDIC_COLUMNS + ADDED_COLUMNS)
+    table = pd.DataFrame(np.zeros((last + 1, len(columns))), columns=columns)
+    table["Label"] = np.arange(last + 1)
+    table.loc[1:, list(POSITION + DISPLACEMENT + DISPLACEMENT_SD + ROTATION_SD)] = np.nan
+    table.loc[1:, "returnStatus"] = NO_MOTION
+    table[["Fzz", "Fyy", "Fxx"]] = 1.0
+    return table
+
+
+def _where(rows: NDArray[np.bool_], values: Float, other: Float | float = np.nan) -> Float:
+    """Values in some rows, others elsewhere."""
+    return np.where(rows[:, None], values, other)
+
+
+def _return_statuses(motions: Motions, moved: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """spam's status of each grain."""
+    returned = np.where(motions.ok_translation, TRANSLATION_TO_USE, NOT_TO_USE)
+    returned[motions.ok] = 2
+    returned[motions.statuses == Status.NOT_FITTED.value] = 0
+    returned[~moved] = NO_MOTION
+    return returned
+
+
+def _standard_deviations(covariances: Float, gradients: Float, arms: Float) -> Float:
+    """Of u and δ ``(n, 6)`` about points that lie ``arms`` (mm) from the centres: u′ = u + (F − 1) arm, δ′ = δ."""
+    change = np.tile(np.eye(6), (len(arms), 1, 1))
+    change[:, :3, 3:] = -skew_matrix(np.einsum("nij,nj->ni", gradients, arms))
+    moved = change @ covariances @ change.swapaxes(1, 2)
+    with np.errstate(invalid="ignore"):
+        return np.sqrt(np.diagonal(moved, axis1=1, axis2=2))
+
+
+def _covariances(table: pd.DataFrame, voxel_size: float) -> Float:
+    """Variances from the columns of standard deviations; NaN without them."""
+    if not set(DISPLACEMENT_SD + ROTATION_SD) <= set(table.columns):
+        return np.full((len(table), 6, 6), np.nan)
+    lengths = table[list(DISPLACEMENT_SD)].to_numpy(float)[:, ::-1] * voxel_size
+    angles = np.deg2rad(table[list(ROTATION_SD)].to_numpy(float)[:, ::-1])
+    return np.hstack([lengths, angles])[:, :, None] ** 2 * np.eye(6)
+
+
+def _gradient_fault(gradient: Float) -> tuple[str, bool]:
     """What is wrong with F as a rotation, and whether it has none."""
     stretches = np.linalg.svd(gradient, compute_uv=False)
     if stretches[2] <= MIN_STRETCH:
@@ -154,47 +274,7 @@ def _gradient_fault(gradient: NDArray[np.float64]) -> tuple[str, bool]:
     return (f"its gradient F strains by {strain:.0%}: no rigid motion" if strain > MAX_STRAIN else "", False)
 
 
-def _read_table(path: Path) -> pd.DataFrame:
-    remedy = "give the …-ddic.tsv that spam-ddic writes"
-    try:
-        table = pd.read_csv(path, sep="\t", na_values=["nan", "inf", "-inf"])
-    except (ValueError, UnicodeDecodeError) as error:
-        raise InputError(str(path), f"it is no table ({' '.join(str(error).split())})", remedy) from error
-    if "NodeNumber" in table.columns:
-        raise InputError(str(path), "it holds a grid of points (NodeNumber), not grains", remedy)
-    for old, new in (("error", np.nan), ("iterations", 0)):  # some of spam's scripts leave these out
-        if old not in table.columns:
-            table[old] = new
-    needed = ("Label", *POSITION, *DISPLACEMENT, *GRADIENT, "returnStatus")
-    missing = [c for c in needed if c not in table.columns]
-    if missing:
-        raise InputError(str(path), f"columns {missing} are missing", remedy)
-    columns = [*needed, "error", "iterations"]
-    numbers = table[columns].apply(pd.to_numeric, errors="coerce")
-    wrong = numbers.isna() & table[columns].notna()
-    if wrong.to_numpy().any():
-        row, column = np.argwhere(wrong.to_numpy())[0]
-        fact = f"{columns[column]} is '{table[columns].iloc[row, column]}' in row {row + 1}"
-        raise InputError(str(path), fact, "give a number")
-    if numbers["Label"].isna().any() or numbers["Label"].duplicated().any():
-        raise InputError(str(path), "a label is missing or given twice", "give one row a grain")
-    return numbers.fillna({"iterations": 0, "returnStatus": 0})
-
-
-def _label_centers(image: NDArray[np.integer], labels: NDArray[np.int64], grid: Volume) -> NDArray[np.float64]:
-    """Centres of mass of labels, all voxels with equal weight, mm, x y z."""
-    if image.shape != grid.shape:
-        raise InputError("labels", f"shape {image.shape} is not the volume's {grid.shape}", "give them on its grid")
-    missing = sorted(set(labels.tolist()) - set(np.unique(image).tolist()))
-    if missing:
-        raise InputError("labels", f"the grains {missing[:10]} are not in it", "give the labels of this reference")
-    if len(labels) == 0:
-        return np.zeros((0, 3))
-    places = np.array(ndimage.center_of_mass(image > 0, image, labels))
-    return places[:, ::-1] * grid.voxel_size + grid.origin
-
-
-def _nearest_rotations(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
+def _nearest_rotations(matrices: Float) -> Float:
     """R of the polar decompositions F = R U."""
     left, _, right = np.linalg.svd(matrices)
     sign = np.sign(np.linalg.det(left @ right))
