@@ -22,6 +22,8 @@ from .experiment.config import read_experiment as read_experiment
 from .experiment.scan_files import read_scan as read_scan
 from .io.motions_csv import read_motions as read_motions
 from .io.motions_csv import write_motions as write_motions
+from .io.spam import read_ddic_tsv as read_ddic_tsv
+from .io.spam import write_ddic_tsv as write_ddic_tsv
 from .model.detector_alignment import DetectorAlignment as DetectorAlignment
 from .model.field_of_view import FieldOfView as FieldOfView
 from .model.finding import Finding as Finding

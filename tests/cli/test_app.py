@@ -115,6 +115,11 @@ class TestExport:
         assert "files" in invoke("export", "--help").stdout
         assert "--format" in invoke("export", "files", "--help").stdout
 
+    def test_point_of_files_for_spam(self, copied):
+        invoke("export", copied, "--format", "spam", "--about", "box")
+        header, first, *_ = (copied.parent / "results" / "one" / "grains-ddic.tsv").read_text().splitlines()
+        assert float(first.split("\t")[header.split("\t").index("AboutBox")]) == 1
+
     def test_unknown_format_is_refused(self, copied):
         result = CliRunner().invoke(app, ["export", str(copied), "--format", "dxf"])
         assert result.exit_code == 2

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import h5py
 import numpy as np
+import pandas as pd
 import pytest
 
 from grainmotion.errors import InputError
@@ -14,9 +15,12 @@ from grainmotion.experiment.scan_inputs import ScanInput
 from grainmotion.io.findings_json import write_findings
 from grainmotion.io.motions_csv import read_motions
 from grainmotion.io.results import read_motions_h5, read_reference
+from grainmotion.io.spam import write_ddic_tsv
+from grainmotion.io.spam_table import DDIC_COLUMNS
 from grainmotion.io.tiff import read_tiff, write_tiff
 from grainmotion.model.finding import Finding, Level
 from grainmotion.model.motions import Motions
+from grainmotion.rotations import recenter
 from grainmotion.workflow import reference_stages
 from grainmotion.workflow import run as workflow
 from tiny_experiment import BALLS, PANEL, SHIFTS, TOML, sample, write_tiny
@@ -321,6 +325,35 @@ class TestGivenVolume:
         run(copied, 'radiographs = "two.npy"', 'radiographs = "two.npy"\ninitial = "results/one/motions.csv"')
         expected = read_motions(copied.parent / "results" / "one" / "motions.csv")
         np.testing.assert_array_equal(quick_track[-1].translations, expected.translations)
+
+    def test_initial_motions_from_spam_are_about_boxes_unless_told(self, copied, quick_track):
+        """A file about boxes, with the columns of spam-ddic alone: the labels' boxes are those of the reference."""
+        stored = read_reference(copied.parent / "results" / "reference.h5")
+        still = read_motions(copied.parent / "results" / "one" / "motions.csv")
+        turned = replace(still, rotations=np.deg2rad([[50.0, 0, 0], [0, -40, 10], [20, 20, 20]]))
+        write_ddic_tsv(copied.parent / "x.tsv", turned, stored.volume, stored.labels, about="box")
+        table = pd.read_csv(copied.parent / "x.tsv", sep="\t")[list(DDIC_COLUMNS)]
+        table.to_csv(copied.parent / "x.tsv", sep="\t", index=False, na_rep="nan")
+        run(copied, 'radiographs = "two.npy"', 'radiographs = "two.npy"\ninitial = "x.tsv"')
+        run(copied, 'initial = "x.tsv"', 'initial = "x.tsv"\ninitial_about = "centroid"')
+        by_box, by_centroid = quick_track
+        back = recenter(by_box.matrices, by_box.translations, by_box.centers, turned.centers)
+        np.testing.assert_allclose(back, turned.translations, atol=1e-6)
+        assert np.abs(by_centroid.translations - by_box.translations).max() > 1e-4
+
+    def test_point_of_a_start_that_is_not_of_spam_is_refused(self, copied):
+        new = 'radiographs = "two.npy"\ninitial_about = "box"'
+        with pytest.raises(
+            InputError, match=r"states\.two\.initial_about: 'box', but initial = \"previous\" is no file"
+        ):
+            run(copied, 'radiographs = "two.npy"', new)
+
+    def test_other_point_in_files_for_spam_writes_them_again(self, copied):
+        run(copied, "[track]", '[output]\nexports = ["spam"]\n[track]')
+        done = run(copied, 'exports = ["spam"]', 'exports = ["spam"]\nspam_about = "box"').done
+        assert sorted(done) == ["one/spam", "two/spam"]
+        table = pd.read_csv(copied.parent / "results" / "one" / "grains-ddic.tsv", sep="\t")
+        assert set(table["AboutBox"]) == {1}
 
     def test_initial_motions_of_other_grains_are_refused(self, copied):
         table = read_motions(copied.parent / "results" / "one" / "motions.csv").to_table()

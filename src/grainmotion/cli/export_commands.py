@@ -49,18 +49,30 @@ class Format(StrEnum):
     SPAM = "spam"
 
 
+class SpamPoint(StrEnum):
+    """The point whose displacement a file for spam gives."""
+
+    CENTROID = "centroid"
+    BOX = "box"
+
+
 @add_command
 def files(
     paths: Paths,
     *,
     format: Annotated[list[Format], typer.Option("--format", help="vtk for ParaView, spam for spam")],
+    about: Annotated[
+        SpamPoint | None,
+        typer.Option("--about", help="spam: displacement of the label's centroid, or of its bounding box' middle"),
+    ] = None,
     execution: Execution,
     checks: Checks,
 ) -> None:
     """Write the motions for other software (the word `files` may be left out); missing stages are done first."""
     experiment = read(paths.file)
     wanted = sorted({*experiment.tables.output.exports, *(f.value for f in format)})
-    output = experiment.tables.output.model_copy(update={"exports": wanted})
+    changes = {"exports": wanted} if about is None else {"exports": wanted, "spam_about": about.value}
+    output = experiment.tables.output.model_copy(update=changes)
     tables = experiment.tables.model_copy(update={"output": output})
     with prepared(dataclasses.replace(experiment, tables=tables), execution, checks) as (experiment, options):
         result = gm.run(experiment, out=paths.out, **options)

@@ -26,6 +26,7 @@ from grainmotion.errors import InputError
 from grainmotion.experiment.config_errors import input_error
 from grainmotion.experiment.inherited_keys import with_inherited_keys
 from grainmotion.io.files import checked_file
+from grainmotion.io.spam_table import About
 from grainmotion.io.text import read_text
 from grainmotion.planning.plan import PlanSettings
 from grainmotion.reconstruction.reconstruct import ReconstructSettings
@@ -176,6 +177,11 @@ class StateTable(ScanTable):
         description='"previous" (or the extrapolation of the last two states where that fits better), "reference", or '
         "a motions.csv or spam .tsv",
     )
+    initial_about: About | None = Field(
+        default=None,
+        description='of a spam .tsv: the point whose displacement it gives, the position in its row ("centroid") or '
+        'the middle of the label\'s bounding box ("box"); by default as its columns tell: "box" for those of spam-ddic',
+    )
     time: float | None = Field(
         default=None, gt=0, allow_inf_nan=False, description="of its radiographs, seconds since the reference scan"
     )
@@ -187,6 +193,11 @@ class OutputTable(_Table):
     directory: str = Field(default="results", description="folder of the results, from the file's own folder")
     rebuild: bool = Field(default=False, description="write the moved grains of each state as a volume with labels")
     exports: list[Export] = Field(default=[], description='files for other software: "vtk", "spam"')
+    spam_about: About = Field(
+        default="centroid",
+        description='the point whose displacement files for spam give: of the label, "centroid" for spam-moveLabels '
+        '-com and strains, or the middle of its bounding box, "box", for a start of spam-ddic',
+    )
 
 
 class ExperimentFile(_Table):

@@ -11,7 +11,7 @@ from scipy import ndimage
 from grainmotion._typing import Float
 from grainmotion.backends.device import backend_of
 from grainmotion.errors import InputError
-from grainmotion.experiment.config import Experiment, ScanTable
+from grainmotion.experiment.config import Experiment, ScanTable, StateTable
 from grainmotion.experiment.config_errors import together
 from grainmotion.experiment.scan_files import find_scan, named_stack
 from grainmotion.experiment.scan_inputs import ScanInput
@@ -69,7 +69,7 @@ def find_inputs(experiment: Experiment) -> Inputs:
     for scan in (reference, *states):
         if scan is not None:
             check_plausible(scan.key, scan.geometry, grid)
-    starts = tuple(_start(folder, t.initial, grid) for t in tables.states)
+    starts = tuple(_start(folder, t, grid) for t in tables.states)
     if volume is not None:
         return Inputs(None, states, starts, grid, volume, labels, reference)
     return Inputs(reference, states, starts, grid, None, labels)
@@ -94,12 +94,16 @@ def _find_scans(experiment: Experiment, *, given: bool) -> tuple[dict[str, ScanI
     return scans, errors
 
 
-def _start(folder: Path, initial: str, grid: Volume) -> Motions | None:
+def _start(folder: Path, table: StateTable, grid: Volume) -> Motions | None:
     """The motions in the file that ``initial`` names; None if it names a state."""
+    initial = table.initial
+    if table.initial_about is not None and not initial.endswith(".tsv"):
+        fact = f"'{table.initial_about}', but initial = \"{initial}\" is no file of spam (.tsv)"
+        raise InputError(f"states.{table.name}.initial_about", fact, "leave it out")
     if initial in ("previous", "reference"):
         return None
     if initial.endswith(".tsv"):
-        return read_ddic_tsv(folder / initial, grid)
+        return read_ddic_tsv(folder / initial, grid, about=table.initial_about)
     return read_motions(folder / initial)
 
 

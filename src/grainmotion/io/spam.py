@@ -49,7 +49,7 @@ from grainmotion.model.volume import Volume
 from grainmotion.rotations import recenter, rotation_vector, skew_matrix
 from grainmotion.segmentation.label_points import LabelPoints
 
-TRANSLATION_TO_USE, NOT_TO_USE, NO_MOTION = 1, -1, -7
+TRANSLATION_TO_USE, NOT_TO_USE, WITHOUT_MOTION_STATUS = 1, -1, -7
 """``returnStatus`` of grains that did not converge: those whose translation is a result to use
 (`Motions.ok_translation`), others, and those without a motion.  Converged ones have 2, and grains with a motion that
 was not fitted 0."""
@@ -108,26 +108,25 @@ def write_ddic_tsv(
         at = points.rows_of(motions.labels)
         positions, chosen = points.centroids[at], (points.box_centers if about == "box" else points.centroids)[at]
     gradients = motions.gradients
-    moved = np.isfinite(np.hstack([motions.translations, motions.rotations])).all(axis=1)
+    moved = np.asarray(np.isfinite(np.hstack([motions.translations, motions.rotations])).all(axis=1))
     disp = recenter(gradients, motions.translations, motions.centers, chosen)
     sd = _standard_deviations(motions.covariances, gradients, chosen - motions.centers)
     unit, origin = grid.voxel_size, grid.origin
 
-    table = _empty_table(max(*motions.labels.tolist(), *([] if points is None else points.labels.tolist()), 0, 0))
-    table[ABOUT_BOX], table[VOXEL_SIZE] = float(about == "box"), unit
+    table = _empty_table(max([0, *motions.labels.tolist(), *([] if points is None else points.labels.tolist())]))
+    table[ABOUT_BOX][:], table[VOXEL_SIZE][:] = float(about == "box"), unit
     if points is not None:
-        table.loc[points.labels, list(POSITION)] = (points.centroids - origin)[:, ::-1] / unit
+        _put(table, POSITION, points.labels, (points.centroids - origin)[:, ::-1] / unit)
     rows = motions.labels
-    table.loc[rows, list(POSITION)] = (positions - origin)[:, ::-1] / unit
-    table.loc[rows, list(DISPLACEMENT)] = _where(moved, disp[:, ::-1] / unit)
-    table.loc[rows, list(DISPLACEMENT_SD)] = _where(moved, sd[:, 2::-1] / unit)
-    table.loc[rows, list(ROTATION_SD)] = _where(moved, np.rad2deg(sd[:, :2:-1]))
-    table.loc[rows, list(GRADIENT)] = _where(moved, gradients[:, ::-1, ::-1].reshape(-1, 9), np.eye(3).ravel())
-    table.loc[rows, "error"] = motions.residuals
-    table.loc[rows, "iterations"] = motions.iterations
-    table.loc[rows, "returnStatus"] = _return_statuses(motions, moved)
+    _put(table, POSITION, rows, (positions - origin)[:, ::-1] / unit)
+    _put(table, DISPLACEMENT, rows, _where(moved, disp[:, ::-1] / unit))
+    _put(table, DISPLACEMENT_SD, rows, _where(moved, sd[:, 2::-1] / unit))
+    _put(table, ROTATION_SD, rows, _where(moved, np.rad2deg(sd[:, :2:-1])))
+    _put(table, GRADIENT, rows, _where(moved, gradients[:, ::-1, ::-1].reshape(-1, 9), np.eye(3).ravel()))
+    table["error"][rows], table["iterations"][rows] = motions.residuals, motions.iterations
+    table["returnStatus"][rows] = _return_statuses(motions, moved)
     with atomic_write(path) as part:
-        table.astype(float).to_csv(part, sep="\t", index=False, na_rep="nan", float_format="%.7f")
+        pd.DataFrame(table).to_csv(part, sep="\t", index=False, na_rep="nan", float_format="%.7f")
 
 
 @checked_arguments
@@ -218,15 +217,22 @@ def _points_of(labels: NDArray[np.integer], motions: Motions, grid: Volume) -> L
     return points
 
 
-def _empty_table(last: int) -> pd.DataFrame:
-    """Rows 0 to ``last``: the identity for the background, and no motion for labels."""
-    columns = list(DDIC_COLUMNS + ADDED_COLUMNS)
-    table = pd.DataFrame(np.zeros((last + 1, len(columns))), columns=columns)
-    table["Label"] = np.arange(last + 1)
-    table.loc[1:, list(POSITION + DISPLACEMENT + DISPLACEMENT_SD + ROTATION_SD)] = np.nan
-    table.loc[1:, "returnStatus"] = NO_MOTION
-    table[["Fzz", "Fyy", "Fxx"]] = 1.0
+def _empty_table(last: int) -> dict[str, Float]:
+    """Columns of rows 0 to ``last``: the identity for the background, and no motion for labels."""
+    table: dict[str, Float] = {column: np.zeros(last + 1) for column in (*DDIC_COLUMNS, *ADDED_COLUMNS)}
+    table["Label"][:] = np.arange(last + 1)
+    for column in (*POSITION, *DISPLACEMENT, *DISPLACEMENT_SD, *ROTATION_SD):
+        table[column][1:] = np.nan
+    table["returnStatus"][1:] = WITHOUT_MOTION_STATUS
+    for column in ("Fzz", "Fyy", "Fxx"):
+        table[column][:] = 1
     return table
+
+
+def _put(table: dict[str, Float], columns: tuple[str, ...], rows: NDArray[np.int64], values: Float) -> None:
+    """One value a row and column."""
+    for k, column in enumerate(columns):
+        table[column][rows] = values[:, k]
 
 
 def _where(rows: NDArray[np.bool_], values: Float, other: Float | float = np.nan) -> Float:
@@ -239,7 +245,7 @@ def _return_statuses(motions: Motions, moved: NDArray[np.bool_]) -> NDArray[np.i
     returned = np.where(motions.ok_translation, TRANSLATION_TO_USE, NOT_TO_USE)
     returned[motions.ok] = 2
     returned[motions.statuses == Status.NOT_FITTED.value] = 0
-    returned[~moved] = NO_MOTION
+    returned[~moved] = WITHOUT_MOTION_STATUS
     return returned
 
 

@@ -88,6 +88,7 @@ class Fingerprints:
             elif table.initial == "previous":
                 upstream.append(previous)
             settings = ["track", _plain(tables.track), scan.settings, named]
+            settings += [] if table.initial_about is None else [table.initial_about]
             settings += ["refused"] if table.name in self.refused else []
             previous = prints[table.name] = self.cache.fingerprint(settings, files, upstream)
         return prints

@@ -15,6 +15,7 @@ from grainmotion.experiment.given_inputs import given_label_findings, given_volu
 from grainmotion.model.finding import Finding, Level
 from grainmotion.workflow.checks import findings_once, settle
 from grainmotion.workflow.context import RunContext
+from grainmotion.workflow.given_starts import given_start
 from grainmotion.workflow.reference_stages import SegmentedReference
 
 CHECKS_OF_VOLUME = "checks-volume.json"
@@ -49,7 +50,8 @@ def check_grains(context: RunContext, reference: Callable[[], SegmentedReference
         return
     named = [k for k, start in enumerate(inputs.starts) if start is not None]
     files = [context.experiment.folder / context.tables.states[k].initial for k in named]
-    fingerprint = context.cache.fingerprint("check grains", files, [context.fingerprints.segment])
+    settings = ["check grains", *(context.tables.states[k].initial_about or "" for k in named)]
+    fingerprint = context.cache.fingerprint(settings, files, [context.fingerprints.segment])
 
     def check() -> tuple[Finding, ...]:
         stored = reference().stored
@@ -70,7 +72,7 @@ def check_grains(context: RunContext, reference: Callable[[], SegmentedReference
                 stored.volume.hardening.apply(scan), stored.volume, stored.labels, inputs.reference.key
             )
         for k in named:
-            start = inputs.starts[k]
+            start = given_start(context, reference, k)
             assert start is not None
             where = f"{context.tables.states[k].initial} ({inputs.states[k].key}.initial)"
             found += check_start(start, reference().grains, inputs.grid, where)

@@ -84,9 +84,10 @@ def write_outputs(
             outputs.append(("rebuilt", files, partial(_write_deformed, context, reference, state, files)))
         for export in output.exports:
             files = [folder / STATE_EXPORTS[export]]
-            outputs.append((export, files, partial(_export_state, reference, state, export, files[0])))
+            outputs.append((export, files, partial(_export_state, context, reference, state, export, files[0])))
         for name, files, write in outputs:
-            _complete(context, f"{table.name}/{name}", prints.after_tracking(name, table.name), files, write)
+            made = f"{name} {output.spam_about}" if name == "spam" else name
+            _complete(context, f"{table.name}/{name}", prints.after_tracking(made, table.name), files, write)
 
 
 def _complete(context: RunContext, name: str, fingerprint: str, files: list[Path], write: Callable[[], None]) -> None:
@@ -119,13 +120,16 @@ def _write_deformed(
     write_tiff(paths[1], labels)
 
 
-def _export_state(reference: Callable[[], SegmentedReference], state: TrackedState, name: Export, path: Path) -> None:
+def _export_state(
+    context: RunContext, reference: Callable[[], SegmentedReference], state: TrackedState, name: Export, path: Path
+) -> None:
     """Motions for ParaView or for spam."""
     stored = reference().stored
     if name == "vtk":
         write_grains_vtp(path, state.motions)
     else:
-        write_ddic_tsv(path, state.motions, stored.volume, stored.labels)
+        about = context.tables.output.spam_about
+        write_ddic_tsv(path, state.motions, stored.volume, stored.labels, about=about)
 
 
 def _export_reference(reference: Callable[[], SegmentedReference], name: Export, paths: list[Path]) -> None:

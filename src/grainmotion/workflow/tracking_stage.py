@@ -20,6 +20,7 @@ from grainmotion.model.motions import Motions
 from grainmotion.model.scan import Scan
 from grainmotion.tracking.track import track_with_residual
 from grainmotion.workflow.context import RunContext, load_result
+from grainmotion.workflow.given_starts import given_start
 from grainmotion.workflow.provenance import Stage
 from grainmotion.workflow.reference_stages import SegmentedReference
 from grainmotion.workflow.state_checks import check_tracked_state, refused_motions
@@ -40,7 +41,7 @@ def track_stage(
     names = [table.name for table in context.tables.states]
     index = names.index(name)
     table = context.tables.states[index]
-    start = context.inputs.starts[index]
+    start = given_start(context, reference, index)
     if table.initial == "previous" and index:
         start = tracked[names[index - 1]].motions
     check_tracked_state(context, reference, table, start)
@@ -110,8 +111,8 @@ def track_side_by_side(context: RunContext, reference: Callable[[], SegmentedRef
 def _to_be_tracked(context: RunContext, reference: Callable[[], SegmentedReference]) -> list[State]:
     """The states that are neither done nor refused; one whose start is not known yet is checked once it is."""
     states, known = list[State](), dict[str, Motions | None]()  # motions of the states that are done or refused
-    for k, (table, given) in enumerate(zip(context.tables.states, context.inputs.starts, strict=True)):
-        start: Motions | str | None = given
+    for k, table in enumerate(context.tables.states):
+        start: Motions | str | None = given_start(context, reference, k)
         if table.initial == "previous" and k > 0:
             before = context.tables.states[k - 1].name
             start = known.get(before, before)
