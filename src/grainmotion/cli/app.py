@@ -15,17 +15,16 @@ import typer
 import grainmotion as gm
 from grainmotion.cli import console
 from grainmotion.cli.export_commands import export_app
-from grainmotion.cli.findings import EXIT_CODES, exit_at_errors, exit_by, print_findings
+from grainmotion.cli.findings import EXIT_CODES, exit_by, print_findings
+from grainmotion.cli.inspect_commands import init, inspect
 from grainmotion.cli.options import (
     Checks,
     Execution,
-    File,
     OnDevice,
     Paths,
     PlanOptions,
     Quiet,
     Seed,
-    Strict,
     command,
 )
 from grainmotion.cli.stages import finish, prepared, read
@@ -125,38 +124,8 @@ def report(paths: Paths, execution: Execution, checks: Checks) -> None:
 app.add_typer(export_app, name="export")
 
 
-@add_command
-def inspect(
-    file: File,
-    *,
-    picture: Annotated[
-        Path | None, typer.Option("--picture", help="PNG to write; inspection.png beside the file by default")
-    ] = None,
-    strict: Strict = False,
-) -> None:
-    """Describe the input files and the memory that a run needs, and draw up and the sense of rotation."""
-    from grainmotion.experiment.inputs import find_inputs
-    from grainmotion.experiment.inspection import inspect_inputs
-    from grainmotion.experiment.last_reference import last_reference
-    from grainmotion.report.inspection_figure import orientation, write_inspection_figure
-    from grainmotion.workflow.reference_stages import REFERENCE
-
-    inputs = find_inputs(experiment := read(file))
-    inspection = inspect_inputs(inputs, experiment.tables)
-    console.print_inspection(inspection)
-    console.print_reference(last_reference(experiment.output / REFERENCE))
-    path = picture or file.parent / "inspection.png"
-    for sentence in orientation(inspection.first_views, inputs.grid):
-        print(sentence)
-    try:
-        write_inspection_figure(path, inspection.first_views, inputs.grid)
-        print(f"picture: {path}")
-    except InputError as error:
-        if picture is not None:
-            raise
-        print(f"no picture: {error.where} {error.fact}; name another file with --picture")
-    exit_at_errors(inspection.findings)
-    exit_by({}, inspection.findings, strict=strict)
+add_command(inspect)
+add_command(init)
 
 
 # ---------------------------------------------------------------------- before beam time

@@ -136,6 +136,14 @@ def print_inspection(inspection: Inspection) -> None:
     findings.print_findings(worst_first(inspection.findings))
 
 
+def print_facts(title: str, facts: Sequence[tuple[str, str]]) -> None:
+    """Print label and text of each fact, one a line, under a title."""
+    print(title)
+    width = max((len(label) for label, _ in facts), default=0)
+    for label, text in facts:
+        print(f"  {label:<{width}}  {text}")
+
+
 def print_reference(sentences: Sequence[str]) -> None:
     """Print what attenuates in the reference of the last run; nothing if there is none yet."""
     if sentences:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from grainmotion._typing import Index
 from grainmotion.calibration.beam_level import beam_levels
 from grainmotion.diagnosis.hypotheses import stage_angles_deg
 from grainmotion.diagnosis.scan_geometry import check_scan
@@ -20,6 +21,7 @@ from grainmotion.experiment.given_inputs import (
 from grainmotion.experiment.inputs import Inputs, cylinder_circle
 from grainmotion.experiment.scan_inputs import ScanInput
 from grainmotion.model.finding import Finding, Level
+from grainmotion.model.geometry import Geometry
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.preprocessing.flat_field import PixelReport
@@ -61,10 +63,16 @@ class FirstViews:
     @classmethod
     def of(cls, name: str, scan: Scan) -> FirstViews:
         """Radiographs near `DRAWN_STEPS_DEG` from the first, or all of a few."""
-        angles = stage_angles_deg(scan.geometry)
-        gaps = np.abs(np.abs(angles - angles[0])[:, None] - DRAWN_STEPS_DEG)
-        views = sorted(set(gaps.argmin(axis=0).tolist())) if len(scan) > len(DRAWN_STEPS_DEG) else range(len(scan))
-        return cls(name, scan.select(list(views)), tuple(views))
+        views = drawn_views(scan.geometry)
+        return cls(name, scan.select(views), tuple(views.tolist()))
+
+
+def drawn_views(geometry: Geometry) -> Index:
+    """Numbers of the views near `DRAWN_STEPS_DEG` from the first, or of all of a few."""
+    if len(geometry) <= len(DRAWN_STEPS_DEG):
+        return np.arange(len(geometry))
+    angles = stage_angles_deg(geometry)
+    return np.unique(np.abs(np.abs(angles - angles[0])[:, None] - DRAWN_STEPS_DEG).argmin(axis=0))
 
 
 @dataclass(frozen=True)

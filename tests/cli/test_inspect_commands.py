@@ -1,0 +1,70 @@
+"""`grainmotion inspect FILE_OR_FOLDER` and `grainmotion init FOLDER`."""
+
+import shutil
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from grainmotion.cli.app import app
+from grainmotion.experiment.config import read_experiment
+from grainmotion.io.tiff import write_tiff
+from lab_scanner import Lab
+from nxtomo_writer import write_nxtomo
+from tiny_experiment import write_tiny
+
+
+def invoke(*arguments, code=0):
+    result = CliRunner().invoke(app, [str(a) for a in arguments])
+    assert result.exit_code == code, result.output
+    return result
+
+
+@pytest.fixture(scope="module")
+def tiny(tmp_path_factory):
+    return write_tiny(tmp_path_factory.mktemp("tiny")).parent
+
+
+class TestInspect:
+    def test_a_folder_with_tables_of_views_is_described_and_drawn(self, tiny, tmp_path):
+        folder = shutil.copytree(tiny, tmp_path / "copy")
+        (folder / "experiment.toml").unlink()
+        text = invoke("inspect", folder, "--terminal").stdout
+        assert "grainmotion init" in text
+        assert "row 0 is the lowest row" in text
+        assert (folder / "inspection.png").exists()
+        assert "z up" in text
+
+    def test_a_scanners_file_tells_what_it_lacks(self, tmp_path):
+        lab, angles = Lab(), np.arange(0, 360, 30.0)
+        write_nxtomo(tmp_path / "scan.nxs", lab.images(-angles), angles)
+        text = invoke("inspect", tmp_path / "scan.nxs").stdout
+        assert "NXtomo" in text
+        assert "12 from 0 to 330 degrees" in text
+        assert "to be given in the experiment file" in text
+
+    def test_an_image_is_described(self, tmp_path):
+        write_tiff(tmp_path / "a.tif", np.full((2, 20, 30), 5000, np.uint16))
+        assert "2 x 20 x 30" in invoke("inspect", tmp_path / "a.tif").stdout
+
+    def test_folders_without_measurements_and_missing_files_are_refused(self, tmp_path):
+        assert "no scan and no images" in invoke("inspect", tmp_path, code=2).stderr
+        assert "no such file" in invoke("inspect", tmp_path / "none.xtekct", code=2).stderr
+
+
+class TestInit:
+    def test_writes_a_file_that_can_be_run(self, tiny, tmp_path):
+        folder = shutil.copytree(tiny, tmp_path / "copy")
+        (folder / "experiment.toml").unlink()
+        text = invoke("init", folder).stdout
+        assert f"experiment: {folder / 'experiment.toml'}" in text
+        tables = read_experiment(folder / "experiment.toml").tables
+        assert tables.reference.flats is not None
+
+    def test_an_experiment_is_not_overwritten(self, tiny, tmp_path):
+        folder = shutil.copytree(tiny, tmp_path / "copy")
+        assert "--force" in invoke("init", folder, code=2).stderr
+        assert invoke("init", folder, "--force").stdout
+
+    def test_a_folder_that_is_none_is_refused(self, tmp_path):
+        assert "it is no folder" in invoke("init", tmp_path / "none", code=2).stderr

@@ -1,0 +1,134 @@
+"""What a folder holds, and the experiment file that is drafted from it."""
+
+import numpy as np
+import pytest
+
+from grainmotion.errors import InputError
+from grainmotion.experiment.config import read_experiment
+from grainmotion.experiment.first_draft import draft_experiment
+from grainmotion.experiment.folder_contents import folder_contents
+from grainmotion.experiment.inputs import find_inputs
+from grainmotion.io.geometry_csv import write_geometry
+from grainmotion.io.tiff import write_tiff
+from grainmotion.model.geometry import Geometry
+from nxtomo_writer import write_nxtomo
+
+PANEL = (6, 8)
+CIRCLE = dict(source_to_axis=50.0, source_to_detector=200.0)
+
+
+def images(folder, count, name="proj_{:04d}.tif", value=100):
+    folder.mkdir(parents=True, exist_ok=True)
+    for k in range(count):
+        write_tiff(folder / name.format(k), np.full(PANEL, value + k, np.uint16))
+
+
+@pytest.fixture
+def laboratory(tmp_path):
+    """A scan with its open beam beside it, two states in folders of their own, and a log of the press."""
+    images(tmp_path / "initial", 40)
+    images(tmp_path / "initial", 3, "flat_{:03d}.tif", 900)
+    images(tmp_path / "initial", 2, "dark_{:03d}.tif", 1)
+    for name in ("load 10", "load 2"):
+        images(tmp_path / name, 4, "im{}.tif")
+    (tmp_path / "load 2" / "angles.txt").write_text("0\n45\n90\n135\n")
+    (tmp_path / "load 10" / "force.txt").write_text("1.5\n2.5\n3.5\n4.5\n")
+    write_geometry(tmp_path / "initial" / "views.csv", Geometry.cone(np.arange(40) * 9.0, PANEL, 0.4, **CIRCLE))
+    return tmp_path
+
+
+class TestContents:
+    def test_images_are_told_apart_by_their_names(self, laboratory):
+        sets = {s.spec: (s.shape, s.role) for s in folder_contents(laboratory).images}
+        assert sets == {
+            "initial/dark_*.tif": ((2, *PANEL), "darks"),
+            "initial/flat_*.tif": ((3, *PANEL), "flats"),
+            "initial/proj_*.tif": ((40, *PANEL), "radiographs"),
+            "load 2/*.tif": ((4, *PANEL), "radiographs"),
+            "load 10/*.tif": ((4, *PANEL), "radiographs"),
+        }
+
+    def test_states_come_in_the_order_of_their_numbers(self, laboratory):
+        specs = [s.spec for s in folder_contents(laboratory).images]
+        assert specs.index("load 2/*.tif") < specs.index("load 10/*.tif")
+
+    @pytest.mark.parametrize("name", ["reference", "coffee-office", "darkroom", "flatten", "offsetting"])
+    def test_a_word_within_another_is_no_role(self, tmp_path, name):
+        images(tmp_path / name, 12)
+        assert folder_contents(tmp_path).images[0].role == "radiographs"
+
+    def test_results_and_hidden_folders_are_left_out(self, laboratory):
+        images(laboratory / "results", 3)
+        (laboratory / "results" / "stages.json").write_text("{}")
+        images(laboratory / ".cache", 3)
+        assert len(folder_contents(laboratory).images) == 5
+
+    def test_a_scanners_file_owns_its_images(self, tmp_path):
+        write_nxtomo(tmp_path / "scan.nxs", np.zeros((4, *PANEL)), np.arange(4.0))
+        (tmp_path / "other.h5").write_bytes(b"no HDF5 at all")
+        contents = folder_contents(tmp_path)
+        assert [name for name, _ in contents.scans] == ["scan.nxs"]
+        assert contents.images == ()
+
+    def test_damaged_images_are_told(self, tmp_path):
+        (tmp_path / "a.tif").write_bytes(b"II*\0 broken")
+        (only,) = folder_contents(tmp_path).images
+        assert only.problem
+        assert "a.tif" in only.sentence
+
+
+class TestDraft:
+    def test_the_largest_scan_is_the_reference_and_the_others_are_states(self, laboratory):
+        draft = draft_experiment(folder_contents(laboratory))
+        assert 'radiographs = "initial/proj_*.tif"' in draft.text
+        assert 'flats = "initial/flat_*.tif"' in draft.text
+        assert 'geometry = "initial/views.csv"' in draft.text
+        assert 'geometry = { angles_deg = "load 2/angles.txt" }' in draft.text
+        assert draft.text.index('name = "load 2"') < draft.text.index('name = "load 10"')
+
+    def test_a_log_of_forces_is_no_file_of_angles(self, laboratory):
+        draft = draft_experiment(folder_contents(laboratory))
+        assert "force.txt" not in draft.text
+        assert draft.todo == ("state 'load 10': the angles of its 4 radiographs",)
+
+    def test_a_complete_draft_is_a_valid_experiment(self, laboratory):
+        views = Geometry.cone([0, 45, 90, 135], PANEL, 0.4, **CIRCLE)
+        for name in ("load 2", "load 10"):
+            write_geometry(laboratory / name / "geometry.csv", views)
+        draft = draft_experiment(folder_contents(laboratory))
+        assert draft.todo == ()
+        path = laboratory / "experiment.toml"
+        path.write_text(draft.text)
+        inputs = find_inputs(read_experiment(path))
+        assert [scan.key for scan in inputs.states] == ["states.load 2", "states.load 10"]
+        np.testing.assert_allclose(inputs.states[0].geometry.vectors, views.vectors)
+
+    def test_without_tables_the_circle_is_to_be_filled_in(self, tmp_path):
+        images(tmp_path, 20, "scan{:03d}.tif")
+        draft = draft_experiment(folder_contents(tmp_path))
+        assert "[reference.geometry]" in draft.todo[0]
+        assert "[[states]]" in draft.todo[1]
+        for key in ("source_to_axis", "pixel_size", "first_row", "angles_deg"):
+            assert f"# {key} = " in draft.text
+
+    def test_scans_of_one_name_get_names_of_their_own(self, tmp_path):
+        images(tmp_path / "a", 20)
+        for name in ("b/scan", "c/scan"):
+            images(tmp_path / name, 3)
+        lines = draft_experiment(folder_contents(tmp_path)).text.splitlines()
+        names = [line for line in lines if line.startswith("name = ")]
+        assert len(set(names)) == 2
+
+    def test_a_later_full_scan_is_pointed_out(self, tmp_path):
+        images(tmp_path / "one", 20)
+        images(tmp_path / "two", 19)
+        assert 'views = "' in draft_experiment(folder_contents(tmp_path)).text
+
+    def test_few_radiographs_are_no_reference(self, tmp_path):
+        images(tmp_path, 4)
+        with pytest.raises(InputError, match="none is a full scan"):
+            draft_experiment(folder_contents(tmp_path))
+
+    def test_an_empty_folder_is_refused(self, tmp_path):
+        with pytest.raises(InputError, match="no radiographs"):
+            draft_experiment(folder_contents(tmp_path))
