@@ -22,6 +22,8 @@ from .experiment.config import read_experiment as read_experiment
 from .experiment.scan_files import read_scan as read_scan
 from .io.motions_csv import read_motions as read_motions
 from .io.motions_csv import write_motions as write_motions
+from .io.series_files import read_series as read_series
+from .io.series_files import write_series as write_series
 from .io.spam import read_ddic_tsv as read_ddic_tsv
 from .io.spam import write_ddic_tsv as write_ddic_tsv
 from .model.detector_alignment import DetectorAlignment as DetectorAlignment
@@ -60,6 +62,8 @@ from .segmentation.extraction import grains_from_labels as grains_from_labels
 from .segmentation.segment import Segmentation as Segmentation
 from .segmentation.segment import segment as segment
 from .segmentation.settings import SegmentSettings as SegmentSettings
+from .sequences.extrapolation import extrapolate as extrapolate
+from .sequences.series import Series as Series
 from .tracking.track import PAPER as PAPER
 from .tracking.track import TrackSettings as TrackSettings
 from .tracking.track import track as track

@@ -50,7 +50,7 @@ class RecordingCluster:
         return not self.shares
 
     def track(self, grains, states, settings):
-        self.asked.append({state.name: state.start for state in states})
+        self.asked.append({state.name: state.after or state.starts({})[0] for state in states})
         results = list(track_distributed(InlineExecutor(), self.store, grains, states, settings))
         return reversed(results)  # the last state is finished first
 
@@ -97,7 +97,7 @@ def test_independent_states_are_tracked_together(tmp_path):
     cluster = RecordingCluster(tmp_path / "store")
     context = context_of(experiment, cluster)
     motions = track_states(context)
-    assert cluster.asked == [{"a": None, "b": "a", "c": None}]
+    assert cluster.asked == [{"a": None, "b": ("a",), "c": None}]
     assert_same_motions(motions, by_one_process(experiment))
     assert sorted(context.done) == ["a/track", "b/track", "c/track"]
     again = context_of(experiment, cluster)
@@ -133,7 +133,7 @@ def test_error_names_the_state(tmp_path):
     experiment = tiny(tmp_path, a="reference")
     scan, _ = find_inputs(experiment).states[0].read()
     wrong = Motions.identity(np.array([7, 7, 8]), np.zeros((3, 3)))
-    store, states = SharedStore(tmp_path / "store"), [State("a", scan, "wrong.csv", wrong)]
+    store, states = SharedStore(tmp_path / "store"), [State("a", scan, "wrong.csv", starts=lambda tracked: (wrong,))]
     with pytest.raises(InputError, match=r"states\.a\.initial \(wrong\.csv\)"):
         list(track_distributed(InlineExecutor(), store, grain_set(), states, TrackSettings()))
 
@@ -152,7 +152,7 @@ def test_sample_is_sent_with_background_in_one_file(tmp_path, monkeypatch):
     sample = GrainSet(tuple(contiguous), one_body(Volume(np.ones((40, 40, 40)), 0.1), True))
     scan, _ = find_inputs(tiny(tmp_path, a="reference")).states[0].read()
     store = SharedStore(tmp_path / "store")
-    list(track_distributed(InlineExecutor(), store, sample, [State("a", scan, "reference", None)], TrackSettings()))
+    list(track_distributed(InlineExecutor(), store, sample, [State("a", scan, "reference")], TrackSettings()))
     ((grains, device),) = arrived
     assert device == CPU
     assert grains.background_moves
@@ -178,8 +178,8 @@ def test_waiting_states_are_passed_over(tmp_path):
             yield after
 
     scan, _ = find_inputs(tiny(tmp_path, a="reference")).states[0].read()
-    states = [State("a", scan, "reference", None), State("b", scan, "previous", "a")]
-    states.append(State("c", scan, "reference", None))
+    states = [State("a", scan, "reference"), State("b", scan, "previous", ("a",), lambda tracked: (tracked["a"],))]
+    states.append(State("c", scan, "reference"))
     results = track_distributed(
         RecordingExecutor(), SharedStore(tmp_path / "store"), grain_set(), states, TrackSettings(search=False)
     )

@@ -33,6 +33,8 @@ def by_library(folder, settings):
     for name, table in zip(("one", "two"), settings.tables.states, strict=True):
         state = gm.read_scan(folder / table.radiographs[0], folder / f"{name}.csv", **beam)
         initial, track_settings = motions[-1], settings.tables.track
+        if initial is not None:  # the second state: the better of the first state and of its extrapolation
+            initial = initial, gm.extrapolate(None, initial)
         motions.append(gm.track(reference.grains, reference.correct(state), initial, track_settings))
     return reference, motions[1:]
 

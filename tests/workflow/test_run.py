@@ -25,7 +25,8 @@ from grainmotion.workflow import reference_stages
 from grainmotion.workflow import run as workflow
 from tiny_experiment import BALLS, PANEL, SHIFTS, TOML, sample, write_tiny
 
-STATE_STAGES = ["one/track", "two/track", "one/residuals", "two/residuals"]
+SERIES_STAGES = ["series/h5", "series/csv"]
+STATE_STAGES = ["one/track", "two/track", "one/residuals", "two/residuals", *SERIES_STAGES]
 
 
 @pytest.fixture(scope="module")
@@ -132,7 +133,8 @@ class TestResults:
         path, _ = finished
         names = {p.relative_to(path.parent / "results").as_posix() for p in (path.parent / "results").rglob("*")}
         states = {f"{s}/{f}" for s in SHIFTS for f in ("motions.csv", "motions.h5", "residuals.tif")}
-        assert names == {"reference.h5", "report.html", "stages.json", "run.log", *SHIFTS, *states}
+        series = {"series.h5", "series.csv"}
+        assert names == {"reference.h5", "report.html", "stages.json", "run.log", *series, *SHIFTS, *states}
 
 
 class TestFindings:
@@ -209,9 +211,9 @@ class TestResume:
             ("search = false", "search = false\ngain = false", [*STATE_STAGES, "report"]),
             ("threshold = 0.5", "threshold = 0.45", ["segment", *STATE_STAGES, "report"]),
             ("sweeps = 3", "sweeps = 2", ["reconstruct", "segment", *STATE_STAGES, "report"]),
-            ("55.0", "54.9", ["two/track", "two/residuals", "report"]),
+            ("55.0", "54.9", ["two/track", "two/residuals", *SERIES_STAGES, "report"]),
             ('radiographs = "two.npy"', 'radiographs = "two.npy"\ninitial = "reference"',
-             ["two/track", "two/residuals", "report"]),
+             ["two/track", "two/residuals", *SERIES_STAGES, "report"]),
             ("[track]", "[output]\nrebuild = true\n[track]", ["one/rebuilt", "two/rebuilt"]),
             ("[track]", '[output]\nexports = ["vtk", "spam"]\n[track]',
              ["reference/vtk", "reference/spam", "one/vtk", "one/spam", "two/vtk", "two/spam"]),
@@ -250,7 +252,7 @@ class TestResume:
         result = run(copied)
         assert result.reused == ("reconstruct", "segment", "one/track")
         assert len(calls) == 1
-        np.testing.assert_array_equal(calls[0].translations, kept.translations)
+        np.testing.assert_array_equal(calls[0][0].translations, kept.translations)
 
     def test_run_interrupted_in_segmentation_keeps_the_reconstruction(self, copied, monkeypatch):
         shutil.rmtree(copied.parent / "results")
@@ -291,7 +293,7 @@ class TestResume:
         assert run(copied, until="reconstruct").done == ("reconstruct",)
         assert run(copied, until="segment").done == ("segment",)
         assert run(copied, until="track").done == ("one/track", "two/track")
-        assert run(copied).done == ("one/residuals", "two/residuals", "report")
+        assert run(copied).done == ("one/residuals", "two/residuals", *SERIES_STAGES, "report")
 
 
 class TestGivenVolume:
@@ -324,7 +326,7 @@ class TestGivenVolume:
     def test_initial_motions_from_a_table(self, copied, quick_track):
         run(copied, 'radiographs = "two.npy"', 'radiographs = "two.npy"\ninitial = "results/one/motions.csv"')
         expected = read_motions(copied.parent / "results" / "one" / "motions.csv")
-        np.testing.assert_array_equal(quick_track[-1].translations, expected.translations)
+        np.testing.assert_array_equal(quick_track[-1][0].translations, expected.translations)
 
     def test_initial_motions_from_spam_are_about_boxes_unless_told(self, copied, quick_track):
         """A file about boxes, with the columns of spam-ddic alone: the labels' boxes are those of the reference."""
@@ -336,7 +338,7 @@ class TestGivenVolume:
         table.to_csv(copied.parent / "x.tsv", sep="\t", index=False, na_rep="nan")
         run(copied, 'radiographs = "two.npy"', 'radiographs = "two.npy"\ninitial = "x.tsv"')
         run(copied, 'initial = "x.tsv"', 'initial = "x.tsv"\ninitial_about = "centroid"')
-        by_box, by_centroid = quick_track
+        (by_box,), (by_centroid,) = quick_track
         back = recenter(by_box.matrices, by_box.translations, by_box.centers, turned.centers)
         np.testing.assert_allclose(back, turned.translations, atol=1e-6)
         assert np.abs(by_centroid.translations - by_box.translations).max() > 1e-4

@@ -6,8 +6,8 @@ starts from another's motions waits for it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from grainmotion.backends.cpu import CPU
@@ -25,6 +25,10 @@ if TYPE_CHECKING:
     from dask.delayed import Delayed
 
 
+def _no_motion(tracked: Mapping[str, Motions | None]) -> tuple[Motions | None, ...]:
+    return (None,)
+
+
 @dataclass(frozen=True, eq=False)
 class State:
     """A state to be tracked.
@@ -37,14 +41,29 @@ class State:
         called in this process, with the start, and gives None if the state is not to be tracked.
     initial : str
         What the experiment file says of its start.
-    start : Motions or str, optional
-        The motions to start from, or the state before it in the list that will have them; None is no motion.
+    after : tuple of str
+        States in the list that have to be tracked before it.
+    starts : callable
+        From the motions of all states tracked so far, None for one that is not to be tracked, to the motions to start
+        from: the first of them is handed to ``scan``, and the one that fits the radiographs best is taken.
     """
 
     name: str
     scan: Scan | Callable[[Motions | None], Scan | None]
     initial: str
-    start: Motions | str | None
+    after: tuple[str, ...] = ()
+    starts: Callable[[Mapping[str, Motions | None]], tuple[Motions | None, ...]] = _no_motion
+
+
+@dataclass(frozen=True, eq=False)
+class _Given:
+    """What a worker tracks."""
+
+    name: str
+    scan: Scan
+    initial: str
+    starts: tuple[Motions | None, ...]
+    settings: TrackSettings
 
 
 def track_distributed(
@@ -52,22 +71,22 @@ def track_distributed(
 ) -> Iterator[tuple[str, Motions]]:
     """Names of the states and their motions, whichever is there first; no more at once than there are workers.
 
-    A state that is not to be tracked is left out; the one after it starts from no motion.
+    A state that is not to be tracked is left out.
     """
     stored, waiting, tracked = store.put(grains), list(states), dict[str, Motions | None]()
 
     def ready() -> State | None:
-        return next((s for s in waiting if not isinstance(s.start, str) or s.start in tracked), None)
+        return next((s for s in waiting if tracked.keys() >= set(s.after)), None)
 
     def more() -> tuple[str, Delayed] | None:
         while (state := ready()) is not None:
             waiting.remove(state)
-            start = tracked[state.start] if isinstance(state.start, str) else state.start
-            scan = state.scan if isinstance(state.scan, Scan) else state.scan(start)
+            starts = state.starts(tracked)
+            scan = state.scan if isinstance(state.scan, Scan) else state.scan(starts[0])
             if scan is None:
                 tracked[state.name] = None
                 continue
-            given = store.put((replace(state, scan=scan, start=start), settings))
+            given = store.put(_Given(state.name, scan, state.initial, starts, settings))
             return state.name, executor.task(_track, grains=stored, given=given)
         return None
 
@@ -78,6 +97,6 @@ def track_distributed(
 
 def _track(grains: StoredObject, given: StoredObject) -> Motions:
     with use_worker_threads():  # one state at a time, so that the grains are here once
-        state, settings = given.load()
+        state = given.load()
         with errors_of_state(f"states.{state.name}", state.initial):
-            return track(grains.load(), state.scan, state.start, settings, device=CPU)
+            return track(grains.load(), state.scan, state.starts, state.settings, device=CPU)

@@ -37,8 +37,10 @@ from grainmotion.tracking.track import TrackSettings
 RESERVED_STATE_NAMES = (
     "reference.h5", "reconstruction.h5", "report.html", "stages.json", "reference.tif", "reference.vti",
     "beam_level.json", "calibration.json", "checks.json", "checks-grains.json", "checks-volume.json", "run.log",
+    "series.h5", "series.csv", "series.parquet", "watch.html",
 )  # fmt: skip
 Export = Literal["vtk", "spam"]
+SeriesFormat = Literal["h5", "csv", "parquet"]
 
 
 def _as_list(value: object) -> object:
@@ -197,6 +199,10 @@ class OutputTable(_Table):
         default="centroid",
         description='the point whose displacement files for spam give: of the label, "centroid" for spam-moveLabels '
         '-com and strains, or the middle of its bounding box, "box", for a start of spam-ddic',
+    )
+    series: list[SeriesFormat] = Field(
+        default=["h5", "csv"],
+        description='formats of the table of all states, series.h5, ...: "h5", "csv", "parquet" (needs pyarrow)',
     )
 
 

@@ -212,6 +212,7 @@ def write_motions_h5(path: str | Path, motions: Motions) -> None:
         fit.create_dataset("stage", data=[stage for stage, _ in motions.fit.costs], dtype=text)
         fit["cost"] = np.array([cost for _, cost in motions.fit.costs], dtype=float)
         fit.attrs["downweighted"] = motions.fit.downweighted
+        fit.attrs["start_residuals"] = np.array(motions.fit.start_residuals, dtype=float)
         fit.create_dataset("notes", data=list(motions.fit.notes), dtype=text)
         if motions.fit.fluid is not None:
             group = fit.create_group("fluid")
@@ -259,5 +260,6 @@ def read_motions_h5(path: str | Path) -> Motions:
                 fluid=_read_fluid(fit),
                 appeared=read_new_grains(fit),
                 pieces=read_pieces(fit),
+                start_residuals=tuple(float(r) for r in fit.attrs.get("start_residuals", ())),
             ),
         )

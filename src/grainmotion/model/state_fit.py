@@ -134,6 +134,9 @@ class StateFit:
         Grains of this state that the reference does not have.
     pieces : tuple of PieceMotion
         Motions of the pieces of grains that broke.
+    start_residuals : tuple of float
+        Where the best of several starts was taken, the relative residual of the radiographs at each, under the first
+        stage's filter; in a run those of the state before and of the extrapolation of the last two states.
     """
 
     gain: float = 1.0
@@ -148,6 +151,12 @@ class StateFit:
     fluid: FluidFit | None = None
     appeared: tuple[NewGrain, ...] = ()
     pieces: tuple[PieceMotion, ...] = ()
+    start_residuals: tuple[float, ...] = ()
+
+    @property
+    def best_start(self) -> int:
+        """Which of several starts was taken, from 0; 0 where one was given."""
+        return int(np.argmin(self.start_residuals)) if self.start_residuals else 0
 
     @property
     def background(self) -> NDArray[np.float64] | None:

@@ -136,6 +136,10 @@ def fit_facts(state: StateReport) -> Rows:
     if fit.costs:
         facts.append(("relative residual at the end", significant(fit.costs[-1][1])))
         facts.append(("iterations", str(len(fit.costs))))
+    if len(fit.start_residuals) == 2:
+        before, expected = map(significant, fit.start_residuals)
+        taken = ("the state before", "the extrapolation of the last two states")[fit.best_start]
+        facts.append(("started from", f"{taken} (residuals of the two: {before}, {expected})"))
     response = fit.response
     if response is not None and np.ptp(response.polynomial[:, 0]) > 0:
         facts.append(("gain of each view", ", ".join(f"{g:.4f}" for g in response.polynomial[:, 0])))

@@ -9,6 +9,7 @@ seem to be missing, and with a ball in place of a grain that seems to be new.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,11 +22,13 @@ from grainmotion.backends.device import Device
 from grainmotion.diagnosis.grain_scale import scale_notes
 from grainmotion.diagnosis.results import common_cause, with_common_cause
 from grainmotion.diagnosis.state_geometry import check_state
+from grainmotion.errors import InputError
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions, Status
 from grainmotion.model.scan import Scan
 from grainmotion.tracking.absent_grains import without_absent
 from grainmotion.tracking.attempt import Attempt, Job, approach, attempt, finish, unsolved
+from grainmotion.tracking.best_start import Start, best_start, with_start_residuals
 from grainmotion.tracking.broken_grains import with_broken
 from grainmotion.tracking.missing_grains import (
     MAX_GRAINS_ALL_TRIED,
@@ -53,7 +56,7 @@ EXPLAINED = (Status.ABSENT.value, Status.BROKEN.value)
 def track(
     grains: GrainSet,
     scan: Scan,
-    start: Motions | None = None,
+    start: Motions | Sequence[Motions | None] | None = None,
     settings: TrackSettings | None = None,
     *,
     progress: Progress | None = None,
@@ -71,9 +74,10 @@ def track(
     scan : Scan
         A few radiographs of the later state ``(views, rows, columns)``, as line integrals.  They are linearised as the
         reference scan was, see `Scene.hardening`.
-    start : Motions, optional
+    start : Motions, or a sequence of them, optional
         Motions to start from, as of the state before; none is no motion.  Grains in it without a
-        finite motion start as the others moved on average.
+        finite motion start as the others moved on average.  Of several, as the state before and `extrapolate`, the one
+        that fits the radiographs best is taken; ``Motions.fit.start_residuals`` tells how well each did.
     settings : TrackSettings, optional
         Stages, filters, projector.
     progress : callable, optional
@@ -90,7 +94,7 @@ def track(
     Raises
     ------
     InputError
-        If ``start`` has no row for a grain.
+        If a start has no row for a grain, or an empty sequence of starts is given.
     """
     return track_with_residual(grains, scan, start, settings, progress=progress, device=device)[0]
 
@@ -98,7 +102,7 @@ def track(
 def track_with_residual(
     grains: GrainSet,
     scan: Scan,
-    start: Motions | None = None,
+    start: Start = None,
     settings: TrackSettings | None = None,
     *,
     progress: Progress | None = None,
@@ -109,9 +113,9 @@ def track_with_residual(
     They are None if the last fit simulated a grain whose motion is not reported, or a stand-in for a new one.
     """
     scan = grains.scene.hardening.apply(scan)
-    job = Job(grains, scan, start, settings or TrackSettings(), progress, device)
     first: Attempt | None = None
     with threadpool_limits(limits=1, user_api="blas"):  # its matrices are small, and kernels use all cores
+        job, start_residuals = _started(Job(grains, scan, None, settings or TrackSettings(), progress, device), start)
         try:
             for trial, near in beside_new_grains(job, approach(job)):
                 found = without_absent(trial, near) or finish(trial, near)
@@ -130,7 +134,20 @@ def track_with_residual(
         chosen, motions = first, first.motions
         if registered(best.motions).sum() > registered(first.motions).sum():
             chosen, motions = best, complete(best.motions, grains)
-        return _with_likely_cause(job, motions), chosen.residual
+        motions = with_start_residuals(_with_likely_cause(job, motions), start_residuals)
+        return motions, chosen.residual
+
+
+def _started(job: Job, start: Start) -> tuple[Job, tuple[float, ...]]:
+    """The job from its start, the best of several; and the relative residual of each of several."""
+    if start is None or isinstance(start, Motions):
+        return replace(job, start=start), ()
+    if not start:
+        raise InputError("start", "an empty sequence", "give motions, several motions, or none")
+    if len(start) == 1:
+        return replace(job, start=start[0]), ()
+    best, residuals = best_start(job.fit(), job.grains, start)
+    return replace(job, start=start[best]), residuals
 
 
 def _with_likely_cause(job: Job, motions: Motions) -> Motions:

@@ -17,6 +17,7 @@ from grainmotion.reconstruction.settings import ReconstructSettings
 from grainmotion.segmentation.settings import SegmentSettings
 from grainmotion.tracking.settings import TrackSettings
 from grainmotion.workflow.provenance import StageCache
+from grainmotion.workflow.starts import start_of
 
 Settings = ScannerSettings | ReconstructSettings | SegmentSettings | TrackSettings
 
@@ -79,18 +80,20 @@ class Fingerprints:
     def tracks(self) -> dict[str, str]:
         """Fingerprints of the states' motions, by the state's name."""
         prints: dict[str, str] = {}
-        previous, tables = "reference", self.experiment.tables
-        for scan, table in zip(self.inputs.states, tables.states, strict=True):
+        tables = self.experiment.tables
+        for k, (scan, table) in enumerate(zip(self.inputs.states, tables.states, strict=True)):
             files, upstream = list(scan.files), [self.segment]
             named = table.initial not in ("previous", "reference")
+            settings = ["track", _plain(tables.track), scan.settings, named]
             if named:
                 files.append(self.experiment.folder / table.initial)
             elif table.initial == "previous":
-                upstream.append(previous)
-            settings = ["track", _plain(tables.track), scan.settings, named]
+                waits = start_of(tables.states, k)
+                upstream += ["reference"] if waits is None else [prints[name] for name in waits.after]
+                settings += [] if waits is None else [waits.ratio]
             settings += [] if table.initial_about is None else [table.initial_about]
             settings += ["refused"] if table.name in self.refused else []
-            previous = prints[table.name] = self.cache.fingerprint(settings, files, upstream)
+            prints[table.name] = self.cache.fingerprint(settings, files, upstream)
         return prints
 
     def after_segmentation(self, name: str) -> str:
@@ -100,6 +103,12 @@ class Fingerprints:
     def after_tracking(self, name: str, state: str) -> str:
         """Fingerprint of an output that depends on a state's motions."""
         return self.cache.fingerprint(name, (), [self.tracks[state]])
+
+    @cached_property
+    def series(self) -> str:
+        """Fingerprint of the table of all states."""
+        times = [[table.name, table.time] for table in self.experiment.tables.states]
+        return self.cache.fingerprint(["series", times], (), self.tracks.values())
 
     @cached_property
     def report(self) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -21,6 +22,7 @@ from grainmotion.io.appeared_csv import write_new_grains
 from grainmotion.io.bodies_csv import write_body_motions
 from grainmotion.io.pieces_csv import write_piece_motions
 from grainmotion.io.results import StoredReference
+from grainmotion.io.series_files import write_series
 from grainmotion.io.spam import write_ddic_tsv
 from grainmotion.io.tiff import read_tiff, write_tiff
 from grainmotion.io.vtk import write_grains_vtp, write_image_vti
@@ -29,6 +31,7 @@ from grainmotion.model.motions import Motions
 from grainmotion.model.scan import Scan
 from grainmotion.report import ReportData, StateReport
 from grainmotion.report.data import Rows
+from grainmotion.sequences.series import Series
 from grainmotion.workflow.calibration_stage import calibration_facts
 from grainmotion.workflow.context import RunContext
 from grainmotion.workflow.provenance import Stage
@@ -38,6 +41,7 @@ from grainmotion.workflow.tracking_stage import TrackedState
 REFERENCE_EXPORTS = {"vtk": ("reference.vti",), "spam": ("reference.tif", "reference_labels.tif")}
 STATE_EXPORTS = {"vtk": "grains.vtp", "spam": "grains-ddic.tsv"}
 RESIDUALS, REPORT = "residuals.tif", "report.html"
+SERIES = "series"
 BODIES, APPEARED, PIECES = "bodies.csv", "appeared.csv", "pieces.csv"
 DEFORMED = ("rebuilt.tif", "rebuilt_labels.tif")
 
@@ -88,6 +92,20 @@ def write_outputs(
         for name, files, write in outputs:
             made = f"{name} {output.spam_about}" if name == "spam" else name
             _complete(context, f"{table.name}/{name}", prints.after_tracking(made, table.name), files, write)
+    write_series_files(context, {name: state.motions for name, state in tracked.items()})
+
+
+def write_series_files(context: RunContext, motions: Mapping[str, Motions]) -> None:
+    """Write the table of all states, in each format that is asked for; nothing if there is no state."""
+    tables = context.tables
+    if not motions:
+        return
+    series = Series.of(motions, {table.name: table.time for table in tables.states if table.time is not None})
+    settings = {"track": dataclasses.asdict(tables.track), "experiment": context.experiment.path.name}
+    for suffix in tables.output.series:
+        path = context.folder / f"{SERIES}.{suffix}"
+        write: Callable[[], None] = partial(write_series, path, series, settings=settings)
+        _complete(context, f"{SERIES}/{suffix}", context.fingerprints.series, [path], write)
 
 
 def _complete(context: RunContext, name: str, fingerprint: str, files: list[Path], write: Callable[[], None]) -> None:

@@ -24,6 +24,7 @@ from grainmotion.experiment.config import Experiment
 from grainmotion.experiment.inputs import Inputs, find_inputs
 from grainmotion.io.files import checked_folder
 from grainmotion.io.results import StoredReference
+from grainmotion.io.series_files import check_parquet
 from grainmotion.model.finding import Finding, worst_first
 from grainmotion.model.motions import Motions
 from grainmotion.report.tables import scene_sentences
@@ -101,6 +102,8 @@ def run(
         If the device asked for cannot be used.
     """
     check_argument("run(experiment)", experiment, ["Experiment"])
+    if "parquet" in experiment.tables.output.series:
+        check_parquet("output.series")
     inputs, with_states = find_inputs(experiment), until in ("track", "report")
     folder = checked_folder(out if out is not None else experiment.output)
     _check_overwriting(inputs, folder)

@@ -23,6 +23,7 @@ from grainmotion.workflow.context import RunContext, load_result
 from grainmotion.workflow.given_starts import given_start
 from grainmotion.workflow.provenance import Stage
 from grainmotion.workflow.reference_stages import SegmentedReference
+from grainmotion.workflow.starts import StateStart, start_of
 from grainmotion.workflow.state_checks import check_tracked_state, refused_motions
 
 
@@ -41,14 +42,15 @@ def track_stage(
     names = [table.name for table in context.tables.states]
     index = names.index(name)
     table = context.tables.states[index]
-    start = given_start(context, reference, index)
-    if table.initial == "previous" and index:
-        start = tracked[names[index - 1]].motions
-    check_tracked_state(context, reference, table, start)
+    starts: tuple[Motions | None, ...] = (given_start(context, reference, index),)
+    waits = start_of(context.tables.states, index)
+    if waits is not None:
+        starts = waits.starts({state: tracked[state].motions for state in waits.after})
+    check_tracked_state(context, reference, table, starts[0])
     if name in context.refused:
         return _refused_stage(context, reference, table)
     source = context.states[index][1]
-    return _stage(context, table, functools.partial(_track, context, reference, table, source, start))
+    return _stage(context, table, functools.partial(_track, context, reference, table, source, starts))
 
 
 def _refused_stage(
@@ -64,13 +66,13 @@ def _track(
     reference: Callable[[], SegmentedReference],
     table: StateTable,
     source: ScanInput,
-    start: Motions | None,
+    starts: tuple[Motions | None, ...],
 ) -> TrackedState:
-    """Track one state, in this process or by all workers together."""
+    """Track one state from the best of its starts, in this process or by all workers together."""
     grains, scan, settings = reference().grains, context.radiographs(source), context.tables.track
     progress, backend = prefixed(context.progress, table.name), context.tracking_backend
     with errors_of_state(source.key, table.initial):
-        motions, residual = track_with_residual(grains, scan, start, settings, progress=progress, device=backend)
+        motions, residual = track_with_residual(grains, scan, starts, settings, progress=progress, device=backend)
     return TrackedState(_explained(context, reference(), source, motions), residual)
 
 
@@ -93,7 +95,7 @@ def track_side_by_side(context: RunContext, reference: Callable[[], SegmentedRef
     if cluster is None or len(context.states) < 2:
         return {}
     states = _to_be_tracked(context, reference)
-    alone = [state for state in states if not isinstance(state.start, str)]
+    alone = [state for state in states if not state.after]
     if len(alone) < 2 or not cluster.one_worker_tracks_a_state(reference().grains):
         return {}
     tracked: dict[str, TrackedState] = {}
@@ -109,25 +111,34 @@ def track_side_by_side(context: RunContext, reference: Callable[[], SegmentedRef
 
 
 def _to_be_tracked(context: RunContext, reference: Callable[[], SegmentedReference]) -> list[State]:
-    """The states that are neither done nor refused; one whose start is not known yet is checked once it is."""
+    """The states that are neither done nor refused; one whose starts are not known yet is checked once they are."""
     states, known = list[State](), dict[str, Motions | None]()  # motions of the states that are done or refused
     for k, table in enumerate(context.tables.states):
-        start: Motions | str | None = given_start(context, reference, k)
-        if table.initial == "previous" and k > 0:
-            before = context.tables.states[k - 1].name
-            start = known.get(before, before)
-        if isinstance(start, str):
+        waits = start_of(context.tables.states, k)
+        after = () if waits is None else tuple(name for name in waits.after if name not in known)
+        starts = functools.partial(_starts, given_start(context, reference, k), waits, known)
+        if after:
             later = functools.partial(_checked_scan, context, reference, k)
-            states.append(State(table.name, later, table.initial, start))
+            states.append(State(table.name, later, table.initial, after, starts))
             continue
-        check_tracked_state(context, reference, table, start)
+        check_tracked_state(context, reference, table, starts({})[0])
         if table.name in context.refused:
             known[table.name] = None
         elif context.cache.is_done(f"{table.name}/track", context.fingerprints.tracks[table.name]):
             known[table.name] = _load(context, table).motions
         else:
-            states.append(State(table.name, functools.partial(_scan, context, k), table.initial, start))
+            states.append(State(table.name, functools.partial(_scan, context, k), table.initial, starts=starts))
     return states
+
+
+def _starts(
+    given: Motions | None,
+    waits: StateStart | None,
+    known: Mapping[str, Motions | None],
+    tracked: Mapping[str, Motions | None],
+) -> tuple[Motions | None, ...]:
+    """Motions to start from: given ones, or those of states that were known before or are tracked by now."""
+    return (given,) if waits is None else waits.starts({**known, **tracked})
 
 
 def _scan(context: RunContext, index: int, start: Motions | None) -> Scan:
