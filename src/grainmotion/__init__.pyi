@@ -26,6 +26,17 @@ from .io.series_files import read_series as read_series
 from .io.series_files import write_series as write_series
 from .io.spam import read_ddic_tsv as read_ddic_tsv
 from .io.spam import write_ddic_tsv as write_ddic_tsv
+from .mechanics.contact_changes import ContactChanges as ContactChanges
+from .mechanics.contact_changes import contact_changes as contact_changes
+from .mechanics.contacts import Contacts as Contacts
+from .mechanics.contacts import contacts as contacts
+from .mechanics.fabric import Fabric as Fabric
+from .mechanics.fabric import fabric as fabric
+from .mechanics.finite_strain import Deformation as Deformation
+from .mechanics.strains import Strains as Strains
+from .mechanics.strains import strains as strains
+from .mechanics.void_ratio import VoidRatios as VoidRatios
+from .mechanics.void_ratio import void_ratio as void_ratio
 from .model.detector_alignment import DetectorAlignment as DetectorAlignment
 from .model.field_of_view import FieldOfView as FieldOfView
 from .model.finding import Finding as Finding

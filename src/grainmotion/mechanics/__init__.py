@@ -1,0 +1,1 @@
+"""Mechanics of a state: strain, contacts, fabric and void ratio from the motions of the grains."""

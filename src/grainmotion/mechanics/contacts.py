@@ -1,0 +1,280 @@
+"""Contacts between grains, in the reference or in a later state, from their surfaces moved by their motions.
+
+Two labels that share a face of a voxel need not touch: blur and voxels close gaps of about a voxel, so that adjacency
+of labels finds far too many contacts (Wiebicke, Andò, Herle and Viggiani, Measurement Science and Technology 28,
+124007, 2017).  Here the gap between two grains is measured: the least signed distance of points on the surface of
+either to the surface of the other, in the frame of that grain, pair by pair.  A pair is in contact if its gap is below
+a tolerance by more than `CLEAR_GAP` of its standard deviations, open if it is above by as much, else indeterminate.
+
+The reference scan sets the limit: labels are cut where grains touch, so gaps there are never negative, and one below a
+tenth of a voxel looks like none (decision 0044).  Grains that touch at several places have one contact: the closest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from grainmotion._arguments import checked_arguments
+from grainmotion._typing import Float
+from grainmotion.errors import InputError
+from grainmotion.mechanics.surfaces import Surface, SurfaceCache
+from grainmotion.model.grains import GrainSet
+from grainmotion.model.motions import Motions
+from grainmotion.rotations import apply_motion, recenter, skew_matrix
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+CONTACT, OPEN, INDETERMINATE, OVERLAP = "contact", "open", "indeterminate", "overlap"
+DEFAULT_TOLERANCE = 0.5
+"""Gap below which two grains are in contact, voxels."""
+SURFACE_SD = 0.1
+"""Standard deviation of a gap by what voxels hide of two surfaces, voxels (decision 0044)."""
+CLEAR_GAP = 2.0
+"""Standard deviations by which a gap must be off the tolerance."""
+LISTED_GAP = 2.0
+"""Pairs are listed up to this gap, voxels."""
+PATCH_DEPTH = 0.25
+"""Points whose gap is at most this much above the least, voxels, make the place and the normal of a contact."""
+MAX_OVERLAP = 1.0
+"""Overlap of two grains that the voxels explain, voxels; beyond it, one of their motions is wrong."""
+
+
+@dataclass(frozen=True, eq=False)
+class Contacts:
+    """Pairs of grains that touch or nearly touch, in one state.
+
+    Attributes
+    ----------
+    pairs : (m, 2) int array
+        Labels of the two grains, the smaller one first.
+    gaps, gap_sds : (m,) arrays
+        Distance of their surfaces, mm, negative if they overlap, and its standard deviation.
+    kinds : (m,) array of str
+        ``contact``, ``open``, ``indeterminate`` (the gap may be on either side of the tolerance) or ``overlap``
+        (more than rigid grains can: one of the motions is wrong).
+    points, normals : (m, 3) arrays
+        Place of the contact, mm, and unit normal from the first grain to the second, in this state.
+    branches : (m, 3) array
+        Vector from the centre of mass of the first grain to that of the second, mm, in this state.
+    labels : (n,) int array
+        Grains that were looked at.
+    at_border : (n,) bool array
+        Of these, the ones that touch the border of the field of view: some of their contacts are not seen.
+    left_out : tuple of (int, str)
+        Grains that were not, and why.
+    tolerance : float
+        Gap of the decision, mm.
+    voxel_size : float
+        Of the reference, mm.
+    """
+
+    pairs: NDArray[np.int64]
+    gaps: Float
+    gap_sds: Float
+    kinds: NDArray[np.str_]
+    points: Float
+    normals: Float
+    branches: Float
+    labels: NDArray[np.int64]
+    at_border: NDArray[np.bool_]
+    left_out: tuple[tuple[int, str], ...]
+    tolerance: float
+    voxel_size: float
+
+    def __len__(self) -> int:
+        return len(self.pairs)
+
+    @property
+    def touching(self) -> NDArray[np.bool_]:
+        """Pairs in contact, ``(m,)``."""
+        return self.kinds == CONTACT
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """One row a pair: labels, kind, gap, place, normal and branch vector, mm.
+
+        Returns
+        -------
+        DataFrame
+            Its ``attrs`` tell units, frame and tolerance.
+        """
+        import pandas as pd  # takes half a second
+
+        columns: dict[str, object] = {"label_1": self.pairs[:, 0], "label_2": self.pairs[:, 1], "kind": self.kinds}
+        columns |= {"gap": self.gaps, "sd_gap": self.gap_sds}
+        for name, vectors in (("", self.points), ("n", self.normals), ("branch_", self.branches)):
+            columns |= {f"{name}{axis}": c for axis, c in zip("xyz", vectors.T, strict=True)}
+        table = pd.DataFrame(columns)
+        table.attrs.update(units="mm", frame="sample, x y z, this state", tolerance=self.tolerance)
+        return table
+
+
+@dataclass(frozen=True, eq=False)
+class _Placed:
+    """Grains at their places in a state: rows of the set, and x = F (X − c) + u + c of each."""
+
+    rows: NDArray[np.int64]
+    gradients: Float
+    translations: Float
+    centers: Float
+    covariances: Float  # (n, 6, 6) of u and the increment of the rotation, zero in the reference
+
+    def to_state(self, k: int, points: Float) -> Float:
+        return apply_motion(self.gradients[k], self.translations[k], self.centers[k], points)
+
+    def to_reference(self, k: int, points: Float) -> Float:
+        relative = points - self.translations[k] - self.centers[k]
+        return relative @ np.linalg.inv(self.gradients[k]).T + self.centers[k]
+
+    def lever(self, k: int, point: Float, normal: Float) -> Float:
+        """Derivative of n·x by the motion of grain k, for its material point that is at ``point``."""
+        arm = point - self.centers[k] - self.translations[k]
+        return np.concatenate([normal, -skew_matrix(arm).T @ normal])
+
+
+@checked_arguments
+def contacts(grains: GrainSet, motions: Motions | None = None, *, tolerance: float = DEFAULT_TOLERANCE) -> Contacts:
+    """Contacts between grains in a state, or in the reference without motions.
+
+    Parameters
+    ----------
+    grains : GrainSet
+        The grains of the reference, with their own voxels.
+    motions : Motions, optional
+        Of the state, mm and radians.  Grains whose translation is no result to use are left out, and told.
+    tolerance : float
+        Gap below which two grains are in contact, in voxels of the reference.
+
+    Returns
+    -------
+    Contacts
+        Every pair with a gap of up to `LISTED_GAP` voxels above the tolerance.
+
+    Raises
+    ------
+    InputError
+        If the tolerance is not positive, or ``motions`` names a label that is not among the grains.
+    """
+    if not (np.isfinite(tolerance) and tolerance > 0):
+        raise InputError("contacts.tolerance", f"must be > 0, got {tolerance}", "give it in voxels, such as 0.5")
+    placed, left_out = _placed(grains, motions)
+    h = grains.voxel_size
+    found = list(_measured(grains, placed, h * (tolerance + LISTED_GAP)))
+    m = len(found)
+    columns = [np.array([row[k] for row in found]) for k in range(5)] if m else [np.zeros(0)] * 5
+    pairs, points, normals = columns[0].reshape(m, 2).astype(np.int64), *(c.reshape(m, 3) for c in columns[3:])
+    gaps, sds = columns[1], np.hypot(columns[2], SURFACE_SD * h)
+    order = np.lexsort(pairs.T[::-1])
+    labels = grains.labels[placed.rows]
+    row_of = {int(label): k for k, label in enumerate(labels)}
+    current = placed.centers + placed.translations
+    ends = np.array([[row_of[int(a)], row_of[int(b)]] for a, b in pairs], dtype=np.int64).reshape(m, 2)
+    branches = current[ends[:, 1]] - current[ends[:, 0]]
+    border = np.array([grains.grains[row].touches_border for row in placed.rows], dtype=bool)
+    kinds = _kinds(gaps, sds, tolerance * h, h)
+    return Contacts(
+        pairs[order], gaps[order], sds[order], kinds[order], points[order], normals[order], branches[order], labels,
+        border, left_out, tolerance * h, h,
+    )  # fmt: skip
+
+
+def _placed(grains: GrainSet, motions: Motions | None) -> tuple[_Placed, tuple[tuple[int, str], ...]]:
+    """The grains that have a place in the state, and the others with the reason."""
+    n = len(grains)
+    if motions is None:
+        identity, zero = np.broadcast_to(np.eye(3), (n, 3, 3)), np.zeros((n, 3))
+        return _Placed(np.arange(n), identity, zero, grains.centers, np.zeros((n, 6, 6))), ()
+    row_of = {int(label): row for row, label in enumerate(grains.labels)}
+    unknown = sorted({int(label) for label in motions.labels} - set(row_of))
+    if unknown:
+        fact = f"labels {unknown[:10]} are not among the grains"
+        raise InputError("motions.label", fact, "use motions of this reference")
+    finite = np.isfinite(np.hstack([motions.translations, motions.rotations])).all(axis=1)
+    kept = np.flatnonzero(motions.ok_translation & finite)
+    rows = np.array([row_of[int(label)] for label in motions.labels[kept]], dtype=np.int64)
+    told = dict(zip(motions.labels.tolist(), motions.statuses.tolist(), strict=True))
+    used = set(rows.tolist())
+    left_out = tuple(
+        (int(label), f"translation not to use: {told.get(int(label), 'not among the motions')}")
+        for row, label in enumerate(grains.labels)
+        if row not in used
+    )
+    gradients, centers = motions.gradients[kept], grains.centers[rows]
+    shifts = recenter(gradients, motions.translations[kept], motions.centers[kept], centers)
+    return _Placed(rows, gradients, shifts, centers, motions.covariances[kept]), left_out
+
+
+def _measured(
+    grains: GrainSet, placed: _Placed, reach: float
+) -> Iterator[tuple[tuple[int, int], float, float, Float, Float]]:
+    """Labels, gap, its standard deviation by the motions, place and normal of each pair nearer than ``reach``, mm."""
+    surfaces, h = SurfaceCache(grains), grains.voxel_size
+    current = placed.centers + placed.translations
+    halves = np.array([_outer_radius(grains, int(row)) for row in placed.rows])
+    pairs = cKDTree(current).query_pairs(2 * halves.max(initial=0.0) + reach, output_type="ndarray")
+    apart = np.linalg.norm(current[pairs[:, 0]] - current[pairs[:, 1]], axis=1)
+    pairs = pairs[apart < halves[pairs].sum(axis=1) + reach]
+    for a, b in pairs[np.argsort(current[pairs[:, 0], 2], kind="stable")]:  # by height: surfaces are used again soon
+        i, j = sorted((int(a), int(b)), key=lambda k: int(grains.labels[placed.rows[k]]))
+        first, second = surfaces[int(placed.rows[i])], surfaces[int(placed.rows[j])]
+        closest = None if first is None or second is None else _closest(placed, (i, first), (j, second), reach, h)
+        if closest is None or closest[0] > reach:
+            continue
+        gap, point, normal = closest
+        variance = 0.0
+        for k in (i, j):
+            lever = placed.lever(k, point, normal)
+            variance += float(lever @ placed.covariances[k] @ lever)
+        labels = int(grains.labels[placed.rows[i]]), int(grains.labels[placed.rows[j]])
+        yield labels, gap, np.sqrt(max(variance, 0.0)) if np.isfinite(variance) else np.inf, point, normal
+
+
+def _outer_radius(grains: GrainSet, row: int) -> float:
+    """Radius of a ball about the grain's centre that holds its voxels, mm."""
+    volume = grains.grains[row].volume
+    middle = np.array(volume.center)
+    half = volume.voxel_size * np.array(volume.shape[::-1]) / 2
+    return float(np.linalg.norm(np.abs(middle - grains.grains[row].center) + half))
+
+
+def _closest(
+    placed: _Placed, first: tuple[int, Surface], second: tuple[int, Surface], reach: float, voxel_size: float
+) -> tuple[float, Float, Float] | None:
+    """Gap, place and normal (first to second) where two surfaces come closest, in the state; None if none is near."""
+    depth, limit = PATCH_DEPTH * voxel_size, reach + voxel_size
+    sides = []
+    for (k, own), (other_k, other), sign in ((first, second, 1.0), (second, first, -1.0)):
+        moved = placed.to_state(k, own.points)
+        local = placed.to_reference(other_k, moved)
+        near = np.linalg.norm(local - placed.centers[other_k], axis=1) < other.radius + limit
+        distances, index = other.distances(local[near], limit)
+        if not np.isfinite(distances).any():
+            return None
+        sides.append((distances, moved[near], own.normals[near], other.normals[index], sign, k, other_k))
+    gap = min(float(side[0].min()) for side in sides)
+    point, normal = np.zeros(3), np.zeros(3)
+    for distances, places, own_normals, other_normals, sign, k, other_k in sides:
+        patch = distances <= max(gap, float(distances.min())) + depth
+        outward = placed.gradients[k] @ own_normals[patch].mean(axis=0)
+        inward = placed.gradients[other_k] @ other_normals[patch].mean(axis=0)
+        normal += sign * (outward - inward)
+        point += places[patch].mean(axis=0) / 2
+    length = float(np.linalg.norm(normal))
+    if length == 0:
+        return None
+    return gap, point, normal / length
+
+
+def _kinds(gaps: Float, sds: Float, tolerance: float, voxel_size: float) -> NDArray[np.str_]:
+    clear = CLEAR_GAP * sds
+    kinds = np.full(len(gaps), INDETERMINATE, dtype="<U13")
+    kinds[gaps + clear < tolerance] = CONTACT
+    kinds[gaps - clear > tolerance] = OPEN
+    kinds[gaps + clear < -MAX_OVERLAP * voxel_size] = OVERLAP
+    return kinds

@@ -1,0 +1,89 @@
+"""Void ratios of packings of spheres that are known, moved packings, cells that the border cuts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from grainmotion.errors import InputError
+from grainmotion.mechanics.void_ratio import void_ratio
+from grainmotion.model.volume import Volume
+from grainmotion.rotations import rotation_matrix
+from spheres import known_motions, sphere_grains
+
+RADIUS = 6.0
+CUBIC = 2 * RADIUS * np.stack(np.meshgrid(*[[-1.0, 0, 1]] * 3), axis=-1).reshape(-1, 3)
+FIELD = Volume.zeros((52, 52, 52), 1.0)
+MIDDLE = int(np.flatnonzero((CUBIC == 0).all(axis=1))[0])
+
+
+@pytest.fixture(scope="module")
+def cubic():
+    return sphere_grains(CUBIC, np.full(27, RADIUS), FIELD.shape, finer=1)
+
+
+@pytest.mark.parametrize("cells", ["set", "radical"])
+class TestPackings:
+    def test_simple_cubic(self, cubic, cells):
+        """e = 6/π − 1 = 0.910; the cells of all grains but the middle one are open."""
+        found = void_ratio(cubic, FIELD, cells=cells)
+        np.testing.assert_array_equal(np.flatnonzero(found.inside), [MIDDLE])
+        assert found.void_ratios[MIDDLE] == pytest.approx(6 / np.pi - 1, abs=0.02)
+        assert found.mean == pytest.approx(6 / np.pi - 1, abs=0.02)
+        assert np.isnan(np.delete(found.void_ratios, MIDDLE)).all()
+
+    def test_face_centred_cubic(self, cells):
+        """e = √18/π − 1 = 0.350 of the middle one."""
+        edge = 2 * np.sqrt(2) * RADIUS
+        steps = np.stack(np.meshgrid(*[np.arange(-2.0, 3)] * 3), axis=-1).reshape(-1, 3) / 2
+        centers = steps[(np.round(2 * steps).sum(axis=1) % 2 == 0)] * edge
+        grains = sphere_grains(centers, np.full(len(centers), RADIUS), (52, 52, 52), finer=1)
+        found = void_ratio(grains, FIELD, cells=cells)
+        middle = int(np.argmin(np.linalg.norm(grains.centers, axis=1)))
+        assert found.inside[middle]
+        assert found.void_ratios[middle] == pytest.approx(np.sqrt(18) / np.pi - 1, abs=0.02)
+
+    def test_a_packing_that_dilates_uniformly(self, cubic, cells):
+        """Centres move apart by 5 %: 1 + e grows by 1.05³."""
+        before = void_ratio(cubic, FIELD, cells=cells).void_ratios[MIDDLE]
+        after = void_ratio(cubic, FIELD, known_motions(cubic.centers, 0.05 * cubic.centers), cells=cells)
+        assert (1 + after.void_ratios[MIDDLE]) / (1 + before) == pytest.approx(1.05**3, rel=0.015)
+
+    def test_a_rigid_motion_changes_nothing(self, cubic, cells):
+        w = np.deg2rad([4.0, -3, 6])
+        shift = cubic.centers @ (rotation_matrix(w) - np.eye(3)).T + [0.4, 0.3, -0.6]
+        before = void_ratio(cubic, FIELD, cells=cells).void_ratios[MIDDLE]
+        after = void_ratio(cubic, FIELD, known_motions(cubic.centers, shift, np.tile(w, (27, 1))), cells=cells)
+        assert after.void_ratios[MIDDLE] == pytest.approx(before, abs=0.02)
+
+    def test_grains_without_a_place_have_no_cell(self, cubic, cells):
+        statuses = ["converged"] * 27
+        statuses[3] = "absent"
+        motions = known_motions(cubic.centers, np.zeros((27, 3)), statuses=statuses)
+        found = void_ratio(cubic, FIELD, motions, cells=cells)
+        assert 4 not in found.labels
+        nothing = void_ratio(cubic, FIELD, replace(motions, statuses=np.full(27, "absent")), cells=cells)
+        assert len(nothing.to_dataframe()) == 0
+        assert np.isnan(nothing.mean)
+
+
+def test_radical_planes_of_unequal_spheres():
+    """The plane between two balls is where the power distances agree: d/2 + (r₁² − r₂²)/(2 d) from the first."""
+    small, large, apart = 4.0, 8.0, 13.0
+    centers = np.array([[-apart / 2, 0, 0], [apart / 2, 0, 0]])
+    grains = sphere_grains(centers, [small, large], (24, 24, 40), finer=1)
+    found = void_ratio(grains, Volume.zeros((24, 24, 40), 1.0), cells="radical")
+    radii = np.cbrt(0.75 / np.pi * found.grain_volumes)
+    plane = -apart / 2 + apart / 2 + (radii[0] ** 2 - radii[1] ** 2) / (2 * apart)
+    assert found.cell_volumes[0] == pytest.approx((plane + 20) * 24 * 24, rel=1e-3)
+    assert found.cell_volumes.sum() == pytest.approx(24 * 24 * 40)
+    assert not found.inside.any()
+
+
+def test_wrong_input_is_named(cubic):
+    with pytest.raises(InputError, match="'voronoi' is unknown"):
+        void_ratio(cubic, FIELD, cells="voronoi")
+    with pytest.raises(InputError, match=r"labels \[28\] are not among the grains"):
+        void_ratio(cubic, FIELD, known_motions(np.zeros((28, 3)), np.zeros((28, 3))))
