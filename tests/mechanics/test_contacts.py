@@ -104,7 +104,7 @@ def test_an_overlap_that_no_rigid_grains_have_is_told():
 
 
 def test_grains_without_a_place_are_told():
-    grains, centers, _ = two_spheres(0.0)
+    grains, _, _ = two_spheres(0.0)
     motions = known_motions(grains.centers, np.zeros((2, 3)), statuses=["converged", "absent"])
     found = contacts(grains, motions)
     assert len(found) == 0

@@ -3,26 +3,13 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from grainmotion.errors import InputError
-from grainmotion.mechanics.contacts import Contacts
 from grainmotion.mechanics.fabric import fabric
-
-
-def contacts_along(normals: np.ndarray, pairs: list[list[int]] | None = None, count: int = 2, **changes) -> Contacts:
-    """Contacts with these normals between grains 1 … count."""
-    m = len(normals)
-    pairs = np.array([[1, 2]] * m if pairs is None else pairs).reshape(m, 2)
-    normals = np.asarray(normals, dtype=float).reshape(m, 3)
-    known = Contacts(
-        pairs, np.zeros(m), np.zeros(m), np.full(m, "contact", dtype="<U13"), np.zeros((m, 3)), normals, 2 * normals,
-        np.arange(1, count + 1), np.zeros(count, dtype=bool), (), 0.5, 1.0,
-    )  # fmt: skip
-    return replace(known, **changes)
+from known_contacts import contacts_along
 
 
 def test_one_direction():

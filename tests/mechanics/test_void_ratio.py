@@ -9,6 +9,8 @@ import pytest
 
 from grainmotion.errors import InputError
 from grainmotion.mechanics.void_ratio import void_ratio
+from grainmotion.model.scene import Body, Scene
+from grainmotion.model.state_fit import BodyMotion
 from grainmotion.model.volume import Volume
 from grainmotion.rotations import rotation_matrix
 from spheres import known_motions, sphere_grains
@@ -87,3 +89,32 @@ def test_wrong_input_is_named(cubic):
         void_ratio(cubic, FIELD, cells="voronoi")
     with pytest.raises(InputError, match=r"labels \[28\] are not among the grains"):
         void_ratio(cubic, FIELD, known_motions(np.zeros((28, 3)), np.zeros((28, 3))))
+
+
+def test_a_body_is_no_void_where_it_is_in_the_state(cubic):
+    """A cube of 3 voxels in a pore of the middle grain; in the state it is somewhere else."""
+    place = (RADIUS, RADIUS, RADIUS)  # between eight grains
+    body = Body("insert", "body", Volume(np.ones((3, 3, 3)), 1.0, (place[0] - 0.5, place[1] - 0.5, place[2] - 0.5)))
+    grains = replace(cubic, scene=Scene((body,)))
+    free = void_ratio(cubic, FIELD).cell_volumes[MIDDLE]
+    inner_corner = 8  # voxels of the cube that are in the cell of the middle grain; the others are on its faces
+    assert free - void_ratio(grains, FIELD).cell_volumes[MIDDLE] == pytest.approx(inner_corner, abs=2)
+    away = BodyMotion(
+        "insert",
+        "body",
+        "free",
+        np.array(body.center),
+        np.array([-2 * RADIUS, 0, 0]),
+        np.zeros(3),
+        np.zeros((6, 6)),
+        True,
+    )
+    still = known_motions(grains.centers, np.zeros((27, 3)))
+    moved = replace(still, fit=replace(still.fit, bodies=(away,)))
+    assert void_ratio(grains, FIELD, still).cell_volumes[MIDDLE] < free
+    right, left = (
+        void_ratio(grains, FIELD, m).cell_volumes - void_ratio(cubic, FIELD).cell_volumes for m in (still, moved)
+    )
+    beside = int(np.argmin(np.linalg.norm(cubic.centers - [2 * RADIUS, 0, 0], axis=1)))
+    assert right[beside] < 0
+    assert left[beside] == pytest.approx(0)

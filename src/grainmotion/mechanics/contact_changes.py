@@ -52,8 +52,8 @@ class ContactChanges:
     sliding_sds : (m,) array
         Its standard deviation along its own direction; without sliding, of any component across the normal.
     rollings, twistings : (m,) arrays
-        Angle of the relative rotation, of the second grain against the first, across the normal (0 or more) and about it
-        (right-hand rule about the normal from first to second), radians.
+        Angle of the relative rotation, of the second grain against the first, across the normal (0 or more) and about
+        it (right-hand rule about the normal from first to second), radians.
     rolling_sds, twisting_sds : (m,) arrays
         Their standard deviations, radians.
     """

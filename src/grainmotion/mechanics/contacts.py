@@ -4,7 +4,7 @@ Two labels that share a face of a voxel need not touch: blur and voxels close ga
 of labels finds far too many contacts (Wiebicke, Andò, Herle and Viggiani, Measurement Science and Technology 28,
 124007, 2017).  Here the gap between two grains is measured: the least signed distance of points on the surface of
 either to the surface of the other, in the frame of that grain, pair by pair.  A pair is in contact if its gap is below
-a tolerance by more than `CLEAR_GAP` of its standard deviations, open if it is above by as much, else indeterminate.
+a tolerance by more than `CLEAR_GAP_SDS` of its standard deviations, open if it is above by as much, else indeterminate.
 
 The reference scan sets the limit: labels are cut where grains touch, so gaps there are never negative, and one below a
 tenth of a voxel looks like none (decision 0044).  Grains that touch at several places have one contact: the closest.
@@ -32,11 +32,11 @@ if TYPE_CHECKING:
     import pandas as pd
 
 CONTACT, OPEN, INDETERMINATE, OVERLAP = "contact", "open", "indeterminate", "overlap"
-DEFAULT_TOLERANCE = 0.5
+DEFAULT_GAP_TOLERANCE = 0.5
 """Gap below which two grains are in contact, voxels."""
 SURFACE_SD = 0.1
 """Standard deviation of a gap by what voxels hide of two surfaces, voxels (decision 0044)."""
-CLEAR_GAP = 2.0
+CLEAR_GAP_SDS = 2.0
 """Standard deviations by which a gap must be off the tolerance."""
 LISTED_GAP = 2.0
 """Pairs are listed up to this gap, voxels."""
@@ -139,7 +139,7 @@ class _Placed:
 
 
 @checked_arguments
-def contacts(grains: GrainSet, motions: Motions | None = None, *, tolerance: float = DEFAULT_TOLERANCE) -> Contacts:
+def contacts(grains: GrainSet, motions: Motions | None = None, *, tolerance: float = DEFAULT_GAP_TOLERANCE) -> Contacts:
     """Contacts between grains in a state, or in the reference without motions.
 
     Parameters
@@ -272,7 +272,7 @@ def _closest(
 
 
 def _kinds(gaps: Float, sds: Float, tolerance: float, voxel_size: float) -> NDArray[np.str_]:
-    clear = CLEAR_GAP * sds
+    clear = CLEAR_GAP_SDS * sds
     kinds = np.full(len(gaps), INDETERMINATE, dtype="<U13")
     kinds[gaps + clear < tolerance] = CONTACT
     kinds[gaps - clear > tolerance] = OPEN

@@ -19,6 +19,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from grainmotion._typing import Float
 from grainmotion.model.strain import components
@@ -114,13 +115,13 @@ def deviatoric_noise(covariances: Float) -> Float:
 
 def _determinants(gradients: Float) -> Float:
     """det F; NaN where a grain would be turned inside out, which no deformation does."""
-    finite = np.isfinite(gradients).all(axis=(1, 2))
+    finite = np.asarray(np.isfinite(gradients).all(axis=(1, 2)))
     determinants = np.linalg.det(np.where(finite[:, None, None], gradients, 0.0))
     return np.where(determinants > 0, determinants, np.nan)
 
 
-def _usable(gradients: Float) -> np.ndarray:
-    return np.isfinite(gradients).all(axis=(1, 2)) & (np.linalg.det(np.nan_to_num(gradients)) > 0)
+def _usable(gradients: Float) -> NDArray[np.bool_]:
+    return np.asarray(np.isfinite(_determinants(gradients)))
 
 
 def _principal_stretches(gradients: Float) -> tuple[Float, Float]:

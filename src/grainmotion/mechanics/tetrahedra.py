@@ -7,8 +7,8 @@ give triangles, and F only in the plane.
 
 At the hull Delaunay's tessellation spans hollows, and it has flat tetrahedra in which a small error of a translation
 becomes a large strain.  Those on the hull are therefore taken off, one layer after the other, while one is flat
-(mean ratio below `MIN_SHAPE`) or long (an edge beyond `MAX_EDGE` median edges).  Flat ones inside are kept: they have
-hardly any volume, so hardly any weight in an average, and without them the tessellation had holes.
+(mean ratio below `MIN_SHAPE`) or long (an edge beyond `MAX_HULL_EDGE` median edges).  Flat ones inside are kept: they
+have hardly any volume, so hardly any weight in an average, and without them the tessellation had holes.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from grainmotion.mechanics.gradient_weights import GradientWeights, weights_from
 
 MIN_SHAPE = 0.2
 """Mean ratio (1 for a regular tetrahedron, 0 for a flat one) below which one at the hull is taken off."""
-MAX_EDGE = 2.5
+MAX_HULL_EDGE = 2.5
 """Longest edge of a tetrahedron at the hull, in median edges: beyond it, it spans a hollow or an open corner."""
 MIN_CELL_VOLUME = 1e-9
 """Smallest volume of a tetrahedron, in median volumes; centres on a lattice give empty ones."""
-FLAT = 1e-9
+FLAT_LAYER = 1e-9
 """Thickness along z below which centres lie in one plane, relative to their extent along x and y."""
 
 
@@ -73,7 +73,7 @@ class Tessellation:
 def tessellate(points: Float) -> Tessellation:
     """Simplices between points ``(n, 3)``, mm; none if the points span no volume and lie in no plane of one z."""
     extent = np.ptp(points, axis=0) if len(points) else np.zeros(3)
-    planar = len(points) > 0 and extent[2] <= FLAT * extent[:2].max()
+    planar = len(points) > 0 and extent[2] <= FLAT_LAYER * extent[:2].max()
     dimension = 2 if planar else 3
     try:
         if len(points) <= dimension or not np.isfinite(points).all():
@@ -119,7 +119,7 @@ def _peeled(
     if not len(volumes):
         return np.zeros(0, dtype=bool), np.zeros(neighbours.shape, dtype=bool)
     present = np.ones(len(volumes), dtype=bool)
-    poor = (shapes < MIN_SHAPE) | (longest > MAX_EDGE * np.median(longest))
+    poor = (shapes < MIN_SHAPE) | (longest > MAX_HULL_EDGE * np.median(longest))
     while True:
         outside = (neighbours < 0) | ~present[neighbours]
         peeled = present & poor & outside.any(axis=1)

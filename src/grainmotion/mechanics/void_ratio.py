@@ -29,6 +29,7 @@ from grainmotion.mechanics.surfaces import surface_of
 from grainmotion.mechanics.tetrahedra import tessellate
 from grainmotion.model.grains import Grain, GrainSet
 from grainmotion.model.motions import Motions, Status
+from grainmotion.model.scene import Scene
 from grainmotion.model.volume import Volume
 from grainmotion.rotations import recenter
 
@@ -161,6 +162,7 @@ def _usable(grains: GrainSet, motions: Motions | None) -> Motions:
         statuses=np.full(len(kept), Status.CONVERGED.value, dtype="<U20"),
         strains=None if motions.strains is None else motions.strains[kept],
         strain_covariances=None if motions.strain_covariances is None else motions.strain_covariances[kept],
+        fit=motions.fit,
     )
 
 
@@ -196,8 +198,8 @@ def _set_cells(grains: GrainSet, motions: Motions, grid: Volume, volumes: Float)
         second[wide] = np.where(first, nearest[wide], np.where(follows, distance, second[wide]))
         other[wide] = np.where(first, owner[wide], np.where(follows, row, other[wide]))
         nearest[wide][first], owner[wide][first] = distance[first], row
-    for body in grains.scene.bodies:  # pistons and walls are no void
-        _remove_body(owner, labels, body.volume, grid)
+    if grains.scene.bodies:  # they are no void
+        owner[_solid_bodies(grains, motions, grid) & (labels == 0)] = -1
     counts = np.bincount(owner[owner >= 0], minlength=n).astype(float)
     with np.errstate(invalid="ignore"):
         between = np.argwhere((owner >= 0) & (other >= 0) & (second - nearest < NEAR_A_FACE))
@@ -240,17 +242,17 @@ def _open_cells(owner: NDArray[np.int32], nearest: NDArray[np.float32], reach: f
     return found[:count]
 
 
-def _remove_body(owner: NDArray[np.int32], labels: NDArray[np.int32], body: Volume, grid: Volume) -> None:
-    """Take the voxels of a body out of the cells."""
-    start = np.rint((body.origin - grid.origin) / grid.voxel_size).astype(int)[::-1]
-    low, high = np.maximum(start, 0), np.minimum(start + body.shape, grid.shape)
-    if (high <= low).any() or abs(body.voxel_size - grid.voxel_size) > 1e-6 * grid.voxel_size:
-        return
-    target = tuple(slice(a, b) for a, b in zip(low, high, strict=True))
-    source = tuple(slice(a - s, b - s) for a, b, s in zip(low, high, start, strict=True))
-    values = body.array[source]
-    solid = (values > 0.5 * np.median(body.array[body.array > 0])) & (labels[target] == 0)
-    owner[target][solid] = -1
+def _solid_bodies(grains: GrainSet, motions: Motions, grid: Volume) -> NDArray[np.bool_]:
+    """Voxels that pistons, walls and other bodies hold in the state, where they are then."""
+    solid = np.zeros(grid.shape, dtype=bool)
+    nothing = replace(Motions.identity(np.zeros(0, dtype=np.int64), np.zeros((0, 3))), fit=motions.fit)
+    for body in grains.scene.bodies:
+        if body.kind == "rest" or not (body.volume.array > 0).any():
+            continue
+        alone = replace(grains, scene=Scene((body,)))
+        moved, _ = rebuild(alone, nothing, grid)
+        solid |= moved.array > 0.5 * np.median(body.volume.array[body.volume.array > 0])
+    return solid
 
 
 def _radical_cells(centers: Float, radii: Float, grid: Volume) -> tuple[Float, NDArray[np.bool_]]:
