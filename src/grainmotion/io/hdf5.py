@@ -43,14 +43,14 @@ def opened(path: str | Path) -> Iterator[h5py.File]:
 def dataset_info(path: str | Path, inner: str) -> tuple[tuple[int, ...], np.dtype]:
     """Shape and type of the dataset ``inner`` of an HDF5 file."""
     with opened(path) as file:
-        data = _dataset(file, path, inner)
+        data = dataset_in(file, path, inner)
         return tuple(data.shape), data.dtype
 
 
 def read_dataset(path: str | Path, inner: str, chosen: Index | None = None) -> Pixels:
     """The dataset ``inner`` of an HDF5 file, or the items ``chosen`` along its first axis."""
     with opened(path) as file:
-        data = _dataset(file, path, inner)
+        data = dataset_in(file, path, inner)
         check_written(data, chosen)
         return np.asarray(data[()]) if chosen is None else np.stack([data[int(k)] for k in chosen])
 
@@ -58,7 +58,7 @@ def read_dataset(path: str | Path, inner: str, chosen: Index | None = None) -> P
 def read_angles_deg(path: str | Path, inner: str) -> Float:
     """A dataset of angles, in degrees by its attribute ``units``; without it they are taken for degrees."""
     with opened(path) as file:
-        data = _dataset(file, path, inner)
+        data = dataset_in(file, path, inner)
         values = np.asarray(data[()])
         if values.dtype.kind not in "iuf":
             raise InputError(f"{path}::{inner}", f"it holds {data.dtype}, no numbers", "name a dataset of angles")
@@ -92,7 +92,7 @@ class NXtomo:
         rows = rows if chosen is None else rows[chosen]
         frames = np.empty((len(rows), *self.shape), self.dtype)
         with opened(self.path) as file:
-            data = _dataset(file, self.path, self.data)
+            data = dataset_in(file, self.path, self.data)
             check_written(data, rows)
             for frame, row in zip(frames, rows):
                 frame[...] = data[row]
@@ -112,7 +112,7 @@ def read_nxtomo(path: str | Path) -> NXtomo:
         found = _entry(file)
         if found is None:
             fact = "no NXtomo entry with instrument/detector/data and image_key"
-            stacks = [name for name, shape in _datasets(file).items() if len(shape) == 3]
+            stacks = [name for name, shape in dataset_shapes(file).items() if len(shape) == 3]
             inside = f"; it holds {', '.join(stacks[:MAX_NAMES_IN_AN_ERROR])}" if stacks else ""
             example = stacks[0] if stacks else "/path/to/data"
             raise InputError(str(path), fact + inside, f'name one dataset in it as "{Path(path).name}::{example}"')
@@ -169,14 +169,14 @@ def _unit(data: h5py.Dataset) -> str:
     return first.decode(errors="replace") if isinstance(first, bytes) else str(first)
 
 
-def _dataset(file: h5py.File, path: str | Path, inner: str) -> h5py.Dataset:
+def dataset_in(file: h5py.File, path: str | Path, inner: str) -> h5py.Dataset:
     """A dataset by its path, with all its sources; else an error that names what is like it."""
     check_link(file, inner)
     data = file.get(inner)
     if isinstance(data, h5py.Dataset):
         check_sources(data)
         return data
-    shapes = _datasets(file)
+    shapes = dataset_shapes(file)
     if isinstance(data, h5py.Group):
         within = [name for name in shapes if name.startswith(data.name.rstrip("/") + "/")]
         held = [f"{name} {shapes[name]}" for name in within[:MAX_NAMES_IN_AN_ERROR]]
@@ -189,7 +189,7 @@ def _dataset(file: h5py.File, path: str | Path, inner: str) -> h5py.Dataset:
     raise InputError(str(path), f"no dataset '{inner}'", f"{hint}it holds {names or 'no dataset'}")
 
 
-def _datasets(file: h5py.File) -> dict[str, tuple[int, ...]]:
+def dataset_shapes(file: h5py.File) -> dict[str, tuple[int, ...]]:
     """Shapes of all datasets of a file by their paths."""
     shapes: dict[str, tuple[int, ...]] = {}
 

@@ -23,8 +23,8 @@ _SAMPLES = (2, 3, 4)  # values a pixel: grey and opacity, colours, colours and o
 
 def tiff_info(path: str | Path) -> tuple[tuple[int, int, int], np.dtype]:
     """Shape (pages, rows, columns) and type of a TIFF file, without reading its pixels; errors as in `read_tiff`."""
-    with _opened(path) as file:
-        series = _only_series(path, file)
+    with opened_tiff(path) as file:
+        series = only_series(path, file)
         return _as_stack_shape(path, series), series.dtype
 
 
@@ -34,8 +34,8 @@ def read_tiff(path: str | Path) -> Pixels:
     A colour image is read if its colours are alike.  Raises an `InputError` if the file is missing, empty, truncated,
     in colour, or compressed with loss or by an unknown codec.
     """
-    with _opened(path) as file:
-        series = _only_series(path, file)
+    with opened_tiff(path) as file:
+        series = only_series(path, file)
         shape = _as_stack_shape(path, series)
         try:
             pixels = series.asarray()
@@ -55,7 +55,8 @@ def write_tiff(path: str | Path, array: Pixels) -> None:
 
 
 # ---------------------------------------------------------------------- checks
-def _opened(path: str | Path) -> tifffile.TiffFile:
+def opened_tiff(path: str | Path) -> tifffile.TiffFile:
+    """An open TIFF file whose pages all lie in it; it is read as the images that it holds itself."""
     path = checked_file(path)
     _check_page_chain(path)
     try:
@@ -67,7 +68,8 @@ def _opened(path: str | Path) -> tifffile.TiffFile:
     return file
 
 
-def _only_series(path: str | Path, file: tifffile.TiffFile) -> tifffile.TiffPageSeries:
+def only_series(path: str | Path, file: tifffile.TiffFile) -> tifffile.TiffPageSeries:
+    """The images of a TIFF file, which must be of one size and grey."""
     try:
         series = file.series
     except Exception as error:

@@ -1,0 +1,145 @@
+"""OME-Zarr 0.4 and 0.5 (Zarr 2 and 3), and plain Zarr arrays; chunks are read slab by slab, by the package zarr."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from grainmotion.errors import InputError
+from grainmotion.io.volumes.record import Sliceable, VolumeFile, sliced, volume_axes
+from grainmotion.io.volumes.zarr_metadata import OmeImage, told_center
+
+if TYPE_CHECKING:
+    import zarr
+
+ZARR = (".zarr", ".zarr.zip", ".ozx")
+ZARR_FILES = (".zattrs", ".zgroup", ".zarray", "zarr.json")
+_COPY_STORE = "copy or export the folder again, with all its files"
+
+
+def is_zarr(path: Path) -> bool:
+    """Whether a path is a Zarr store."""
+    return path.name.lower().endswith(ZARR) or (path.is_dir() and any((path / name).is_file() for name in ZARR_FILES))
+
+
+def zarr_volume(path: Path, spec: str, inner: str) -> VolumeFile:
+    """A level of an OME-Zarr image, its finest unless ``inner`` names another, or a plain array."""
+    node = _opened(path)
+    array, group, image = _array(node, spec, inner)
+    where = f"{path}::{array.path}" if array.path else str(path)
+    order = volume_axes(array.shape, _names(array) if image is None else image.axes, where)
+    level = array.path.removeprefix("" if group is None else group.path).strip("/")
+    voxel, notes = (None, ()) if image is None else image.voxel(level, order)
+    stored, chunks = int(array.nchunks_initialized), int(array.nchunks)
+    if stored == 0:
+        raise InputError(where, "none of its chunks is stored: it would read as zeros", _COPY_STORE)
+    if stored < chunks:
+        notes = (*notes, f"{chunks - stored} of {chunks} chunks are not stored and read as {array.fill_value}")
+    shape = (array.shape[order[0]], array.shape[order[1]], array.shape[order[2]])
+
+    @contextmanager
+    def data() -> Iterator[Sliceable]:
+        try:
+            yield array
+        except Exception as error:
+            raise InputError(where, f"a chunk cannot be read ({error})", _COPY_STORE) from error
+
+    center = None if group is None else told_center(group.attrs)
+    files = _files(path, array.path)
+    return VolumeFile(
+        spec, files, shape, array.dtype, sliced(data, order, array.ndim), voxel, center, notes, (array.path,)
+    )
+
+
+def import_zarr(where: str) -> None:
+    """Say how to install zarr if it is missing."""
+    try:
+        import zarr
+    except ImportError as error:
+        remedy = "install it: pip install 'grainmotion[zarr]', or use TIFF or HDF5"
+        raise InputError(where, "Zarr needs the package zarr, which is not installed", remedy) from error
+    if int(zarr.__version__.split(".")[0]) < 3:
+        raise InputError(where, f"zarr {zarr.__version__} is too old", "pip install --upgrade 'zarr>=3'")
+
+
+def _opened(path: Path) -> zarr.Group | zarr.Array:
+    import_zarr(str(path))
+    import zarr
+    from zarr.storage import LocalStore, ZipStore
+
+    if not path.exists():
+        raise InputError(str(path), "no such folder", "check the path; paths start at the experiment file's folder")
+    try:
+        store = ZipStore(path, mode="r") if path.is_file() else LocalStore(path, read_only=True)
+        return zarr.open(store=store, mode="r", use_consolidated=False)
+    except Exception as error:
+        raise InputError(str(path), f"no Zarr store, or a damaged one ({error})", _COPY_STORE) from error
+
+
+def _array(
+    node: zarr.Group | zarr.Array, spec: str, inner: str
+) -> tuple[zarr.Array, zarr.Group | None, OmeImage | None]:
+    """The array of a level or path, and the group of its image if there is one."""
+    import zarr
+
+    parts = [part for part in inner.split("/") if part]
+    while isinstance(node, zarr.Group):
+        image = OmeImage.of(node.attrs)
+        if image is not None:
+            level = "/".join(parts) or image.paths[0]
+            if level not in image.paths and level.isdigit() and int(level) < len(image.paths):
+                level = image.paths[int(level)]
+            if level in image.paths:
+                return _level(node, level, spec), node, image
+            if node.get("/".join(parts)) is None:
+                raise InputError(spec, f"it has no level '{level}'", f"give one of {', '.join(image.paths)}")
+        node, parts = _entered(node, parts, spec)
+    if parts:
+        raise InputError(spec, f"'{'/'.join(parts)}' is not in its array", "leave it out")
+    return node, None, None
+
+
+def _level(group: zarr.Group, level: str, spec: str) -> zarr.Array:
+    import zarr
+
+    array = group.get(level)
+    if not isinstance(array, zarr.Array):
+        raise InputError(spec, f"its level '{level}' is missing", _COPY_STORE)
+    return array
+
+
+def _entered(group: zarr.Group, parts: list[str], spec: str) -> tuple[zarr.Group | zarr.Array, list[str]]:
+    """What a path names; without one, the only array or image."""
+    import zarr
+
+    named = group.get("/".join(parts)) if parts else None
+    if named is not None:
+        return named, []
+    members = dict(group.members())
+    if not parts:
+        arrays = [name for name, item in members.items() if isinstance(item, zarr.Array)]
+        images = [n for n, item in members.items() if isinstance(item, zarr.Group) and OmeImage.of(item.attrs)]
+        parts = arrays if len(arrays) == 1 else images if len(images) == 1 else []
+    if not parts or parts[0] not in members or len(parts) > 1:
+        fact = f"it has no '{'/'.join(parts)}'" if parts else "it holds no OME-Zarr image"
+        held = ", ".join(members) or "nothing"
+        raise InputError(spec, fact, f'name an array in it as "scan.zarr::name"; it holds {held}')
+    return members[parts[0]], []
+
+
+def _names(array: zarr.Array) -> list[str]:
+    """Names of the axes of an array of Zarr 3, if they are z, y, x."""
+    names = [str(name) for name in getattr(array.metadata, "dimension_names", None) or () if name]
+    return names if len(names) == array.ndim and {"z", "y", "x"} <= {name.lower() for name in names} else []
+
+
+def _files(path: Path, relative: str) -> tuple[Path, ...]:
+    """The files of an array and of the groups around it."""
+    if path.is_file():
+        return (path,)
+    around = [path, *(path / "/".join(relative.split("/")[:k]) for k in range(1, relative.count("/") + 1))]
+    headers = [folder / name for folder in around for name in ZARR_FILES if (folder / name).is_file()]
+    chunks = sorted(file for file in (path / relative).rglob("*") if file.is_file())
+    return tuple(dict.fromkeys([*headers, *chunks]))
