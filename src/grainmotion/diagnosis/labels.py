@@ -12,6 +12,7 @@ from scipy import fft, ndimage
 from skimage.measure import block_reduce
 
 from grainmotion._typing import Float
+from grainmotion.diagnosis.label_background import background_label
 from grainmotion.diagnosis.orientations import AS_GIVEN, ORIENTATIONS, orientation_code, orientation_name, oriented
 from grainmotion.model.finding import Check, Finding, Level
 from grainmotion.model.motions import Motions, Status
@@ -65,6 +66,9 @@ def check_labels(volume: Volume, labels: NDArray[np.integer], where: str = "labe
     if not clean.labels.any():
         fact = "all labels hold too few voxels to be grains"
         return (Finding(Level.ERROR, LABELS_CHECK, where, fact, remedy="check the labels"),)
+    around = background_label(volume, clean.labels)
+    if around is not None:
+        return (_background(around, where),)
     binary = _binary(clean, where)
     misplaced = _misplaced(volume, clean.labels, where)
     findings = [*_small(clean, where), *binary, *misplaced]
@@ -73,6 +77,14 @@ def check_labels(volume: Volume, labels: NDArray[np.integer], where: str = "labe
     if not binary:
         findings += [*_pieces(clean, where), *_necks(clean, where)]
     return tuple(findings)
+
+
+def _background(around: tuple[int, float, float], where: str) -> Finding:
+    label, share, level = around
+    fact = f"label {label} is what lies around the grains: no grain, but air or a liquid"
+    evidence = f"it holds {share:.0%} of all voxels and attenuates {level:.2f} of what the others do"
+    remedy = f"give 0 there, as numpy.where(labels == {label}, 0, labels)"
+    return Finding(Level.ERROR, LABELS_CHECK, where, fact, evidence, remedy)
 
 
 def grains_in_doubt(labels: NDArray[np.integer]) -> dict[int, str]:

@@ -2,31 +2,35 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion.diagnosis.coarse_projection import MAX_VIEWS_COMPARED
 from grainmotion.diagnosis.given_volume import check_volume
-from grainmotion.diagnosis.labels import check_labels
+from grainmotion.diagnosis.labels import LABELS_CHECK, check_labels
 from grainmotion.errors import InputError
+from grainmotion.experiment.given_grid import label_size_findings, voxel_findings
 from grainmotion.experiment.inputs import Inputs
 from grainmotion.experiment.scan_inputs import ScanInput
-from grainmotion.io.stacks import Stack
-from grainmotion.model.finding import Finding
+from grainmotion.io.volumes.record import VolumeFile
+from grainmotion.model.finding import Finding, Level
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.reconstruction.grid_growth import fitted_grid, growth_views
 from grainmotion.reconstruction.settings import ReconstructSettings
+from grainmotion.segmentation.labels import MAX_LABEL
+
+MAX_NEGATIVE_LABELS = 1
 
 
-def read_given_volume(stack: Stack, grid: Volume) -> Volume:
+def read_given_volume(file: VolumeFile, grid: Volume) -> Volume:
     """The reference volume made by other software."""
     try:
-        return Volume(stack.read().astype(np.float32), grid.voxel_size, grid.center)
+        return Volume(file.read(np.float32).astype(np.float32, copy=False), grid.voxel_size, grid.center)
     except InputError as error:
-        raise InputError(f"{stack.spec} (reference.volume)", error.fact, error.remedy) from error
+        raise InputError(f"{file.spec} (reference.volume)", error.fact, error.remedy) from error
 
 
 def seen_given_volume(inputs: Inputs) -> Volume:
@@ -40,17 +44,40 @@ def seen_given_volume(inputs: Inputs) -> Volume:
     return replace(volume, field=fitted_grid(some, source.geometry, inputs.grid, kept).field)
 
 
-def read_given_labels(stack: Stack) -> NDArray[np.int32]:
-    """The labels made by other software."""
-    where = f"{stack.spec} (reference.labels)"
-    labels = stack.read()
-    if not np.isfinite(labels).all() or (labels < 0).any() or (labels != np.round(labels)).any():
-        raise InputError(where, "labels are not whole numbers >= 0", "give 0 for no grain, 1, 2, ... for grains")
-    if labels.max(initial=0) > np.iinfo(np.int32).max:
-        raise InputError(where, f"a label of {labels.max()}", "number the grains from 1")
+@dataclass(frozen=True, eq=False)
+class GivenLabels:
+    """Labels made by other software, and the negative number that stood for no grain, if there was one."""
+
+    array: NDArray[np.int32]
+    background: int = 0
+
+
+def read_given_labels(file: VolumeFile) -> GivenLabels:
+    """The labels made by other software, of any type of whole numbers, slab by slab.
+
+    One negative number is taken for no grain; several are refused, as labels that ran over the top of their type.
+    """
+    where = f"{file.spec} (reference.labels)"
+    labels, negative = np.zeros(file.shape, np.int32), set[int]()
+    for (first, last), slab in zip(file.bounds, file.slabs(file.bounds), strict=True):
+        if slab.dtype.kind == "f" and not (np.isfinite(slab).all() and (slab == np.round(slab)).all()):
+            fact = f"its numbers, {slab.dtype}, are not whole: no labels, but grey values or a probability"
+            raise InputError(where, fact, "give 0 for no grain, 1, 2, ... for grains, without interpolation")
+        if slab.max(initial=0) > MAX_LABEL:
+            remedy = f"number the grains up to {MAX_LABEL}, as skimage.segmentation.relabel_sequential(labels)[0] does"
+            raise InputError(where, f"a label of {int(slab.max())}", remedy)
+        if slab.dtype.kind != "u":
+            negative |= {int(value) for value in np.unique(slab[slab < 0])[: MAX_NEGATIVE_LABELS + 1]}
+            slab = np.maximum(slab, 0)
+        labels[first:last] = slab
+    if len(negative) > MAX_NEGATIVE_LABELS:
+        fact = (
+            f"labels below 0, from {min(negative)} to {max(negative)}: probably they ran over the top of {file.dtype}"
+        )
+        raise InputError(where, fact, "export them as unsigned whole numbers of 32 bits")
     if not labels.any():
         raise InputError(where, "no grains found: all labels are 0", "give 1, 2, ... where grains are")
-    return labels.astype(np.int32)
+    return GivenLabels(labels, min(negative, default=0))
 
 
 def given_volume_findings(inputs: Inputs, volume: Volume, later: Scan | None) -> tuple[Finding, ...]:
@@ -58,14 +85,21 @@ def given_volume_findings(inputs: Inputs, volume: Volume, later: Scan | None) ->
     assert inputs.volume is not None
     where = f"{inputs.volume.spec} (reference.volume)"
     if inputs.volume_scan is not None:
-        return check_volume(volume, None, _some_views(inputs.volume_scan), same_state=True, where=where)
-    return () if later is None else check_volume(volume, None, later, same_state=False, where=where)
+        seen = check_volume(volume, None, _some_views(inputs.volume_scan), same_state=True, where=where)
+    else:
+        seen = () if later is None else check_volume(volume, None, later, same_state=False, where=where)
+    return *voxel_findings(inputs.volume, inputs.grid, where), *seen
 
 
-def given_label_findings(inputs: Inputs, volume: Volume, labels: NDArray[np.int32]) -> tuple[Finding, ...]:
+def given_label_findings(inputs: Inputs, volume: Volume, given: GivenLabels) -> tuple[Finding, ...]:
     """The given labels held against their volume."""
     assert inputs.labels is not None
-    return tuple(check_labels(volume, labels, f"{inputs.labels.spec} (reference.labels)"))
+    where = f"{inputs.labels.spec} (reference.labels)"
+    found = label_size_findings(inputs.labels, inputs.grid, where)
+    if given.background < 0:
+        fact = f"voxels of {given.background} are taken for no grain"
+        found = (*found, Finding(Level.NOTE, LABELS_CHECK, where, fact))
+    return *found, *check_labels(volume, given.array, where)
 
 
 def _some_views(source: ScanInput) -> Scan:

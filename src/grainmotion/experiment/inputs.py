@@ -10,14 +10,16 @@ from scipy import ndimage
 
 from grainmotion._typing import Float
 from grainmotion.backends.device import backend_of
+from grainmotion.diagnosis.label_shapes import shape_hint
 from grainmotion.errors import InputError
 from grainmotion.experiment.config import Experiment, ScanTable, StateTable
 from grainmotion.experiment.config_errors import together
-from grainmotion.experiment.scan_files import find_scan, named_stack
+from grainmotion.experiment.given_grid import given_grid, named_volume
+from grainmotion.experiment.scan_files import find_scan
 from grainmotion.experiment.scan_inputs import ScanInput
 from grainmotion.io.motions_csv import read_motions
 from grainmotion.io.spam import read_ddic_tsv
-from grainmotion.io.stacks import Stack
+from grainmotion.io.volumes.record import VolumeFile
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.motions import Motions
 from grainmotion.model.scan import Scan
@@ -36,8 +38,8 @@ class Inputs:
     states: tuple[ScanInput, ...]  # in the order of the file
     starts: tuple[Motions | None, ...]  # initial motions of each state that names a file of them
     grid: Volume  # zeros on the grid of the reference volume
-    volume: Stack | None = None  # a reference volume made by other software, 1/mm
-    labels: Stack | None = None  # and labels
+    volume: VolumeFile | None = None  # a reference volume made by other software, 1/mm
+    labels: VolumeFile | None = None  # and labels
     volume_scan: ScanInput | None = None  # radiographs of the given volume, with which it is only compared
 
 
@@ -49,8 +51,8 @@ def find_inputs(experiment: Experiment) -> Inputs:
     tables, folder = experiment.tables, experiment.folder
     for device in (tables.reconstruct.device, tables.track.device):
         backend_of(device)  # raises if the device is missing
-    volume = named_stack("reference.volume", tables.reference.volume, folder)
-    labels = named_stack("reference.labels", tables.reference.labels, folder)
+    volume = named_volume("reference.volume", tables.reference.volume, folder)
+    labels = named_volume("reference.labels", tables.reference.labels, folder)
     calibrates = tables.calibrate.geometry not in (False, "auto") or tables.calibrate.hardening
     if volume is not None and calibrates:
         fact = "the reference is a volume, and calibration needs its full scan"
@@ -60,10 +62,8 @@ def find_inputs(experiment: Experiment) -> Inputs:
         raise together(errors)
     reference = scans.get("reference")
     grid = _grid(experiment, reference, volume)
-    if labels is not None and labels.info()[0] != grid.shape:
-        fact = f"labels of {labels.info()[0]} voxels, but the volume has {grid.shape}"
-        if sorted(labels.info()[0]) == sorted(grid.shape):
-            fact += ": probably their axes are in another order, as x y z"
+    if labels is not None and labels.shape != grid.shape:
+        fact = f"labels of {labels.shape} voxels, but the volume has {grid.shape}{shape_hint(labels.shape, grid.shape)}"
         raise InputError(f"{labels.spec} (reference.labels)", fact, "give labels of that volume, z y x")
     states = tuple(scans[f"states.{t.name}"] for t in tables.states)
     for scan in (reference, *states):
@@ -162,19 +162,13 @@ def check_contrast(where: str, scan: Scan) -> None:
         raise InputError(where, fact, "check that these are the radiographs, and not flats")
 
 
-def _grid(experiment: Experiment, scan: ScanInput | None, volume: Stack | None) -> Volume:
+def _grid(experiment: Experiment, scan: ScanInput | None, volume: VolumeFile | None) -> Volume:
     """Zeros on the grid of ``[volume]``; keys that it leaves out follow from the given volume or the panel."""
     table = experiment.tables.volume
-    shape, voxel_size = table.shape, table.voxel_size
     if volume is not None:
-        volume_shape = volume.info()[0]
-        if shape is not None and tuple(shape) != volume_shape:
-            fact = f"{list(shape)}, but {volume.spec} (reference.volume) has {list(volume_shape)}"
-            raise InputError("volume.shape", fact, "leave it out, or correct one of them")
-        if voxel_size is None:
-            raise InputError("volume.voxel_size", "it is missing", "give the voxel size of the volume, mm")
-        shape = volume_shape
-    elif scan is not None:
+        return given_grid(table, volume)
+    shape, voxel_size = table.shape, table.voxel_size
+    if scan is not None:
         rows, columns = scan.geometry.shape
         shape = shape or (rows, columns, columns)
         voxel_size = voxel_size or scan.geometry.pixel_at(table.center)

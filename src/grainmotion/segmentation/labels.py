@@ -14,6 +14,8 @@ MIN_LABEL_VOXELS = 8
 """Voxels of the smallest label that is a grain: fewer have no orientation, and as a rule are specks of a threshold."""
 MIN_LABEL_PIXELS = 4
 """The same in a slice one voxel thick."""
+MAX_LABEL = 10_000_000
+"""Largest number of a label: tables of all numbers up to it must fit in memory."""
 MAX_SPECK_SHARE = 0.02
 """A piece of a label up to this share of the largest piece is a speck, no part of the grain."""
 
@@ -89,8 +91,9 @@ def checked_labels(labels: NDArray, shape: tuple[int, int, int] | None = None) -
         raise InputError("labels", f"shape {labels.shape} is not the volume's {shape}", "give them on one grid")
     if labels.ndim != 3 or labels.size == 0:
         raise InputError("labels", f"shape {labels.shape} is not (z, y, x)", "give a 3-D stack")
-    if labels.min() < 0 or labels.max() > labels.size:
-        raise InputError("labels", f"they run from {labels.min()} to {labels.max()}", "number the grains from 1 on")
+    if labels.min() < 0 or labels.max() > MAX_LABEL:
+        remedy = f"number the grains from 1 on, at most {MAX_LABEL}: skimage.segmentation.relabel_sequential(labels)[0]"
+        raise InputError("labels", f"they run from {labels.min()} to {labels.max()}", remedy)
     return labels
 
 

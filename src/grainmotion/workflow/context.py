@@ -20,7 +20,7 @@ from grainmotion.cluster.connection import ClusterConnection
 from grainmotion.diagnosis.hardening import HARDENING_VIEWS
 from grainmotion.errors import InputError
 from grainmotion.experiment.config import Experiment, ExperimentFile, StateTable
-from grainmotion.experiment.given_inputs import read_given_labels, seen_given_volume
+from grainmotion.experiment.given_inputs import GivenLabels, read_given_labels, seen_given_volume
 from grainmotion.experiment.inputs import Inputs, check_contrast
 from grainmotion.experiment.inspection import scan_facts, scan_findings
 from grainmotion.experiment.scan_inputs import ScanInput
@@ -108,9 +108,14 @@ class RunContext:
         assert self.inputs.volume is not None
         return seen_given_volume(self.inputs)
 
-    @cached_property
+    @property
     def given_labels(self) -> NDArray[np.int32] | None:
         """The labels made by other software, if any are given."""
+        return None if self.read_labels is None else self.read_labels.array
+
+    @cached_property
+    def read_labels(self) -> GivenLabels | None:
+        """The same, with what was noticed when they were read."""
         return None if self.inputs.labels is None else read_given_labels(self.inputs.labels)
 
     @cached_property

@@ -58,7 +58,7 @@ class Fingerprints:
         inputs, grid = self.inputs, self.inputs.grid
         grid_numbers = [grid.shape, grid.voxel_size, grid.center]
         if inputs.volume is not None:
-            inner = [p.inner for p in inputs.volume.parts]
+            inner = list(inputs.volume.inner)
             seen = [] if inputs.volume_scan is None else [inputs.volume_scan.settings]  # what its scan saw of it
             return self.cache.fingerprint(["volume", grid_numbers, inner, *seen], inputs.volume.files)
         assert inputs.reference is not None
@@ -72,7 +72,7 @@ class Fingerprints:
         """Fingerprint of the labels and grains."""
         labels = self.inputs.labels
         if labels is not None:
-            settings = ["labels", [p.inner for p in labels.parts]]
+            settings = ["labels", list(labels.inner)]
             return self.cache.fingerprint(settings, labels.files, [self.reconstruct])
         return self.cache.fingerprint(["segment", _plain(self.experiment.tables.segment)], (), [self.reconstruct])
 

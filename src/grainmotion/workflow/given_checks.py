@@ -57,8 +57,8 @@ def check_grains(context: RunContext, reference: Callable[[], SegmentedReference
         stored = reference().stored
         assert stored.labels is not None
         found = list[Finding]()
-        if inputs.labels is not None and context.given_labels is not None:
-            found += given_label_findings(inputs, stored.volume, context.given_labels)
+        if context.read_labels is not None:
+            found += given_label_findings(inputs, stored.volume, context.read_labels)
         if not any(f.level is Level.ERROR for f in found):
             fragments = check_fragments(stored.volume, stored.labels, stored.threshold)
             found += fragments or check_unlabelled(stored.volume, stored.labels)

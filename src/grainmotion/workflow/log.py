@@ -24,6 +24,7 @@ from grainmotion.errors import GrainmotionError
 from grainmotion.experiment.config import Experiment
 from grainmotion.experiment.inputs import Inputs
 from grainmotion.io.stacks import Stack
+from grainmotion.io.volumes.record import VolumeFile
 
 RUN_LOG = "run.log"
 LOGGED_PACKAGES = ("numpy", "scipy", "numba", "scikit-image", "edt", "tifffile", "imagecodecs", "h5py", "pydantic")
@@ -111,11 +112,11 @@ def _head(folder: Path, experiment: Experiment, inputs: Inputs, call: str) -> It
     yield from (f"  {line}" for line in toml_lines(changed_settings(experiment)))
 
 
-def _stacks(inputs: Inputs) -> Iterator[tuple[str, Stack]]:
+def _stacks(inputs: Inputs) -> Iterator[tuple[str, Stack | VolumeFile]]:
     """The stacks of images by the key that names them."""
-    for name, stack in (("reference.volume", inputs.volume), ("reference.labels", inputs.labels)):
-        if stack is not None:
-            yield name, stack
+    for name, file in (("reference.volume", inputs.volume), ("reference.labels", inputs.labels)):
+        if file is not None:
+            yield name, file
     for scan in (inputs.reference, *inputs.states):
         if scan is None:
             continue

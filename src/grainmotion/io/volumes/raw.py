@@ -20,7 +20,7 @@ from grainmotion.io.volumes.record import VolumeFile
 
 RAW = (".raw", ".vol", ".bin", ".dat", ".img")
 RAW_EXAMPLE = '"{name}::uint16,x=200,y=180,z=160"'
-_TYPES: Mapping[str, str] = MappingProxyType({
+_RAW_TYPES: Mapping[str, str] = MappingProxyType({
     name: code
     for names, code in (
         ("uint8 u8 u1 byte uchar 8bit 8-bit", "u1"),
@@ -61,12 +61,12 @@ def raw_volume(path: Path, spec: str, text: str) -> VolumeFile:
 def _by_text(path: Path, spec: str, text: str) -> RawLayout:
     example = RAW_EXAMPLE.replace("{name}", path.name)
     words = [word.strip() for word in text.split(",") if word.strip()]
-    kinds = [_TYPES[w.lower()] for w in words if w.lower() in _TYPES]
+    kinds = [_RAW_TYPES[w.lower()] for w in words if w.lower() in _RAW_TYPES]
     orders = [_ORDERS[w.lower()] for w in words if w.lower() in _ORDERS]
     values: dict[str, int] = {}
     for word in words:
         name, equals, number = word.partition("=")
-        if word.lower() in _TYPES or word.lower() in _ORDERS:
+        if word.lower() in _RAW_TYPES or word.lower() in _ORDERS:
             continue
         if not equals and word.isdigit():
             fact = f"the size '{word}' does not say along which axis"
@@ -89,7 +89,7 @@ def _by_name(path: Path) -> RawLayout | None:
         return None
     x, y, z = (int(n) for n in sizes.groups())
     words = [w for w in re.split(r"[^0-9a-z]+", name[: sizes.start()] + " " + name[sizes.end() :]) if w]
-    kinds = {_TYPES[w] for w in words if w in _TYPES}
+    kinds = {_RAW_TYPES[w] for w in words if w in _RAW_TYPES}
     orders = {_ORDERS[w] for w in words if w in _ORDERS}
     if len(kinds) != 1 or len(orders) > 1:
         return None

@@ -16,7 +16,7 @@ from grainmotion.io.volumes.record import VolumeFile
 from grainmotion.io.volumes.units import told_voxel
 
 VGI = (".vgi",)
-_KINDS: Mapping[str, str] = MappingProxyType({
+_VGI_KINDS: Mapping[str, str] = MappingProxyType({
     "unsigned integer": "u", "signed integer": "i", "integer": "i", "float": "f", "floating point": "f"
 })  # fmt: skip
 
@@ -30,7 +30,7 @@ def vgi_volume(path: Path, spec: str) -> VolumeFile:
     if form != "raw":
         raise InputError(str(path), f"FileFormat = {form} cannot be read", "export the volume as raw, or as TIFF")
     nx, ny, nz = whole_numbers(path, "Size", wanted(path, keys, "size"), 3)
-    kind = _KINDS.get(wanted(path, keys, "datatype").strip().lower())
+    kind = _VGI_KINDS.get(wanted(path, keys, "datatype").strip().lower())
     bits = whole_numbers(path, "BitsPerElement", wanted(path, keys, "bitsperelement"), 1)[0]
     if kind is None or bits not in (8, 16, 32, 64) or (kind == "f" and bits < 32):
         fact = f"Datatype = {keys['datatype'].strip()} of {bits} bits is unknown"

@@ -1,0 +1,78 @@
+"""The grid of a volume made by other software: by the experiment file, else by what the volume's file tells."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from grainmotion.diagnosis.given_volume import VOLUME_CHECK
+from grainmotion.diagnosis.labels import LABELS_CHECK
+from grainmotion.diagnosis.voxel_sizes import size_conflict
+from grainmotion.errors import InputError
+from grainmotion.experiment.config import VolumeTable
+from grainmotion.io.volumes.find import find_volume
+from grainmotion.io.volumes.record import VolumeFile
+from grainmotion.model.finding import Finding, Level
+from grainmotion.model.volume import Volume
+
+
+def named_volume(key: str, files: list[str] | None, folder: Path) -> VolumeFile | None:
+    """The volume or labels behind a key; errors name the file and the key."""
+    if files is None:
+        return None
+    try:
+        return find_volume(files, folder)
+    except InputError as error:
+        raise InputError(f"{error.where} ({key})", error.fact, error.remedy) from error
+
+
+def given_grid(table: VolumeTable, volume: VolumeFile) -> Volume:
+    """Zeros on the grid of a given volume; the experiment file's voxel size and centre come before the file's own."""
+    if table.shape is not None and tuple(table.shape) != volume.shape:
+        fact = f"{list(table.shape)}, but {volume.spec} (reference.volume) has {list(volume.shape)}"
+        raise InputError("volume.shape", fact, "leave it out, or correct one of them")
+    told_center = volume.center is not None and "center" not in table.model_fields_set
+    center = volume.center if told_center and volume.center is not None else table.center
+    return Volume.zeros(volume.shape, _voxel_size(table, volume), center)
+
+
+def _voxel_size(table: VolumeTable, volume: VolumeFile) -> float:
+    if table.voxel_size is not None:
+        return table.voxel_size
+    if volume.voxel is None:
+        why = f", and {volume.spec} tells none" + "".join(f" ({note})" for note in volume.notes if "voxel" in note)
+        raise InputError("volume.voxel_size", f"it is missing{why}", "give the voxel size of the volume, mm")
+    if volume.voxel.size is None:
+        fact = f"its {volume.voxel.key} tells voxels of {volume.voxel.text}: grains that rotate need cubes"
+        remedy = "resample it to cubes (Fiji: Image > Scale), or give volume.voxel_size if the file is wrong"
+        raise InputError(f"{volume.spec} (reference.volume)", fact, remedy)
+    return volume.voxel.size
+
+
+def voxel_findings(volume: VolumeFile, grid: Volume, where: str) -> tuple[Finding, ...]:
+    """What was noticed in the volume's file, and a voxel size in it that contradicts the experiment file."""
+    found = [Finding(Level.NOTE, VOLUME_CHECK, where, note) for note in volume.notes]
+    if volume.voxel is not None:
+        conflict = size_conflict(volume.voxel.edges, grid.voxel_size)
+        if conflict:
+            other = f"volume.voxel_size is {grid.voxel_size:.6g} mm"
+            fact = f"its {volume.voxel.key} tells voxels of {volume.voxel.text}, {other}"
+            remedy = "the experiment file counts; correct the wrong one, or leave volume.voxel_size out"
+            found.append(Finding(Level.WARNING, VOLUME_CHECK, where, fact + conflict, remedy=remedy))
+        elif volume.voxel.size is not None:
+            fact = f"voxels of {volume.voxel.text} by its {volume.voxel.key}"
+            found.append(Finding(Level.NOTE, VOLUME_CHECK, where, fact))
+    return tuple(found)
+
+
+def label_size_findings(labels: VolumeFile, grid: Volume, where: str) -> tuple[Finding, ...]:
+    """What was noticed in the labels' file, and a voxel size in it that is not the volume's."""
+    found = [Finding(Level.NOTE, LABELS_CHECK, where, note) for note in labels.notes if "voxel" not in note]
+    if labels.voxel is not None:
+        conflict = size_conflict(labels.voxel.edges, grid.voxel_size)
+        if conflict:
+            fact = (
+                f"its {labels.voxel.key} tells voxels of {labels.voxel.text}, the volume's are {grid.voxel_size:.6g} mm"
+            )
+            remedy = "check that the labels are of this volume, at this resolution"
+            found.append(Finding(Level.WARNING, LABELS_CHECK, where, fact + conflict, remedy=remedy))
+    return tuple(found)
