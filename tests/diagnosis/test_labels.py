@@ -120,3 +120,35 @@ class TestPlace:
     def test_another_shape(self, volume, labels):
         with pytest.raises(InputError, match="shape"):
             check_labels(volume, labels[1:])
+
+
+class TestBackground:
+    """Air or liquid with a label of its own, as after a watershed without a mask."""
+
+    @pytest.mark.parametrize("number", [1, 2, 77])
+    def test_air_has_a_label(self, volume, labels, number):
+        given = np.where(labels > 0, labels + 100, number)
+        (finding,) = check_labels(volume, given)
+        assert finding.level is Level.ERROR
+        assert f"label {number} is what lies around the grains" in finding.fact
+        assert f"labels == {number}, 0" in finding.remedy
+
+    def test_watershed_lines_are_0(self, volume, labels):
+        given = np.where(labels > 0, labels, 9)
+        given[20] = 0
+        (finding,) = check_labels(volume, given)
+        assert "label 9 is what lies around" in finding.fact
+
+    def test_grain_and_air_are_swapped(self, volume, labels):
+        (finding,) = check_labels(volume, np.where(labels > 0, 0, 1))
+        assert "label 1 is what lies around" in finding.fact
+
+    def test_grey_values_in_place_of_attenuation(self, volume, labels):
+        grey = Volume(20_000 + 5000 * volume.array, 0.1)
+        (finding,) = check_labels(grey, np.where(labels > 0, labels, 9))
+        assert "label 9" in finding.fact
+
+    def test_a_large_dense_body_is_no_background(self, volume, labels):
+        array = volume.array.copy()
+        array[32:], labels[32:] = 1.5, 8
+        assert not any("around" in f.fact for f in check_labels(Volume(array, 0.1), labels))

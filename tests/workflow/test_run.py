@@ -313,7 +313,7 @@ class TestGivenVolume:
         ("labels", "fact"),
         [
             (np.zeros((28, 36, 36)), "no grains"),
-            (np.full((28, 36, 36), -1), "whole numbers"),
+            (np.full((28, 36, 36), -1), "no grains"),
             (np.full((28, 36, 36), 0.5), "whole numbers"),
             (np.ones((28, 36, 35)), "but the volume has"),
         ],

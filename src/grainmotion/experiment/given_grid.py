@@ -55,7 +55,7 @@ def voxel_findings(volume: VolumeFile, grid: Volume, where: str) -> tuple[Findin
         conflict = size_conflict(volume.voxel.edges, grid.voxel_size)
         if conflict:
             other = f"volume.voxel_size is {grid.voxel_size:.6g} mm"
-            fact = f"its {volume.voxel.key} tells voxels of {volume.voxel.text}, {other}"
+            fact = f"voxels of {volume.voxel.text} by its {volume.voxel.key}, but {other}"
             remedy = "the experiment file counts; correct the wrong one, or leave volume.voxel_size out"
             found.append(Finding(Level.WARNING, VOLUME_CHECK, where, fact + conflict, remedy=remedy))
         elif volume.voxel.size is not None:
@@ -70,9 +70,8 @@ def label_size_findings(labels: VolumeFile, grid: Volume, where: str) -> tuple[F
     if labels.voxel is not None:
         conflict = size_conflict(labels.voxel.edges, grid.voxel_size)
         if conflict:
-            fact = (
-                f"its {labels.voxel.key} tells voxels of {labels.voxel.text}, the volume's are {grid.voxel_size:.6g} mm"
-            )
+            other = f"the volume's are {grid.voxel_size:.6g} mm"
+            fact = f"voxels of {labels.voxel.text} by its {labels.voxel.key}, but {other}"
             remedy = "check that the labels are of this volume, at this resolution"
             found.append(Finding(Level.WARNING, LABELS_CHECK, where, fact + conflict, remedy=remedy))
     return tuple(found)

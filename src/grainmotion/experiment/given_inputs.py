@@ -61,7 +61,7 @@ def read_given_labels(file: VolumeFile) -> GivenLabels:
     labels, negative = np.zeros(file.shape, np.int32), set[int]()
     for (first, last), slab in zip(file.bounds, file.slabs(file.bounds), strict=True):
         if slab.dtype.kind == "f" and not (np.isfinite(slab).all() and (slab == np.round(slab)).all()):
-            fact = f"its numbers, {slab.dtype}, are not whole: no labels, but grey values or a probability"
+            fact = f"its numbers, {slab.dtype}, are not whole numbers: grey values or a probability"
             raise InputError(where, fact, "give 0 for no grain, 1, 2, ... for grains, without interpolation")
         if slab.max(initial=0) > MAX_LABEL:
             remedy = f"number the grains up to {MAX_LABEL}, as skimage.segmentation.relabel_sequential(labels)[0] does"
@@ -76,7 +76,7 @@ def read_given_labels(file: VolumeFile) -> GivenLabels:
         )
         raise InputError(where, fact, "export them as unsigned whole numbers of 32 bits")
     if not labels.any():
-        raise InputError(where, "no grains found: all labels are 0", "give 1, 2, ... where grains are")
+        raise InputError(where, "no grains found: no label is above 0", "give 1, 2, ... where grains are")
     return GivenLabels(labels, min(negative, default=0))
 
 

@@ -39,6 +39,7 @@ def find_volume(spec: str | Path | Sequence[str | Path], folder: str | Path = ".
     """Locate a volume or labels and read the header; relative paths start at ``folder``, voxels are not read."""
     items = [spec] if isinstance(spec, str | Path) else list(spec)
     if len(items) == 1:
+        spec = items[0]
         item = str(items[0])
         name, _, inner = item.partition("::")
         path = Path(folder) / Path(name).expanduser()

@@ -32,7 +32,7 @@ def told_size(file: tifffile.TiffFile, text: str) -> Told:
         z = float(spacing) if isinstance(spacing, int | float) and spacing > 0 else x
         if unit.lower().startswith("inch") and round(per_x) in SCREEN_DPI:
             return None, (f"its {per_x:.4g} pixels an inch are those of a screen or printer, no voxel size",)
-        return told_voxel((x, y, z), unit, "ImageJ's pixel width and voxel depth", one_is_default=True)
+        return told_voxel((x, y, z), unit, "ImageJ properties", one_is_default=True)
     per_inch = per_x * {"inch": 1.0, "cm": 2.54}.get(dpi_unit, 0.0)
     if per_inch <= 1 or any(abs(per_inch - dpi) < 0.51 for dpi in SCREEN_DPI):
         return None, ()
