@@ -160,3 +160,10 @@ def test_other_formats_are_refused_with_a_way_out(tmp_path, name, fact):
     (tmp_path / name).write_bytes(b"something")
     with pytest.raises(InputError, match=fact):
         find_stack(name, tmp_path)
+
+
+@pytest.mark.parametrize("name", ["scan.xtekct", "scan.log", "scan.pca"])
+def test_descriptions_of_scans_are_named_alone(tmp_path, name):
+    (tmp_path / name).write_text("[x]\n")
+    with pytest.raises(InputError, match=rf'without its images; name it alone, radiographs = "{name}"'):
+        find_stack(["a.tif", name] if (tmp_path / "a.tif").exists() else [name, name], tmp_path)

@@ -144,7 +144,7 @@ def find_scan(
     if nxtomo is not None and flats is not None:
         of_file = beam_monitor(key, nxtomo, flats.nxtomo)
         monitor, recorded = of_file.monitor, [*recorded, *of_file.findings]
-    own, stacks = sources.own, {"radiographs": radiographs, "flats": flats, "darks": darks}
+    told, stacks = sources.told, {"radiographs": radiographs, "flats": flats, "darks": darks}
     return ScanInput(
         key=key,
         radiographs=radiographs,
@@ -157,9 +157,9 @@ def find_scan(
         white_level=white_level,
         saturation=table.saturation or reference.saturation,
         monitor=monitor if monitor is None or views is None else monitor[views],
-        findings=(*(own.findings if own else ()), *recorded, *file_findings(key, table, stacks, angles)),
+        findings=(*(told.findings if told else ()), *recorded, *file_findings(key, table, stacks, angles)),
         circle=None if circle is None else circle.table,
-        facts=() if own is None else (("Format", own.format), *own.facts),
+        facts=() if told is None else (("Format", told.format), *told.facts),
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -40,8 +40,8 @@ class ScanSources:
         The scan's own table, and that of the reference.
     folder : Path
         Where relative paths start.
-    own, origin : ScannerFile, optional
-        The scanner's file of this scan, and that of the reference.
+    own, told, origin : ScannerFile, optional
+        The scanner's file that the radiographs are, else the one that the geometry names, and that of the reference.
     """
 
     key: str
@@ -49,29 +49,31 @@ class ScanSources:
     reference: ReferenceTable
     folder: Path
     own: ScannerFile | None = None
+    told: ScannerFile | None = None
     origin: ScannerFile | None = None
 
     @classmethod
     def of(cls, key: str, table: ScanTable, reference: ReferenceTable, folder: Path) -> ScanSources:
         """The tables of a scan, with the scanner's files that they name."""
         own = _scanner_file(key, table, folder)
-        origin = own if table is reference else _scanner_file("reference", reference, folder)
-        return cls(key, table, reference, folder, own, origin)
+        told = own or _named_file(key, table, folder)
+        origin = told if table is reference else cls.of("reference", reference, reference, folder).told
+        return cls(key, table, reference, folder, own, told, origin)
 
     @property
     def of_reference(self) -> ScanSources:
         """The same for the reference."""
-        return ScanSources("reference", self.reference, self.reference, self.folder, self.origin, self.origin)
+        return ScanSources.of("reference", self.reference, self.reference, self.folder)
 
     @property
     def files(self) -> tuple[ScannerFile, ...]:
         """The scanner's files that tell about the pixels of this scan, the nearest first."""
-        return tuple(file for file in (self.own, self.origin) if file is not None)
+        return tuple(file for file in (self.told, self.origin) if file is not None)
 
     @property
     def kind(self) -> Kind:
         """What the pixels are."""
-        own = None if self.own is None else self.own.kind
+        own = None if self.told is None else self.told.kind
         origin = None if self.origin is None else self.origin.kind
         return self.table.kind or own or self.reference.kind or origin or "counts"
 
@@ -99,8 +101,7 @@ def find_views(sources: ScanSources, shape: tuple[int, int]) -> tuple[Geometry, 
         path, key = checked_file(sources.folder / name), f"{sources.key}.geometry"
         if is_view_file(path):
             beam = given.beam or sources.fallback_beam(given)
-            views = read_views(path, Panel(shape, given.pixel_size, given.first_row, beam))
-            return views if own is None else own.placed(views), None
+            return read_views(path, Panel(shape, given.pixel_size, given.first_row, beam)), None  # of images as stored
         if not is_scanner_file(name):
             raise InputError(f"{path} ({key})", "it is no file with the views of a scan", "see docs/scanners.md")
         own = _read(path, key)
@@ -114,12 +115,12 @@ def find_views(sources: ScanSources, shape: tuple[int, int]) -> tuple[Geometry, 
     except InputError as error:
         where = error.where if error.where.startswith(str(sources.folder)) else f"{sources.key}.{error.where}"
         raise InputError(where, error.fact, error.remedy) from error
-    return geometry if own is None else own.placed(geometry), CircularScan(circle, angles)
+    return _placed(geometry, own, sources.origin), CircularScan(circle, angles)
 
 
 def overridden(sources: ScanSources, circle: CircularScan | None) -> tuple[Finding, ...]:
     """Numbers of the scanner's file that the experiment file overrides; lengths that differ much are doubtful."""
-    own = sources.own or sources.origin
+    own = sources.told or sources.origin
     if own is None or circle is None:
         return ()
     found = []
@@ -164,6 +165,13 @@ def _circle(sources: ScanSources, given: Circular | None, own: ScannerFile | Non
         raise InputError(str(own.path), f"{input_error(error, Circular, numbers).fact}", "correct the file") from error
 
 
+def _placed(geometry: Geometry, own: ScannerFile | None, origin: ScannerFile | None) -> Geometry:
+    """A circular scan as its file places the images; bare images of a state are mirrored as the reference's."""
+    if own is None and origin is not None:
+        own = replace(origin, image_shifts=None)
+    return geometry if own is None else own.placed(geometry)
+
+
 def _set_keys(table: Circular) -> dict[str, object]:
     """The keys of a table that the experiment file gives."""
     return {name: getattr(table, name) for name in table.model_fields_set if getattr(table, name) is not None}
@@ -181,18 +189,26 @@ def _scanner_file(key: str, table: ScanTable, folder: Path) -> ScannerFile | Non
     return _read(files[0], key) if len(files) == 1 else None
 
 
+def _named_file(key: str, table: ScanTable, folder: Path) -> ScannerFile | None:
+    """The scanner's file that the geometry of a table names, if it names one."""
+    name = table.geometry.file if isinstance(table.geometry, Circular) else table.geometry
+    if name is None or not is_scanner_file(name) or is_view_file(checked_file(folder / name)):
+        return None
+    return _read(folder / name, f"{key}.geometry")
+
+
 def _read(path: Path, key: str) -> ScannerFile:
     """A scanner's file; errors name it and the key."""
-    status = path.stat()
+    status, folder = path.stat(), path.parent.stat()
     try:
-        return _cached(path, status.st_mtime_ns, status.st_size)
+        return _cached(path, status.st_mtime_ns, status.st_size, folder.st_mtime_ns)
     except InputError as error:
         raise InputError(f"{error.where} ({key})", error.fact, error.remedy) from error
 
 
 @lru_cache(maxsize=32)
-def _cached(path: Path, modified: int, size: int) -> ScannerFile:
-    """A scanner's file as it was at a time: a reference's is asked for by every state."""
+def _cached(path: Path, modified: int, size: int, folder_modified: int) -> ScannerFile:
+    """A scanner's file as it and its folder were at a time: a reference's is asked for by every state."""
     return read_scanner_file(path)
 
 

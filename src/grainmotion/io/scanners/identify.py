@@ -7,13 +7,21 @@ from pathlib import Path
 from types import MappingProxyType
 
 from grainmotion.io.formats import HDF5
+from grainmotion.io.scanners.bruker import read_bruker_scan
 from grainmotion.io.scanners.description import ScannerFile
+from grainmotion.io.scanners.nikon import read_nikon_scan
 from grainmotion.io.scanners.nxtomo import read_nxtomo_scan
+from grainmotion.io.scanners.phoenix import read_phoenix_scan
 from grainmotion.io.scanners.view_tables import VIEW_READERS, Panel
 from grainmotion.model.geometry import Geometry
 
 Reader = Callable[[Path], ScannerFile]
-READERS: Mapping[str, Reader] = MappingProxyType({suffix: read_nxtomo_scan for suffix in HDF5})
+READERS: Mapping[str, Reader] = MappingProxyType({
+    **{suffix: read_nxtomo_scan for suffix in HDF5},
+    ".xtekct": read_nikon_scan,
+    ".log": read_bruker_scan,
+    ".pca": read_phoenix_scan,
+})  # fmt: skip
 """Reader of the files with a suffix, in lower case."""
 
 
