@@ -151,7 +151,7 @@ class TestPng:
         ("a.JPEG", "compressed with loss"),
         ("a.raw", r"bytes without a header.*numpy.fromfile\(\"a.raw\""),
         ("a.npz", "archive of several arrays; save the one of the images"),
-        ("a.txrm", "Zeiss's own format; export the scan as 16-bit TIFF"),
+        ("a.txm", r"a volume that Zeiss's software has reconstructed; give the radiographs \(.txrm\)"),
         ("a.edf", "fabio.open"),
         ("a", "it has no suffix; give TIFF files"),
     ],

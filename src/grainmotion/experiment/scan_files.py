@@ -89,8 +89,9 @@ def read_scan(
         )
     except ValidationError as error:
         raise input_error(error, ReferenceTable, {}) from error
-    scan, _, findings = find_scan("scan", table, table, Path(), given).read_checked()
-    for finding in findings:
+    found = find_scan("scan", table, table, Path(), given)
+    scan, _, findings = found.read_checked()
+    for finding in (*found.findings, *findings):
         if finding.level is not Level.NOTE:
             warnings.warn(str(finding), InputWarning, stacklevel=2)
     return scan
@@ -140,7 +141,7 @@ def find_scan(
         if stack is not None and stack.info()[0][1:] != (rows, columns):
             fact = f"images of {stack.info()[0][1:]} pixels, but the radiographs have {(rows, columns)}"
             raise InputError(f"{stack.spec} ({key}.{name})", fact, f"give {name} of the same camera settings")
-    monitor = recorded_levels(sources.own)
+    monitor = recorded_levels(sources.own) if table.flats is None else None  # told over the file's own flats
     if nxtomo is not None and flats is not None:
         of_file = beam_monitor(key, nxtomo, flats.nxtomo)
         monitor, recorded = of_file.monitor, [*recorded, *of_file.findings]

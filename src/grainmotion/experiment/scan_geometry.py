@@ -199,16 +199,18 @@ def _named_file(key: str, table: ScanTable, folder: Path) -> ScannerFile | None:
 
 def _read(path: Path, key: str) -> ScannerFile:
     """A scanner's file; errors name it and the key."""
-    status, folder = path.stat(), path.parent.stat()
+    folders = [path.parent, *(item for item in path.parent.iterdir() if item.is_dir())]  # where its images may lie
+    times = tuple(folder.stat().st_mtime_ns for folder in folders)
+    status = path.stat()
     try:
-        return _cached(path, status.st_mtime_ns, status.st_size, folder.st_mtime_ns)
+        return _cached(path, (status.st_mtime_ns, *times), status.st_size)
     except InputError as error:
         raise InputError(f"{error.where} ({key})", error.fact, error.remedy) from error
 
 
 @lru_cache(maxsize=32)
-def _cached(path: Path, modified: int, size: int, folder_modified: int) -> ScannerFile:
-    """A scanner's file as it and its folder were at a time: a reference's is asked for by every state."""
+def _cached(path: Path, modified: tuple[int, ...], size: int) -> ScannerFile:
+    """A scanner's file as it and its folders were at a time: a reference's is asked for by every state."""
     return read_scanner_file(path)
 
 

@@ -9,9 +9,10 @@ from types import MappingProxyType
 from grainmotion.errors import InputError
 
 TIFF, PNG, NPY = (".tif", ".tiff"), (".png",), (".npy",)
+TXRM = (".txrm", ".xrm")
 HDF5 = (".h5", ".hdf5", ".hdf", ".nxs", ".nx", ".nx5")
-FORMATS = 'give TIFF files (.tif), .png, .npy, "file.h5::/path/to/data" or one NXtomo file (.nxs, .h5)'
-KNOWN = (TIFF, PNG, NPY, HDF5)
+FORMATS = 'give TIFF files (.tif), .png, .npy, "file.h5::/path/to/data" or one file of a scanner (.nxs, .txrm)'
+KNOWN = (TIFF, PNG, NPY, HDF5, TXRM)
 
 _LOSSY = "compressed with loss: counts are altered in blocks of 8 x 8 pixels, which no correction undoes"
 _EXPORT = "export the scan as 16-bit TIFF with the scanner's software"
@@ -28,7 +29,7 @@ _REFUSED: Mapping[str, tuple[str, str]] = MappingProxyType({
         (".raw .bin .dat .img .vol .bsq", _BYTES, _CONVERT),
         (".npz", "an archive of several arrays", "save the one of the images with numpy.save, as .npy"),
         (".bmp .gif", "an image for screens, of 8 bits", "export the radiographs as 16-bit TIFF"),
-        (".txrm .xrm .txm", "a file of Zeiss's own format", _EXPORT),
+        (".txm", "a volume that Zeiss's software has reconstructed", "give the radiographs (.txrm), or TIFF of it"),
         (".his .seq", "a file of PerkinElmer's own format", _EXPORT),
         (".xtekct .log .pca", "a description of a scan, without its images",
          'name it alone, radiographs = "{name}", or name the TIFF files of the scan'),

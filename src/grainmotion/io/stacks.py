@@ -1,4 +1,4 @@
-"""Image stacks by a specification: TIFF or PNG files, ``.npy``, ``"file.h5::/path"``, or one NXtomo file.
+"""Image stacks by a specification: TIFF or PNG files, ``.npy``, ``"file.h5::/path"``, one NXtomo file, Zeiss's files.
 
 A specification is a path, a folder, a glob or a list of those.  Files of a glob or folder are taken in the order of the
 numbers in their names (``proj_2`` before ``proj_10``), those of a list in the order given.
@@ -16,8 +16,8 @@ import numpy as np
 
 from grainmotion._typing import Index, Pixels
 from grainmotion.errors import InputError
-from grainmotion.io import hdf5, png, tiff
-from grainmotion.io.formats import FORMATS, HDF5, PNG, TIFF, family, unreadable
+from grainmotion.io import hdf5, png, tiff, txrm
+from grainmotion.io.formats import FORMATS, HDF5, PNG, TIFF, TXRM, family, unreadable
 from grainmotion.io.locate import locate
 
 
@@ -126,7 +126,7 @@ def _parts(item: str, folder: Path) -> Stack:
     parts = []
     for path in located.files:
         formats = family(path)
-        if inner and formats != HDF5:
+        if inner and formats not in (HDF5, TXRM):
             raise InputError(item, "'::' names a dataset of an HDF5 file", FORMATS)
         if formats is None:
             raise unreadable(path)
@@ -141,6 +141,8 @@ def _info(part: Part) -> tuple[tuple[int, int, int], np.dtype]:
         return tiff.tiff_info(part.path)
     if formats == PNG:
         return png.png_info(part.path)
+    if formats == TXRM:
+        return txrm.txrm_info(part.path, part.inner)
     if part.key is not None:
         file = hdf5.read_nxtomo(part.path)
         return (file.count(part.key), *file.shape), file.dtype
@@ -156,6 +158,8 @@ def _read(part: Part, images: Index | None = None) -> Pixels:
     """All images of a part, or some of them; of .npy and HDF5 no others are read."""
     if part.key is not None:
         return hdf5.read_nxtomo(part.path).read(part.key, images)
+    if family(part.path) == TXRM:
+        return txrm.read_txrm(part.path, part.inner, images)
     if family(part.path) == TIFF:
         array = tiff.read_tiff(part.path)
     elif family(part.path) == PNG:

@@ -6,38 +6,54 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 
-from grainmotion.io.formats import HDF5
+from grainmotion.io.formats import HDF5, TXRM
 from grainmotion.io.scanners.bruker import read_bruker_scan
 from grainmotion.io.scanners.description import ScannerFile
 from grainmotion.io.scanners.nikon import read_nikon_scan
+from grainmotion.io.scanners.nsi import read_nsi_scan
 from grainmotion.io.scanners.nxtomo import read_nxtomo_scan
 from grainmotion.io.scanners.phoenix import read_phoenix_scan
+from grainmotion.io.scanners.rx_solutions import read_rx_scan
 from grainmotion.io.scanners.view_tables import VIEW_READERS, Panel
+from grainmotion.io.scanners.zeiss import read_zeiss_scan
 from grainmotion.model.geometry import Geometry
 
 Reader = Callable[[Path], ScannerFile]
 READERS: Mapping[str, Reader] = MappingProxyType({
-    **{suffix: read_nxtomo_scan for suffix in HDF5},
+    **dict.fromkeys(HDF5, read_nxtomo_scan),
+    **dict.fromkeys(TXRM, read_zeiss_scan),
     ".xtekct": read_nikon_scan,
     ".log": read_bruker_scan,
     ".pca": read_phoenix_scan,
+    ".nsipro": read_nsi_scan,
 })  # fmt: skip
 """Reader of the files with a suffix, in lower case."""
+NAMED_READERS: Mapping[str, Reader] = MappingProxyType(
+    {"unireconstruction.xml": read_rx_scan, "geom.csv": read_rx_scan}
+)
+"""Reader of files whose suffix other formats share, by their name in lower case."""
 
 
 def is_scanner_file(name: str) -> bool:
-    """Whether a path names a scanner's file, by its suffix; ``"file.h5::/path"`` names a dataset instead."""
-    return "::" not in name and Path(name).suffix.lower() in READERS
+    """Whether a path names a scanner's file, by its suffix or name; ``"file.h5::/path"`` names a dataset instead."""
+    return "::" not in name and _reader(Path(name)) is not None
 
 
 def read_scanner_file(path: Path) -> ScannerFile:
     """What a scanner's file tells about its scan; `is_scanner_file` holds for it."""
-    return READERS[path.suffix.lower()](path)
+    reader = _reader(path)
+    assert reader is not None
+    return reader(path)
 
 
 def is_view_file(path: Path) -> bool:
     """Whether a file holds whole positions of source and panel in each view, by its suffix and content."""
-    return path.suffix.lower() not in READERS
+    return _reader(path) is None or path.suffix.lower() == ".csv"
+
+
+def _reader(path: Path) -> Reader | None:
+    """The reader of a file, by its name or suffix."""
+    return NAMED_READERS.get(path.name.lower()) or READERS.get(path.suffix.lower())
 
 
 def read_views(path: Path, panel: Panel) -> Geometry:

@@ -10,6 +10,7 @@ from typing import Literal
 
 from grainmotion._typing import Beam
 from grainmotion.io.geometry_csv import read_geometry
+from grainmotion.io.scanners.rx_table import is_rx_table, read_rx_table
 from grainmotion.model.geometry import Geometry
 
 
@@ -36,6 +37,8 @@ class Panel:
 
 
 def _read_csv(path: Path, panel: Panel) -> Geometry:
+    if is_rx_table(path):
+        return read_rx_table(path).geometry(panel.shape)
     return read_geometry(path, panel.shape, panel.beam)
 
 
