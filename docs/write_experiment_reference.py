@@ -19,6 +19,7 @@ from pydantic_core import PydanticUndefined
 from grainmotion.calibration.settings import ScannerSettings
 from grainmotion.diagnosis.settings import CheckSettings
 from grainmotion.experiment import config
+from grainmotion.mechanics.settings import MechanicsSettings
 from grainmotion.planning.plan import PlanSettings
 from grainmotion.reconstruction.reconstruct import ReconstructSettings
 from grainmotion.segmentation.settings import BodySettings, PhaseSettings, SegmentSettings
@@ -37,6 +38,7 @@ TABLES: dict[str, type] = {
     "[[segment.bodies]]": BodySettings,
     "[track]": TrackSettings,
     "[plan]": PlanSettings,
+    "[mechanics]": MechanicsSettings,
     "[[states]]": config.StateTable,
     "[output]": config.OutputTable,
 }

@@ -77,3 +77,20 @@ def files(
     with prepared(dataclasses.replace(experiment, tables=tables), execution, checks) as (experiment, options):
         result = gm.run(experiment, out=paths.out, **options)
     finish(result, execution, checks, *(f"exported: {result.folder / name}" for name in result.motions))
+
+
+@add_command
+def mechanics(paths: Paths, *, execution: Execution, checks: Checks) -> None:
+    """Write strains, contacts, fabric and void ratios of the reference and of each state, as [mechanics] says."""
+    experiment = read(paths.file)
+    wanted = [
+        *experiment.tables.output.exports,
+        *([] if "mechanics" in experiment.tables.output.exports else ["mechanics"]),
+    ]
+    output = experiment.tables.output.model_copy(update={"exports": wanted})
+    tables = experiment.tables.model_copy(update={"output": output})
+    with prepared(dataclasses.replace(experiment, tables=tables), execution, checks) as (experiment, options):
+        result = gm.run(experiment, out=paths.out, **options)
+    finish(
+        result, execution, checks, *(f"mechanics: {result.folder / name / 'mechanics.json'}" for name in result.motions)
+    )

@@ -28,6 +28,7 @@ from grainmotion.experiment.inherited_keys import with_inherited_keys
 from grainmotion.io.files import checked_file
 from grainmotion.io.spam_table import About
 from grainmotion.io.text import read_text
+from grainmotion.mechanics.settings import MechanicsSettings
 from grainmotion.planning.plan import PlanSettings
 from grainmotion.reconstruction.reconstruct import ReconstructSettings
 from grainmotion.reconstruction.settings import Outline
@@ -37,9 +38,10 @@ from grainmotion.tracking.track import TrackSettings
 RESERVED_STATE_NAMES = (
     "reference.h5", "reconstruction.h5", "report.html", "stages.json", "reference.tif", "reference.vti",
     "beam_level.json", "calibration.json", "checks.json", "checks-grains.json", "checks-volume.json", "run.log",
-    "series.h5", "series.csv", "series.parquet", "watch.html",
+    "series.h5", "series.csv", "series.parquet", "watch.html", "datapackage.json",
+    "reference_contacts.csv", "reference_void_ratio.csv", "reference_mechanics.json",
 )  # fmt: skip
-Export = Literal["vtk", "spam"]
+Export = Literal["vtk", "spam", "mechanics"]
 SeriesFormat = Literal["h5", "csv", "parquet"]
 
 
@@ -194,7 +196,10 @@ class OutputTable(_Table):
 
     directory: str = Field(default="results", description="folder of the results, from the file's own folder")
     rebuild: bool = Field(default=False, description="write the moved grains of each state as a volume with labels")
-    exports: list[Export] = Field(default=[], description='files for other software: "vtk", "spam"')
+    exports: list[Export] = Field(
+        default=[],
+        description='files for other software: "vtk", "spam"; "mechanics": strains, contacts, fabric, void ratios',
+    )
     spam_about: About = Field(
         default="centroid",
         description='the point whose displacement files for spam give: of the label, "centroid" for spam-moveLabels '
@@ -217,6 +222,7 @@ class ExperimentFile(_Table):
     segment: SegmentSettings = Field(default_factory=SegmentSettings)
     track: TrackSettings = Field(default_factory=TrackSettings)
     plan: PlanSettings = Field(default_factory=PlanSettings)
+    mechanics: MechanicsSettings = Field(default_factory=MechanicsSettings)
     states: list[StateTable] = []
     output: OutputTable = Field(default_factory=OutputTable)
 

@@ -21,7 +21,9 @@ from numpy.typing import NDArray
 
 from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Float
-from grainmotion.mechanics.contacts import CONTACT, INDETERMINATE, OPEN, OVERLAP, Contacts
+from grainmotion.mechanics.columns import CHANGE_COLUMNS, CHANGES_CONTENT
+from grainmotion.mechanics.contacts import INDETERMINATE, OPEN, OVERLAP, TOUCHING, Contacts
+from grainmotion.model.described_table import described
 from grainmotion.model.motions import Motions
 from grainmotion.rotations import apply_motion, rotation_matrix, rotation_vector, skew_matrix
 
@@ -80,7 +82,7 @@ class ContactChanges:
         Returns
         -------
         DataFrame
-            Its ``attrs`` tell units and frame.
+            Its ``attrs`` tell units and meanings of the columns, frame and version.
         """
         import pandas as pd  # takes half a second
 
@@ -93,9 +95,7 @@ class ContactChanges:
             ("rolling", self.rollings, self.rolling_sds), ("twisting", self.twistings, self.twisting_sds)
         ):  # fmt: skip
             columns |= {name: np.rad2deg(values), f"sd_{name}": np.rad2deg(sds)}
-        table = pd.DataFrame(columns)
-        table.attrs.update(units="mm, degrees", frame="sample, x y z, this state")
-        return table
+        return described(pd.DataFrame(columns), CHANGE_COLUMNS, CHANGES_CONTENT)
 
 
 @checked_arguments
@@ -145,7 +145,7 @@ def _at(values: NDArray, rows: NDArray[np.int64], missing: object) -> NDArray:
 def _changes(before: NDArray[np.str_], after: NDArray[np.str_], known: NDArray[np.bool_]) -> NDArray[np.str_]:
     changes = np.full(len(before), INDETERMINATE, dtype="<U13")
     for was, became, name in (
-        (CONTACT, CONTACT, KEPT), (OPEN, CONTACT, GAINED), (CONTACT, OPEN, LOST), (OPEN, OPEN, OPEN)
+        (TOUCHING, TOUCHING, KEPT), (OPEN, TOUCHING, GAINED), (TOUCHING, OPEN, LOST), (OPEN, OPEN, OPEN)
     ):  # fmt: skip
         changes[(before == was) & (after == became)] = name
     changes[after == OVERLAP] = OVERLAP

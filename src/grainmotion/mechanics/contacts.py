@@ -23,7 +23,9 @@ from scipy.spatial import cKDTree
 from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Float
 from grainmotion.errors import InputError
+from grainmotion.mechanics.columns import CONTACT_COLUMNS, CONTACTS_CONTENT
 from grainmotion.mechanics.surfaces import Surface, SurfaceCache
+from grainmotion.model.described_table import described
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions
 from grainmotion.rotations import apply_motion, recenter, skew_matrix
@@ -31,7 +33,7 @@ from grainmotion.rotations import apply_motion, recenter, skew_matrix
 if TYPE_CHECKING:
     import pandas as pd
 
-CONTACT, OPEN, INDETERMINATE, OVERLAP = "contact", "open", "indeterminate", "overlap"
+TOUCHING, OPEN, INDETERMINATE, OVERLAP = "contact", "open", "indeterminate", "overlap"
 DEFAULT_GAP_TOLERANCE = 0.5
 """Gap below which two grains are in contact, voxels."""
 SURFACE_SD = 0.1
@@ -94,7 +96,7 @@ class Contacts:
     @property
     def touching(self) -> NDArray[np.bool_]:
         """Pairs in contact, ``(m,)``."""
-        return self.kinds == CONTACT
+        return self.kinds == TOUCHING
 
     def to_dataframe(self) -> pd.DataFrame:
         """One row a pair: labels, kind, gap, place, normal and branch vector, mm.
@@ -102,7 +104,7 @@ class Contacts:
         Returns
         -------
         DataFrame
-            Its ``attrs`` tell units, frame and tolerance.
+            Its ``attrs`` tell units and meanings of the columns, frame, version and tolerance (mm).
         """
         import pandas as pd  # takes half a second
 
@@ -110,9 +112,7 @@ class Contacts:
         columns |= {"gap": self.gaps, "sd_gap": self.gap_sds}
         for name, vectors in (("", self.points), ("n", self.normals), ("branch_", self.branches)):
             columns |= {f"{name}{axis}": c for axis, c in zip("xyz", vectors.T, strict=True)}
-        table = pd.DataFrame(columns)
-        table.attrs.update(units="mm", frame="sample, x y z, this state", tolerance=self.tolerance)
-        return table
+        return described(pd.DataFrame(columns), CONTACT_COLUMNS, CONTACTS_CONTENT, tolerance=self.tolerance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -274,7 +274,7 @@ def _closest(
 def _kinds(gaps: Float, sds: Float, tolerance: float, voxel_size: float) -> NDArray[np.str_]:
     clear = CLEAR_GAP_SDS * sds
     kinds = np.full(len(gaps), INDETERMINATE, dtype="<U13")
-    kinds[gaps + clear < tolerance] = CONTACT
+    kinds[gaps + clear < tolerance] = TOUCHING
     kinds[gaps - clear > tolerance] = OPEN
     kinds[gaps + clear < -MAX_OVERLAP * voxel_size] = OVERLAP
     return kinds

@@ -10,7 +10,7 @@ import numpy as np
 from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Float
 from grainmotion.errors import InputError
-from grainmotion.mechanics.contacts import CONTACT, INDETERMINATE, Contacts
+from grainmotion.mechanics.contacts import INDETERMINATE, TOUCHING, Contacts
 
 Directions = Literal["normals", "branches"]
 
@@ -102,7 +102,7 @@ def fabric(contacts: Contacts, *, directions: Directions = "normals") -> Fabric:
     first = units.T @ units / count if count else np.full((3, 3), np.nan)
     third = 7.5 * (first - np.eye(3) / 3)
     inner = ~contacts.at_border
-    sure, perhaps = (_counts(contacts, kind)[inner] for kind in (CONTACT, INDETERMINATE))
+    sure, perhaps = (_counts(contacts, kind)[inner] for kind in (TOUCHING, INDETERMINATE))
     return Fabric(
         directions, count, int(inner.sum()), first, 7.5 * (first - np.eye(3) / 5), third,
         float(np.sqrt(1.5 * (third**2).sum())), 7.5 / np.sqrt(count) if count else float("nan"), _mean(sure),

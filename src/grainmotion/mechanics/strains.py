@@ -12,9 +12,11 @@ from scipy.sparse import csr_array
 from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Float
 from grainmotion.errors import InputError
+from grainmotion.mechanics.columns import STRAIN_MAP_COLUMNS, STRAINS_CONTENT
 from grainmotion.mechanics.finite_strain import Deformation, deviatoric_noise, propagated, standard_deviations
 from grainmotion.mechanics.local_strain import fit_around
 from grainmotion.mechanics.tetrahedra import Tessellation, tessellate
+from grainmotion.model.described_table import described
 from grainmotion.model.motions import Motions
 from grainmotion.model.strain import STRAIN_NAMES
 from grainmotion.rotations import rotation_matrix, rotation_vector
@@ -99,6 +101,12 @@ class Strains:
         return self.deformation.deviatoric
 
     @property
+    def deviatoric_sd(self) -> Float:
+        """Its standard deviation, ``(n,)``; NaN where it is not above twice `deviatoric_noise`."""
+        found = propagated(lambda d: d.deviatoric[:, None], self.gradients, self.covariances)
+        return np.where(self.deviatoric > 2 * self.deviatoric_noise, standard_deviations(found)[:, 0], np.nan)
+
+    @property
     def deviatoric_noise(self) -> Float:
         """Root mean square of the deviatoric strain that the errors alone would show, ``(n,)``."""
         return deviatoric_noise(self.covariances)
@@ -109,7 +117,7 @@ class Strains:
         Returns
         -------
         DataFrame
-            Its ``attrs`` tell units, frame and estimator.
+            Its ``attrs`` tell units and meanings of the columns, frame, version and estimator.
         """
         import pandas as pd  # takes half a second
 
@@ -125,7 +133,8 @@ class Strains:
         columns |= {f"green_{n}": c for n, c in zip(STRAIN_NAMES, whole.green_lagrange.T, strict=True)}
         columns |= {f"sd_green_{n}": c for n, c in zip(STRAIN_NAMES, lagrange_sd.T, strict=True)}
         columns |= {"volumetric": self.volumetric, "sd_volumetric": self.volumetric_sd}
-        columns |= {"deviatoric": self.deviatoric, "deviatoric_noise": self.deviatoric_noise}
+        columns |= {"deviatoric": self.deviatoric, "sd_deviatoric": self.deviatoric_sd}
+        columns |= {"deviatoric_noise": self.deviatoric_noise}
         relative_sd = standard_deviations(self.relative_covariances)
         for name, vectors in (
             ("continuum_w", whole.rotations), ("sd_continuum_w", rotation_sd), ("grain_w", self.grain_rotations),
@@ -135,11 +144,7 @@ class Strains:
         columns |= {"relative_angle": np.rad2deg(np.linalg.norm(self.relative_rotations, axis=1))}
         columns |= {"cell_volume": self.volumes, "at_hull": self.at_hull, "non_affine": self.non_affine}
         columns |= {"reason": list(self.reasons)}
-        table = pd.DataFrame(columns)
-        table.attrs.update(
-            units="mm, degrees", frame="sample, x y z; strains in the reference", estimator=self.estimator
-        )
-        return table
+        return described(pd.DataFrame(columns), STRAIN_MAP_COLUMNS, STRAINS_CONTENT, estimator=self.estimator)
 
 
 @checked_arguments

@@ -25,8 +25,10 @@ from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Float
 from grainmotion.analysis.deformed_volume import rebuild, typical_attenuation
 from grainmotion.errors import InputError
+from grainmotion.mechanics.columns import VOID_COLUMNS, VOIDS_CONTENT
 from grainmotion.mechanics.surfaces import surface_of
 from grainmotion.mechanics.tetrahedra import tessellate
+from grainmotion.model.described_table import described
 from grainmotion.model.grains import Grain, GrainSet
 from grainmotion.model.motions import Motions, Status
 from grainmotion.model.scene import Scene
@@ -89,7 +91,7 @@ class VoidRatios:
         Returns
         -------
         DataFrame
-            Its ``attrs`` tell units and the kind of cells.
+            Its ``attrs`` tell units and meanings of the columns, version and the kind of cells.
         """
         import pandas as pd  # takes half a second
 
@@ -97,8 +99,7 @@ class VoidRatios:
             "label": self.labels, "grain_volume": self.grain_volumes, "cell_volume": self.cell_volumes,
             "inside": self.inside, "void_ratio": self.void_ratios,
         })  # fmt: skip
-        table.attrs.update(units="mm^3", cells=self.cells)
-        return table
+        return described(table, VOID_COLUMNS, VOIDS_CONTENT, cells=self.cells)
 
 
 @checked_arguments

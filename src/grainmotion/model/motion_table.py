@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion.errors import InputError
+from grainmotion.model.described_table import Columns, described, frozen, vector_columns
 from grainmotion.model.strain import STRAIN_NAMES
 
 if TYPE_CHECKING:
@@ -26,6 +27,24 @@ OK_COLUMNS = ("ok_translation", "ok_rotation")
 """Columns of ``motions.csv`` after `REASON_COLUMN`; files of older versions lack them."""
 STRAIN_COLUMNS = (*STRAIN_NAMES, *(f"sd_{name}" for name in STRAIN_NAMES))
 """Last columns of ``motions.csv``, where strains were measured."""
+MOTIONS_CONTENT = "motions of the grains from the reference to one state"
+MOTION_DESCRIPTIONS: Columns = frozen({
+    "label": ("1", "of the grain in the reference volume"),
+    "status": ("text", "outcome of the fit: converged, poorly-determined, ... (docs/conventions.md)"),
+    **{axis: ("mm", f"centre of mass c in the reference, by attenuation, {axis}") for axis in "xyz"},
+    **vector_columns("u", "mm", "translation of the centre"),
+    **vector_columns("w", "deg", "rotation vector about the centre"),
+    **vector_columns("sd_u", "mm", "standard deviation of the translation"),
+    **vector_columns("sd_w", "deg", "standard deviation of the rotation, of an increment on the left"),
+    "residual": ("1", "root mean square of measured - simulated line integrals over the footprint"),
+    "iterations": ("1", "of the fit"),
+    "reason": ("text", "cause and remedy where the grain did not converge"),
+    "ok_translation": ("yes or no", "whether ux uy uz are a result to use"),
+    "ok_rotation": ("yes or no", "whether wx wy wz are a result to use"),
+    **{name: ("1", "Biot strain e = U - I of a strained grain, frame of the reference") for name in STRAIN_NAMES},
+    **{f"sd_{name}": ("1", f"standard deviation of {name}") for name in STRAIN_NAMES},
+})  # fmt: skip
+"""Unit and meaning of each column."""
 
 
 class MotionFields(TypedDict):
@@ -64,7 +83,7 @@ def table_from_fields(fields: MotionFields) -> pd.DataFrame:
     strains, strain_covariances = fields["strains"], fields["strain_covariances"]
     if strains is not None and strain_covariances is not None:
         table[list(STRAIN_COLUMNS)] = np.hstack([strains, _standard_deviations(strain_covariances)])
-    return table
+    return described(table, MOTION_DESCRIPTIONS, MOTIONS_CONTENT)
 
 
 def fields_from_table(table: pd.DataFrame, where: str) -> MotionFields:

@@ -236,8 +236,18 @@ class Motions:
             merged_strains(self.strains), merged_strains(self.strain_covariances),
         )  # fmt: skip
 
+    def to_dataframe(self) -> pd.DataFrame:
+        """The table of ``motions.csv``: mm and degrees, one row a grain.
+
+        Returns
+        -------
+        DataFrame
+            Its ``attrs`` tell units and meanings of the columns, the frame and the version.  `from_table` reads it.
+        """
+        return self.to_table()
+
     def to_table(self) -> pd.DataFrame:
-        """The table of ``motions.csv``: mm and degrees, one row a grain."""
+        """The table of ``motions.csv``, as `to_dataframe`."""
         return table_from_fields({
             "labels": self.labels, "centers": self.centers, "translations": self.translations,
             "rotations": self.rotations, "covariances": self.covariances, "statuses": self.statuses,

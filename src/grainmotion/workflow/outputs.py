@@ -34,6 +34,7 @@ from grainmotion.report.data import Rows
 from grainmotion.sequences.series import Series
 from grainmotion.workflow.calibration_stage import calibration_facts
 from grainmotion.workflow.context import RunContext
+from grainmotion.workflow.mechanics_stage import MECHANICS, write_mechanics_files
 from grainmotion.workflow.provenance import Stage
 from grainmotion.workflow.reference_stages import SegmentedReference
 from grainmotion.workflow.tracking_stage import TrackedState
@@ -65,7 +66,8 @@ def write_outputs(
 ) -> None:
     """Write the reference's exports, then the outputs of each state."""
     output, prints = context.tables.output, context.fingerprints
-    for export in output.exports:
+    exports = [export for export in output.exports if export != MECHANICS]
+    for export in exports:
         files = [context.folder / file for file in REFERENCE_EXPORTS[export]]
         write: Callable[[], None] = partial(_export_reference, reference, export, files)
         _complete(context, f"reference/{export}", prints.after_segmentation(export), files, write)
@@ -86,12 +88,14 @@ def write_outputs(
         if output.rebuild:
             files = [folder / file for file in DEFORMED]
             outputs.append(("rebuilt", files, partial(_write_deformed, context, reference, state, files)))
-        for export in output.exports:
+        for export in exports:
             files = [folder / STATE_EXPORTS[export]]
             outputs.append((export, files, partial(_export_state, context, reference, state, export, files[0])))
         for name, files, write in outputs:
             made = f"{name} {output.spam_about}" if name == "spam" else name
             _complete(context, f"{table.name}/{name}", prints.after_tracking(made, table.name), files, write)
+    if MECHANICS in output.exports:
+        write_mechanics_files(context, reference, tracked)
     write_series_files(context, {name: state.motions for name, state in tracked.items()})
 
 
