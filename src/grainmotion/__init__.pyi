@@ -26,6 +26,10 @@ from .io.series_files import read_series as read_series
 from .io.series_files import write_series as write_series
 from .io.spam import read_ddic_tsv as read_ddic_tsv
 from .io.spam import write_ddic_tsv as write_ddic_tsv
+from .io.volumes.access import read_labels as read_labels
+from .io.volumes.access import read_volume as read_volume
+from .io.volumes.access import write_labels as write_labels
+from .io.volumes.access import write_volume as write_volume
 from .mechanics.contact_changes import ContactChanges as ContactChanges
 from .mechanics.contact_changes import contact_changes as contact_changes
 from .mechanics.contacts import Contacts as Contacts

@@ -47,6 +47,7 @@ class Format(StrEnum):
 
     VTK = "vtk"
     SPAM = "spam"
+    OME_ZARR = "ome-zarr"
 
 
 class SpamPoint(StrEnum):
@@ -60,7 +61,9 @@ class SpamPoint(StrEnum):
 def files(
     paths: Paths,
     *,
-    format: Annotated[list[Format], typer.Option("--format", help="vtk for ParaView, spam for spam")],
+    format: Annotated[
+        list[Format], typer.Option("--format", help="vtk for ParaView, spam for spam, ome-zarr for napari")
+    ],
     about: Annotated[
         SpamPoint | None,
         typer.Option("--about", help="spam: displacement of the label's centroid, or of its bounding box' middle"),

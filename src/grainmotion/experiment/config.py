@@ -37,11 +37,13 @@ from grainmotion.tracking.track import TrackSettings
 
 RESERVED_STATE_NAMES = (
     "reference.h5", "reconstruction.h5", "report.html", "stages.json", "reference.tif", "reference.vti",
+    "reference.ome.zarr",
     "beam_level.json", "calibration.json", "checks.json", "checks-grains.json", "checks-volume.json", "run.log",
     "series.h5", "series.csv", "series.parquet", "watch.html", "datapackage.json",
     "reference_contacts.csv", "reference_void_ratio.csv", "reference_mechanics.json",
 )  # fmt: skip
-Export = Literal["vtk", "spam", "mechanics"]
+Export = Literal["vtk", "spam", "ome-zarr", "mechanics"]
+VolumeFormat = Literal["tiff", "hdf5", "ome-zarr"]
 SeriesFormat = Literal["h5", "csv", "parquet"]
 
 
@@ -196,9 +198,8 @@ class OutputTable(_Table):
 
     directory: str = Field(default="results", description="folder of the results, from the file's own folder")
     rebuild: bool = Field(default=False, description="write the moved grains of each state as a volume with labels")
-    exports: list[Export] = Field(
-        default=[],
-        description='files for other software: "vtk", "spam"; "mechanics": strains, contacts, fabric, void ratios',
+Export = Literal["vtk", "spam", "ome-zarr", "mechanics"]
+VolumeFormat = Literal["tiff", "hdf5", "ome-zarr"]
     )
     spam_about: About = Field(
         default="centroid",

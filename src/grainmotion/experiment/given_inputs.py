@@ -14,15 +14,13 @@ from grainmotion.errors import InputError
 from grainmotion.experiment.given_grid import label_size_findings, voxel_findings
 from grainmotion.experiment.inputs import Inputs
 from grainmotion.experiment.scan_inputs import ScanInput
+from grainmotion.io.volumes.label_types import label_array
 from grainmotion.io.volumes.record import VolumeFile
 from grainmotion.model.finding import Finding, Level
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.reconstruction.grid_growth import fitted_grid, growth_views
 from grainmotion.reconstruction.settings import ReconstructSettings
-from grainmotion.segmentation.labels import MAX_LABEL
-
-MAX_NEGATIVE_LABELS = 1
 
 
 def read_given_volume(file: VolumeFile, grid: Volume) -> Volume:
@@ -53,31 +51,9 @@ class GivenLabels:
 
 
 def read_given_labels(file: VolumeFile) -> GivenLabels:
-    """The labels made by other software, of any type of whole numbers, slab by slab.
-
-    One negative number is taken for no grain; several are refused, as labels that ran over the top of their type.
-    """
+    """The labels made by other software, of any type of whole numbers."""
     where = f"{file.spec} (reference.labels)"
-    labels, negative = np.zeros(file.shape, np.int32), set[int]()
-    for (first, last), slab in zip(file.bounds, file.slabs(file.bounds), strict=True):
-        if slab.dtype.kind == "f" and not (np.isfinite(slab).all() and (slab == np.round(slab)).all()):
-            fact = f"its numbers, {slab.dtype}, are not whole numbers: grey values or a probability"
-            raise InputError(where, fact, "give 0 for no grain, 1, 2, ... for grains, without interpolation")
-        if slab.max(initial=0) > MAX_LABEL:
-            remedy = f"number the grains up to {MAX_LABEL}, as skimage.segmentation.relabel_sequential(labels)[0] does"
-            raise InputError(where, f"a label of {int(slab.max())}", remedy)
-        if slab.dtype.kind != "u":
-            negative |= {int(value) for value in np.unique(slab[slab < 0])[: MAX_NEGATIVE_LABELS + 1]}
-            slab = np.maximum(slab, 0)
-        labels[first:last] = slab
-    if len(negative) > MAX_NEGATIVE_LABELS:
-        fact = (
-            f"labels below 0, from {min(negative)} to {max(negative)}: probably they ran over the top of {file.dtype}"
-        )
-        raise InputError(where, fact, "export them as unsigned whole numbers of 32 bits")
-    if not labels.any():
-        raise InputError(where, "no grains found: no label is above 0", "give 1, 2, ... where grains are")
-    return GivenLabels(labels, min(negative, default=0))
+    return GivenLabels(*label_array(file, where))
 
 
 def given_volume_findings(inputs: Inputs, volume: Volume, later: Scan | None) -> tuple[Finding, ...]:

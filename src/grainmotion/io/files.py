@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -63,3 +64,28 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
             raise InputError(str(path), fact, "choose another file") from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def atomic_folder(path: str | Path) -> Iterator[Path]:
+    """A temporary folder beside ``path``, which replaces it, an older one included, when the block succeeds."""
+    path = Path(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary = Path(tempfile.mkdtemp(prefix=f".{path.stem}-", dir=path.parent))
+    except OSError as error:
+        fact = f"cannot be written: {error.strerror}"
+        raise InputError(str(path), fact, "choose a folder that you may write to") from error
+    try:
+        new = temporary / "new"
+        new.mkdir()
+        yield new
+        try:
+            if path.exists():
+                os.replace(path, temporary / "old")
+            os.replace(new, path)
+        except OSError as error:
+            fact = f"cannot be replaced: {error.strerror}"
+            raise InputError(str(path), fact, "choose another folder") from error
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)

@@ -7,14 +7,16 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
+from numpy.typing import NDArray
 
 from grainmotion import report
 from grainmotion.analysis.deformed_volume import rebuild
 from grainmotion.analysis.residual_images import residual_images
 from grainmotion.calibration.scanner import ScannerCalibration
-from grainmotion.experiment.config import Experiment, Export
+from grainmotion.experiment.config import Experiment, Export, VolumeFormat
 from grainmotion.experiment.inputs import Inputs
 from grainmotion.experiment.last_reference import described
 from grainmotion.experiment.scan_inputs import ScanInput
@@ -25,10 +27,12 @@ from grainmotion.io.results import StoredReference
 from grainmotion.io.series_files import write_series
 from grainmotion.io.spam import write_ddic_tsv
 from grainmotion.io.tiff import read_tiff, write_tiff
+from grainmotion.io.volumes.access import write_volume
 from grainmotion.io.vtk import write_grains_vtp, write_image_vti
 from grainmotion.model.finding import Finding
 from grainmotion.model.motions import Motions
 from grainmotion.model.scan import Scan
+from grainmotion.model.volume import Volume
 from grainmotion.report import ReportData, StateReport
 from grainmotion.report.data import Rows
 from grainmotion.sequences.series import Series
@@ -39,12 +43,20 @@ from grainmotion.workflow.provenance import Stage
 from grainmotion.workflow.reference_stages import SegmentedReference
 from grainmotion.workflow.tracking_stage import TrackedState
 
-REFERENCE_EXPORTS = {"vtk": ("reference.vti",), "spam": ("reference.tif", "reference_labels.tif")}
+REFERENCE_EXPORTS = {
+    "vtk": ("reference.vti",),
+    "spam": ("reference.tif", "reference_labels.tif"),
+    "ome-zarr": ("reference.ome.zarr/.zattrs",),
+}
 STATE_EXPORTS = {"vtk": "grains.vtp", "spam": "grains-ddic.tsv"}
 RESIDUALS, REPORT = "residuals.tif", "report.html"
 SERIES = "series"
 BODIES, APPEARED, PIECES = "bodies.csv", "appeared.csv", "pieces.csv"
-DEFORMED = ("rebuilt.tif", "rebuilt_labels.tif")
+DEFORMED: Mapping[VolumeFormat, tuple[str, ...]] = MappingProxyType({
+    "tiff": ("rebuilt.tif", "rebuilt_labels.tif"), "hdf5": ("rebuilt.h5",), "ome-zarr": ("rebuilt.ome.zarr/.zattrs",)
+})  # fmt: skip
+"""Files of a rebuilt volume; a folder of OME-Zarr is known by one of its files."""
+RESULT_STORES = ("rebuilt.ome.zarr", "reference.ome.zarr")
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,9 +98,9 @@ def write_outputs(
             files = [folder / PIECES]
             outputs.append(("pieces", files, partial(write_piece_motions, files[0], fit.pieces)))
         if output.rebuild:
-            files = [folder / file for file in DEFORMED]
+            files = [folder / file for file in DEFORMED[output.volumes]]
             outputs.append(("rebuilt", files, partial(_write_deformed, context, reference, state, files)))
-        for export in exports:
+        for export in (export for export in exports if export in STATE_EXPORTS):
             files = [folder / STATE_EXPORTS[export]]
             outputs.append((export, files, partial(_export_state, context, reference, state, export, files[0])))
         for name, files, write in outputs:
@@ -138,8 +150,12 @@ def _write_deformed(
 ) -> None:
     """The deformed volume and its labels on the reference's grid."""
     volume, labels = rebuild(reference().grains, state.motions, context.inputs.grid)
-    write_tiff(paths[0], volume.array)
-    write_tiff(paths[1], labels)
+    _write_with_labels(paths[0], volume, labels)
+
+
+def _write_with_labels(path: Path, volume: Volume, labels: NDArray[np.int32]) -> None:
+    """A volume and its labels, in the format of the name of their first file."""
+    write_volume(path.parent if path.parent.name in RESULT_STORES else path, volume, labels=labels)
 
 
 def _export_state(
@@ -155,14 +171,13 @@ def _export_state(
 
 
 def _export_reference(reference: Callable[[], SegmentedReference], name: Export, paths: list[Path]) -> None:
-    """Volume and labels for ParaView or for spam."""
+    """Volume and labels for ParaView, for spam or as OME-Zarr."""
     stored = reference().stored
     if name == "vtk":
         write_image_vti(paths[0], stored.volume, stored.labels)
         return
     assert stored.labels is not None
-    write_tiff(paths[0], stored.volume.array)
-    write_tiff(paths[1], stored.labels)
+    _write_with_labels(paths[0], stored.volume, stored.labels)
 
 
 # ---------------------------------------------------------------------- the report

@@ -34,7 +34,14 @@ from grainmotion.workflow.checks import check_files, check_radiographs, check_re
 from grainmotion.workflow.context import RunContext, check_inputs
 from grainmotion.workflow.given_checks import check_given, check_grains
 from grainmotion.workflow.log import STAGE_LOG, run_log
-from grainmotion.workflow.outputs import DEFORMED, REFERENCE_EXPORTS, RESIDUALS, report_stage, write_outputs
+from grainmotion.workflow.outputs import (
+    DEFORMED,
+    REFERENCE_EXPORTS,
+    RESIDUALS,
+    RESULT_STORES,
+    report_stage,
+    write_outputs,
+)
 from grainmotion.workflow.provenance import StageCache
 from grainmotion.workflow.reference_stages import CHECKPOINT, REFERENCE, reconstruct_stage, segment_stage
 from grainmotion.workflow.tracking_stage import TrackedState, track_side_by_side, track_stage
@@ -48,7 +55,7 @@ RESULT_FILES = {
     CHECKPOINT,
     "motions.h5",
     RESIDUALS,
-    *DEFORMED,
+    *(name for names in DEFORMED.values() for name in names),
     *REFERENCE_EXPORTS["spam"],
 }
 """Names of results that an input in the same folder could also have."""
@@ -162,6 +169,10 @@ def _check_overwriting(inputs: Inputs, folder: Path) -> None:
     files = [f for s in scans for f in s.files] + [f for s in (inputs.volume, inputs.labels) if s for f in s.files]
     folders = {folder.resolve(), *(folder.resolve() / s.key.removeprefix("states.") for s in inputs.states)}
     for file in files:
+        store = next((p for p in file.resolve().parents if p.name in RESULT_STORES), None)
+        if store is not None and store.parent in folders:
+            fact = f"{store} holds an input and would be overwritten"
+            raise InputError("output.directory", fact, "choose another folder for the results")
         if file.resolve().parent in folders and file.name in RESULT_FILES:
             fact = f"{file} is an input and would be overwritten"
             raise InputError("output.directory", fact, "choose another folder for the results")

@@ -98,14 +98,15 @@ def _told(data: h5py.Dataset) -> Told:
 
 
 def _by_attributes(attributes: Mapping[str, object]) -> Told:
+    if _text(attributes.get("unit", "")) == _OWN_UNIT and "center" in attributes and "voxel_size" in attributes:
+        return told_voxel(_three(attributes["voxel_size"]), "mm", "voxel_size")
     if "element_size_um" in attributes:
         return told_voxel(_three(attributes["element_size_um"]), "um", "element_size_um", one_is_default=True)
     for name in _SIZE_NAMES:
         if name in attributes:
             units = [attributes[key] for key in (f"{name}_unit", f"{name}_units") if key in attributes]
-            own = _text(attributes.get("unit", "")) == _OWN_UNIT and "center" in attributes
-            unit = "mm" if own else _text(units[0]) if units else None
-            return told_voxel(_three(attributes[name]), unit, name, one_is_default=not own)
+            unit = _text(units[0]) if units else None
+            return told_voxel(_three(attributes[name]), unit, name, one_is_default=True)
     return None, ()
 
 

@@ -34,8 +34,8 @@ def tiff_volume(paths: Sequence[Path], spec: str) -> VolumeFile:
         series, page = only_series(paths[0], file), file.pages.first
         text = page.description or ""
         notes = _check_axes(paths[0], series, text, sum(counts))
-        (voxel, told), center = told_size(file, text), told_center(text, file.imagej_metadata or {})
-    shape = (sum(counts), *shapes[0])
+        shape = (sum(counts), *shapes[0])
+        (voxel, told), center = told_size(file, text), told_center(text, file.imagej_metadata or {}, shape)
     dtype = np.result_type(*set(dtypes))
     slabs = _slabs(list(paths), counts)
     return VolumeFile(spec, tuple(paths), shape, dtype, slabs, voxel, center, (*notes, *told), (None,) * len(paths))

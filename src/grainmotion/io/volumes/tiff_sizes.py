@@ -74,8 +74,12 @@ def _ome_voxel(pixels: ET.Element) -> Told:
     return told_voxel((x, y, z), units.pop(), "PhysicalSizeX, Y, Z", one_is_default=True)
 
 
-def told_center(text: str, imagej: Mapping[str, object]) -> tuple[float, float, float] | None:
-    """The centre that `tiff_writer.description` wrote."""
+def told_center(
+    text: str, imagej: Mapping[str, object], shape: tuple[int, int, int]
+) -> tuple[float, float, float] | None:
+    """The centre that `tiff_writer.description` wrote, unless the volume was cropped since: ImageJ keeps texts."""
     told = f"{text}\n{imagej.get('Info', '')}"
+    if f"shape = {' '.join(map(str, shape))}" not in told:
+        return None
     found = re.search(r"center = (\S+) (\S+) (\S+) mm", told) if "grainmotion = " in told else None
     return None if found is None else (float(found[1]), float(found[2]), float(found[3]))

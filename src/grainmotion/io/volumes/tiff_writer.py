@@ -38,7 +38,7 @@ def write_volume_tiff(
         raise InputError(str(path), f"an array of shape {array.shape} is no volume", "give (z, y, x)")
     small = array.nbytes < MAX_IMAGEJ_BYTES and array.dtype in _IMAGEJ_TYPES
     compression = "zlib" if array.dtype.kind in "iu" else None
-    text = description(voxel_size, center)
+    text = description(array.shape, voxel_size, center)
     with atomic_write(path) as temporary:
         if small and not ome:
             metadata = {"axes": "ZYX", "spacing": voxel_size, "unit": "mm", "Info": text}
@@ -63,11 +63,12 @@ def short_labels(labels: Pixels) -> Pixels:
     return labels.astype(np.uint16 if high <= MAX_SHORT_LABEL else np.int32, copy=False)
 
 
-def description(voxel_size: float, center: tuple[float, float, float] | None) -> str:
+def description(shape: tuple[int, ...], voxel_size: float, center: tuple[float, float, float] | None) -> str:
     """What a volume's file says of itself: a line each, ``key = value``."""
     lines = [
         f"grainmotion = {version('grainmotion')}",
         "axes = z y x, z up along the rotation axis",
+        f"shape = {' '.join(map(str, shape))}",
         f"voxel_size = {voxel_size!r} mm",
     ]
     if center is not None:
