@@ -198,8 +198,15 @@ class OutputTable(_Table):
 
     directory: str = Field(default="results", description="folder of the results, from the file's own folder")
     rebuild: bool = Field(default=False, description="write the moved grains of each state as a volume with labels")
-Export = Literal["vtk", "spam", "ome-zarr", "mechanics"]
-VolumeFormat = Literal["tiff", "hdf5", "ome-zarr"]
+    volumes: VolumeFormat = Field(
+        default="tiff",
+        description='files of the rebuilt volumes: "tiff" with voxel size, labels in a second file; "hdf5"; '
+        '"ome-zarr" with coarser levels, for large ones',
+    )
+    exports: list[Export] = Field(
+        default=[],
+        description='files for other software: "vtk", "spam"; "ome-zarr": reference volume and labels, for napari; '
+        '"mechanics": strains, contacts, fabric, void ratios',
     )
     spam_about: About = Field(
         default="centroid",
