@@ -1,5 +1,7 @@
 """What a folder holds, and the experiment file that is drafted from it."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -132,3 +134,17 @@ class TestDraft:
     def test_an_empty_folder_is_refused(self, tmp_path):
         with pytest.raises(InputError, match="no radiographs"):
             draft_experiment(folder_contents(tmp_path))
+
+
+def test_a_file_that_another_one_includes_is_no_scan_of_its_own(tmp_path, monkeypatch):
+    images(tmp_path / "Proj", 1)
+    (tmp_path / "unireconstruction.xml").write_text(
+        '<unireconstruction><conebeam><profile images="1"/>'
+        '<acquisitioninfo><geometry sod="60" sdd="240"/></acquisitioninfo></conebeam></unireconstruction>'
+    )
+    numbers = [60, 0, 0, -180, 0, 0, -180, 0.6, 0, -180, 0, 0.8]
+    (tmp_path / "geom.csv").write_text("a;\nb;\n" + ";".join(["proj_0000.tif", *map(str, numbers)]))
+    monkeypatch.chdir(tmp_path)
+    contents = folder_contents(Path())
+    assert [name for name, _ in contents.scans] == ["unireconstruction.xml"]
+    assert (contents.images, contents.tables, contents.problems) == ((), (), ())

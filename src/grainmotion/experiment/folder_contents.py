@@ -13,7 +13,7 @@ from grainmotion.diagnosis.file_names import natural_order, series_of, stem
 from grainmotion.errors import InputError
 from grainmotion.io.formats import HDF5, family
 from grainmotion.io.scanners.description import ScannerFile
-from grainmotion.io.scanners.identify import is_scanner_file, read_scanner_file
+from grainmotion.io.scanners.identify import is_described_elsewhere, is_scanner_file, read_scanner_file
 from grainmotion.io.stacks import Stack, find_stack
 
 Role = Literal["radiographs", "flats", "darks"]
@@ -96,7 +96,9 @@ def folder_contents(folder: Path) -> FolderContents:
     owned: set[Path] = set()
     for path in files:
         name = path.relative_to(folder).as_posix()
-        if not is_scanner_file(name):
+        if is_described_elsewhere(path):
+            owned.add(path.absolute())
+        if not is_scanner_file(name) or path.absolute() in owned:
             continue
         try:
             scan = read_scanner_file(path)
@@ -105,9 +107,10 @@ def folder_contents(folder: Path) -> FolderContents:
                 problems.append(f"{name}: {error.fact}; {error.remedy}")
             continue
         scans.append((name, scan))
-        owned |= {path, *_images_of(scan)}
-    images = _image_sets(folder, [p for p in files if p not in owned and family(p) not in (None, HDF5)])
-    rest = [p for p in files if p not in owned and family(p) is None]
+        owned |= {p.absolute() for p in (path, *_images_of(scan))}
+    files = [p for p in files if p.absolute() not in owned]
+    images = _image_sets(folder, [p for p in files if family(p) not in (None, HDF5)])
+    rest = [p for p in files if family(p) is None]
     names = [p.relative_to(folder).as_posix() for p in rest]
     tables = [n for n in names if Path(n).suffix.lower() in TABLE_SUFFIXES]
     experiments = [n for n in names if n.endswith(".toml")]

@@ -114,9 +114,10 @@ def _images(source: ScanInput) -> list[tuple[str, str]]:
     for name, stack in (("Flats", source.flats), ("Darks", source.darks)):
         if stack is not None:
             facts.append((name, str(stack.info()[0][0])))
+        elif source.kind == "counts" and name == "Flats" and source.white_level:
+            facts.append((name, f"none: divided by the scanner, open beam {source.white_level:g}"))
         elif source.kind == "counts":
-            white = f"none: divided by the scanner, open beam {source.white_level:g}"
-            facts.append((name, white if name == "Flats" and source.white_level else "none"))
+            facts.append((name, "none"))
     return facts
 
 

@@ -39,6 +39,11 @@ def is_scanner_file(name: str) -> bool:
     return "::" not in name and _reader(Path(name)) is not None
 
 
+def is_described_elsewhere(path: Path) -> bool:
+    """Whether a scanner's file is a part of what another one beside it describes."""
+    return path.name.lower() == "geom.csv" and path.with_name("unireconstruction.xml").is_file()
+
+
 def read_scanner_file(path: Path) -> ScannerFile:
     """What a scanner's file tells about its scan; `is_scanner_file` holds for it."""
     reader = _reader(path)

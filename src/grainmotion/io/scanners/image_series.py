@@ -46,7 +46,7 @@ def tiff_files(folder: Path, pattern: str = "*") -> ImageSeries:
     if not Path(pattern).suffix:
         suffixes = {p.suffix for p in files}
         pattern += suffixes.pop() if len(suffixes) == 1 else ".[tT][iI][fF]*"
-    return ImageSeries(files, (f"{glob.escape(str(folder))}/{pattern}",))
+    return ImageSeries(files, (f"{glob.escape(str(folder.absolute()))}/{pattern}",))
 
 
 def views_shown(path: Path, series: ImageSeries, planned: int) -> tuple[Index, tuple[Finding, ...]]:

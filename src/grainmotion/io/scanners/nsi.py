@@ -45,7 +45,7 @@ def read_nsi_scan(path: Path) -> ScannerFile:
     sense = 1.0 if project.flag("Processed", "clockwise") else -1.0
     angles, told = _angles(project, series, views)
     beam_images = [sorted(path.parent.glob(f"*/{name}")) for name in ("gain0.tif", "offset.tif")]
-    flats, darks = ((str(files[0]),) if len(files) == 1 else () for files in beam_images)
+    flats, darks = ((str(files[0].absolute()),) if len(files) == 1 else () for files in beam_images)
     return ScannerFile(
         path,
         "NSI .nsipro",

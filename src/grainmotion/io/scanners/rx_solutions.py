@@ -110,7 +110,7 @@ def _of_table(table: ViewTable, series: ImageSeries) -> tuple[list[int], tuple[s
     views = [k for k, name in enumerate(table.images) if name.lower() in there]
     if views and len(set(table.images)) == len(table.images):
         files = tuple(there[table.images[k].lower()] for k in views)
-        radiographs = series.pattern if files == series.files else tuple(map(str, files))
+        radiographs = series.pattern if files == series.files else tuple(str(file.absolute()) for file in files)
     else:
         shown, _ = views_shown(table.path, series, len(table.images))
         views, radiographs = shown.tolist(), series.pattern
