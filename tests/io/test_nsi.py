@@ -291,3 +291,11 @@ def test_foreign_and_truncated_files(tmp_path):
 def test_units_in_inches_are_doubtful(tmp_path):
     path = scan_folder(tmp_path / "scan", units="[in]")
     assert any("its units are 'in'" in f.fact for f in read_scanner_file(path).findings)
+
+
+def test_images_in_the_only_folder_of_radiographs(tmp_path):
+    path = scan_folder(tmp_path / "scan")
+    path.write_text(project(file=r"D:\elsewhere\zeolite*.tif"))
+    for image in sorted((path.parent / "Radiographs-Test part").glob("Test*")):
+        image.rename(image.with_name(image.name.replace("Test part", "zeolite [1]")))
+    assert error_of(path) < 3e-4

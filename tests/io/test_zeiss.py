@@ -278,6 +278,13 @@ def test_micrometres_by_the_unit_of_the_axis(tmp_path):
     assert (circle.source_to_axis, circle.source_to_detector) == pytest.approx((60.0, 240.0))
 
 
+def test_two_centers_that_differ_are_named(tmp_path):
+    more = {"ReconSettings__CenterShift": floats(1.5), "AutoRecon__CenterShift": floats(-4.0)}
+    file = read_scanner_file(scan_file(tmp_path / "scan.txrm", **more))
+    assert file.circle.detector_offset == pytest.approx((1.5 * LAB.pixel, 0))
+    assert any("1.5 columns left of the middle, but that of AutoRecon is -4" in f.fact for f in file.findings)
+
+
 def test_doubtful_numbers_are_named(tmp_path):
     more = {"ImageInfo__CamPixelSize": floats(130.0), "ImageInfo__XPosition": floats([0, 0, 500, 0, 0])}
     findings = read_scanner_file(scan_file(tmp_path / "scan.txrm", **more)).findings

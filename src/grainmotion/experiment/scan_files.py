@@ -48,9 +48,9 @@ def read_scan(
     Parameters
     ----------
     radiographs : path, glob, ``"file.h5::/path"``, or a list of those
-        TIFF, .npy, HDF5 or one NXtomo file, which brings flats and darks unless they are given.
+        TIFF, .npy, HDF5 or one file of a scanner, which brings flats and darks unless they are given.
     geometry : Geometry or path
-        One view a radiograph, mm; a path names its CSV.
+        One view a radiograph, mm; a path names its CSV, or the file of a scanner.
     flats, darks : like ``radiographs``, optional
         Images of the open beam and of no beam; averaged.  Only counts need them.
     kind : {"counts", "transmission", "line-integrals"}
@@ -68,7 +68,8 @@ def read_scan(
     Warns
     -----
     InputWarning
-        If radiographs, flats, darks or pixels look wrong, with the likely cause.
+        If radiographs, flats, darks or pixels look wrong, with the likely cause; if a scanner's file leaves something
+        doubtful.
 
     Raises
     ------

@@ -37,12 +37,14 @@ class ImageSeries:
         return tiff_info(self.files[0])[0][1:] if self.files else None
 
 
-def tiff_files(folder: Path, pattern: str = "*") -> ImageSeries:
-    """The TIFF files of a folder whose names match a pattern."""
+def tiff_files(folder: Path, pattern: str = "*", without: str | None = None) -> ImageSeries:
+    """The TIFF files of a folder whose names match a pattern and do not begin with a text."""
     names = [p for p in folder.glob(pattern) if p.suffix.lower() in TIFF and not p.name.startswith(".")]
     if not names:
         return ImageSeries()
     files = tuple(names[k] for k in natural_order([p.name for p in names]))
+    if without is not None and (left := tuple(p for p in files if not p.name.startswith(without))) != files:
+        return ImageSeries(left, tuple(str(p.absolute()) for p in left))
     if not Path(pattern).suffix:
         suffixes = {p.suffix for p in files}
         pattern += suffixes.pop() if len(suffixes) == 1 else ".[tT][iI][fF]*"
@@ -56,7 +58,7 @@ def views_shown(path: Path, series: ImageSeries, planned: int) -> tuple[Index, t
         return np.arange(planned), ()
     if count > planned:
         fact = f"it describes {planned} radiographs, but {count} lie in {series.files[0].parent.name}"
-        raise InputError(str(path), fact, "leave images of other scans out, or name the radiographs and their geometry")
+        raise InputError(str(path), fact, "move images of other scans away")
     views, numbers = np.arange(count), series_of([p.name for p in series.files])
     if len(numbers) == 1 and numbers[0].numbers.shape[1]:
         varying = [field for field in numbers[0].numbers.T if len(np.unique(field)) == count]

@@ -130,7 +130,7 @@ def _radiographs(project: NsiProject) -> ImageSeries:
         if place.is_dir() and (series := tiff_files(place, named.name)).files:
             return series
     found = [p for p in folder.glob("Radiographs*") if p.is_dir()]
-    return tiff_files(found[0], "[!z]*") if len(found) == 1 else ImageSeries()  # without zero_pos.tif
+    return tiff_files(found[0], without="zero_pos") if len(found) == 1 else ImageSeries()
 
 
 def _facts(project: NsiProject) -> tuple[tuple[str, str], ...]:

@@ -29,6 +29,8 @@ from grainmotion.model.finding import Finding, Level
 if TYPE_CHECKING:
     from olefile import OleFileIO
 
+MAX_CENTER_DIFFERENCE = 0.5
+"""Columns by which two numbers of the centre may differ: reconstructions of one scan find it so well."""
 MIN_EXPOSURE_CHANGE = 1e-3
 """Exposures that differ by less, relative, are the same."""
 
@@ -41,18 +43,14 @@ def read_zeiss_scan(path: Path) -> ScannerFile:
         views, findings = streams.numbers - 1, _completeness(ole, path, streams.numbers)
         angles, beam = numbers_per_view(ole, path, "ImageInfo/Angles", views), kind_of_beam(ole)
         near, far = (axis_distance(ole, path, name, views, findings) for name in ("StoRADistance", "DtoRADistance"))
-        pixel = panel_pixel(ole, path, beam, None if not near or far is None else (near + far) / near, findings)
-        center = number_of(ole, "ReconSettings/CenterShift") or number_of(ole, "AutoRecon/CenterShift")
-        offset = None if not center or pixel is None else (center * pixel, 0.0)
-        if offset is not None:
-            fact = f"the rotation axis is {center:.4g} columns off the middle (CenterShift)"
-            findings.append(Finding(Level.NOTE, "sizes", path.name, fact, remedy="detector_offset overrides it"))
+        pixel = panel_pixel(ole, path, beam, None if near is None or far is None else (near + far) / near, findings)
+        center = _center_shift(ole, path, findings)
         circle = CircleNumbers(
             beam=beam,
-            source_to_axis=None if beam == "parallel" else near or None,
-            source_to_detector=None if beam == "parallel" or not near or far is None else near + far,
+            source_to_axis=None if beam == "parallel" else near,
+            source_to_detector=None if beam == "parallel" or near is None or far is None else near + far,
             pixel_size=pixel,
-            detector_offset=offset,
+            detector_offset=None if not center or pixel is None else (center * pixel, 0.0),
             first_row="bottom",
             angles_deg=None if angles is None else -angles,
         )
@@ -87,6 +85,21 @@ def _completeness(ole: OleFileIO, path: Path, numbers: Index) -> list[Finding]:
         return []
     fact = f"{len(numbers)} of {told:.0f} images are in the file: the scan was stopped or not completely copied"
     return [Finding(Level.WARNING, "frames", path.name, fact, remedy="those that are there were used")]
+
+
+def _center_shift(ole: OleFileIO, path: Path, findings: list[Finding]) -> float | None:
+    """Columns by which all images lie too far left, as a reconstruction by Zeiss's software found it."""
+    shifts = [s for place in ("ReconSettings", "AutoRecon") if (s := number_of(ole, f"{place}/CenterShift"))]
+    if not shifts:
+        return None
+    fact = f"CenterShift puts the rotation axis {abs(shifts[0]):.4g} columns {'left' if shifts[0] > 0 else 'right'}"
+    fact += " of the middle"
+    level = Level.NOTE
+    if abs(shifts[-1] - shifts[0]) > MAX_CENTER_DIFFERENCE:
+        fact += f", but that of AutoRecon is {shifts[-1]:.4g}"
+        level = Level.WARNING
+    findings.append(Finding(level, "sizes", path.name, fact, remedy="detector_offset overrides it"))
+    return shifts[0]
 
 
 def _shifts(ole: OleFileIO, path: Path, views: Index) -> Float | None:

@@ -51,6 +51,8 @@ def axis_distance(ole: OleFileIO, path: Path, name: str, views: Index, findings:
     unit = dict(zip(axes, units)).get("Source Z", "mm") if len(axes) == len(units) else "mm"
     values = np.abs(values) * (1e-3 if unit == "um" else 1.0)
     largest = float(values.max())
+    if largest == 0:
+        return None  # as a parallel beam has it
     fact = ""
     if np.ptp(values) > MAX_DISTANCE_CHANGE * largest:
         fact = f"{name} changes from {values.min():.6g} to {largest:.6g} mm within the scan"
