@@ -122,7 +122,7 @@ def test_slabs(tmp_path, name, monkeypatch):
     file, write = (SIZED | UNSIZED)[name]
     write(tmp_path / file)
     volume = find_volume(file, tmp_path)
-    assert len(volume.bounds) >= 2
+    assert len(volume.bounds) >= 2 or volume.depth == SHAPE[0]
     np.testing.assert_array_equal(volume.read(), VOLUME)
     np.testing.assert_array_equal(volume.read_slab(2, 4), VOLUME[2:4])
 
@@ -365,6 +365,92 @@ def test_files_of_other_formats_are_refused(tmp_path, file, content):
     (tmp_path / file).write_bytes(content)
     with pytest.raises(InputError, match=r"a\."):
         find_volume(file, tmp_path).read()
+
+
+class TestNames:
+    def test_several_files_of_a_format_of_one_file(self, tmp_path):
+        for name in ("a.mha", "b.mha"):
+            itk(tmp_path / name)
+        with pytest.raises(InputError, match=r'2 files match, each a volume; name one, as "a\.mha"'):
+            find_volume("*.mha", tmp_path)
+        with pytest.raises(InputError, match="one file; give this file alone"):
+            find_volume(["a.mha", "b.mha"], tmp_path)
+        (tmp_path / "b.mha").unlink()
+        np.testing.assert_array_equal(find_volume("*.mha", tmp_path).read(), VOLUME)
+
+    def test_a_misprint(self, tmp_path):
+        nifti(tmp_path / "labels.nii.gz")
+        with pytest.raises(InputError, match=r"no such file; did you mean 'labels\.nii\.gz'"):
+            find_volume("label.nii.gz", tmp_path)
+        with pytest.raises(InputError, match="'::' is for raw"):
+            find_volume("labels.nii.gz::1", tmp_path)
+
+    def test_sizes_in_a_name_without_a_type(self, tmp_path):
+        VOLUME.astype("f4").tofile(tmp_path / "a_5x6x7.raw")
+        with pytest.raises(InputError, match=r'give "a_5x6x7\.raw::float32,x=5,y=6,z=7"'):
+            find_volume("a_5x6x7.raw", tmp_path)
+
+
+class TestChunks:
+    """Slabs hold whole chunks, so that none is decompressed twice."""
+
+    def test_hdf5(self, tmp_path, monkeypatch):
+        monkeypatch.setattr(record, "SLAB_BYTES", 1)
+        with h5py.File(tmp_path / "a.h5", "w") as file:
+            file.create_dataset("a", data=VOLUME, chunks=(3, 2, 2))
+        assert find_volume("a.h5", tmp_path).bounds == [(0, 3), (3, 6), (6, 7)]
+
+    def test_zarr_with_shards(self, tmp_path, monkeypatch):
+        monkeypatch.setattr(record, "SLAB_BYTES", 1)
+        array = zarr.create_array(str(tmp_path / "a.zarr"), shape=SHAPE, shards=(4, 4, 4), chunks=(2, 2, 2), dtype="u2")
+        array[:] = VOLUME
+        volume = find_volume("a.zarr", tmp_path)
+        assert volume.bounds == [(0, 4), (4, 7)]
+        assert volume.notes == ()
+        np.testing.assert_array_equal(volume.read(), VOLUME)
+
+
+def test_a_single_page_before_many_planes(tmp_path):
+    """ImageJ's way beyond 4 GB: one page directory, all planes behind one another."""
+    text = f"ImageJ=1.53t\nimages={SHAPE[0]}\nslices={SHAPE[0]}\nunit=micron\nspacing=12.5\nloop=false\n"
+    tifffile.imwrite(
+        tmp_path / "a.tif", VOLUME[0], description=text, metadata=None, byteorder=">", resolution=(0.08, 0.08),
+        resolutionunit="NONE",
+    )  # fmt: skip
+    with tifffile.TiffFile(tmp_path / "a.tif") as file:
+        assert file.pages[0].dataoffsets[0] + VOLUME[0].nbytes == (tmp_path / "a.tif").stat().st_size
+    with (tmp_path / "a.tif").open("ab") as file:
+        file.write(VOLUME[1:].astype(">u2").tobytes())
+    volume = find_volume("a.tif", tmp_path)
+    np.testing.assert_array_equal(volume.read(), VOLUME)
+    assert volume.voxel.size == pytest.approx(VOXEL)
+
+
+@pytest.mark.parametrize(
+    "name", ["ImageJ", "OME-TIFF, mm, BigTIFF", "OME-Zarr 0.4", "OME-Zarr 0.5", "NRRD", "AmiraMesh"]
+)
+def test_damaged_headers_are_refused_in_one_line(tmp_path, name):
+    """Bytes of the header changed at random: the file is read, or refused by an InputError of one line."""
+    file, write = SIZED[name]
+    write(tmp_path / file)
+    target = tmp_path / file
+    if target.is_dir():
+        target = next(p for p in target.rglob("*") if p.name in (".zattrs", "zarr.json"))
+    whole, rng = target.read_bytes(), np.random.default_rng(0)
+    for _ in range(25):
+        data = bytearray(whole)
+        for place in rng.integers(0, min(len(data), 600), 3):
+            data[place] = rng.integers(0, 256)
+        target.write_bytes(data)
+        try:
+            volume = find_volume(file, tmp_path)
+            if np.prod(volume.shape, dtype=float) < 1e6:
+                volume.read()
+        except InputError as error:
+            message = str(error)
+        else:
+            message = ""
+        assert "\n" not in message
 
 
 def test_a_folder_that_is_no_zarr(tmp_path):

@@ -20,6 +20,7 @@ from grainmotion.experiment.scan_inputs import ScanInput
 from grainmotion.io.motions_csv import read_motions
 from grainmotion.io.spam import read_ddic_tsv
 from grainmotion.io.volumes.record import VolumeFile
+from grainmotion.io.volumes.zarr_reader import import_zarr
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.motions import Motions
 from grainmotion.model.scan import Scan
@@ -51,6 +52,8 @@ def find_inputs(experiment: Experiment) -> Inputs:
     tables, folder = experiment.tables, experiment.folder
     for device in (tables.reconstruct.device, tables.track.device):
         backend_of(device)  # raises if the device is missing
+    if "ome-zarr" in tables.output.exports or (tables.output.rebuild and tables.output.volumes == "ome-zarr"):
+        import_zarr("output")  # raises if it is missing, before hours of work
     volume = named_volume("reference.volume", tables.reference.volume, folder)
     labels = named_volume("reference.labels", tables.reference.labels, folder)
     calibrates = tables.calibrate.geometry not in (False, "auto") or tables.calibrate.hardening

@@ -38,15 +38,27 @@ _BY_HEADER: Mapping[tuple[str, ...], Callable[[Path, str], VolumeFile]] = Mappin
 def find_volume(spec: str | Path | Sequence[str | Path], folder: str | Path = ".") -> VolumeFile:
     """Locate a volume or labels and read the header; relative paths start at ``folder``, voxels are not read."""
     items = [spec] if isinstance(spec, str | Path) else list(spec)
+    shown = " ".join(str(item) for item in items[:1])
+    try:
+        volume = _found(items, Path(folder))
+    except InputError:
+        raise
+    except Exception as error:  # damaged headers fail in as many ways as there are libraries
+        raise _damaged(shown, error) from error
+    return replace(volume, slabs=_guarded(volume))
+
+
+def _found(items: list[str | Path], folder: Path) -> VolumeFile:
     if len(items) == 1:
-        spec = items[0]
         item = str(items[0])
         name, _, inner = item.partition("::")
-        path = Path(folder) / Path(name).expanduser()
-        found = _single(path, item, inner)
+        found = _single(folder / Path(name).expanduser(), item, inner)
         if found is not None:
             return found
-    stack = find_stack(spec, folder)
+    others = [item for item in map(str, items) if _reader(item.partition("::")[0]) is not None]
+    if others:
+        raise InputError(others[0], "a volume of this format is one file", "give this file alone")
+    stack = find_stack(items if len(items) > 1 else items[0], folder)
     parts = stack.parts
     if all(family(part.path) == TIFF for part in parts):
         volume = tiff_volume(stack.files, stack.spec)
@@ -58,14 +70,17 @@ def find_volume(spec: str | Path | Sequence[str | Path], folder: str | Path = ".
 
 def _single(path: Path, item: str, inner: str) -> VolumeFile | None:
     """The volume in one file or store of a format that is no stack of images; None for others."""
-    name = path.name.lower()
     if is_zarr(path):
         return zarr_volume(path, item, inner)
-    reader = next((read for suffixes, read in _BY_HEADER.items() if name.endswith(suffixes)), None)
-    raw = name.endswith(RAW)
+    reader, raw = _reader(path.name), path.name.lower().endswith(RAW)
     if reader is None and not raw and family(path) != HDF5:
         return None
-    path = locate(str(path), Path()).files[0] if not path.is_file() else checked_file(path)
+    if not path.is_file():
+        files = locate(str(path), Path()).files
+        if len(files) > 1:
+            raise InputError(item, f"{len(files)} files match, each a volume", f'name one, as "{files[0].name}"')
+        path = files[0]
+    checked_file(path)
     if reader is not None:
         if inner:
             raise InputError(item, "'::' is for raw, HDF5 and Zarr files", "leave it out")
@@ -73,13 +88,35 @@ def _single(path: Path, item: str, inner: str) -> VolumeFile | None:
     if not raw:
         return hdf5_volume(path, item, inner)
     header = None if inner else _header_beside(path)
-    if header is None:
+    described = None if header is None else _reader(header.name)
+    if header is None or described is None:
         return raw_volume(path, item, inner)
-    described = next(read for suffixes, read in _BY_HEADER.items() if header.name.lower().endswith(suffixes))
     volume = described(header, item)
     if path.resolve() not in {file.resolve() for file in volume.files}:
         raise InputError(item, f"{header.name} beside it describes another file", f'give "{header.name}", or the sizes')
     return replace(volume, notes=(f"type and sizes are those of {header.name}", *volume.notes))
+
+
+def _reader(name: str) -> Callable[[Path, str], VolumeFile] | None:
+    """The reader of a format that has a header, by the name of a file."""
+    return next((read for suffixes, read in _BY_HEADER.items() if name.lower().endswith(suffixes)), None)
+
+
+def _guarded(volume: VolumeFile) -> Slabs:
+    def slabs(bounds: Iterable[Bounds]) -> Iterator[Pixels]:
+        try:
+            yield from volume.slabs(bounds)
+        except (InputError, MemoryError):
+            raise
+        except Exception as error:
+            raise _damaged(volume.spec, error) from error
+
+    return slabs
+
+
+def _damaged(spec: str, error: Exception) -> InputError:
+    fact = f"damaged, or of another format ({' '.join(str(error).split())})"
+    return InputError(spec, fact, "copy or export the file again")
 
 
 def _header_beside(path: Path) -> Path | None:

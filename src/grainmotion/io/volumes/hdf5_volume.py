@@ -39,13 +39,14 @@ def hdf5_volume(path: Path, spec: str, inner: str) -> VolumeFile:
         shape = (data.shape[order[0]], data.shape[order[1]], data.shape[order[2]])
         center = _own_center(data)
         dtype, ndim = data.dtype, data.ndim
+        depth = data.chunks[order[0]] if data.chunks else 1
 
     @contextmanager
     def dataset() -> Iterator[Sliceable]:
         with opened(path) as file:
             yield dataset_in(file, path, inner)
 
-    return VolumeFile(spec, (path,), shape, dtype, sliced(dataset, order, ndim), voxel, center, notes, (inner,))
+    return VolumeFile(spec, (path,), shape, dtype, sliced(dataset, order, ndim), voxel, center, notes, (inner,), depth)
 
 
 def _only_volume(file: h5py.File, path: Path) -> str:

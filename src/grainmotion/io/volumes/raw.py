@@ -19,7 +19,6 @@ from grainmotion.io.volumes.raw_data import RawLayout, check_bytes, raw_slabs
 from grainmotion.io.volumes.record import VolumeFile
 
 RAW = (".raw", ".vol", ".bin", ".dat", ".img")
-RAW_EXAMPLE = '"{name}::uint16,x=200,y=180,z=160"'
 _RAW_TYPES: Mapping[str, str] = MappingProxyType({
     name: code
     for names, code in (
@@ -37,6 +36,7 @@ _RAW_TYPES: Mapping[str, str] = MappingProxyType({
     for name in names.split()
 })  # fmt: skip
 """Names of number types; "u8" and "i8" have 8 bits, not numpy's 8 bytes."""
+_SIZES = re.compile(r"(?<!\d)(\d+)\s*[x×]\s*(\d+)\s*[x×]\s*(\d+)(?!\d)")
 _ORDERS: Mapping[str, str] = MappingProxyType({"little": "<", "le": "<", "big": ">", "be": ">"})
 
 
@@ -49,7 +49,7 @@ def raw_volume(path: Path, spec: str, text: str) -> VolumeFile:
         found = _by_name(path)
         if found is None:
             fact = "bytes without a header, so that type and sizes of the volume are unknown"
-            remedy = f"give {RAW_EXAMPLE.replace('{name}', path.name)}, x varies fastest; or its .mhd, .nhdr or .vgi"
+            remedy = f"give {_example(path)}, x varies fastest; or its .mhd, .nhdr or .vgi"
             raise InputError(spec, fact, remedy)
         layout = found
         nz, ny, nx = layout.shape
@@ -59,7 +59,7 @@ def raw_volume(path: Path, spec: str, text: str) -> VolumeFile:
 
 
 def _by_text(path: Path, spec: str, text: str) -> RawLayout:
-    example = RAW_EXAMPLE.replace("{name}", path.name)
+    example = _example(path)
     words = [word.strip() for word in text.split(",") if word.strip()]
     kinds = [_RAW_TYPES[w.lower()] for w in words if w.lower() in _RAW_TYPES]
     orders = [_ORDERS[w.lower()] for w in words if w.lower() in _ORDERS]
@@ -84,7 +84,7 @@ def _by_text(path: Path, spec: str, text: str) -> RawLayout:
 def _by_name(path: Path) -> RawLayout | None:
     """Type and sizes in a file's name; None if they are not there, or if its bytes fit several types."""
     name = path.stem.lower()
-    sizes = re.search(r"(?<!\d)(\d+)\s*[x×]\s*(\d+)\s*[x×]\s*(\d+)(?!\d)", name)
+    sizes = _SIZES.search(name)
     if sizes is None:
         return None
     x, y, z = (int(n) for n in sizes.groups())
@@ -94,3 +94,13 @@ def _by_name(path: Path) -> RawLayout | None:
     if len(kinds) != 1 or len(orders) > 1:
         return None
     return RawLayout(path, (z, y, x), np.dtype((orders or {"<"}).pop() + kinds.pop()))
+
+
+def _example(path: Path) -> str:
+    """A specification of the file, with the sizes in its name and the type that these leave."""
+    sizes = _SIZES.search(path.stem.lower())
+    x, y, z = (int(n) for n in sizes.groups()) if sizes else (200, 180, 160)
+    each = path.stat().st_size / max(1, x * y * z) if sizes else 2
+    kinds: dict[float, str] = {1: "uint8", 4: "float32", 8: "float64"}
+    kind = kinds.get(each, "uint16")
+    return f'"{path.name}::{kind},x={x},y={y},z={z}"'

@@ -52,6 +52,8 @@ class VolumeFile:
         What is worth telling about the file.
     inner : tuple of (str or None)
         Path inside each file.
+    depth : int
+        Planes of a chunk, of which slabs hold whole numbers, so that none is decompressed twice.
     """
 
     spec: str
@@ -63,6 +65,7 @@ class VolumeFile:
     center: tuple[float, float, float] | None = None
     notes: tuple[str, ...] = ()
     inner: tuple[str | None, ...] = (None,)
+    depth: int = 1
 
     def __post_init__(self) -> None:
         if min(self.shape) < 1:
@@ -75,7 +78,7 @@ class VolumeFile:
     @property
     def bounds(self) -> list[Bounds]:
         """Slabs of about `SLAB_BYTES` that make up the volume."""
-        return slab_bounds(self.shape, self.dtype.itemsize)
+        return slab_bounds(self.shape, self.dtype.itemsize, self.depth)
 
     def read(self, dtype: type[np.generic] | np.dtype | None = None) -> Pixels:
         """All voxels ``[z, y, x]``, as stored or as ``dtype``; of what is stored, only one slab is held beside them."""
@@ -90,9 +93,9 @@ class VolumeFile:
         return next(self.slabs([(first, last)]))
 
 
-def slab_bounds(shape: Sequence[int], itemsize: int) -> list[Bounds]:
-    """Slabs of about `SLAB_BYTES` along z, at least a plane each."""
-    step = max(1, SLAB_BYTES // max(1, shape[1] * shape[2] * itemsize))
+def slab_bounds(shape: Sequence[int], itemsize: int, depth: int = 1) -> list[Bounds]:
+    """Slabs of about `SLAB_BYTES` along z, of one or more times ``depth`` planes."""
+    step = max(1, SLAB_BYTES // max(1, shape[1] * shape[2] * itemsize * depth)) * depth
     return [(z, min(z + step, shape[0])) for z in range(0, shape[0], step)]
 
 

@@ -48,9 +48,9 @@ def zarr_volume(path: Path, spec: str, inner: str) -> VolumeFile:
 
     center = None if group is None else told_center(group.attrs)
     files = _files(path, array.path)
-    return VolumeFile(
-        spec, files, shape, array.dtype, sliced(data, order, array.ndim), voxel, center, notes, (array.path,)
-    )
+    depth = (array.shards or array.chunks)[order[0]]
+    slabs = sliced(data, order, array.ndim)
+    return VolumeFile(spec, files, shape, array.dtype, slabs, voxel, center, notes, (array.path,), depth)
 
 
 def import_zarr(where: str) -> None:
