@@ -11,6 +11,10 @@ MIN_SURROUNDING_SHARE = 0.15
 """Share of all voxels from which the largest label may be what is around the grains."""
 MAX_SURROUNDING_LEVEL = 0.5
 """Its mean attenuation over that of the other labels, above the darkest voxels, up to which it is."""
+MAX_ABOVE_UNLABELLED = 0.1
+"""By how much it may attenuate more than what has no label, in the same units: a labelled tube does, air does not."""
+MIN_UNLABELLED_SHARE = 0.01
+"""Share of all voxels from which those without a label are compared."""
 
 
 def background_label(volume: Volume, labels: NDArray[np.integer]) -> tuple[int, float, float] | None:
@@ -31,6 +35,11 @@ def background_label(volume: Volume, labels: NDArray[np.integer]) -> tuple[int, 
     level, grains = (float(volume.array[mask].mean(dtype=float)) - dark for mask in (inside, others))
     if grains <= 0 or level > MAX_SURROUNDING_LEVEL * grains:
         return None
+    unlabelled = labels == 0
+    if unlabelled.mean() >= MIN_UNLABELLED_SHARE:
+        around = float(volume.array[unlabelled].mean(dtype=float)) - dark
+        if level > around + MAX_ABOVE_UNLABELLED * grains:
+            return None
     return label, share, max(level, 0.0) / grains
 
 
