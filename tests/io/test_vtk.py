@@ -50,13 +50,15 @@ def read(reader, path: Path):
 
 class TestGrains:
     def test_every_field_is_read_back(self, tmp_path):
-        written = motions()
+        written = replace(motions(), reasons=("", "tilted by 5° ±2", "", "", ""))
         write_grains_vtp(tmp_path / "grains.vtp", written)
         data = read(vtkXMLPolyDataReader(), tmp_path / "grains.vtp")
-        fields = {
-            data.GetPointData().GetArrayName(i): vtk_to_numpy(data.GetPointData().GetArray(i))
-            for i in range(data.GetPointData().GetNumberOfArrays())
-        }
+        arrays = data.GetPointData()
+        texts = {name: arrays.GetAbstractArray(name) for name in ("status", "reason")}
+        assert [texts["status"].GetValue(i) for i in range(5)] == list(written.statuses)
+        assert [texts["reason"].GetValue(i) for i in range(5)] == ["", "tilted by 5 deg +-2", "", "", ""]
+        names = {arrays.GetArrayName(i) for i in range(arrays.GetNumberOfArrays())} - set(texts)
+        fields = {name: vtk_to_numpy(arrays.GetArray(name)) for name in names}
         sd = np.sqrt(np.diagonal(written.covariances, axis1=1, axis2=2))
         expected = {
             "label": written.labels,
@@ -65,6 +67,10 @@ class TestGrains:
             "ok_rotation": written.ok_rotation,
             "reference_center": written.centers,
             "displacement": written.translations,
+            "displacement_magnitude": np.sqrt((written.translations**2).sum(axis=1)),
+            "rotation_angle_deg": np.rad2deg(np.sqrt((written.rotations**2).sum(axis=1))),
+            "uncertainty_displacement": np.sqrt((sd[:, :3] ** 2).sum(axis=1)),
+            "uncertainty_rotation_deg": np.rad2deg(np.sqrt((sd[:, 3:] ** 2).sum(axis=1))),
             "rotation_vector_deg": np.rad2deg(written.rotations),
             "sd_displacement": sd[:, :3],
             "sd_rotation_deg": np.rad2deg(sd[:, 3:]),
@@ -74,7 +80,7 @@ class TestGrains:
         }
         assert set(fields) == {*expected, "rotation_matrix"}
         for name, values in expected.items():
-            np.testing.assert_array_equal(fields[name], values, err_msg=name)
+            np.testing.assert_allclose(fields[name], values, rtol=1e-14, err_msg=name)
         matrices = fields["rotation_matrix"].reshape(-1, 3, 3)
         np.testing.assert_allclose(matrices[:-1], rotation_matrix(written.rotations[:-1]), atol=1e-15)
         assert np.isnan(matrices[-1]).all()

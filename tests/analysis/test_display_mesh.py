@@ -1,0 +1,41 @@
+"""Meshes for display: size, place and volume, on an ellipsoid whose surface is known."""
+
+import numpy as np
+import pytest
+from skimage.measure import marching_cubes
+
+from grainmotion.analysis.display_mesh import DISPLAY_CELLS, display_mesh
+
+
+def ellipsoid(voxels: int) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (mm) and outward triangles of an ellipsoid with semi-axes 1, 0.8 and 0.6 mm about (3, 2, 1)."""
+    axes = [np.linspace(-1.1, 1.1, voxels)] * 3
+    x, y, z = np.meshgrid(*axes, indexing="ij")
+    values = np.sqrt(x**2 + (y / 0.8) ** 2 + (z / 0.6) ** 2)
+    vertices, faces, _, _ = marching_cubes(values, 1.0, spacing=[2.2 / (voxels - 1)] * 3)
+    return vertices - 1.1 + [3, 2, 1], faces[:, ::-1] if volume(vertices, faces) < 0 else faces
+
+
+def volume(vertices: np.ndarray, faces: np.ndarray) -> float:
+    a, b, c = vertices[faces].transpose(1, 0, 2)
+    return float((a * np.cross(b, c)).sum() / 6)
+
+
+@pytest.mark.parametrize("voxels", [20, 120])
+def test_surface_stays_in_place_with_few_triangles(voxels):
+    vertices, faces = ellipsoid(voxels)
+    mesh = display_mesh(vertices, faces, 2.2 / (voxels - 1))
+    assert len(mesh.faces) < 2.5 * np.pi * DISPLAY_CELLS**2
+    assert len(mesh.faces) < len(faces)
+    u = (mesh.vertices - [3, 2, 1]) / [1, 0.8, 0.6]
+    assert np.abs(np.sqrt((u**2).sum(axis=1)) - 1).max() < 0.03
+    assert volume(mesh.vertices - [3, 2, 1], mesh.faces) == pytest.approx(4 / 3 * np.pi * 0.48, rel=0.03)
+
+
+def test_triangles_face_outwards_and_refer_to_vertices():
+    vertices, faces = ellipsoid(60)
+    mesh = display_mesh(vertices, faces, 0.04)
+    a, b, c = mesh.vertices[mesh.faces].transpose(1, 0, 2)
+    outwards = (np.cross(b - a, c - a) * ((a + b + c) / 3 - [3, 2, 1])).sum(axis=1) > 0
+    assert outwards.mean() > 0.99
+    assert np.unique(mesh.faces).tolist() == list(range(len(mesh.vertices)))
