@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 from dataclasses import replace
 from pathlib import Path
@@ -266,16 +267,16 @@ class TestDdic:
             read_ddic_tsv(correlated / "again-ddic.tsv", GRID)
 
 
-STRAIN = """
-import json, sys, numpy, spam.deformation, spam.helpers, spam.mesh
-table = spam.helpers.readCorrelationTSV(sys.argv[1], verbose=False)
-there = numpy.isfinite(table["fieldCoords"]).all(axis=1) & (table["returnStatus"] == 2)
-points, shifts = table["fieldCoords"][there], table["PhiField"][there][:, :3, 3]
-tetrahedra = spam.mesh.triangulate(points)
-gradients = spam.deformation.FfieldBagi(points, tetrahedra, shifts, nProcesses=1)
-parts = spam.deformation.decomposeFfield(gradients, ["vol", "dev"], nProcesses=1)
-print(json.dumps({"F": gradients.tolist(), "vol": parts["vol"].tolist()}))
+PAGE = (ROOT / "docs" / "export.md").read_text()
+STRAIN = next(r for r in re.findall(r"^```python\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL) if "FfieldBagi" in r)
+"""The recipe of the documentation, for a file of the command line; then what it finds, as JSON."""
+STRAIN = STRAIN.replace('"results/step-01/grains-ddic.tsv"', "sys.argv[1]")
+STRAIN = (
+    f"import json, sys\n{STRAIN}"
+    + """
+print(json.dumps({"F": gradients.tolist(), "vol": np.asarray(strains["vol"]).tolist()}))
 """
+)
 
 
 class TestStrain:

@@ -28,7 +28,12 @@ def tetrahedron(at: tuple[float, float, float]) -> Tetrahedron:
     return Tetrahedron(vertices, np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]))
 
 
-MESHES = [(4, tetrahedron((0, 0, 0))), (7, tetrahedron((5, 0, 0))), (9, tetrahedron((0, 5, 0))), (11, tetrahedron((0, 0, 9)))]
+MESHES = [
+    (4, tetrahedron((0, 0, 0))),
+    (7, tetrahedron((5, 0, 0))),
+    (9, tetrahedron((0, 5, 0))),
+    (11, tetrahedron((0, 0, 9))),
+]
 
 
 def motions() -> Motions:
@@ -54,7 +59,7 @@ def test_surfaces_are_moved_by_the_motions_of_their_grains(tmp_path):
     assert mesh.is_all_triangles
     x, c = MESHES[0][1].vertices, motions().centers[0]
     turned = (x - c)[:, [1, 0, 2]] * [-1, 1, 1]  # 90 degrees about z: x to y
-    np.testing.assert_allclose(mesh.points[:4], turned + [1, 2, 3] + c, atol=1e-6)
+    np.testing.assert_allclose(mesh.points[:4], turned + c + motions().translations[0], atol=1e-6)
     second = (MESHES[1][1].vertices - motions().centers[1]) @ rotation_matrix([0.3, -0.2, 0.1]).T
     np.testing.assert_allclose(mesh.points[4:], second + [-1, 0.5, 0] + motions().centers[1], atol=1e-6)
     np.testing.assert_array_equal(mesh.regular_faces[:4], MESHES[0][1].faces)

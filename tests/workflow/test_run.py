@@ -216,7 +216,8 @@ class TestResume:
              ["two/track", "two/residuals", *SERIES_STAGES, "report"]),
             ("[track]", "[output]\nrebuild = true\n[track]", ["one/rebuilt", "two/rebuilt"]),
             ("[track]", '[output]\nexports = ["vtk", "spam"]\n[track]',
-             ["reference/vtk", "reference/spam", "one/vtk", "one/spam", "two/vtk", "two/spam"]),
+             ["reference/vtk", "reference/spam", "one/vtk", "one/spam", "two/vtk", "two/spam", "collections"]),
+            ("[track]", '[output]\nexports = ["tiff"]\n[track]', ["reference/tiff", "one/rebuilt", "two/rebuilt"]),
         ],
     )  # fmt: skip
     def test_changed_setting_repeats_the_stages_that_depend_on_it(self, copied, quick_track, old, new, repeated):

@@ -47,6 +47,7 @@ class Format(StrEnum):
 
     VTK = "vtk"
     SPAM = "spam"
+    TIFF = "tiff"
     OME_ZARR = "ome-zarr"
 
 
@@ -62,7 +63,7 @@ def files(
     paths: Paths,
     *,
     format: Annotated[
-        list[Format], typer.Option("--format", help="vtk for ParaView, spam for spam, ome-zarr for napari")
+        list[Format], typer.Option("--format", help="vtk for ParaView, tiff for Fiji, ome-zarr for napari, spam")
     ],
     about: Annotated[
         SpamPoint | None,

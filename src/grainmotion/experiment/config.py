@@ -37,12 +37,13 @@ from grainmotion.tracking.track import TrackSettings
 
 RESERVED_STATE_NAMES = (
     "reference.h5", "reconstruction.h5", "report.html", "stages.json", "reference.tif", "reference.vti",
+    "reference_labels.tif", "reference_grains.vtp", "reference_surfaces.vtp", "grains.pvd", "surfaces.pvd",
     "reference.ome.zarr",
     "beam_level.json", "calibration.json", "checks.json", "checks-grains.json", "checks-volume.json", "run.log",
     "series.h5", "series.csv", "series.parquet", "watch.html", "datapackage.json",
     "reference_contacts.csv", "reference_void_ratio.csv", "reference_mechanics.json",
 )  # fmt: skip
-Export = Literal["vtk", "spam", "ome-zarr", "mechanics"]
+Export = Literal["vtk", "spam", "tiff", "ome-zarr", "mechanics"]
 VolumeFormat = Literal["tiff", "hdf5", "ome-zarr"]
 SeriesFormat = Literal["h5", "csv", "parquet"]
 
@@ -205,7 +206,8 @@ class OutputTable(_Table):
     )
     exports: list[Export] = Field(
         default=[],
-        description='files for other software: "vtk", "spam"; "ome-zarr": reference volume and labels, for napari; '
+        description='files for other software: "vtk", "spam"; "tiff": reference and rebuilt volumes with labels, for '
+        'Fiji and napari; "ome-zarr": reference volume and labels, for napari; '
         '"mechanics": strains, contacts, fabric, void ratios',
     )
     spam_about: About = Field(

@@ -44,9 +44,7 @@ class Mesh(Protocol):
         """``(m, 3)``, rows of vertices."""
 
 
-def write_grains_vtp(
-    path: str | Path, motions: Motions, *, time: float | None = None, reference: bool = False
-) -> None:
+def write_grains_vtp(path: str | Path, motions: Motions, *, time: float | None = None, reference: bool = False) -> None:
     """Write grains as points of a ``.vtp`` file.
 
     Each grain is a vertex at its current centre c + u (at c if u is NaN).  Point arrays hold every column of
@@ -54,10 +52,10 @@ def write_grains_vtp(
     the field array ``status_names``), ``ok_translation`` and ``ok_rotation`` (0 or 1), ``reference_center`` (mm),
     ``displacement`` u (mm), ``rotation_vector_deg`` (degrees), ``rotation_matrix`` Ω (row-major tensor),
     ``sd_displacement`` (mm), ``sd_rotation_deg`` (degrees), ``displacement_covariance`` (tensor, mm²), ``residual``
-    (line-integral units) and ``iterations``; where strains were measured ``strain`` (tensor, frame of the reference) and
-    ``sd_strain`` (xx, yy, zz, yz, xz, xy).  To colour by: ``displacement_magnitude`` (mm), ``rotation_angle_deg``, and
-    the roots of the summed variances, ``uncertainty_displacement`` (mm) and ``uncertainty_rotation_deg``.  Missing
-    values are NaN: threshold on ``ok_translation`` before drawing glyphs.
+    (line-integral units) and ``iterations``; where strains were measured ``strain`` (tensor, frame of the reference)
+    and ``sd_strain`` (xx, yy, zz, yz, xz, xy).  To colour by: ``displacement_magnitude`` (mm), ``rotation_angle_deg``,
+    and the roots of the summed variances, ``uncertainty_displacement`` (mm) and ``uncertainty_rotation_deg``.
+    Missing values are NaN: threshold on ``ok_translation`` before drawing glyphs.
 
     ``time`` is the time step; ``reference`` says that the motions are those of the reference state, which did not move.
     """
@@ -95,9 +93,9 @@ def write_surfaces_vtp(
 ) -> None:
     """Write grains as surfaces of triangles, each moved by its motion, in one ``.vtp`` file.
 
-    ``meshes`` are labels and triangles of grains in the reference state.  Grains without a motion, and those whose status
-    is ``left-field``, ``not-fitted`` or ``absent``, are left out.  Every point has the numbers of its grain, as in
-    `write_grains_vtp` but for the matrices, in single precision.  Written grain by grain.
+    ``meshes`` are labels and triangles of grains in the reference state.  Grains without a motion, and those whose
+    status is ``left-field``, ``not-fitted`` or ``absent``, are left out.  Every point has the numbers of its grain, as
+    in `write_grains_vtp` but for the matrices, in single precision.  Written grain by grain.
     """
     row_of = {int(label): row for row, label in enumerate(motions.labels)}
     placed = np.isfinite(np.hstack([motions.translations, motions.rotations])).all(axis=1)
@@ -161,9 +159,9 @@ def write_pvd(path: str | Path, steps: Sequence[tuple[float, Path]]) -> None:
         f'<DataSet timestep="{float(time)!r}" part="0" file={quoteattr(file.relative_to(folder).as_posix())}/>\n'
         for time, file in steps
     )
-    text = f'<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n<Collection>\n{sets}</Collection>\n</VTKFile>\n'
+    head, end = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n<Collection>\n', "</Collection>\n"
     with atomic_write(path) as part:
-        part.write_text(text, encoding="utf-8")
+        part.write_text(f"{head}{sets}{end}</VTKFile>\n", encoding="utf-8")
 
 
 def _columns(motions: Motions, *, reference: bool) -> dict[str, NDArray[np.generic]]:

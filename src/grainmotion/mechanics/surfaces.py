@@ -1,9 +1,4 @@
-"""Surfaces of grains: points with outward normals, precise to a fraction of a voxel.
-
-The surface of a grain is where its own attenuation, filtered by a Gaussian of `SURFACE_SIGMA` voxels, falls to half of
-what is typical of the grain.  Between two grains that touch, labels cut it there along the faces of voxels; the filter
-takes their steps away.  A filter moves a curved surface inwards, by σ²/R for a sphere of radius R.
-"""
+"""Surfaces of grains: points with outward normals, precise to a fraction of a voxel (see `analysis.grain_mesh`)."""
 
 from __future__ import annotations
 
@@ -12,16 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 from scipy.spatial import cKDTree
-from skimage.measure import marching_cubes
 
 from grainmotion._typing import Float
-from grainmotion.analysis.deformed_volume import typical_attenuation
+from grainmotion.analysis.grain_mesh import grain_mesh
 from grainmotion.model.grains import Grain, GrainSet
 
-SURFACE_SIGMA = 0.7
-"""Width of the Gaussian filter under which a surface is found, voxels of the reference."""
 MAX_KEPT_SURFACES = 400
 """Surfaces kept in memory at a time, of some 0.3 MB each; others are made again when they are needed."""
 
@@ -61,31 +52,18 @@ class Surface:
 
 def surface_of(grain: Grain, voxel_size: float) -> Surface | None:
     """The surface of a grain whose reference has this voxel size, mm; None if it has no attenuation above its level."""
-    volume = grain.volume if grain.fine is None else grain.fine
-    level = typical_attenuation(grain) / 2
-    if level <= 0:
+    mesh = grain_mesh(grain, voxel_size)
+    if mesh is None:
         return None
-    sigma = SURFACE_SIGMA * voxel_size / volume.voxel_size
-    field = ndimage.gaussian_filter(np.pad(volume.array, 2), sigma, mode="constant")
-    bodies, count = ndimage.label(field > level)
-    if count == 0 or min(volume.shape) < 2:
-        return None
-    if count > 1:  # specks of noise are no surface of the grain
-        largest = 1 + int(np.argmax(np.bincount(bodies.ravel())[1:]))
-        field = np.where((bodies == largest) | (bodies == 0), field, 0)
-    corners, faces, _, _ = marching_cubes(field, level)
-    places = (corners[:, ::-1].astype(float) - 2) * volume.voxel_size + volume.origin
-    normals = _normals(places, faces)
+    places = np.asarray(mesh.vertices, dtype=float)
+    normals = _normals(places, mesh.faces)
     return Surface(places, normals, cKDTree(places), float(np.linalg.norm(places - grain.center, axis=1).max()))
 
 
 def _normals(places: Float, faces: NDArray[np.integer]) -> Float:
-    """Outward unit normals of the corners of a closed mesh, means of the faces around them by area."""
+    """Outward unit normals of the corners of a closed mesh whose faces are outward, means of those around by area."""
     a, b, c = (places[faces[:, k]] for k in range(3))
     of_faces = np.cross(b - a, c - a)
-    middle = places.mean(axis=0)
-    if np.einsum("ij,ij->", a - middle, of_faces) < 0:
-        of_faces = -of_faces
     normals = np.zeros_like(places)
     for corner in range(3):
         np.add.at(normals, faces[:, corner], of_faces)

@@ -7,16 +7,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grainmotion import report
-from grainmotion.analysis.deformed_volume import rebuild
 from grainmotion.analysis.residual_images import residual_images
 from grainmotion.calibration.scanner import ScannerCalibration
-from grainmotion.experiment.config import Experiment, Export, VolumeFormat
+from grainmotion.experiment.config import Experiment
 from grainmotion.experiment.inputs import Inputs
 from grainmotion.experiment.last_reference import described
 from grainmotion.experiment.scan_inputs import ScanInput
@@ -25,38 +22,34 @@ from grainmotion.io.bodies_csv import write_body_motions
 from grainmotion.io.pieces_csv import write_piece_motions
 from grainmotion.io.results import StoredReference
 from grainmotion.io.series_files import write_series
-from grainmotion.io.spam import write_ddic_tsv
 from grainmotion.io.tiff import read_tiff, write_tiff
-from grainmotion.io.volumes.access import write_volume
-from grainmotion.io.vtk import write_grains_vtp, write_image_vti
 from grainmotion.model.finding import Finding
 from grainmotion.model.motions import Motions
 from grainmotion.model.scan import Scan
-from grainmotion.model.volume import Volume
 from grainmotion.report import ReportData, StateReport
 from grainmotion.report.data import Rows
 from grainmotion.sequences.series import Series
 from grainmotion.workflow.calibration_stage import calibration_facts
 from grainmotion.workflow.context import RunContext
+from grainmotion.workflow.exports import (
+    COLLECTIONS,
+    DEFORMED,
+    REFERENCE_EXPORTS,
+    STATE_EXPORTS,
+    Exporter,
+    rebuilt_formats,
+    time_of,
+)
 from grainmotion.workflow.mechanics_stage import MECHANICS, write_mechanics_files
 from grainmotion.workflow.provenance import Stage
 from grainmotion.workflow.reference_stages import SegmentedReference
 from grainmotion.workflow.tracking_stage import TrackedState
 
-REFERENCE_EXPORTS = {
-    "vtk": ("reference.vti",),
-    "spam": ("reference.tif", "reference_labels.tif"),
-    "ome-zarr": ("reference.ome.zarr/.zattrs",),
-}
-STATE_EXPORTS = {"vtk": "grains.vtp", "spam": "grains-ddic.tsv"}
 RESIDUALS, REPORT = "residuals.tif", "report.html"
 SERIES = "series"
+PRINTS = {"vtk": "vtk, surfaces", "rebuilt": "rebuilt, with voxel size", "spam": "spam, with voxel size"}
+"""What fingerprints say of files that older versions wrote otherwise."""
 BODIES, APPEARED, PIECES = "bodies.csv", "appeared.csv", "pieces.csv"
-DEFORMED: Mapping[VolumeFormat, tuple[str, ...]] = MappingProxyType({
-    "tiff": ("rebuilt.tif", "rebuilt_labels.tif"), "hdf5": ("rebuilt.h5",), "ome-zarr": ("rebuilt.ome.zarr/.zattrs",)
-})  # fmt: skip
-"""Files of a rebuilt volume; a folder of OME-Zarr is known by one of its files."""
-RESULT_STORES = ("rebuilt.ome.zarr", "reference.ome.zarr")
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,12 +70,14 @@ def write_outputs(
     context: RunContext, reference: Callable[[], SegmentedReference], tracked: Mapping[str, TrackedState]
 ) -> None:
     """Write the reference's exports, then the outputs of each state."""
-    output, prints = context.tables.output, context.fingerprints
-    exports = [export for export in output.exports if export != MECHANICS]
+    output, prints, exporter = context.tables.output, context.fingerprints, Exporter(context, reference)
+    exports = [export for export in dict.fromkeys(output.exports) if export != MECHANICS]
     for export in exports:
+        if export == "tiff" and "spam" in exports:
+            continue  # the same files
         files = [context.folder / file for file in REFERENCE_EXPORTS[export]]
-        write: Callable[[], None] = partial(_export_reference, reference, export, files)
-        _complete(context, f"reference/{export}", prints.after_segmentation(export), files, write)
+        write: Callable[[], None] = partial(exporter.reference_files, export, files)
+        _complete(context, f"reference/{export}", prints.after_segmentation(PRINTS.get(export, export)), files, write)
     for table, source in context.states:
         folder, state = context.folder / table.name, tracked[table.name]
         files = [folder / RESIDUALS]
@@ -97,15 +92,23 @@ def write_outputs(
         if fit.pieces:
             files = [folder / PIECES]
             outputs.append(("pieces", files, partial(write_piece_motions, files[0], fit.pieces)))
-        if output.rebuild:
-            files = [folder / file for file in DEFORMED[output.volumes]]
-            outputs.append(("rebuilt", files, partial(_write_deformed, context, reference, state, files)))
+        for kind in rebuilt_formats(output):
+            files = [folder / file for file in DEFORMED[kind]]
+            name = "rebuilt" if kind == "tiff" else f"rebuilt {kind}"
+            outputs.append((name, files, partial(exporter.deformed, state.motions, files)))
         for export in (export for export in exports if export in STATE_EXPORTS):
-            files = [folder / STATE_EXPORTS[export]]
-            outputs.append((export, files, partial(_export_state, context, reference, state, export, files[0])))
+            files = [folder / file for file in STATE_EXPORTS[export]]
+            outputs.append((export, files, partial(exporter.state_files, export, table, state.motions, files)))
         for name, files, write in outputs:
-            made = f"{name} {output.spam_about}" if name == "spam" else name
+            made = f"{name} {output.spam_about}" if name == "spam" else PRINTS.get(name, name)
+            if name == "vtk":
+                made += f" {time_of(table, context.tables.states)}"
             _complete(context, f"{table.name}/{name}", prints.after_tracking(made, table.name), files, write)
+    if "vtk" in exports:
+        files = [context.folder / file for file in COLLECTIONS]
+        steps = [[table.name, str(time_of(table, context.tables.states))] for table, _ in context.states]
+        fingerprint = context.cache.fingerprint(["collections", steps])
+        _complete(context, "collections", fingerprint, files, partial(exporter.collections, files))
     if MECHANICS in output.exports:
         write_mechanics_files(context, reference, tracked)
     write_series_files(context, {name: state.motions for name, state in tracked.items()})
@@ -143,41 +146,6 @@ def _write_residuals(
         grains, scan, projector = reference().grains, context.radiographs(source), context.tables.track.projector
         residual = residual_images(grains, state.motions, scan, projector=projector)
     write_tiff(path, residual.astype(np.float32))
-
-
-def _write_deformed(
-    context: RunContext, reference: Callable[[], SegmentedReference], state: TrackedState, paths: list[Path]
-) -> None:
-    """The deformed volume and its labels on the reference's grid."""
-    volume, labels = rebuild(reference().grains, state.motions, context.inputs.grid)
-    _write_with_labels(paths[0], volume, labels)
-
-
-def _write_with_labels(path: Path, volume: Volume, labels: NDArray[np.int32]) -> None:
-    """A volume and its labels, in the format of the name of their first file."""
-    write_volume(path.parent if path.parent.name in RESULT_STORES else path, volume, labels=labels)
-
-
-def _export_state(
-    context: RunContext, reference: Callable[[], SegmentedReference], state: TrackedState, name: Export, path: Path
-) -> None:
-    """Motions for ParaView or for spam."""
-    stored = reference().stored
-    if name == "vtk":
-        write_grains_vtp(path, state.motions)
-    else:
-        about = context.tables.output.spam_about
-        write_ddic_tsv(path, state.motions, stored.volume, stored.labels, about=about)
-
-
-def _export_reference(reference: Callable[[], SegmentedReference], name: Export, paths: list[Path]) -> None:
-    """Volume and labels for ParaView, for spam or as OME-Zarr."""
-    stored = reference().stored
-    if name == "vtk":
-        write_image_vti(paths[0], stored.volume, stored.labels)
-        return
-    assert stored.labels is not None
-    _write_with_labels(paths[0], stored.volume, stored.labels)
 
 
 # ---------------------------------------------------------------------- the report

@@ -32,16 +32,10 @@ from grainmotion.workflow.beam_level_stage import BEAM_LEVEL, level_reference
 from grainmotion.workflow.calibration_stage import CALIBRATION, calibrate_stage, calibration_findings
 from grainmotion.workflow.checks import check_files, check_radiographs, check_reference
 from grainmotion.workflow.context import RunContext, check_inputs
+from grainmotion.workflow.exports import DEFORMED, REFERENCE_TIFFS, RESULT_STORES
 from grainmotion.workflow.given_checks import check_given, check_grains
 from grainmotion.workflow.log import STAGE_LOG, run_log
-from grainmotion.workflow.outputs import (
-    DEFORMED,
-    REFERENCE_EXPORTS,
-    RESIDUALS,
-    RESULT_STORES,
-    report_stage,
-    write_outputs,
-)
+from grainmotion.workflow.outputs import RESIDUALS, report_stage, write_outputs
 from grainmotion.workflow.provenance import StageCache
 from grainmotion.workflow.reference_stages import CHECKPOINT, REFERENCE, reconstruct_stage, segment_stage
 from grainmotion.workflow.tracking_stage import TrackedState, track_side_by_side, track_stage
@@ -56,7 +50,7 @@ RESULT_FILES = {
     "motions.h5",
     RESIDUALS,
     *(name for names in DEFORMED.values() for name in names),
-    *REFERENCE_EXPORTS["spam"],
+    *REFERENCE_TIFFS,
 }
 """Names of results that an input in the same folder could also have."""
 

@@ -1,10 +1,13 @@
-"""Meshes for display: size, place and volume, on an ellipsoid whose surface is known."""
+"""Meshes of grains and for display: size, place and volume, on an ellipsoid whose surface is known."""
 
 import numpy as np
 import pytest
 from skimage.measure import marching_cubes
 
-from grainmotion.analysis.display_mesh import DISPLAY_CELLS, display_mesh
+from grainmotion.analysis.grain_mesh import DISPLAY_CELLS, GrainMesh, display_mesh, grain_mesh
+from grainmotion.model.grains import Grain
+from grainmotion.model.volume import Volume
+from grainmotion.segmentation.extraction import grains_from_labels
 
 
 def ellipsoid(voxels: int) -> tuple[np.ndarray, np.ndarray]:
@@ -24,7 +27,7 @@ def volume(vertices: np.ndarray, faces: np.ndarray) -> float:
 @pytest.mark.parametrize("voxels", [20, 120])
 def test_surface_stays_in_place_with_few_triangles(voxels):
     vertices, faces = ellipsoid(voxels)
-    mesh = display_mesh(vertices, faces, 2.2 / (voxels - 1))
+    mesh = display_mesh(GrainMesh(vertices, faces), 2.2 / (voxels - 1))
     assert len(mesh.faces) < 2.5 * np.pi * DISPLAY_CELLS**2
     assert len(mesh.faces) < len(faces)
     u = (mesh.vertices - [3, 2, 1]) / [1, 0.8, 0.6]
@@ -34,8 +37,25 @@ def test_surface_stays_in_place_with_few_triangles(voxels):
 
 def test_triangles_face_outwards_and_refer_to_vertices():
     vertices, faces = ellipsoid(60)
-    mesh = display_mesh(vertices, faces, 0.04)
+    mesh = display_mesh(GrainMesh(vertices, faces), 0.04)
     a, b, c = mesh.vertices[mesh.faces].transpose(1, 0, 2)
     outwards = (np.cross(b - a, c - a) * ((a + b + c) / 3 - [3, 2, 1])).sum(axis=1) > 0
     assert outwards.mean() > 0.99
     assert np.unique(mesh.faces).tolist() == list(range(len(mesh.vertices)))
+
+
+def test_mesh_of_a_grain_is_where_its_attenuation_is():
+    h, center = 0.05, np.array([3.0, 2.0, 1.0])
+    z, y, x = np.meshgrid(*((np.arange(n) - (n - 1) / 2) * h for n in (40, 44, 52)), indexing="ij")
+    depth = (1 - np.sqrt(x**2 + (y / 0.8) ** 2 + (z / 0.6) ** 2)) * 0.75  # mm, near the surface
+    array = np.clip(depth / h + 0.5, 0, 1)
+    grains = grains_from_labels(Volume(array, h, tuple(center)), (array > 0.5).astype(np.int32))
+    mesh = grain_mesh(grains.grains[0], h)
+    u = (mesh.vertices - center) / [1, 0.8, 0.6]
+    assert np.abs(np.sqrt((u**2).sum(axis=1)) - 1).max() < 0.5 * h
+    assert volume(mesh.vertices - center, mesh.faces) == pytest.approx(4 / 3 * np.pi * 0.48, rel=0.03)
+
+
+def test_grain_without_attenuation_has_no_mesh():
+    grain = Grain(1, Volume.zeros((6, 6, 6), 0.1), np.zeros(3))
+    assert grain_mesh(grain, 0.1) is None
