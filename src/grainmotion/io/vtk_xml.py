@@ -23,7 +23,7 @@ BLOCK_BYTES = 1 << 20  # compressed at a time
 VTK_TYPES = {"f4": "Float32", "f8": "Float64", "i4": "Int32", "i8": "Int64", "u1": "UInt8"}
 ASCII = str.maketrans({"°": " deg", "±": "+-", "−": "-", "–": "-", "≥": ">=", "≤": "<=", "×": "x", "ω": "w", "σ": "sd"})
 """What replaces signs that are not ASCII in texts."""
-FRAME = "sample frame: right-handed, z up along the rotation axis, origin on the axis"
+VTK_FRAME = "sample frame: right-handed, z up along the rotation axis, origin on the axis"
 
 
 class VtkXml:
@@ -67,7 +67,7 @@ class VtkXml:
 
     def field(self, facts: Mapping[str, NDArray[np.generic] | Sequence[str]]) -> str:
         """A ``FieldData`` element: facts about the whole, with the program and the frame."""
-        made = {"software": [f"grainmotion {version('grainmotion')}"], "frame": [FRAME]}
+        made = {"software": [f"grainmotion {version('grainmotion')}"], "frame": [VTK_FRAME]}
         elements = []
         for name, value in {**made, **facts}.items():
             if isinstance(value, np.ndarray):
