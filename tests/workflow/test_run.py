@@ -358,6 +358,12 @@ class TestGivenVolume:
         table = pd.read_csv(copied.parent / "results" / "one" / "grains-ddic.tsv", sep="\t")
         assert set(table["AboutBox"]) == {1}
 
+    def test_other_format_of_rebuilt_volumes_writes_them_again(self, copied):
+        run(copied, "[track]", "[output]\nrebuild = true\n[track]")
+        done = run(copied, "rebuild = true", 'rebuild = true\nvolumes = "hdf5"\nexports = ["tiff"]').done
+        assert sorted(done) == ["one/rebuilt", "one/rebuilt tiff", "reference/tiff", "two/rebuilt", "two/rebuilt tiff"]
+        assert (copied.parent / "results" / "one" / "rebuilt.h5").exists()
+
     def test_initial_motions_of_other_grains_are_refused(self, copied):
         table = read_motions(copied.parent / "results" / "one" / "motions.csv").to_table()
         table.iloc[:2].to_csv(copied.parent / "start.csv", index=False)

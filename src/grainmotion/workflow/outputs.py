@@ -47,7 +47,7 @@ from grainmotion.workflow.tracking_stage import TrackedState
 
 RESIDUALS, REPORT = "residuals.tif", "report.html"
 SERIES = "series"
-PRINTS = {"vtk": "vtk, surfaces", "rebuilt": "rebuilt, with voxel size", "spam": "spam, with voxel size"}
+PRINTS = {"vtk": "vtk, surfaces", "spam": "spam, with voxel size"}
 """What fingerprints say of files that older versions wrote otherwise."""
 BODIES, APPEARED, PIECES = "bodies.csv", "appeared.csv", "pieces.csv"
 
@@ -92,9 +92,9 @@ def write_outputs(
         if fit.pieces:
             files = [folder / PIECES]
             outputs.append(("pieces", files, partial(write_piece_motions, files[0], fit.pieces)))
-        for kind in rebuilt_formats(output):
+        for k, kind in enumerate(rebuilt_formats(output)):
             files = [folder / file for file in DEFORMED[kind]]
-            name = "rebuilt" if kind == "tiff" else f"rebuilt {kind}"
+            name = f"rebuilt {kind}" if k else "rebuilt"
             outputs.append((name, files, partial(exporter.deformed, state.motions, files)))
         for export in (export for export in exports if export in STATE_EXPORTS):
             files = [folder / file for file in STATE_EXPORTS[export]]
@@ -103,6 +103,8 @@ def write_outputs(
             made = f"{name} {output.spam_about}" if name == "spam" else PRINTS.get(name, name)
             if name == "vtk":
                 made += f" {time_of(table, context.tables.states)}"
+            elif name.startswith("rebuilt"):
+                made += f" {files[0].name}"
             _complete(context, f"{table.name}/{name}", prints.after_tracking(made, table.name), files, write)
     if "vtk" in exports:
         files = [context.folder / file for file in COLLECTIONS]
