@@ -9,6 +9,8 @@ from typer.testing import CliRunner
 from grainmotion.cli.app import app
 from grainmotion.experiment.config import read_experiment
 from grainmotion.io.tiff import write_tiff
+from grainmotion.io.volumes.access import write_labels, write_volume
+from grainmotion.model.volume import Volume
 from lab_scanner import Lab
 from nxtomo_writer import write_nxtomo
 from tiny_experiment import write_tiny
@@ -46,6 +48,20 @@ class TestInspect:
     def test_an_image_is_described(self, tmp_path):
         write_tiff(tmp_path / "a.tif", np.full((2, 20, 30), 5000, np.uint16))
         assert "2 x 20 x 30" in invoke("inspect", tmp_path / "a.tif").stdout
+
+    def test_volumes_are_described_with_their_voxel_size(self, tmp_path):
+        volume = Volume(np.ones((4, 5, 6), np.float32), 0.0125)
+        write_volume(tmp_path / "a.zarr", volume)
+        write_volume(tmp_path / "b.tif", volume)
+        write_labels(tmp_path / "c.zarr", np.arange(120).reshape(4, 5, 6), volume)
+        text = invoke("inspect", tmp_path / "a.zarr").stdout
+        assert "4 x 5 x 6 voxels (z, y, x) float32" in text
+        assert "0.0125 mm by its the scale" not in text
+        assert "0.0125 mm by its" in text
+        assert "0.0125 mm by its ImageJ properties" in invoke("inspect", tmp_path / "b.tif").stdout
+        assert "60 to 89 in the middle slice, 30 different" in invoke("inspect", tmp_path / "c.zarr").stdout
+        np.ones((4, 5, 6), np.uint16).tofile(tmp_path / "d.raw")
+        assert "d.raw::uint16" in invoke("inspect", tmp_path / "d.raw", code=2).stderr
 
     def test_folders_without_measurements_and_missing_files_are_refused(self, tmp_path):
         assert "no scan and no images" in invoke("inspect", tmp_path, code=2).stderr

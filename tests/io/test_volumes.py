@@ -34,8 +34,10 @@ from volume_writers import (
 )
 
 from grainmotion.errors import InputError
+from grainmotion.io.results import StoredReference, write_reference
 from grainmotion.io.volumes import record
 from grainmotion.io.volumes.find import find_volume
+from grainmotion.model.volume import Volume
 
 X, Y, Z = SHAPE[::-1]
 SIZED = {
@@ -196,8 +198,22 @@ class TestHdf5:
                 dimension.label = label
         np.testing.assert_array_equal(find_volume("a.h5", tmp_path).read(), VOLUME)
 
+    def test_reference_of_a_run(self, tmp_path):
+        volume = Volume(VOLUME.astype(np.float32), VOXEL, (0.5, 1.0, -2.0))
+        write_reference(tmp_path / "reference.h5", StoredReference(volume, labels=VOLUME.astype(np.int32)))
+        for inner in ("", "::labels"):
+            found = find_volume(f"reference.h5{inner}", tmp_path)
+            assert (found.voxel.size, found.center) == (VOXEL, (0.5, 1.0, -2.0))
+            np.testing.assert_array_equal(found.read(), VOLUME)
+
 
 class TestZarr:
+    def test_axes_by_the_names_of_xarray(self, tmp_path):
+        array = zarr.create_array(str(tmp_path / "a.zarr"), shape=SHAPE[::-1], dtype="u2", zarr_format=2)
+        array[:] = VOLUME.transpose(2, 1, 0)
+        array.attrs["_ARRAY_DIMENSIONS"] = ["x", "y", "z"]
+        np.testing.assert_array_equal(find_volume("a.zarr", tmp_path).read(), VOLUME)
+
     def test_another_level(self, tmp_path):
         ome_zarr(tmp_path / "a.zarr")
         volume = find_volume("a.zarr::1", tmp_path)
@@ -327,6 +343,13 @@ class TestMedicalFormats:
         (tmp_path / "a.raw").unlink()
         with pytest.raises(InputError, match=r"ElementDataFile names a\.raw, which is not there"):
             find_volume("a.mhd", tmp_path)
+
+    def test_a_header_with_thousands_of_materials(self, tmp_path):
+        amira(tmp_path / "a.am", "HxByteRLE", kind="byte")
+        data = (tmp_path / "a.am").read_bytes()
+        materials = "".join(f"        Grain{k} {{ Id {k}, Color 0.1 0.2 0.3 }}\n" for k in range(9000))
+        (tmp_path / "a.am").write_bytes(data.replace(b"Parameters {\n", f"Parameters {{\n{materials}".encode(), 1))
+        np.testing.assert_array_equal(find_volume("a.am", tmp_path).read(), VOLUME)
 
     def test_runs_of_labels_in_more_than_a_byte(self, tmp_path):
         amira(tmp_path / "a.am", "HxByteRLE")

@@ -36,7 +36,12 @@ Terminal = Annotated[bool, typer.Option("--terminal", help="draw the first radio
 
 def inspect(file: Target, *, picture: Picture = None, terminal: Terminal = False, strict: Strict = False) -> None:
     """Say what is in a file or folder, and draw source, panel, axis and radiographs: up, and the sense of rotation."""
-    if file.is_dir():
+    from grainmotion.experiment.volume_contents import describe_volume
+    from grainmotion.io.volumes.find import is_volume
+
+    if is_volume(file):
+        console.print_facts(file.name, describe_volume(file))
+    elif file.is_dir():
         _inspect_folder(file, picture, terminal=terminal)
     elif file.suffix.lower() == ".toml":
         _inspect_experiment(file, picture, terminal=terminal, strict=strict)

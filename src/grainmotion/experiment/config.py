@@ -158,16 +158,22 @@ class ScanTable(_Table):
 class ReferenceTable(ScanTable):
     """The full scan of the initial state, or its volume reconstructed by other software."""
 
-    volume: Files | None = Field(default=None, description="a reconstructed volume [z, y, x], 1/mm")
-    labels: Files | None = Field(default=None, description="grains in that volume, 0 = none")
+    volume: Files | None = Field(
+        default=None, description="a volume of another program, 1/mm; docs/volumes.md lists formats"
+    )
+    labels: Files | None = Field(default=None, description="grains in that volume, whole numbers, 0 = none")
 
 
 class VolumeTable(_Table):
     """The grid of voxels; by default the field of view, with voxels of one pixel at the axis."""
 
     shape: tuple[int, int, int] | None = Field(default=None, description="voxels along z, y, x")
-    voxel_size: float | None = Field(default=None, gt=0, description="mm")
-    center: tuple[float, float, float] = Field(default=(0.0, 0.0, 0.0), description="mm, x y z")
+    voxel_size: float | None = Field(
+        default=None, gt=0, description="mm; that of a given volume's file unless it is given here"
+    )
+    center: tuple[float, float, float] = Field(
+        default=(0.0, 0.0, 0.0), description="mm, x y z; a volume written by grainmotion tells its own"
+    )
     outline: Outline | None = Field(
         default=None,
         description="radius of the sample's outline about the grid's axis, mm: the grid is grown to hold it; \"auto\" "

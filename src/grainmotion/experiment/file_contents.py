@@ -10,6 +10,7 @@ import pandas as pd
 from grainmotion.diagnosis.grey_values import likely_kind
 from grainmotion.errors import InputError
 from grainmotion.experiment.scan_summary import angle_sentence
+from grainmotion.experiment.volume_contents import voxel_lines
 from grainmotion.io.angles import read_angles
 from grainmotion.io.files import checked_file
 from grainmotion.io.formats import HDF5, family, unreadable
@@ -73,6 +74,7 @@ def _images(path: Path) -> tuple[tuple[str, str], ...]:
         kind = "labels"
     return (
         ("Images", f"{count} x {rows} x {columns} (images, rows, columns) {dtype}"),
+        *voxel_lines(path),
         ("Values", f"{some.min():g} to {some.max():g} in {len(some)} of the images"),
         ("Looks like", kind or "unknown: neither counts, transmission, line integrals nor labels"),
     )

@@ -22,6 +22,8 @@ from grainmotion.io.volumes.record import Bounds, Slabs, VolumeFile
 from grainmotion.io.volumes.units import ToldVoxel, told_voxel
 
 AMIRA = (".am",)
+MAX_AMIRA_HEADER = 1 << 24
+"""Bytes in which the header must end: Avizo lists name and colour of every label in it."""
 _AMIRA_TYPES: Mapping[str, str] = MappingProxyType({
     "byte": "u1", "short": "i2", "ushort": "u2", "int": "i4", "int32": "i4", "uint": "u4", "float": "f4", "double": "f8"
 })  # fmt: skip
@@ -33,7 +35,7 @@ _LATTICE = re.compile(
 
 def amira_volume(path: Path, spec: str) -> VolumeFile:
     """The first lattice of an AmiraMesh file."""
-    data = header_bytes(path)
+    data = header_bytes(path, MAX_AMIRA_HEADER)
     first = data.split(b"\n", 1)[0].decode("latin-1").strip()
     if not re.match(r"#\s*(AmiraMesh|HyperMesh|Avizo)\b", first):
         raise InputError(str(path), "no AmiraMesh file: its first line tells another format", _TIFF_INSTEAD)

@@ -48,6 +48,11 @@ def find_volume(spec: str | Path | Sequence[str | Path], folder: str | Path = ".
     return replace(volume, slabs=_guarded(volume))
 
 
+def is_volume(path: Path) -> bool:
+    """Whether a name is that of a format of volumes alone, and no stack of images."""
+    return is_zarr(path) or _reader(path.name) is not None or path.name.lower().endswith((".raw", ".vol"))
+
+
 def _found(items: list[str | Path], folder: Path) -> VolumeFile:
     if len(items) == 1:
         item = str(items[0])

@@ -121,7 +121,7 @@ def _by_axes(data: h5py.Dataset) -> Told | None:
     if len(units) != 1:
         return None
     steps = [float(abs(axis[-1] - axis[0]) / (len(axis) - 1)) for axis in reversed(axes)]
-    return told_voxel(steps, units.pop(), "the axes of NXdata")
+    return told_voxel(steps, units.pop(), "NXdata axes")
 
 
 def _own_center(data: h5py.Dataset) -> tuple[float, float, float] | None:

@@ -10,10 +10,10 @@ HEADER_BYTES = 262_144
 """Bytes at the beginning of a file in which its text header must end."""
 
 
-def header_bytes(path: Path) -> bytes:
+def header_bytes(path: Path, limit: int = HEADER_BYTES) -> bytes:
     """The beginning of a file."""
     with path.open("rb") as file:
-        return file.read(HEADER_BYTES)
+        return file.read(limit)
 
 
 def data_file(header: Path, name: str, key: str) -> Path:

@@ -34,7 +34,7 @@ def told_size(file: tifffile.TiffFile, text: str) -> Told:
             return None, (f"its {per_x:.4g} pixels an inch are those of a screen or printer, no voxel size",)
         return told_voxel((x, y, z), unit, "ImageJ properties", one_is_default=True)
     per_inch = per_x * {"inch": 1.0, "cm": 2.54}.get(dpi_unit, 0.0)
-    if per_inch <= 1 or any(abs(per_inch - dpi) < 0.51 for dpi in SCREEN_DPI):
+    if per_x == 1 or per_inch == 0 or any(abs(per_inch - dpi) < 0.51 for dpi in SCREEN_DPI):
         return None, ()
     return told_voxel((x, y, x), dpi_unit, "XResolution")
 

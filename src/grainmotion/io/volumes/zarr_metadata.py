@@ -41,7 +41,7 @@ class OmeImage:
         scale = self.scales[self.paths.index(level)]
         units = {self.units[k] for k in order}
         unit = units.pop() if len(units) == 1 else None
-        return told_voxel([scale[k] for k in order[::-1]], unit, "the scale of its axes", one_is_default=True)
+        return told_voxel([scale[k] for k in order[::-1]], unit, "axes' scales", one_is_default=True)
 
 
 def told_center(attributes: Attributes) -> tuple[float, float, float] | None:

@@ -130,8 +130,9 @@ def _entered(group: zarr.Group, parts: list[str], spec: str) -> tuple[zarr.Group
 
 
 def _names(array: zarr.Array) -> list[str]:
-    """Names of the axes of an array of Zarr 3, if they are z, y, x."""
-    names = [str(name) for name in getattr(array.metadata, "dimension_names", None) or () if name]
+    """Names of the axes of an array of Zarr 3, or of xarray, if they are z, y, x."""
+    told = getattr(array.metadata, "dimension_names", None) or array.attrs.get("_ARRAY_DIMENSIONS")
+    names = [str(name) for name in told if name] if isinstance(told, list | tuple) else []
     return names if len(names) == array.ndim and {"z", "y", "x"} <= {name.lower() for name in names} else []
 
 
