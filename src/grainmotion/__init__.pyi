@@ -22,6 +22,8 @@ from .experiment.config import read_experiment as read_experiment
 from .experiment.scan_files import read_scan as read_scan
 from .io.motions_csv import read_motions as read_motions
 from .io.motions_csv import write_motions as write_motions
+from .io.results_folder import ResultsFolder as ResultsFolder
+from .io.results_folder import read_results as read_results
 from .io.series_files import read_series as read_series
 from .io.series_files import write_series as write_series
 from .io.spam import read_ddic_tsv as read_ddic_tsv

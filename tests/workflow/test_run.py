@@ -134,7 +134,16 @@ class TestResults:
         names = {p.relative_to(path.parent / "results").as_posix() for p in (path.parent / "results").rglob("*")}
         states = {f"{s}/{f}" for s in SHIFTS for f in ("motions.csv", "motions.h5", "residuals.tif")}
         series = {"series.h5", "series.csv"}
-        assert names == {"reference.h5", "report.html", "stages.json", "run.log", *series, *SHIFTS, *states}
+        assert names == {
+            "reference.h5",
+            "report.html",
+            "stages.json",
+            "run.log",
+            "datapackage.json",
+            *series,
+            *SHIFTS,
+            *states,
+        }
 
 
 class TestFindings:

@@ -9,13 +9,17 @@ import numpy as np
 
 from grainmotion.calibration.beam_level import BeamLevels
 from grainmotion.errors import InputError
+from grainmotion.io.contents import about
 from grainmotion.io.files import atomic_write, checked_file
+
+BEAM_LEVEL_UNIT = "line integral, dimensionless; subtracted from each view"
 
 
 def write_beam_levels(path: str | Path, levels: BeamLevels) -> None:
     """Write the levels; they are read back to the bit."""
+    data = {**about(), "unit": BEAM_LEVEL_UNIT, "levels": levels.levels.tolist(), "source": levels.source}
     with atomic_write(path) as temporary:
-        temporary.write_text(json.dumps({"levels": levels.levels.tolist(), "source": levels.source}, indent=1))
+        temporary.write_text(json.dumps(data, indent=1))
 
 
 def read_beam_levels(path: str | Path) -> BeamLevels:

@@ -1,8 +1,8 @@
 """``calibration.json``: corrections of the scanner estimated from the reference scan, with standard deviations.
 
-``{"geometry": {"corrections": [{"name", "value", "sd", "unit"}], "residual_before", "residual_after"},
-"hardening": {"coefficients", "longest", "sd"}}``; either is null if it was not estimated, and ``sd`` is null for
-a correction that the data do not determine.  ``unit`` is "mm" for shifts and "degrees" for angles.
+``{"grainmotion", "frame", "geometry": {"corrections": [{"name", "value", "sd", "unit"}], "residual_before",
+"residual_after"}, "hardening": {"coefficients", "longest", "sd"}}``; either is null if it was not estimated, and ``sd``
+is null for a correction that the data do not determine.  ``unit`` is "mm" for shifts and "degrees" for angles.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from pathlib import Path
 
 from grainmotion.calibration.corrections import Calibration, Correction, from_table_unit
 from grainmotion.errors import InputError
+from grainmotion.io.contents import about
 from grainmotion.io.files import atomic_write, checked_file
 from grainmotion.model.geometry import Geometry
 from grainmotion.preprocessing.beam_hardening import Hardening
@@ -31,7 +32,7 @@ def write_calibration(path: str | Path, calibration: Calibration | None, hardeni
     if hardening is not None:
         curve = {"coefficients": hardening.coefficients, "longest": hardening.longest, "sd": hardening.sd}
     with atomic_write(path) as temporary:
-        temporary.write_text(json.dumps({"geometry": geometry, "hardening": curve}, indent=1))
+        temporary.write_text(json.dumps({**about(), "geometry": geometry, "hardening": curve}, indent=1))
 
 
 def read_calibration(path: str | Path, geometry: Geometry) -> tuple[Calibration | None, Hardening | None]:

@@ -9,16 +9,15 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from importlib.metadata import version
 from pathlib import Path
 
 import pandas as pd
 
+from grainmotion.io.contents import about
 from grainmotion.io.files import atomic_write
 from grainmotion.mechanics.columns import STATE_CONTACT_COLUMNS
 from grainmotion.mechanics.settings import MechanicsSettings
 from grainmotion.mechanics.state_mechanics import StateMechanics
-from grainmotion.model.described_table import SAMPLE_FRAME
 
 MECHANICS_UNITS = "mm, degrees, mm^3; strains, fabric and void ratios are numbers without a unit"
 
@@ -35,12 +34,9 @@ def write_mechanics(folder: Path, found: StateMechanics, settings: MechanicsSett
     _write(folder / f"{prefix}void_ratio.csv", found.voids.to_dataframe())
     if found.strains is not None:
         _write(folder / f"{prefix}strains.csv", found.strains.to_dataframe())
-    about = {
-        "grainmotion": version("grainmotion"), "frame": SAMPLE_FRAME, "units": MECHANICS_UNITS,
-        "settings": dataclasses.asdict(settings), **found.summary,
-    }  # fmt: skip
+    data = {**about(), "units": MECHANICS_UNITS, "settings": dataclasses.asdict(settings), **found.summary}
     with atomic_write(folder / f"{prefix}mechanics.json") as temporary:
-        temporary.write_text(json.dumps(about, indent=1), encoding="utf-8")
+        temporary.write_text(json.dumps(data, indent=1), encoding="utf-8")
 
 
 def contact_table(found: StateMechanics) -> pd.DataFrame:

@@ -12,11 +12,13 @@ the field).
 
 ``motions.h5`` holds every field of `Motions` under its own name, in mm and **radians** as in Python (``motions.csv``
 is in degrees), and the group ``fit`` with gain, offset, the convergence curve and the other fields of `StateFit`.
-Each dataset with a unit names it in its attribute ``unit``.
+Each dataset has the attributes ``unit`` and ``meaning``, each file ``content``, ``version``, ``frame`` and ``settings``
+(JSON); `io.contents` lists them.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 
@@ -24,6 +26,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from grainmotion.io.contents import MOTION_DATASETS, REFERENCE_DATASETS, describe_hdf5
 from grainmotion.io.field_hdf5 import read_field, write_field
 from grainmotion.io.files import atomic_write
 from grainmotion.io.fit_hdf5 import read_bodies, read_new_grains, read_pieces, write_parts
@@ -32,6 +35,7 @@ from grainmotion.model.detector_response import Response
 from grainmotion.model.fluid import Fluid, FluidFit
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.hardening import LINEAR, Hardening
+from grainmotion.model.motion_table import MOTIONS_CONTENT
 from grainmotion.model.motions import Motions
 from grainmotion.model.pose import ViewCorrections
 from grainmotion.model.scene import Body, Freedom, Scene, first_voxel
@@ -49,6 +53,7 @@ _ARRAYS = {
     "iterations": "1",
 }
 """Arrays of `Motions` and their units, "1" for numbers without one."""
+REFERENCE_CONTENT = "reference state: volume, grains and what is beside them"
 _OK_FLAGS = ("ok_translation", "ok_rotation")
 """Arrays of `Motions` that files of older versions lack: 1 where translation or rotation is a result to use."""
 _STRAINS = ("strains", "strain_covariances")
@@ -75,7 +80,12 @@ class StoredReference:
     ] = ()  # air, liquid, grains, bodies, as segmentation found them; empty if labels were given
 
 
-def write_reference(path: str | Path, reference: StoredReference, grains: GrainSet | None = None) -> None:
+def write_reference(
+    path: str | Path,
+    reference: StoredReference,
+    grains: GrainSet | None = None,
+    settings: Mapping[str, object] | None = None,
+) -> None:
     """Write a ``reference.h5``: the volume, its labels if it is segmented, and the table of ``grains`` if given."""
     with atomic_write(path) as temporary, h5py.File(temporary, "w") as file:
         volume = file.create_dataset("volume", data=reference.volume.array)
@@ -104,6 +114,7 @@ def write_reference(path: str | Path, reference: StoredReference, grains: GrainS
             _write_bodies(file, reference.volume, grains.scene)
             if grains.scene.fluid is not None:
                 _write_fluid(file, grains.scene.fluid)
+        describe_hdf5(file, REFERENCE_CONTENT, REFERENCE_DATASETS, settings)
 
 
 def _write_bodies(file: h5py.File, volume: Volume, scene: Scene) -> None:
@@ -195,7 +206,7 @@ def grain_columns(grains: GrainSet, labels: NDArray[np.int32]) -> dict[str, NDAr
     }
 
 
-def write_motions_h5(path: str | Path, motions: Motions) -> None:
+def write_motions_h5(path: str | Path, motions: Motions, settings: Mapping[str, object] | None = None) -> None:
     """Write the motions of one state, mm and radians, with covariances, reasons and the fit as a whole."""
     text = h5py.string_dtype()
     with atomic_write(path) as temporary, h5py.File(temporary, "w") as file:
@@ -226,6 +237,7 @@ def write_motions_h5(path: str | Path, motions: Motions) -> None:
         if motions.fit.response is not None:
             fit["polynomial"] = motions.fit.response.polynomial
             fit["background_terms"] = motions.fit.response.background
+        describe_hdf5(file, MOTIONS_CONTENT, MOTION_DATASETS, settings)
 
 
 def _read_fluid(fit: h5py.Group) -> FluidFit | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -46,12 +47,21 @@ def read_tiff(path: str | Path) -> Pixels:
         return (grey(pixels, str(path)) if series.axes.endswith("S") else pixels).reshape(shape)
 
 
-def write_tiff(path: str | Path, array: Pixels) -> None:
-    """Write ``([pages,] rows, columns)`` pixels as a grey TIFF; integers, such as labels, are compressed."""
+def write_tiff(path: str | Path, array: Pixels, about: Mapping[str, str] | None = None) -> None:
+    """Write ``([pages,] rows, columns)`` pixels as a grey TIFF; integers, such as labels, are compressed.
+
+    What the file says ``about`` itself goes into its description, which is JSON.
+    """
     axes = {2: "YX", 3: "ZYX"}[array.ndim]
     compression = "zlib" if np.issubdtype(array.dtype, np.integer) else None
     with atomic_write(path) as temporary:
-        tifffile.imwrite(temporary, array, photometric="minisblack", metadata={"axes": axes}, compression=compression)
+        tifffile.imwrite(
+            temporary,
+            array,
+            photometric="minisblack",
+            metadata={"axes": axes, **(about or {})},
+            compression=compression,
+        )
 
 
 # ---------------------------------------------------------------------- checks

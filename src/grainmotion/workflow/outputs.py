@@ -19,6 +19,7 @@ from grainmotion.experiment.last_reference import described
 from grainmotion.experiment.scan_inputs import ScanInput
 from grainmotion.io.appeared_csv import write_new_grains
 from grainmotion.io.bodies_csv import write_body_motions
+from grainmotion.io.contents import about
 from grainmotion.io.pieces_csv import write_piece_motions
 from grainmotion.io.results import StoredReference
 from grainmotion.io.series_files import write_series
@@ -46,6 +47,10 @@ from grainmotion.workflow.reference_stages import SegmentedReference
 from grainmotion.workflow.tracking_stage import TrackedState
 
 RESIDUALS, REPORT = "residuals.tif", "report.html"
+RESIDUALS_ABOUT = {
+    "content": "measured - simulated radiographs [view, row, column], NaN where a pixel is masked",
+    "unit": "line integral, dimensionless",
+}
 SERIES = "series"
 PRINTS = {"vtk": "vtk, surfaces", "spam": "spam, with voxel size"}
 """What fingerprints say of files that older versions wrote otherwise."""
@@ -147,7 +152,7 @@ def _write_residuals(
     if residual is None:
         grains, scan, projector = reference().grains, context.radiographs(source), context.tables.track.projector
         residual = residual_images(grains, state.motions, scan, projector=projector)
-    write_tiff(path, residual.astype(np.float32))
+    write_tiff(path, residual.astype(np.float32), {**about(), **RESIDUALS_ABOUT})
 
 
 # ---------------------------------------------------------------------- the report

@@ -30,6 +30,7 @@ from grainmotion.segmentation.extraction import extract_grains, grains_from_labe
 from grainmotion.segmentation.segment import Segmentation
 from grainmotion.workflow.context import load_result
 from grainmotion.workflow.reference_stages import REFERENCE
+from grainmotion.workflow.results_description import describe_results
 from grainmotion.workflow.run import run
 
 PLAN_FOLDER = "plan"
@@ -53,7 +54,9 @@ def plan_experiment(
     assert reference.labels is not None
     segmentation = Segmentation(reference.labels, reference.threshold, reference.border)
     grains = extract_grains(reference.volume, segmentation, replace(experiment.tables.segment, finer=1))
-    return _planned(grains, views, settings, done.folder, progress)
+    result = _planned(grains, views, settings, done.folder, progress)
+    describe_results(done.folder, experiment)
+    return result
 
 
 def plan_case(

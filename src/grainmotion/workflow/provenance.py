@@ -64,6 +64,10 @@ class StageCache:
         """The files of a finished stage."""
         return [self.folder / name for name in self._stages[stage][1]]
 
+    def all_files(self) -> list[Path]:
+        """The files of all finished stages."""
+        return [self.folder / name for _, names in self._stages.values() for name in names]
+
     def discard(self, stage: str) -> None:
         """Mark a stage as unfinished, before its files are touched."""
         if self._stages.pop(stage, None) is not None:
@@ -77,7 +81,7 @@ class StageCache:
 
     def _save(self) -> None:
         stages = {name: {"fingerprint": made, "files": files} for name, (made, files) in self._stages.items()}
-        kept = {"stages": stages, "inputs": self._hashes}
+        kept = {"grainmotion": version("grainmotion"), "stages": stages, "inputs": self._hashes}
         with atomic_write(self.folder / STAGES_FILE) as temporary:
             temporary.write_text(json.dumps(kept, indent=1))
 

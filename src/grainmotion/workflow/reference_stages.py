@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -89,7 +89,7 @@ def segment_stage(context: RunContext, reference: Callable[[], StoredReference])
         return segmented
 
     def write(segmented: SegmentedReference) -> None:
-        write_reference(path, segmented.stored, segmented.grains)
+        write_reference(path, segmented.stored, segmented.grains, asdict(context.experiment.reference_settings))
         if context.inputs.volume is None:
             context.cache.add("reconstruct", context.fingerprints.reconstruct, [path])
             (context.folder / CHECKPOINT).unlink(missing_ok=True)

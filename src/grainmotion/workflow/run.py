@@ -38,6 +38,7 @@ from grainmotion.workflow.log import STAGE_LOG, run_log
 from grainmotion.workflow.outputs import RESIDUALS, report_stage, write_outputs
 from grainmotion.workflow.provenance import StageCache
 from grainmotion.workflow.reference_stages import CHECKPOINT, REFERENCE, reconstruct_stage, segment_stage
+from grainmotion.workflow.results_description import describe_results
 from grainmotion.workflow.tracking_stage import TrackedState, track_side_by_side, track_stage
 
 Until = Literal["reconstruct", "segment", "track", "report"]
@@ -134,6 +135,7 @@ def run(
             if until == "report":
                 write_outputs(context, reference, tracked)
                 report = report_stage(context, reference, motions)
+            describe_results(folder, experiment)
     findings = worst_first(context.findings)
     return RunResult(folder, motions, tuple(context.done), tuple(context.reused), report, findings)
 

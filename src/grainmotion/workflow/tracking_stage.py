@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 from grainmotion._typing import Image, prefixed
 from grainmotion.cluster.state_tasks import State
@@ -159,7 +159,7 @@ def _stage(context: RunContext, table: StateTable, run: Callable[[], TrackedStat
     files = [context.folder / table.name / name for name in ("motions.h5", "motions.csv")]
 
     def write(tracked: TrackedState) -> None:
-        write_motions_h5(files[0], tracked.motions)
+        write_motions_h5(files[0], tracked.motions, asdict(context.tables.track))
         write_motions(files[1], tracked.motions)
 
     fingerprint = context.fingerprints.tracks[table.name]
