@@ -25,7 +25,6 @@ from grainmotion.model.described_table import Columns, frozen, vector_columns
 from grainmotion.model.motion_table import MOTION_DESCRIPTIONS, MOTIONS_CONTENT
 from grainmotion.sequences.table import SERIES_COLUMNS, SERIES_STRAINS
 
-
 ZARR_SUFFIX = ".ome.zarr"
 
 
@@ -137,6 +136,9 @@ _STATE_SUMMARY = {
 }
 _SPAM = '`exports` has "spam"'
 _VTK = '`exports` has "vtk"'
+_VTK_NOTE = "lengths in mm, sample frame; angles in degrees; see [export](export.md)"
+_TIFF_NOTE = "[z, y, x], the reference's grid; the voxel size is in it as ImageJ reads it"
+_ZARR_NOTE = "a folder, OME-NGFF with voxel size, [z, y, x]; labels in `labels`"
 _MECH = '`exports` has "mechanics"'
 _OWN = "attributes of the file and of each dataset say units, frame, version and settings"
 FILES: tuple[FileKind, ...] = (
