@@ -79,16 +79,26 @@ class Series:
                     found.append((usual, field))
         return min(found)[1] if found else None
 
-    def angles(self) -> Float | None:
-        """Angles that the names carry: the only field with signs or decimals, or one beside a word for angles."""
-        varying = [k for k in range(self.numbers.shape[1]) if np.ptp(self.numbers[:, k]) > 0]
+    @property
+    def varying(self) -> list[int]:
+        """The fields whose numbers are not all the same."""
+        return [k for k in range(self.numbers.shape[1]) if np.ptp(self.numbers[:, k]) > 0]
+
+    def angle_field(self) -> int | None:
+        """The field of angles: the only one with signs or decimals, or one beside a word for angles."""
+        varying = self.varying
         worded = [k for k in varying if _ANGLE_WORD.search(self.texts[k]) or _DEGREE_WORD.match(self.texts[k + 1])]
         if len(worded) == 1:
-            return self.numbers[:, worded[0]]
+            return worded[0]
         if self.decimal:
             broken = [k for k in varying if np.any(self.numbers[:, k] % 1) or np.any(self.numbers[:, k] < 0)]
-            return self.numbers[:, broken[0]] if len(broken) == 1 else None
+            return broken[0] if len(broken) == 1 else None
         return None
+
+    def angles(self) -> Float | None:
+        """Angles that the names carry, if one of their numbers is one."""
+        field = self.angle_field()
+        return None if field is None else self.numbers[:, field]
 
 
 MIN_SHARE_OF_USUAL_STEPS = 0.7

@@ -2,50 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
-import numpy as np
-
 from grainmotion._typing import Beam, Float
 from grainmotion.errors import InputError
-from grainmotion.experiment.config import AngleRange, Circular
+from grainmotion.experiment.config import Circular
 from grainmotion.experiment.config_errors import FIRST_ROW_REMEDY, together
-from grainmotion.io.angles import read_angles
-from grainmotion.io.files import checked_file
-from grainmotion.io.hdf5 import read_angles_deg
 from grainmotion.model.detector_alignment import DetectorAlignment
 from grainmotion.model.geometry import Geometry
 
 NEEDED = {"pixel_size": "give it in mm", "first_row": FIRST_ROW_REMEDY}
 """Keys that a circular scan needs from the experiment file or from a scanner's file, and what to do without."""
-
-
-def scan_angles_deg(table: Circular, folder: Path, recorded: Float | None) -> Float:
-    """Angles of the views, degrees: those of the table, else those ``recorded`` in the scanner's file."""
-    angles = table.angles_deg
-    of_range = {"first": table.first, "last": table.last, "count": table.count}
-    given = [name for name, value in of_range.items() if value is not None]
-    if angles is not None and given:
-        fact = f"angles_deg and {', '.join(given)} are both given"
-        raise InputError("geometry.angles_deg", fact, "give either")
-    if given and len(given) < len(of_range):
-        missing = next(name for name in of_range if name not in given)
-        raise InputError(
-            f"geometry.{missing}", f"it is missing beside {', '.join(given)}", "give first, last and count"
-        )
-    if isinstance(angles, AngleRange):
-        return np.linspace(angles.first, angles.last, angles.count)
-    if isinstance(angles, str):
-        name, _, inner = angles.partition("::")
-        path = checked_file(folder / name)
-        return read_angles_deg(path, inner) if inner else read_angles(path)
-    if angles is not None:
-        return np.array(angles, dtype=float)
-    if table.first is not None and table.last is not None and table.count is not None:
-        return np.linspace(table.first, table.last, table.count)
-    if recorded is not None:
-        return recorded
-    raise InputError("geometry.angles_deg", "it is missing", "give a list, a text file, or first, last and count")
 
 
 def circular_geometry(table: Circular, beam: Beam, shape: tuple[int, int], angles_deg: Float) -> Geometry:

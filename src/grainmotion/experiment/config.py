@@ -113,11 +113,16 @@ class Circular(_Table):
         default=None, description="file with the views or the numbers of the scan; keys override it"
     )
     angles_deg: list[float] | AngleRange | str | None = Field(
-        default=None, description='list, {first, last, count}, a text file with one angle a line, or "file.h5::/path"'
+        default=None,
+        description="list, {first, last, count}, a text file with one angle a line or with file names and angles, "
+        '"file.h5::/path", or "names": those in the names of the radiographs',
     )
-    first: float | None = Field(default=None, description="first angle, degrees, with last and count")
+    first: float | None = Field(default=None, description="first angle, degrees, with step, or with last and count")
+    step: float | None = Field(
+        default=None, description="from one radiograph to the next, degrees, with first; as many as radiographs"
+    )
     last: float | None = Field(default=None, description="last angle, degrees, included")
-    count: int | None = Field(default=None, gt=0, description="number of angles")
+    count: int | None = Field(default=None, gt=0, description="number of angles, missing files included")
     detector_offset: tuple[float, float] = Field(default=(0.0, 0.0), description="along u and v, mm")
     detector_tilts_deg: tuple[float, float, float] = Field(default=(0.0, 0.0, 0.0), description="about x, y, z at 0")
     axis_offset: float = Field(default=0.0, description="of the axis along u, mm")

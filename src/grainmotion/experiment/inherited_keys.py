@@ -42,7 +42,7 @@ def _with_circle(scan: object, common: Mapping[str, object], told: bool) -> obje
     circle = _circle(scan)
     if circle is None or not isinstance(scan, dict):
         return scan
-    by_file = dict.fromkeys(TOLD_BY_FILES) if told or _has_scanner_file(scan) else {}
+    by_file = dict.fromkeys(TOLD_BY_FILES) if told or _has_scanner_file(scan) or "file" in circle else {}
     return {**scan, "geometry": {**by_file, **common, **circle}}
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from grainmotion._typing import Float, Index
 from grainmotion.experiment.config import Circular, Direction
 from grainmotion.io.hdf5 import FLAT, PROJECTION, NXtomo
-from grainmotion.io.nxtomo_records import DISTANCE, MONITOR, PIXEL_SIZES, TRANSLATIONS, Record
+from grainmotion.io.nxtomo_records import MONITOR, TRANSLATIONS, Record
 from grainmotion.model.finding import Finding, Level
 from grainmotion.model.geometry import Geometry
 from grainmotion.rotations import rotation_matrix
@@ -35,8 +35,6 @@ STEADY_MONITOR = 1e-4
 """Variation of a monitor, relative, up to which nothing is divided."""
 MAX_MONITOR_RATIO = 20.0
 """Largest over smallest number of a monitor that is one: a clock, a counter or noise about zero exceed it."""
-MAX_SIZE_RATIO = 1.02
-"""Two sizes told of one thing that differ by more contradict each other."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +43,7 @@ class CircularScan:
 
     table: Circular
     angles_deg: Float
+    findings: tuple[Finding, ...] = ()  # how the angles were found, where it is not obvious
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,11 +113,9 @@ def stage_shifts(where: str, nxtomo: NXtomo, origin: NXtomo | None, motors: Moto
 def recorded_geometry(
     where: str, nxtomo: NXtomo, told: Told, recorded: Recorded
 ) -> tuple[Geometry, tuple[Finding, ...]]:
-    """The views with the stage where the file records it, and findings about stage and detector."""
+    """The views with the stage where the file records it, and findings about the stage."""
     geometry, circle, shifts = told.geometry, told.circle, recorded.shifts
     findings = list(recorded.findings)
-    if circle is not None:
-        findings += size_findings(where, nxtomo, circle.table, geometry)
     if shifts is not None and len(geometry) != len(shifts):
         shifts = shifts[told.views] if told.views is not None and len(told.views) == len(geometry) else None
     if shifts is None:
@@ -167,33 +164,6 @@ def moved_geometry(
     if geometry.beam == "cone":
         vectors[:, :3] -= back
     return Geometry(vectors, geometry.shape, geometry.beam)
-
-
-def size_findings(where: str, nxtomo: NXtomo, table: Circular, geometry: Geometry) -> tuple[Finding, ...]:
-    """Pixel size and distance of the file that contradict those of the experiment file."""
-    found = []
-    assert table.pixel_size is not None  # the geometry follows from it
-    told = {table.pixel_size, geometry.pixel_at((0, 0, 0))}
-    for name in PIXEL_SIZES:
-        found += _contradiction(where, nxtomo, name, told, "pixel_size", table.pixel_size)
-    if table.source_to_axis is not None and table.source_to_detector is not None and geometry.beam == "cone":
-        distance = table.source_to_detector - table.source_to_axis
-        told = {distance, table.source_to_detector}
-        found += _contradiction(where, nxtomo, DISTANCE, told, "source_to_detector less source_to_axis", distance)
-    return tuple(found)
-
-
-def _contradiction(where: str, nxtomo: NXtomo, name: str, told: set[float], key: str, value: float) -> list[Finding]:
-    record = _named(nxtomo, name)
-    if record is None or record.problem or not np.isfinite(record.values[0]) or record.values[0] <= 0:
-        return []
-    scales = {record.scale or 1.0} if record.unit else {1e3, 1.0, 1e-3}  # metres, mm and µm are usual
-    lengths = [record.values[0] * scale for scale in scales]
-    if any(1 / MAX_SIZE_RATIO < length / t < MAX_SIZE_RATIO for length in lengths for t in told):
-        return []
-    fact = f"{name} of the file contradicts {key}; the latter was used"
-    evidence = f"{record.values[0]:.5g} {record.unit or '(no unit)'} and {value:.5g} mm"
-    return [Finding(Level.WARNING, "sizes", where, fact, evidence, "correct the one that is wrong")]
 
 
 def _monitor_problem(values: Float, flats: Float | None) -> str:

@@ -115,8 +115,8 @@ def find_scan(
     views = _chosen_views(key, table.views, count)
     nxtomo, recorded, circle = radiographs.nxtomo, list[Finding](), None
     if geometry is None:
-        geometry, circle = find_views(sources, (rows, columns))
-        recorded += overridden(sources, circle)
+        geometry, circle = find_views(sources, radiographs)
+        recorded += [*overridden(sources, circle, geometry), *(circle.findings if circle else ())]
         if nxtomo is not None:
             origin = None if reference.radiographs is None else _radiographs(sources.of_reference).nxtomo
             motors = reference.motors if table.motors is None else table.motors

@@ -11,21 +11,25 @@ from pydantic import ValidationError
 
 from grainmotion._typing import Beam, Float, Kind
 from grainmotion.errors import InputError
-from grainmotion.experiment.circular import circular_geometry, scan_angles_deg
+from grainmotion.experiment.circular import circular_geometry
 from grainmotion.experiment.config import Circular, ReferenceTable, ScanTable
 from grainmotion.experiment.config_errors import input_error
 from grainmotion.experiment.inherited_keys import ANGLE_KEYS, TOLD_BY_FILES
 from grainmotion.experiment.recorded import CircularScan
+from grainmotion.experiment.scan_angles import RadiographFiles, scan_angles_deg
 from grainmotion.io.files import checked_file
 from grainmotion.io.locate import locate
 from grainmotion.io.scanners.description import ScannerFile
 from grainmotion.io.scanners.identify import is_scanner_file, is_view_file, read_scanner_file, read_views
-from grainmotion.io.scanners.view_tables import Panel
+from grainmotion.io.scanners.view_panel import Panel
+from grainmotion.io.stacks import Stack
 from grainmotion.model.finding import Finding, Level
 from grainmotion.model.geometry import Geometry
 
 MAX_NUMBER_RATIO = 1.02
 """A length of the experiment file that differs by more from the scanner's is probably a mistake in one of them."""
+KEYS_BESIDE_VIEWS = ("file", "beam", "pixel_size", "first_row", "detector_offset")
+"""Keys that readers of views use."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,8 +93,9 @@ class ScanSources:
         return self.table.beam or self.reference.beam or (told.beam if told else None) or _file_beam(self) or "cone"
 
 
-def find_views(sources: ScanSources, shape: tuple[int, int]) -> tuple[Geometry, CircularScan | None]:
-    """The views of a scan on a panel of ``shape`` pixels, and its circle if they follow from one."""
+def find_views(sources: ScanSources, radiographs: Stack) -> tuple[Geometry, CircularScan | None]:
+    """The views of a scan on the panel of its radiographs, and its circle if they follow from one."""
+    shape = radiographs.info()[0][1:]
     given, own = sources.table.geometry, sources.own
     if isinstance(given, str):
         given = Circular(file=given, pixel_size=None, first_row=None)
@@ -100,8 +105,10 @@ def find_views(sources: ScanSources, shape: tuple[int, int]) -> tuple[Geometry, 
     if given is not None and name is not None:
         path, key = checked_file(sources.folder / name), f"{sources.key}.geometry"
         if is_view_file(path):
+            _check_keys(sources, given)
             beam = given.beam or sources.fallback_beam(given)
-            return read_views(path, Panel(shape, given.pixel_size, given.first_row, beam)), None  # of images as stored
+            panel = Panel(shape, given.pixel_size, given.first_row, beam, given.detector_offset)
+            return read_views(path, panel), None  # of images as stored
         if not is_scanner_file(name):
             raise InputError(f"{path} ({key})", "it is no file with the views of a scan", "see docs/scanners.md")
         own = _read(path, key)
@@ -109,17 +116,28 @@ def find_views(sources: ScanSources, shape: tuple[int, int]) -> tuple[Geometry, 
             return own.placed(_on_panel(own.views, shape, own)), None
     circle = _circle(sources, given, own)
     try:
-        angles = scan_angles_deg(circle, sources.folder, None if own is None else own.circle.angles_deg)
+        recorded = None if own is None else own.circle.angles_deg
+        angles, found = scan_angles_deg(circle, sources.folder, RadiographFiles.of(radiographs), recorded)
         beam = circle.beam or sources.fallback_beam(circle)
         geometry = circular_geometry(circle, beam, shape, angles)
     except InputError as error:
         where = error.where if error.where.startswith(str(sources.folder)) else f"{sources.key}.{error.where}"
-        raise InputError(where, error.fact, error.remedy) from error
-    return _placed(geometry, own, sources.origin), CircularScan(circle, angles)
+        raise InputError(where, _explained(error.where, error.fact, own), error.remedy) from error
+    found = tuple(replace(f, where=f"{sources.key}.{f.where}") for f in found)
+    return _placed(geometry, own, sources.origin), CircularScan(circle, angles, found)
 
 
-def overridden(sources: ScanSources, circle: CircularScan | None) -> tuple[Finding, ...]:
-    """Numbers of the scanner's file that the experiment file overrides; lengths that differ much are doubtful."""
+def _explained(where: str, fact: str, own: ScannerFile | None) -> str:
+    """The fact that a key is missing, with what the scanner's file says instead of it."""
+    why = [] if own is None else [text for key, text in own.unclear if where == f"geometry.{key}"]
+    return f"{fact}; {own.path.name} does not tell it: {why[0]}" if own is not None and why else fact
+
+
+def overridden(sources: ScanSources, circle: CircularScan | None, geometry: Geometry) -> tuple[Finding, ...]:
+    """Numbers of the scanner's file that the experiment file overrides; lengths that differ much are doubtful.
+
+    A file may tell the pixel at the sample instead of that on the panel.
+    """
     own = sources.told or sources.origin
     if own is None or circle is None:
         return ()
@@ -128,15 +146,28 @@ def overridden(sources: ScanSources, circle: CircularScan | None) -> tuple[Findi
         told = getattr(circle.table, name)
         if told is None or told == value:
             continue
-        where = f"{sources.key}.geometry.{name}"
-        fact = f"{told} of the experiment file is used, not {value} of {own.path.name}"
-        level, remedy = Level.NOTE, ""
-        if isinstance(value, float) and isinstance(told, float) and value > 0:
-            if 1 / MAX_NUMBER_RATIO < told / value < MAX_NUMBER_RATIO:
-                continue
-            level, remedy = Level.WARNING, "leave the key out unless the scanner's file is known to be wrong"
-        found.append(Finding(level, "sizes", where, fact, remedy=remedy))
+        also = (geometry.pixel_at((0, 0, 0)),) if name == "pixel_size" else ()
+        found += _contradiction(sources.key, name, (told, *also), value, own)
+    table = circle.table
+    if own.axis_to_detector and table.source_to_axis and table.source_to_detector and geometry.beam == "cone":
+        distances = (table.source_to_detector - table.source_to_axis, table.source_to_detector)
+        name = "source_to_detector less source_to_axis"
+        found += _contradiction(sources.key, name, distances, own.axis_to_detector, own)
     return tuple(found)
+
+
+def _contradiction(key: str, name: str, told: tuple[object, ...], value: object, own: ScannerFile) -> list[Finding]:
+    """A finding about what is told and a file's own ``value``, none about lengths that are nearly equal."""
+    where, shown = f"{key}.geometry.{name}", f"{told[0]} of the experiment file, {value} of {own.path.name}"
+    if not isinstance(value, float) or value <= 0 or not isinstance(told[0], float):
+        fact = f"{name} of the experiment file is used, not that of {own.path.name}"
+        return [Finding(Level.NOTE, "sizes", where, fact, shown)]
+    if any(isinstance(t, float) and 1 / MAX_NUMBER_RATIO < t / value < MAX_NUMBER_RATIO for t in told):
+        return []
+    fact = f"{name} of the experiment file contradicts {own.path.name}; the former is used"
+    remedy = "leave the key out unless the scanner's file is known to be wrong"
+    shown = f"{told[0]:.5g} mm of the experiment file, {value:.5g} mm of {own.path.name}"
+    return [Finding(Level.WARNING, "sizes", where, fact, shown, remedy)]
 
 
 def _circle(sources: ScanSources, given: Circular | None, own: ScannerFile | None) -> Circular:
@@ -151,6 +182,7 @@ def _circle(sources: ScanSources, given: Circular | None, own: ScannerFile | Non
         numbers |= {k: v for k, v in _set_keys(told).items() if k not in (*ANGLE_KEYS, "file")}
     if given is not None:
         numbers |= _set_keys(given)
+    _complete(numbers, sources, own)
     told_by_file = own is not None and (own.circle.angles_deg is not None or bool(own.circle.known))
     if given is None and not told_by_file and (own is None or told is None):
         raise InputError(
@@ -170,6 +202,30 @@ def _placed(geometry: Geometry, own: ScannerFile | None, origin: ScannerFile | N
     if own is None and origin is not None:
         own = replace(origin, image_shifts=None)
     return geometry if own is None else own.placed(geometry)
+
+
+def _check_keys(sources: ScanSources, given: Circular) -> None:
+    """Refuse keys of a circle beside a file of views, unless they are inherited."""
+    told = sources.reference.geometry if isinstance(sources.reference.geometry, Circular) else None
+    inherited = {} if told is None or sources.table is sources.reference else _set_keys(told)
+    for name, value in _set_keys(given).items():
+        if name not in KEYS_BESIDE_VIEWS and inherited.get(name) != value:
+            fact = f"it has no effect beside {given.file}, which holds whole positions"
+            raise InputError(f"{sources.key}.geometry.{name}", fact, "leave it out")
+
+
+def _complete(numbers: dict[str, object], sources: ScanSources, own: ScannerFile | None) -> None:
+    """Add the panel's distance where the files tell it from the axis, and refuse distances in a parallel beam."""
+    file = own or sources.origin
+    source, panel = numbers.get("source_to_axis"), numbers.get("source_to_detector")
+    if file is None or not isinstance(source, float):
+        return
+    if panel is None and file.axis_to_detector is not None:
+        numbers["source_to_detector"] = source + file.axis_to_detector
+    if numbers.get("beam") == file.circle.beam == "parallel" and file.circle.source_to_axis is None:
+        fact = f"it is given, but {file.path.name} is of a parallel beam"
+        remedy = 'set beam = "cone" if the source is near, else leave the distances out'
+        raise InputError(f"{sources.key}.geometry.source_to_axis", fact, remedy)
 
 
 def _set_keys(table: Circular) -> dict[str, object]:

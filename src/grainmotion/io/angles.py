@@ -66,7 +66,7 @@ def read_angles(path: str | Path) -> Float:
     widths = {len(row) for row in rows}
     if len(rows) == 1 or widths == {1}:
         angles = np.array([value for row in rows for value in row])
-        return in_degrees(angles, _unit_of(" ".join(header)), str(path))
+        return in_degrees(angles, unit_in_header(" ".join(header)), str(path))
     if len(widths) > 1:
         k = next(k for (k, _), row in zip(lines, rows) if len(row) != len(rows[0]))
         fact = f"line {k} has another number of columns than line {lines[0][0]}, {len(rows[0])}"
@@ -129,7 +129,7 @@ def _counts(cells: Sequence[str]) -> bool:
     return len(values) > 1 and values[0] in (0, 1) and values == list(range(values[0], values[0] + len(values)))
 
 
-def _unit_of(name: str) -> str:
+def unit_in_header(name: str) -> str:
     """The unit in the name of a column: radians if it says so, else degrees."""
     unit = re.search(r"(?<![a-z])(m?rad(ian)?s?)(?![a-z])", name.lower())
     return unit.group(1) if unit else ""
@@ -161,7 +161,7 @@ def _angle_column(table: Float, header: list[str], path: Path) -> Float:
     counts = [k for k in range(table.shape[1]) if np.array_equal(table[:, k] - table[0, k], views)
               and table[0, k] in (0, 1)]  # fmt: skip
     if len(header) == table.shape[1] and len(named) == 1:
-        return in_degrees(table[:, named[0]], _unit_of(header[named[0]]), str(path))
+        return in_degrees(table[:, named[0]], unit_in_header(header[named[0]]), str(path))
     if table.shape[1] == 2 and counts == [0] and len(table) > 2:
         return table[:, 1]
     fact = f"it has {table.shape[1]} columns, and which of them holds the angles is not clear"

@@ -16,6 +16,7 @@ from grainmotion._typing import Float, Index, Pixels
 from grainmotion.errors import InputError
 from grainmotion.io.angles import in_degrees
 from grainmotion.io.files import checked_file
+from grainmotion.io.hdf5_numbers import unit_of
 from grainmotion.io.hdf5_sources import check_link, check_sources, check_written
 from grainmotion.io.nxtomo_records import Record, read_records
 
@@ -62,7 +63,7 @@ def read_angles_deg(path: str | Path, inner: str) -> Float:
         values = np.asarray(data[()])
         if values.dtype.kind not in "iuf":
             raise InputError(f"{path}::{inner}", f"it holds {data.dtype}, no numbers", "name a dataset of angles")
-        return in_degrees(values.astype(float).ravel(), _unit(data), f"{path}::{inner}")
+        return in_degrees(values.astype(float).ravel(), unit_of(data), f"{path}::{inner}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +77,11 @@ class NXtomo:
     shape: tuple[int, int]  # rows and columns of a frame
     dtype: np.dtype
     records: tuple[Record, ...] = ()  # of beam, stage and detector
+
+    @property
+    def entry(self) -> str:
+        """Path of the NXtomo entry in the file."""
+        return self.data.removesuffix("/instrument/detector/data")
 
     @property
     def projection_angles_deg(self) -> Float:
@@ -159,14 +165,7 @@ def _angles_deg(entry: h5py.Group, frames: int) -> Float:
     if len(values) != frames:
         fact = f"{len(values)} rotation angles for {frames} frames"
         raise InputError(str(entry.file.filename), fact, "give one rotation_angle a frame")
-    return in_degrees(values, _unit(angles), f"{entry.file.filename}::{angles.name}")
-
-
-def _unit(data: h5py.Dataset) -> str:
-    """The attribute ``units``: a string, bytes, or an array of one of them; empty without it."""
-    unit = np.asarray(data.attrs.get("units", data.attrs.get("unit", ""))).ravel()
-    first = unit[0] if len(unit) else ""
-    return first.decode(errors="replace") if isinstance(first, bytes) else str(first)
+    return in_degrees(values, unit_of(angles), f"{entry.file.filename}::{angles.name}")
 
 
 def dataset_in(file: h5py.File, path: str | Path, inner: str) -> h5py.Dataset:

@@ -1,4 +1,4 @@
-"""Numbers that an NXtomo file holds beside its frames: beam monitor, translations of the stage, detector's sizes."""
+"""Numbers of each frame that an NXtomo file holds beside its frames: beam monitor, translations of the stage."""
 
 from __future__ import annotations
 
@@ -8,17 +8,10 @@ import h5py
 import numpy as np
 
 from grainmotion._typing import Float
+from grainmotion.io.hdf5_numbers import MILLIMETRES, unit_of
 
 MONITOR = "control/data"
 TRANSLATIONS = ("sample/x_translation", "sample/y_translation", "sample/z_translation")
-PIXEL_SIZES = ("instrument/detector/x_pixel_size", "instrument/detector/y_pixel_size")
-DISTANCE = "instrument/detector/distance"
-MILLIMETRES = {
-    "m": 1e3, "meter": 1e3, "metre": 1e3, "meters": 1e3, "metres": 1e3, "cm": 10.0, "mm": 1.0, "millimeter": 1.0,
-    "millimetre": 1.0, "um": 1e-3, "µm": 1e-3, "μm": 1e-3, "micron": 1e-3, "microns": 1e-3, "micrometer": 1e-3,
-    "micrometre": 1e-3, "nm": 1e-6,
-}  # fmt: skip
-"""Length of a unit, by its name in lower case."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,13 +43,12 @@ class Record:
 
 def read_records(entry: h5py.Group, frames: int) -> tuple[Record, ...]:
     """The records that an entry holds, of those known here."""
-    names = (MONITOR, *TRANSLATIONS, *PIXEL_SIZES, DISTANCE)
+    names = (MONITOR, *TRANSLATIONS)
     return tuple(_record(entry[name], name, frames) for name in names if isinstance(entry.get(name), h5py.Dataset))
 
 
 def _record(data: h5py.Dataset, name: str, frames: int) -> Record:
-    unit = data.attrs.get("units", "")
-    unit = unit.decode() if isinstance(unit, bytes) else str(unit)
+    unit = unit_of(data)
     try:
         values = np.asarray(data[()], dtype=float).ravel()
     except (TypeError, ValueError):

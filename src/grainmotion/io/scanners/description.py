@@ -85,6 +85,10 @@ class ScannerFile:
         Features of each view lie so many columns and rows (pixels) further than the circle or ``views`` say.
     beam_levels : (n,) array, optional
         Intensity of the open beam in each view over that in the flats.
+    axis_to_detector : float, optional
+        mm, of files that tell it without the place of the source.
+    unclear : tuple of (str, str)
+        Keys of the circle that the file holds in a way that cannot be used, and why: they have to be given.
     facts : tuple of (str, str)
         What else a user wants to see of the file, label and text: voltage, date, sample.
     findings : tuple of Finding
@@ -103,6 +107,8 @@ class ScannerFile:
     mirrored: bool = False
     image_shifts: Float | None = None
     beam_levels: Float | None = None
+    axis_to_detector: float | None = None
+    unclear: tuple[tuple[str, str], ...] = ()
     facts: tuple[tuple[str, str], ...] = ()
     findings: tuple[Finding, ...] = ()
 

@@ -8,19 +8,27 @@ from types import MappingProxyType
 
 from grainmotion.io.formats import HDF5, TXRM
 from grainmotion.io.scanners.bruker import read_bruker_scan
+from grainmotion.io.scanners.data_exchange import is_data_exchange, read_data_exchange
 from grainmotion.io.scanners.description import ScannerFile
 from grainmotion.io.scanners.nikon import read_nikon_scan
 from grainmotion.io.scanners.nsi import read_nsi_scan
 from grainmotion.io.scanners.nxtomo import read_nxtomo_scan
 from grainmotion.io.scanners.phoenix import read_phoenix_scan
 from grainmotion.io.scanners.rx_solutions import read_rx_scan
-from grainmotion.io.scanners.view_tables import VIEW_READERS, Panel
+from grainmotion.io.scanners.view_panel import Panel
+from grainmotion.io.scanners.view_tables import VIEW_READERS
 from grainmotion.io.scanners.zeiss import read_zeiss_scan
 from grainmotion.model.geometry import Geometry
 
+
+def _read_hdf5(path: Path) -> ScannerFile:
+    """What a file of Data Exchange or NXtomo tells, by its groups."""
+    return read_data_exchange(path) if is_data_exchange(path) else read_nxtomo_scan(path)
+
+
 Reader = Callable[[Path], ScannerFile]
 READERS: Mapping[str, Reader] = MappingProxyType({
-    **dict.fromkeys(HDF5, read_nxtomo_scan),
+    **dict.fromkeys(HDF5, _read_hdf5),
     **dict.fromkeys(TXRM, read_zeiss_scan),
     ".xtekct": read_nikon_scan,
     ".log": read_bruker_scan,

@@ -1,39 +1,17 @@
-"""Files that hold whole positions of source and panel in each view, and what they need to know of the panel."""
+"""Files that hold whole positions of source and panel in each view, with a reader a suffix."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Literal
 
-from grainmotion._typing import Beam
 from grainmotion.io.geometry_csv import read_geometry
+from grainmotion.io.scanners.astra_vectors import read_astra_vectors
+from grainmotion.io.scanners.rtk import read_rtk
 from grainmotion.io.scanners.rx_table import is_rx_table, read_rx_table
+from grainmotion.io.scanners.view_panel import Panel
 from grainmotion.model.geometry import Geometry
-
-
-@dataclass(frozen=True)
-class Panel:
-    """What images and experiment file tell of a panel.
-
-    Attributes
-    ----------
-    shape : (int, int)
-        Rows and columns of the images.
-    pixel_size : float, optional
-        mm; only formats without the pixels' steps need it.
-    first_row : {"top", "bottom"}, optional
-        Where row 0 of the images lies; only formats that do not tell need it.
-    beam : {"cone", "parallel"}
-        Kind of beam, of formats that do not tell.
-    """
-
-    shape: tuple[int, int]
-    pixel_size: float | None = None
-    first_row: Literal["top", "bottom"] | None = None
-    beam: Beam = "cone"
 
 
 def _read_csv(path: Path, panel: Panel) -> Geometry:
@@ -43,5 +21,7 @@ def _read_csv(path: Path, panel: Panel) -> Geometry:
 
 
 ViewReader = Callable[[Path, Panel], Geometry]
-VIEW_READERS: Mapping[str, ViewReader] = MappingProxyType({".csv": _read_csv, ".txt": _read_csv})
+VIEW_READERS: Mapping[str, ViewReader] = MappingProxyType({
+    ".csv": _read_csv, ".txt": _read_csv, ".npy": read_astra_vectors, ".geom": read_astra_vectors, ".xml": read_rtk,
+})  # fmt: skip
 """Reader of the files with a suffix, in lower case."""
