@@ -149,10 +149,11 @@ def overridden(sources: ScanSources, circle: CircularScan | None, geometry: Geom
         also = (geometry.pixel_at((0, 0, 0)),) if name == "pixel_size" else ()
         found += _contradiction(sources.key, name, (told, *also), value, own)
     table = circle.table
-    if own.axis_to_detector and table.source_to_axis and table.source_to_detector and geometry.beam == "cone":
+    alone = own.axis_to_detector if own.circle.source_to_detector is None else None
+    if alone and table.source_to_axis and table.source_to_detector and geometry.beam == "cone":
         distances = (table.source_to_detector - table.source_to_axis, table.source_to_detector)
         name = "source_to_detector less source_to_axis"
-        found += _contradiction(sources.key, name, distances, own.axis_to_detector, own)
+        found += _contradiction(sources.key, name, distances, alone, own)
     return tuple(found)
 
 

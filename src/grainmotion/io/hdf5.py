@@ -115,13 +115,14 @@ def read_nxtomo(path: str | Path) -> NXtomo:
     with opened(path) as file:
         for group in _groups(file):
             check_link(file, f"{group}/instrument/detector/data")
-        found = _entry(file)
-        if found is None:
-            fact = "no NXtomo entry with instrument/detector/data and image_key"
+        entries = nxtomo_entries(file)
+        if not entries:
+            fact = "no NXtomo entry with instrument/detector/data and image_key, and no group exchange"
             stacks = [name for name, shape in dataset_shapes(file).items() if len(shape) == 3]
             inside = f"; it holds {', '.join(stacks[:MAX_NAMES_IN_AN_ERROR])}" if stacks else ""
             example = stacks[0] if stacks else "/path/to/data"
             raise InputError(str(path), fact + inside, f'name one dataset in it as "{Path(path).name}::{example}"')
+        found = entries[0]
         entry = file[found]
         detector = entry["instrument/detector"]
         data = detector["data"]
@@ -143,10 +144,10 @@ def read_nxtomo(path: str | Path) -> NXtomo:
         )
 
 
-def _entry(file: h5py.File) -> str | None:
-    """Path of the group that holds ``instrument/detector`` with frames and keys."""
+def nxtomo_entries(file: h5py.File) -> list[str]:
+    """Paths of the groups that hold ``instrument/detector`` with frames and keys."""
     needed = ("instrument/detector/data", "instrument/detector/image_key")
-    return next((path for path, group in _groups(file).items() if all(n in group for n in needed)), None)
+    return [path for path, group in _groups(file).items() if all(n in group for n in needed)]
 
 
 def _groups(file: h5py.File) -> dict[str, h5py.Group]:

@@ -54,7 +54,8 @@ def numbers_of(group: h5py.Group, name: str) -> Float | None:
 def number_of(group: h5py.Group, name: str) -> float | None:
     """The one number of a dataset, or that which all of its numbers are; None without it."""
     values = numbers_of(group, name)
-    return None if values is None or not np.all(values == values[0]) else float(values[0])
+    equal = values is not None and np.array_equal(values, np.full_like(values, values[0]), equal_nan=True)
+    return float(values[0]) if values is not None and equal else None
 
 
 def length_of(group: h5py.Group, name: str, *, bare: float | None = None) -> Length:

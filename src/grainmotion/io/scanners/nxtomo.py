@@ -16,10 +16,10 @@ import h5py
 import numpy as np
 
 from grainmotion._typing import Beam
-from grainmotion.io.hdf5 import NXtomo, opened, read_nxtomo
+from grainmotion.io.hdf5 import NXtomo, nxtomo_entries, opened, read_nxtomo
 from grainmotion.io.hdf5_numbers import Length, length_of, number_of, numbers_of, text_of
 from grainmotion.io.scanners.description import CircleNumbers, ScannerFile
-from grainmotion.io.scanners.nxtomo_detector import Flips, axis_column, flips_of
+from grainmotion.io.scanners.nxtomo_detector import Flips, axis_column, flips_of, version_of
 from grainmotion.model.finding import Finding, Level
 
 MAX_SPREAD_OF_PARALLEL_RAYS = 0.1
@@ -40,6 +40,13 @@ def read_nxtomo_scan(path: Path) -> ScannerFile:
         axis, unused = axis_column(entry[DETECTOR], file.shape[1])
         distance = length_of(entry, f"{DETECTOR}/distance")
         facts = _facts(entry)
+        others = [name for name in nxtomo_entries(content) if name != file.entry]
+    if others:
+        fact, remedy = (
+            f"the scan {file.entry} was read; it also holds {', '.join(others)}",
+            "copy another to its own file",
+        )
+        findings.append(Finding(Level.NOTE, "kind", "", fact, remedy=remedy))
     findings += [*flips.findings, *((unused,) if unused else ())]
     if axis is not None and circle.pixel_size is not None:
         right = axis - (file.shape[1] - 1) / 2
@@ -48,6 +55,7 @@ def read_nxtomo_scan(path: Path) -> ScannerFile:
         facts.append(("Rotation axis", f"column {axis:g}"))
     rows: Literal["top", "bottom"] | None = None if flips.upside_down is None else "top"
     rows = "bottom" if flips.upside_down else rows
+    facts += [] if rows is None else [("First row", f"{rows} of the sample, by the flips of the detector")]
     circle = replace(circle, first_row=rows, angles_deg=_angles(file, flips))
     return ScannerFile(
         path,
@@ -74,8 +82,10 @@ def _optics(entry: h5py.Group, file: NXtomo) -> tuple[CircleNumbers, list[tuple[
     source, panel = length_of(entry, "instrument/source/distance"), length_of(entry, f"{DETECTOR}/distance")
     on_panel, at_sample = _pixel(entry, DETECTOR), _pixel(entry, "sample")
     optical = number_of(entry, f"{DETECTOR}/magnification")
-    version = float(entry.attrs.get("version", np.nan)) if _is_number(entry.attrs.get("version")) else np.nan
-    if at_sample.mm is None and (f"{DETECTOR}/real_x_pixel_size" in entry or version < SAMPLE_PIXEL_SINCE):
+    version = version_of(entry)
+    if at_sample.mm is None and (
+        f"{DETECTOR}/real_x_pixel_size" in entry or (version is not None and version < SAMPLE_PIXEL_SINCE)
+    ):
         on_panel, at_sample = Length(), on_panel
     unclear = [("source_to_axis", source.problem), ("source_to_detector", panel.problem)]
     findings: list[Finding] = []
@@ -127,14 +137,6 @@ def _pixel(entry: h5py.Group, group: str) -> Length:
 
 def _alike(first: float | None, second: float | None) -> bool:
     return first is not None and second is not None and abs(first / second - 1) < 0.02
-
-
-def _is_number(value: object) -> bool:
-    try:
-        float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError):
-        return False
-    return True
 
 
 def _facts(entry: h5py.Group) -> list[tuple[str, str]]:

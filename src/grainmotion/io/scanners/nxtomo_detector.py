@@ -114,13 +114,19 @@ def _transformations(detector: h5py.Group) -> Iterator[h5py.Dataset]:
                 yield from (item for item in group.values() if isinstance(item, h5py.Dataset))
 
 
+def version_of(entry: h5py.Group) -> float | None:
+    """Version of the ESRF's files; None of others."""
+    try:
+        return float(entry.attrs["version"])
+    except (KeyError, TypeError, ValueError):
+        return None
+
+
 def _frame(entry: h5py.Group) -> tuple[int, int]:
     """Which axis of the file's transformations is vertical, and which is horizontal across the beam."""
-    try:
-        version = float(entry.attrs.get("version", FIRST_NEXUS_FRAME))
-    except (TypeError, ValueError):
-        version = FIRST_NEXUS_FRAME
-    return (1, 0) if version >= FIRST_NEXUS_FRAME or "NeXus_Coordinate_System" in entry.attrs else (2, 1)
+    version = version_of(entry)
+    nexus = version is None or version >= FIRST_NEXUS_FRAME or "NeXus_Coordinate_System" in entry.attrs
+    return (1, 0) if nexus else (2, 1)
 
 
 def _counter_clockwise(entry: h5py.Group, up: int) -> bool:
