@@ -23,7 +23,7 @@ ORDERS = {
     "golden ratio, wrapped": np.arange(VIEWS) * GOLDEN % 360,
     "interlaced": np.concatenate([np.arange(k, VIEWS, 4) for k in (0, 2, 1, 3)]) * 360 / VIEWS,
     "two turns, interlaced": np.arange(VIEWS) * 12.0 + np.repeat([0.0, 6.0], VIEWS // 2),
-    "three turns": np.arange(VIEWS) * 18.0 + 0.05 * np.arange(VIEWS),
+    "three turns": np.arange(VIEWS) * 18.0 + np.arange(VIEWS) // 20 * 6,
     "backwards": 360 - np.arange(VIEWS) * 6.0,
     "returns at the end": np.r_[np.arange(VIEWS - 3) * 360 / (VIEWS - 3), 270.0, 180.0, 90.0],
 }

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from grainmotion.errors import InputError
-from grainmotion.io.scanners.rtk import is_rtk, read_rtk
+from grainmotion.io.scanners.rtk import read_rtk
 from grainmotion.io.scanners.view_panel import Panel
 from lab_scanner import ball_images
 from read_experiment_scan import misfit, reference_of
@@ -113,9 +113,3 @@ def test_bad_files(tmp_path, change, match):
         altered(tmp_path, change)
     assert "changed.xml" in str(error.value)
     assert "\n" not in str(error.value)
-
-
-def test_only_files_of_rtk_are_taken_for_them(tmp_path):
-    assert is_rtk(DATA / "cone.xml")
-    (tmp_path / "other.xml").write_text("<unireconstruction/>")
-    assert not is_rtk(tmp_path / "other.xml")

@@ -19,7 +19,7 @@ from grainmotion.io.named_angles import joined_angles_deg, read_named_angles
 from grainmotion.io.stacks import Stack
 from grainmotion.model.finding import Finding, Level
 
-ANGLES_KEY = "geometry.angles_deg"
+ANGLES_PLACE = "geometry.angles_deg"
 IN_NAMES = "names"
 """Value of ``angles_deg`` for the numbers in the names of the radiographs."""
 MAX_FILES_SHOWN = 4
@@ -63,7 +63,7 @@ def scan_angles_deg(
     keys = {"first": table.first, "last": table.last, "count": table.count, "step": table.step}
     given = [name for name, value in keys.items() if value is not None]
     if angles is not None and given:
-        raise InputError(ANGLES_KEY, f"angles_deg and {', '.join(given)} are both given", "give either")
+        raise InputError(ANGLES_PLACE, f"angles_deg and {', '.join(given)} are both given", "give either")
     if table.step is not None:
         return _by_steps(table, files)
     if given and len(given) < 3:
@@ -82,7 +82,9 @@ def scan_angles_deg(
         return np.linspace(table.first, table.last, table.count), ()
     if recorded is not None:
         return recorded, ()
-    raise InputError(ANGLES_KEY, "it is missing", "give a list, a text file, first and step, or first, last and count")
+    raise InputError(
+        ANGLES_PLACE, "it is missing", "give a list, a text file, first and step, or first, last and count"
+    )
 
 
 def _by_steps(table: Circular, files: RadiographFiles) -> tuple[Float, tuple[Finding, ...]]:
@@ -117,19 +119,19 @@ def _by_steps(table: Circular, files: RadiographFiles) -> tuple[Float, tuple[Fin
 def _in_names(files: RadiographFiles) -> tuple[Float, tuple[Finding, ...]]:
     """The angles in the names of the files, and a finding that says which number was taken."""
     if not files.names:
-        raise InputError(ANGLES_KEY, f'"{IN_NAMES}" needs one file a radiograph, unlike {files.spec}', LIST_THEM)
+        raise InputError(ANGLES_PLACE, f'"{IN_NAMES}" needs one file a radiograph, unlike {files.spec}', LIST_THEM)
     series = series_of(files.names)
     if len(series) > 1:
         strangers = [files.names[k] for s in series[1:] for k in s.places][:MAX_FILES_SHOWN]
         fact = f"{', '.join(strangers)} of {files.spec} are named unlike {series[0].pattern}"
-        raise InputError(ANGLES_KEY, fact, "narrow the pattern to files of one name, or " + LIST_THEM)
+        raise InputError(ANGLES_PLACE, fact, "narrow the pattern to files of one name, or " + LIST_THEM)
     field = _angle_field(series[0], files.names[0])
     angles = np.empty(files.count)
     angles[list(series[0].places)] = series[0].numbers[:, field]
     shown = ", ".join(f"{a:g}" for a in angles[:MAX_FILES_SHOWN]) + (", ..." if len(angles) > MAX_FILES_SHOWN else "")
     texts = [*series[0].texts, ""]
     fact = f"the angles are the numbers after '{texts[field]}' in the files' names: {shown} degrees"
-    return angles, (Finding(Level.NOTE, FILE_SERIES, ANGLES_KEY, fact, f"first file {files.names[0]}"),)
+    return angles, (Finding(Level.NOTE, FILE_SERIES, ANGLES_PLACE, fact, f"first file {files.names[0]}"),)
 
 
 def _angle_field(series: Series, name: str) -> int:
@@ -139,15 +141,15 @@ def _angle_field(series: Series, name: str) -> int:
         return field
     varying = series.varying
     if not varying:
-        raise InputError(ANGLES_KEY, f"the names carry no angle: {name}", LIST_THEM)
+        raise InputError(ANGLES_PLACE, f"the names carry no angle: {name}", LIST_THEM)
     if len(varying) > 1:
         numbers = ", ".join(series.digits[k] for k in varying)
         fact = f"which number is the angle is not clear: {numbers} in {name}"
-        raise InputError(ANGLES_KEY, fact, "rename the files so that 'deg' stands beside the angle, or " + LIST_THEM)
+        raise InputError(ANGLES_PLACE, fact, "rename the files so that 'deg' stands beside the angle, or " + LIST_THEM)
     steps = np.diff(np.sort(series.numbers[:, varying[0]]))
     if np.all(steps == 1):
         fact = f"the only number in the names, {series.digits[varying[0]]} in {name}, counts the files"
-        raise InputError(ANGLES_KEY, fact, "give first and step; whole degrees are first = 0, step = 1")
+        raise InputError(ANGLES_PLACE, fact, "give first and step; whole degrees are first = 0, step = 1")
     return varying[0]
 
 

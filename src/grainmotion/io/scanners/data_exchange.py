@@ -20,8 +20,8 @@ from grainmotion.io.hdf5_sources import check_link
 from grainmotion.io.scanners.description import CircleNumbers, ScannerFile
 from grainmotion.model.finding import Finding, Level
 
-MAX_SPAN_IN_RADIANS = 6.4
-"""Angles that span more are degrees; those that span less and name no unit may be either."""
+MIN_SPAN_OF_DEGREES = 6.4
+"""Angles without a unit that span so much are degrees; those that span less may be radians."""
 MAX_PIXEL = 1.0
 """mm; a larger pixel without a unit is no number of metres."""
 INSTRUMENT = "measurement/instrument"
@@ -103,7 +103,7 @@ def _angles_deg(group: h5py.Group, count: int, path: Path) -> tuple[Float | None
     if not np.isfinite(theta).all():
         return None, "theta holds numbers that are not finite"
     unit = unit_of(group["theta"])
-    if not unit and np.ptp(theta) < MAX_SPAN_IN_RADIANS:
+    if not unit and np.ptp(theta) < MIN_SPAN_OF_DEGREES:
         return None, f"theta spans {np.ptp(theta):.4g} and names no unit"
     return in_degrees(theta, unit, where), ""
 

@@ -26,7 +26,6 @@ MAX_SPREAD_OF_PARALLEL_RAYS = 0.1
 """Rays of a source so far away that they diverge by less than this over the field, pixels, are parallel."""
 SAMPLE_PIXEL_SINCE = 1.5
 """Version of the ESRF's files from which ``detector/x_pixel_size`` is one of the panel."""
-MAX_PIXEL_RATIO = 1.001
 DETECTOR = "instrument/detector"
 
 
@@ -53,8 +52,7 @@ def read_nxtomo_scan(path: Path) -> ScannerFile:
         offset = circle.pixel_size * (right if flips.mirrored else -right)
         circle = replace(circle, detector_offset=(offset, 0.0))
         facts.append(("Rotation axis", f"column {axis:g}"))
-    rows: Literal["top", "bottom"] | None = None if flips.upside_down is None else "top"
-    rows = "bottom" if flips.upside_down else rows
+    rows: Literal["top", "bottom"] | None = {True: "bottom", False: "top", None: None}[flips.upside_down]
     facts += [] if rows is None else [("First row", f"{rows} of the sample, by the flips of the detector")]
     circle = replace(circle, first_row=rows, angles_deg=_angles(file, flips))
     return ScannerFile(
@@ -129,7 +127,7 @@ def _beam(entry: h5py.Group) -> Beam | None:
 def _pixel(entry: h5py.Group, group: str) -> Length:
     """Edge of a pixel."""
     across, up = (length_of(entry, f"{group}/{axis}_pixel_size") for axis in "xy")
-    if across.mm is not None and up.mm is not None and not 1 / MAX_PIXEL_RATIO < across.mm / up.mm < MAX_PIXEL_RATIO:
+    if across.mm is not None and up.mm is not None and abs(across.mm / up.mm - 1) > 1e-3:
         problem = f"{group} has pixels of {across.mm:.5g} x {up.mm:.5g} mm, which are no squares: give a file of views"
         return Length(problem=problem)
     return across if across.mm is None or across.mm > 0 else Length(problem=f"{group}/x_pixel_size is negative")
@@ -148,5 +146,5 @@ def _facts(entry: h5py.Group) -> list[tuple[str, str]]:
         unit = entry["instrument/beam/incident_energy"].attrs.get("units", "")
         facts.append(("Energy", f"{energy[0]:g} {unit}".strip()))
     distance = length_of(entry, "sample/propagation_distance").mm
-    facts += [] if distance is None else [("Propagation distance", f"{distance:g} mm")]
+    facts.append(("Propagation distance", "" if distance is None else f"{distance:g} mm"))
     return [(label, text) for label, text in facts if text]

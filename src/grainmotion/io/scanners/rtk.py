@@ -29,16 +29,6 @@ SHAPES: Mapping[str, float] = MappingProxyType(dict.fromkeys(
 MAX_MATRIX_ERROR = 1e-4
 """Of the largest number of a projection's matrix; RTK writes 15 digits."""
 TO_SAMPLE_FRAME = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
-BYTES_OF_A_HEADER = 4096
-
-
-def is_rtk(path: Path) -> bool:
-    """Whether a file is RTK's geometry, by its first lines."""
-    try:
-        with checked_file(path).open("rb") as file:
-            return ROOT.encode() in file.read(BYTES_OF_A_HEADER)
-    except OSError:
-        return False
 
 
 def read_rtk(path: Path, panel: Panel) -> Geometry:
@@ -122,7 +112,11 @@ def _root(path: Path) -> ElementTree.Element:
     except ElementTree.ParseError as error:
         raise InputError(str(path), f"truncated or malformed XML ({error})", "write it again with RTK") from error
     if root.tag != ROOT:
-        raise InputError(str(path), f"its root is {root.tag}, not {ROOT}", "give a geometry file of RTK")
+        raise InputError(
+            str(path),
+            f"its root is {root.tag}, not {ROOT}",
+            "give a geometry file of RTK, or unireconstruction.xml of RX Solutions",
+        )
     if root.get("version") not in VERSIONS:
         fact = f"version {root.get('version')} of the format, whose angles are others"
         raise InputError(str(path), fact, f"write it again with a newer RTK: version {VERSIONS[-1]}")
