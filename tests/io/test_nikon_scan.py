@@ -6,8 +6,10 @@ NikonDataReader of CIL 22 and later, which its authors checked on scans with a r
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import grainmotion
+from grainmotion.cli.app import app
 from grainmotion.errors import InputError
 from grainmotion.experiment.config import Circular, ReferenceTable, StateTable
 from grainmotion.experiment.scan_files import find_scan
@@ -279,6 +281,13 @@ def test_bare_images_of_a_state_are_seen_as_those_of_the_reference(tmp_path):
     circle = Circular(angles_deg=state, pixel_size=None, first_row=None)
     table = StateTable(name="step", radiographs=["step_*.tif"], geometry=circle)
     assert misfit(find_scan("states.step", table, reference, tmp_path)) < MAX_MISFIT
+
+
+def test_inspect_tells_the_sense_of_rotation_and_the_angles_of_the_file(tmp_path):
+    result = CliRunner().invoke(app, ["inspect", str(folder_of(tmp_path))])
+    text = " ".join(result.output.split())
+    assert "6 from 20 to 320 degrees in steps of 60" in text
+    assert "seen from above it turns clockwise" in text
 
 
 def test_fixes_undo_a_wrong_sense_of_rotation_and_a_wrong_side(tmp_path):

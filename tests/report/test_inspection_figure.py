@@ -29,9 +29,14 @@ def geometry(angles: np.ndarray, beam: str, first_row: str = "bottom") -> Geomet
 
 def drawn(angles: np.ndarray = ANGLES, beam: str = "cone", first_row: str = "bottom") -> DrawnScan:
     """A small grain high up in front of the axis, on the side of the source at 0 degrees."""
+    return DrawnScan(FirstViews.of("scan", simulated(angles, beam, first_row)), GRID)
+
+
+def simulated(angles: np.ndarray, beam: str, first_row: str = "bottom") -> Scan:
+    """All views of the grain."""
     views = geometry(angles, beam, first_row)
     grain = Particle(Ellipsoid(np.array([0.0, -3.0, 2.0]), np.full(3, 0.6), np.eye(3)), 0.5)
-    return DrawnScan(FirstViews.of("scan", Scan(line_integrals(Sample((grain,)), views), views)), GRID)
+    return Scan(line_integrals(Sample((grain,)), views), views)
 
 
 def centroids(scan: Scan) -> np.ndarray:
@@ -49,6 +54,18 @@ def test_the_followed_point_moves_like_a_grain_in_front(beam: str, sign: int):
     assert measured == pytest.approx(d.points[:, 0, 1] - 23.5, abs=0.35)  # both at 3 mm from the axis
     assert d.moves_right is bool(measured[1] > 0)
     assert ("counter-clockwise" in d.sentence) is d.moves_right
+
+
+@pytest.mark.parametrize("beam", ["cone", "parallel"])
+def test_images_from_behind_show_the_other_sense_of_rotation(beam: str):
+    d = drawn(ANGLES, beam)
+    flipped = geometry(ANGLES, beam).vectors * np.repeat([1, 1, -1, 1], 3)
+    views = Geometry(flipped, (40, 48), d.scan.geometry.beam)
+    scan = Scan(simulated(ANGLES, beam).line_integrals[:, :, ::-1], views)
+    behind = DrawnScan(FirstViews.of("scan", scan), GRID)
+    assert behind.moves_right is not d.moves_right
+    assert behind.sentence.split("turns ")[1] == d.sentence.split("turns ")[1]
+    assert "from behind" in behind.sentence
 
 
 @pytest.mark.parametrize("first_row", ["bottom", "top"])

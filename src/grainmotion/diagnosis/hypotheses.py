@@ -69,6 +69,12 @@ def stage_angles_deg(geometry: Geometry) -> Float:
     return np.rad2deg(np.unwrap(np.arctan2(u[:, 1], u[:, 0])))
 
 
+def seen_from_behind(geometry: Geometry) -> bool:
+    """Whether columns run to the left as the source sees the panel, as some scanners write their images."""
+    right = np.cross(geometry.rays[0], [0.0, 0.0, 1.0])
+    return float(geometry.u[0] @ right) < 0
+
+
 def _scaled_angles(factor: Callable[[int], float]) -> Change:
     """Steps between views multiplied by a factor that may depend on the number of views."""
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from grainmotion._typing import Float
-from grainmotion.diagnosis.hypotheses import stage_angles_deg
+from grainmotion.diagnosis.hypotheses import seen_from_behind, stage_angles_deg
 from grainmotion.errors import InputError
 from grainmotion.experiment.config import ReferenceTable
 from grainmotion.experiment.inspection import FirstViews, drawn_views
@@ -132,13 +132,16 @@ def _places(geometry: Geometry) -> list[tuple[str, str]]:
         facts.append(("Source to axis, to panel", f"{to_axis.mean():.6g} mm, {to_panel.mean():.6g} mm"))
     steps = f"{column_step:.6g} mm" if np.isclose(row_step, column_step) else f"{column_step:.6g} x {row_step:.6g} mm"
     facts.append(("Pixel, at the axis", f"{steps}, {at_axis:.6g} mm (magnification {column_step / at_axis:.4g})"))
-    facts.append(("Angles", angle_sentence(stage_angles_deg(geometry))))
+    behind = seen_from_behind(geometry)
+    facts.append(("Angles", angle_sentence(stage_angles_deg(geometry) + 180 * behind)))
     axis = geometry.project_points([[0.0, 0.0, 0.0]])[:, 0]
     middle = (np.array(geometry.shape) - 1) / 2
     row, column = np.nanmean(axis, axis=0) - middle
     facts.append(("Axis on the panel", f"{column:+.3f} columns and {row:+.3f} rows from its centre"))
     top = "the lowest" if geometry.v[:, 2].mean() > 0 else "the highest"
     facts.append(("Row 0", f"{top} row"))
+    if behind:
+        facts.append(("Column 0", "at the right, as the source sees the panel"))
     return facts
 
 

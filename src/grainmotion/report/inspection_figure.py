@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Arc, Circle, Rectangle
 
 from grainmotion._typing import Float
-from grainmotion.diagnosis.hypotheses import stage_angles_deg
+from grainmotion.diagnosis.hypotheses import seen_from_behind, stage_angles_deg
 from grainmotion.experiment.inspection import FirstViews
 from grainmotion.io.files import atomic_write
 from grainmotion.model.geometry import Geometry
@@ -87,9 +87,16 @@ class DrawnScan:
         up = "row 0 is the lowest" if self.upright else "row 0 is the highest"
         if self.moves_right is None:
             return f"{self.name}: {up} row"
-        side, sense = ("right", "counter-clockwise") if self.moves_right else ("left", "clockwise")
+        side = "right" if self.moves_right else "left"
+        behind = seen_from_behind(self.scan.geometry)
+        sense = "clockwise" if self.moves_right == behind else "counter-clockwise"
+        place = (
+            "the images show the panel from behind; the source's side"
+            if behind
+            else "with the source in front, the front"
+        )
         return (
-            f"{self.name}: {up} row; with the source in front, the front of the sample moves to the {side} after "
+            f"{self.name}: {up} row; {place} of the sample moves to the {side} after "
             f"view 0 (seen from above it turns {sense})"
         )
 
