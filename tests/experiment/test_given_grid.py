@@ -68,6 +68,10 @@ class TestVoxelSize:
             in finding.fact
         )
 
+    def test_a_size_that_cannot_be_is_compared_with_the_file(self, folder):
+        with pytest.raises(InputError, match=r"wrong units\?; volume\.tif tells voxels of 0\.1 mm, .* µm and mm"):
+            inputs_of(folder, TOML + "voxel_size = 100")
+
     def test_a_small_difference_is_no_warning(self, folder):
         inputs = inputs_of(folder, TOML + "voxel_size = 0.099")
         assert [f.level for f in voxel_findings(inputs.volume, inputs.grid, "")] == [Level.NOTE]

@@ -107,6 +107,13 @@ def test_voxels_and_their_size(tmp_path, name):
     np.testing.assert_array_equal(volume.read(), VOLUME)
 
 
+@pytest.mark.parametrize("axes", [(0,), (1,), (2,), (0, 1), (0, 2), (1, 2), (0, 1, 2)])
+def test_any_flip_would_be_noticed(axes):
+    """The test volume is unlike each of its mirror images, and its axes have different lengths."""
+    assert (np.flip(VOLUME, axes) != VOLUME).any()
+    assert len(set(SHAPE)) == 3
+
+
 @pytest.mark.parametrize("name", UNSIZED)
 def test_voxels_without_a_size(tmp_path, name):
     file, write = UNSIZED[name]

@@ -48,6 +48,12 @@ def _voxel_size(table: VolumeTable, volume: VolumeFile) -> float:
     return volume.voxel.size
 
 
+def other_size(volume: VolumeFile, grid: Volume) -> str:
+    """What to add to an error about lengths if the volume's file tells another voxel size; else empty."""
+    conflict = "" if volume.voxel is None else size_conflict(volume.voxel.edges, grid.voxel_size)
+    return f"; {volume.spec} tells voxels of {volume.voxel.text}{conflict}" if volume.voxel and conflict else ""
+
+
 def voxel_findings(volume: VolumeFile, grid: Volume, where: str) -> tuple[Finding, ...]:
     """What was noticed in the volume's file, and a voxel size in it that contradicts the experiment file."""
     found = [Finding(Level.NOTE, VOLUME_CHECK, where, note) for note in volume.notes]

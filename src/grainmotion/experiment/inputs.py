@@ -14,7 +14,7 @@ from grainmotion.diagnosis.label_shapes import shape_hint
 from grainmotion.errors import InputError
 from grainmotion.experiment.config import Experiment, ScanTable, StateTable
 from grainmotion.experiment.config_errors import together
-from grainmotion.experiment.given_grid import given_grid, named_volume
+from grainmotion.experiment.given_grid import given_grid, named_volume, other_size
 from grainmotion.experiment.scan_files import find_scan
 from grainmotion.experiment.scan_inputs import ScanInput
 from grainmotion.io.motions_csv import read_motions
@@ -71,7 +71,11 @@ def find_inputs(experiment: Experiment) -> Inputs:
     states = tuple(scans[f"states.{t.name}"] for t in tables.states)
     for scan in (reference, *states):
         if scan is not None:
-            check_plausible(scan.key, scan.geometry, grid)
+            try:
+                check_plausible(scan.key, scan.geometry, grid)
+            except InputError as error:
+                told = "" if volume is None else other_size(volume, grid)
+                raise InputError(error.where, error.fact + told, error.remedy) from error
     starts = tuple(_start(folder, t, grid) for t in tables.states)
     if volume is not None:
         return Inputs(None, states, starts, grid, volume, labels, reference)
