@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import gzip
+
+import nibabel
 import numpy as np
 import pytest
 import tifffile
@@ -165,6 +168,20 @@ class TestLabels:
         inputs = inputs_of(folder, TOML)
         with pytest.raises(InputError, match=rf"labels\.npy \(reference\.labels\): .*{message}"):
             read_given_labels(inputs.labels)
+
+    @pytest.mark.parametrize("key", ["volume", "labels"])
+    def test_a_truncated_file_is_named_with_its_key(self, folder, key):
+        array = sample().array.astype("f4") if key == "volume" else ball_labels().astype("i4")
+        data = gzip.compress(nibabel.Nifti1Image(array.T, np.diag([VOXEL] * 3 + [1])).to_bytes())
+        (folder / "a.nii.gz").write_bytes(data[: len(data) // 2])
+        given = {"volume": "volume.tif", "labels": "labels.npy"}[key]
+        inputs = inputs_of(folder, TOML.replace(given, "a.nii.gz") + "voxel_size = 0.1")
+        read = {
+            "volume": lambda: read_given_volume(inputs.volume, inputs.grid),
+            "labels": lambda: read_given_labels(inputs.labels),
+        }
+        with pytest.raises(InputError, match=rf"a\.nii\.gz \(reference\.{key}\): truncated or damaged gzip"):
+            read[key]()
 
     def test_a_volume_in_place_of_labels(self, folder):
         inputs = inputs_of(folder, TOML.replace("labels.npy", "volume.tif"))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,10 +27,22 @@ from grainmotion.reconstruction.settings import ReconstructSettings
 
 def read_given_volume(file: VolumeFile, grid: Volume) -> Volume:
     """The reference volume made by other software."""
+    with _named("reference.volume"):
+        array = file.read(np.float32).astype(np.float32, copy=False)
     try:
-        return Volume(file.read(np.float32).astype(np.float32, copy=False), grid.voxel_size, grid.center)
+        return Volume(array, grid.voxel_size, grid.center)
     except InputError as error:
         raise InputError(f"{file.spec} (reference.volume)", error.fact, error.remedy) from error
+
+
+@contextmanager
+def _named(key: str) -> Iterator[None]:
+    """Errors in reading a file name the key, too."""
+    try:
+        yield
+    except InputError as error:
+        where = error.where if f"({key})" in error.where else f"{error.where} ({key})"
+        raise InputError(where, error.fact, error.remedy) from error
 
 
 def seen_given_volume(inputs: Inputs) -> Volume:
@@ -53,7 +67,8 @@ class GivenLabels:
 def read_given_labels(file: VolumeFile) -> GivenLabels:
     """The labels made by other software, of any type of whole numbers."""
     where = f"{file.spec} (reference.labels)"
-    return GivenLabels(*label_array(file, where))
+    with _named("reference.labels"):
+        return GivenLabels(*label_array(file, where))
 
 
 def given_volume_findings(inputs: Inputs, volume: Volume, later: Scan | None) -> tuple[Finding, ...]:
