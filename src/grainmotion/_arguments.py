@@ -25,6 +25,8 @@ MAKE: Mapping[str, str] = MappingProxyType({
     "GrainSet": "give the grains of a reference: gm.Reference.from_scan(scan, grid).grains, or "
     "gm.grains_from_labels(volume, labels)",
     "Motions": "give the motions of gm.track(grains, scan), or gm.read_motions(file)",
+    "Surface": "give gm.grain_surface(grain) of a grain of a GrainSet, or gm.Surface(vertices, faces)",
+    "Grain": "give one of the grains of a GrainSet: gm.grains_from_labels(volume, labels).grains[0]",
     "Segmentation": "give gm.segment(volume), or gm.grains_from_labels(volume, labels) in place of extract_grains",
     "Reference": "give gm.Reference.from_scan(scan, grid)",
     "Experiment": 'give gm.read_experiment("experiment.toml")',
