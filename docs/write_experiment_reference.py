@@ -19,6 +19,7 @@ from pydantic_core import PydanticUndefined
 from grainmotion.calibration.settings import ScannerSettings
 from grainmotion.diagnosis.settings import CheckSettings
 from grainmotion.experiment import config
+from grainmotion.grain_shapes.settings import DemSettings
 from grainmotion.mechanics.settings import MechanicsSettings
 from grainmotion.planning.plan import PlanSettings
 from grainmotion.reconstruction.reconstruct import ReconstructSettings
@@ -41,6 +42,7 @@ TABLES: dict[str, type] = {
     "[mechanics]": MechanicsSettings,
     "[[states]]": config.StateTable,
     "[output]": config.OutputTable,
+    "[dem]": DemSettings,
 }
 HEAD = """# The experiment file
 

@@ -9,6 +9,7 @@ import sys
 import time
 
 import numpy as np
+import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
@@ -119,6 +120,25 @@ class TestExport:
         invoke("export", copied, "--format", "spam", "--about", "box")
         header, first, *_ = (copied.parent / "results" / "one" / "grains-ddic.tsv").read_text().splitlines()
         assert float(first.split("\t")[header.split("\t").index("AboutBox")]) == 1
+
+    def test_exports_bodies_for_dem_codes(self, copied):
+        assert "exported: " in invoke("export", "dem", copied, "--shapes", "stl,clump", "--spheres", 3).stdout
+        dem = copied.parent / "results" / "dem"
+        assert sorted(p.name for p in dem.iterdir()) == [
+            "README.txt", "clumps", "clumps.csv", "grains.csv", "poses.csv", "stl",
+        ]  # fmt: skip
+        poses = pd.read_csv(dem / "poses.csv", comment="#")
+        moved = poses.groupby("state")[["x", "y", "z"]].mean()
+        for name in SHIFTS:
+            np.testing.assert_allclose(moved.loc[name] - moved.loc["reference"], SHIFTS[name], atol=0.03)
+        assert (poses["velocity_per"].iloc[3:] == "step").all()
+        again = invoke("export", copied, "--format", "dem")  # with the settings of the file
+        assert (dem / "level-set").is_dir()
+        assert "done: dem; kept" in again.stdout
+        for wrong in (["--spheres", 0], ["--shapes", "stl,ball"], ["--clump-fit", "near"], ["--degree", 99]):
+            result = CliRunner().invoke(app, ["export", "dem", str(copied), *map(str, wrong)])
+            assert result.exit_code == 2
+            assert f"error: {wrong[0]}" in result.stderr
 
     def test_unknown_format_is_refused(self, copied):
         result = CliRunner().invoke(app, ["export", str(copied), "--format", "dxf"])

@@ -9,15 +9,20 @@ from __future__ import annotations
 import dataclasses
 from enum import StrEnum
 from functools import partial
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from typer.core import TyperGroup
 
 import grainmotion as gm
 from grainmotion.cli.findings import EXIT_CODES
-from grainmotion.cli.options import Checks, Execution, Paths, command
+from grainmotion.cli.options import Checks, DemOptions, Execution, Paths, command
 from grainmotion.cli.stages import finish, prepared, read
+from grainmotion.errors import InputError
+
+if TYPE_CHECKING:
+    from grainmotion.experiment.config import Experiment, Export
+    from grainmotion.grain_shapes.settings import DemSettings
 
 DEFAULT_EXPORT = "files"
 
@@ -49,6 +54,7 @@ class Format(StrEnum):
     SPAM = "spam"
     TIFF = "tiff"
     OME_ZARR = "ome-zarr"
+    DEM = "dem"
 
 
 class SpamPoint(StrEnum):
@@ -63,7 +69,7 @@ def files(
     paths: Paths,
     *,
     format: Annotated[
-        list[Format], typer.Option("--format", help="vtk for ParaView, tiff for Fiji, ome-zarr for napari, spam")
+        list[Format], typer.Option("--format", help="vtk for ParaView, tiff for Fiji, ome-zarr for napari, spam, dem")
     ],
     about: Annotated[
         SpamPoint | None,
@@ -73,28 +79,50 @@ def files(
     checks: Checks,
 ) -> None:
     """Write the motions for other software (the word `files` may be left out); missing stages are done first."""
-    experiment = read(paths.file)
-    wanted = sorted({*experiment.tables.output.exports, *(f.value for f in format)})
-    changes = {"exports": wanted} if about is None else {"exports": wanted, "spam_about": about.value}
-    output = experiment.tables.output.model_copy(update=changes)
-    tables = experiment.tables.model_copy(update={"output": output})
-    with prepared(dataclasses.replace(experiment, tables=tables), execution, checks) as (experiment, options):
+    changes = {} if about is None else {"spam_about": about.value}
+    wanted = _with_exports(read(paths.file), [f.value for f in format], **changes)
+    with prepared(wanted, execution, checks) as (experiment, options):
         result = gm.run(experiment, out=paths.out, **options)
-    finish(result, execution, checks, *(f"exported: {result.folder / name}" for name in result.motions))
+    names = [*result.motions, *(["dem"] if Format.DEM in format else [])]
+    finish(result, execution, checks, *(f"exported: {result.folder / name}" for name in names))
 
 
 @add_command
 def mechanics(paths: Paths, *, execution: Execution, checks: Checks) -> None:
     """Write strains, contacts, fabric and void ratios of the reference and of each state, as [mechanics] says."""
-    experiment = read(paths.file)
-    wanted = [
-        *experiment.tables.output.exports,
-        *([] if "mechanics" in experiment.tables.output.exports else ["mechanics"]),
-    ]
-    output = experiment.tables.output.model_copy(update={"exports": wanted})
-    tables = experiment.tables.model_copy(update={"output": output})
-    with prepared(dataclasses.replace(experiment, tables=tables), execution, checks) as (experiment, options):
+    wanted = _with_exports(read(paths.file), ["mechanics"])
+    with prepared(wanted, execution, checks) as (experiment, options):
         result = gm.run(experiment, out=paths.out, **options)
-    finish(
-        result, execution, checks, *(f"mechanics: {result.folder / name / 'mechanics.json'}" for name in result.motions)
-    )
+    files = [f"mechanics: {result.folder / name / 'mechanics.json'}" for name in result.motions]
+    finish(result, execution, checks, *files)
+
+
+@add_command
+def dem(paths: Paths, *, options: DemOptions, execution: Execution, checks: Checks) -> None:
+    """Write each grain as a rigid body for DEM codes: STL, level set, clump, harmonics, inertia, poses, velocities."""
+    experiment = _with_exports(read(paths.file), ["dem"])
+    settings = _dem_settings(experiment.tables.dem, options)
+    tables = experiment.tables.model_copy(update={"dem": settings})
+    with prepared(dataclasses.replace(experiment, tables=tables), execution, checks) as (experiment, run_options):
+        result = gm.run(experiment, out=paths.out, **run_options)
+    finish(result, execution, checks, f"exported: {result.folder / 'dem'}")
+
+
+def _with_exports(experiment: Experiment, names: list[Export], **changes: str) -> Experiment:
+    """The experiment, with more exports, and other settings of ``[output]``."""
+    output = experiment.tables.output
+    output = output.model_copy(update={"exports": sorted({*output.exports, *names}), **changes})
+    return dataclasses.replace(experiment, tables=experiment.tables.model_copy(update={"output": output}))
+
+
+def _dem_settings(settings: DemSettings, options: DemOptions) -> DemSettings:
+    """The settings with what the command line replaces."""
+    changes = {key: value for key, value in dataclasses.asdict(options).items() if value is not None}
+    for key in ("shapes", "codes"):
+        if key in changes:
+            changes[key] = tuple(part.strip() for part in changes[key].split(",") if part.strip())
+    try:
+        return dataclasses.replace(settings, **changes)
+    except InputError as error:
+        option = f"--{error.where.rpartition('.')[2].replace('_', '-')}"
+        raise InputError(option, error.fact, error.remedy) from error

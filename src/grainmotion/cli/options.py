@@ -31,6 +31,12 @@ Seed = Annotated[int, typer.Option("--seed", min=0, help="seed of packing, motio
 Photons = Annotated[float | None, typer.Option("--photons", help="photons a pixel detects without the sample")]
 Views = Annotated[str | None, typer.Option("--views", help="numbers of views, as 2,3,4,6")]
 StepDeg = Annotated[float | None, typer.Option("--step-deg", help="step between candidate angles, degrees")]
+Shapes = Annotated[str | None, typer.Option("--shapes", help="some of stl,level-set,clump,harmonics; all by default")]
+Codes = Annotated[str | None, typer.Option("--codes", help="whose level sets: some of yade,ls-dem,lammps")]
+Spacing = Annotated[float | None, typer.Option("--spacing", help="spacing of the level set's grid, voxels")]
+Spheres = Annotated[int | None, typer.Option("--spheres", help="largest number of spheres of a clump")]
+FitOfClump = Annotated[str | None, typer.Option("--clump-fit", help="inside, or volume: spheres of the grain's volume")]
+Degree = Annotated[int | None, typer.Option("--degree", help="largest degree of the spherical harmonics")]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,7 +74,19 @@ class PlanOptions:
     step_deg: StepDeg = None
 
 
-OPTION_RECORDS: tuple[type, ...] = (Paths, Execution, Checks, PlanOptions)
+@dataclasses.dataclass(frozen=True)
+class DemOptions:
+    """Settings of ``[dem]`` that the command line replaces."""
+
+    shapes: Shapes = None
+    codes: Codes = None
+    spacing: Spacing = None
+    spheres: Spheres = None
+    clump_fit: FitOfClump = None
+    degree: Degree = None
+
+
+OPTION_RECORDS: tuple[type, ...] = (Paths, Execution, Checks, PlanOptions, DemOptions)
 
 
 def command(app: typer.Typer, function: Callable[..., None]) -> Callable[..., None]:

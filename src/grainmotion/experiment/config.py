@@ -25,6 +25,7 @@ from grainmotion.diagnosis.settings import CheckSettings
 from grainmotion.errors import InputError
 from grainmotion.experiment.config_errors import input_error
 from grainmotion.experiment.inherited_keys import with_inherited_keys
+from grainmotion.grain_shapes.settings import DemSettings
 from grainmotion.io.files import checked_file
 from grainmotion.io.spam_table import About
 from grainmotion.io.text import read_text
@@ -41,9 +42,9 @@ RESERVED_STATE_NAMES = (
     "reference.ome.zarr",
     "beam_level.json", "calibration.json", "checks.json", "checks-grains.json", "checks-volume.json", "run.log",
     "series.h5", "series.csv", "series.parquet", "watch.html", "datapackage.json",
-    "reference_contacts.csv", "reference_void_ratio.csv", "reference_mechanics.json",
+    "reference_contacts.csv", "reference_void_ratio.csv", "reference_mechanics.json", "dem",
 )  # fmt: skip
-Export = Literal["vtk", "spam", "tiff", "ome-zarr", "mechanics"]
+Export = Literal["vtk", "spam", "tiff", "ome-zarr", "mechanics", "dem"]
 VolumeFormat = Literal["tiff", "hdf5", "ome-zarr"]
 SeriesFormat = Literal["h5", "csv", "parquet"]
 
@@ -219,7 +220,7 @@ class OutputTable(_Table):
         default=[],
         description='files for other software: "vtk", "spam"; "tiff": reference and rebuilt volumes with labels, for '
         'Fiji and napari; "ome-zarr": reference volume and labels, for napari; '
-        '"mechanics": strains, contacts, fabric, void ratios',
+        '"mechanics": strains, contacts, fabric, void ratios; "dem": shapes, inertia and poses for DEM codes',
     )
     spam_about: About = Field(
         default="centroid",
@@ -246,6 +247,7 @@ class ExperimentFile(_Table):
     mechanics: MechanicsSettings = Field(default_factory=MechanicsSettings)
     states: list[StateTable] = []
     output: OutputTable = Field(default_factory=OutputTable)
+    dem: DemSettings = Field(default_factory=DemSettings)
 
 
 @dataclasses.dataclass(frozen=True)

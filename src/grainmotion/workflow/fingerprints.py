@@ -13,13 +13,14 @@ from functools import cached_property
 from grainmotion.calibration.settings import ScannerSettings
 from grainmotion.experiment.config import Experiment
 from grainmotion.experiment.inputs import Inputs
+from grainmotion.grain_shapes.settings import DemSettings
 from grainmotion.reconstruction.settings import ReconstructSettings
 from grainmotion.segmentation.settings import SegmentSettings
 from grainmotion.tracking.settings import TrackSettings
 from grainmotion.workflow.provenance import StageCache
 from grainmotion.workflow.starts import start_of
 
-Settings = ScannerSettings | ReconstructSettings | SegmentSettings | TrackSettings
+Settings = DemSettings | ScannerSettings | ReconstructSettings | SegmentSettings | TrackSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +110,13 @@ class Fingerprints:
         """Fingerprint of the table of all states."""
         times = [[table.name, table.time] for table in self.experiment.tables.states]
         return self.cache.fingerprint(["series", times], (), self.tracks.values())
+
+    @cached_property
+    def dem(self) -> str:
+        """Fingerprint of the export into DEM codes, of all states."""
+        tables = self.experiment.tables
+        settings = ["dem", _plain(tables.dem), [(table.name, table.time) for table in tables.states]]
+        return self.cache.fingerprint(settings, (), [self.segment, *self.tracks.values()])
 
     @cached_property
     def report(self) -> str:

@@ -32,6 +32,7 @@ from grainmotion.report.data import Rows
 from grainmotion.sequences.series import Series
 from grainmotion.workflow.calibration_stage import calibration_facts
 from grainmotion.workflow.context import RunContext
+from grainmotion.workflow.dem_export import DEM, export_dem
 from grainmotion.workflow.exports import (
     COLLECTIONS,
     DEFORMED,
@@ -76,7 +77,9 @@ def write_outputs(
 ) -> None:
     """Write the reference's exports, then the outputs of each state."""
     output, prints, exporter = context.tables.output, context.fingerprints, Exporter(context, reference)
-    exports = [export for export in dict.fromkeys(output.exports) if export != MECHANICS]
+    exports = [export for export in dict.fromkeys(output.exports) if export not in (MECHANICS, DEM)]
+    if DEM in output.exports:
+        export_dem(context, reference, tracked)
     for export in exports:
         if export == "tiff" and "spam" in exports:
             continue  # the same files
