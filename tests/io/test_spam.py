@@ -63,6 +63,16 @@ class TestRoundTrip:
         assert back.reasons[1] == "spam returned status -7: is missing, or had no start"
         assert back.reasons[2] == "spam returned status -1: diverged"
 
+    def test_columns_are_found_by_name(self, tmp_path, motions):
+        write_ddic_tsv(tmp_path / "a.tsv", motions, GRID)
+        table = pd.read_csv(tmp_path / "a.tsv", sep="\t")
+        table.insert(0, "note", "x")
+        mixed = list(np.random.default_rng(1).permutation(table.columns))
+        table[mixed].to_csv(tmp_path / "b.tsv", sep="\t", index=False, na_rep="nan")
+        ours, other = (read_ddic_tsv(tmp_path / name, GRID) for name in ("a.tsv", "b.tsv"))
+        for name in ("labels", "centers", "translations", "rotations", "statuses", "iterations"):
+            np.testing.assert_array_equal(getattr(other, name), getattr(ours, name))
+
     def test_no_grains(self, tmp_path):
         write_ddic_tsv(tmp_path / "a.tsv", Motions.identity(np.zeros(0, int), np.zeros((0, 3))), GRID)
         assert len(read_ddic_tsv(tmp_path / "a.tsv", GRID)) == 0

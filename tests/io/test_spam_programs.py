@@ -267,6 +267,24 @@ class TestDdic:
             read_ddic_tsv(correlated / "again-ddic.tsv", GRID)
 
 
+def test_files_of_other_programs_are_about_centroids(tmp_path, packing, spam_python):
+    """spam-passPhiField has its own columns in its own order; each label takes the motion of the nearest, its own."""
+    _, labels, motions = packing
+    dense = np.where(labels == 4, 3, labels)  # it takes no gaps
+    renumbered = replace(motions, labels=np.array([1, 2, 3]))
+    tifffile.imwrite(tmp_path / "labels.tif", dense.astype("<u4"))
+    write_ddic_tsv(tmp_path / "a-ddic.tsv", renumbered, GRID, dense)
+    command = [spam_python.parent / "spam-passPhiField", "-pf", tmp_path / "a-ddic.tsv", "-nn", "1", "-rst", "2"]
+    run_program(*command, "-lab1", tmp_path / "labels.tif", "-od", tmp_path, "-pre", "onto", "-np", "1")
+    written = next(tmp_path.glob("onto*.tsv"))
+    assert tuple(written.read_text().split("\n")[0].split("\t")[4:8]) == ("Fzz", "Fzy", "Fzx", "Zdisp")
+    back = read_ddic_tsv(written, GRID, dense)
+    np.testing.assert_allclose(back.matrices, motions.matrices, atol=1e-5)
+    points = motions.centers + 0.1
+    ours, theirs = (apply_motion(m.matrices, m.translations, m.centers, points) for m in (motions, back))
+    np.testing.assert_allclose(theirs, ours, atol=1e-5)
+
+
 PAGE = (ROOT / "docs" / "export.md").read_text()
 STRAIN = next(r for r in re.findall(r"^```python\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL) if "FfieldBagi" in r)
 """The recipe of the documentation, for a file of the command line; then what it finds, as JSON."""
