@@ -171,6 +171,10 @@ class TestBadInput:
         with pytest.raises(InputError, match="label 0"):
             write_ddic_tsv(tmp_path / "a.tsv", Motions.identity(np.array([0]), np.zeros((1, 3))), GRID)
 
+    def test_huge_labels_are_refused(self, tmp_path):
+        with pytest.raises(InputError, match="the largest is 2000000, and spam wants a row for each"):
+            write_ddic_tsv(tmp_path / "a.tsv", Motions.identity(np.array([2_000_000]), np.zeros((1, 3))), GRID)
+
     def test_labels_without_a_grain_of_the_motions_are_refused(self, tmp_path, motions):
         with pytest.raises(InputError, match=r"\[2, 3, 6\]"):
             write_ddic_tsv(tmp_path / "a.tsv", motions, GRID, np.zeros(GRID.shape, int))

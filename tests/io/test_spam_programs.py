@@ -19,6 +19,7 @@ from grainmotion.analysis.deformed_volume import rebuild
 from grainmotion.errors import InputError
 from grainmotion.io.spam import read_ddic_tsv, write_ddic_tsv
 from grainmotion.io.spam_table import DDIC_COLUMNS
+from grainmotion.io.volumes.access import write_volume
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.motions import Motions
 from grainmotion.model.scan import Scan
@@ -157,11 +158,11 @@ class TestMoveLabels:
 
     def moved(self, tmp_path, packing, spam_python, about, *options):
         """The labels that the script has moved."""
-        _, labels, motions = packing
-        tifffile.imwrite(tmp_path / "labels.tif", labels.astype("<u4"))
+        volume, labels, motions = packing
+        write_volume(tmp_path / "reference.tif", volume, labels=labels)  # the files of the export
         write_ddic_tsv(tmp_path / "a-ddic.tsv", motions, GRID, labels, about=about)
         command = [spam_python.parent / "spam-moveLabels", "-pf", tmp_path / "a-ddic.tsv", "-pre", "moved", "-np", "1"]
-        run_program(*command, "-lm", "8", *options, tmp_path / "labels.tif")
+        run_program(*command, "-lm", "8", *options, tmp_path / "reference_labels.tif")
         return tifffile.imread(tmp_path / "moved.tif")
 
     def test_with_com_it_is_the_centroid(self, tmp_path, packing, spam_python):
@@ -208,9 +209,8 @@ def correlated(packing, spam_python, tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("ddic")
     volume, labels, motions = packing
     moved, _ = rebuild(grains_from_labels(volume, labels), motions, GRID)
-    tifffile.imwrite(folder / "reference.tif", volume.array)
-    tifffile.imwrite(folder / "labels.tif", labels.astype("<u4"))
-    tifffile.imwrite(folder / "moved.tif", moved.array)
+    write_volume(folder / "reference.tif", volume, labels=labels)
+    write_volume(folder / "moved.tif", moved)
     start = replace(motions, translations=motions.translations + 0.4 * GRID.voxel_size)
     write_ddic_tsv(folder / "start.tsv", start, GRID, labels, about="box")
     correlate(spam_python, folder, folder / "start.tsv", "-pre", "first")
@@ -219,7 +219,7 @@ def correlated(packing, spam_python, tmp_path_factory) -> Path:
 
 def correlate(python: Path, folder: Path, start: Path, *options: str) -> None:
     command = [python.parent / "spam-ddic", "-np", "1", "-pf", start, "-od", folder, *options]
-    run_program(*command, *(folder / name for name in ("reference.tif", "labels.tif", "moved.tif")))
+    run_program(*command, *(folder / name for name in ("reference.tif", "reference_labels.tif", "moved.tif")))
 
 
 class TestDdic:

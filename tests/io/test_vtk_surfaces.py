@@ -102,6 +102,17 @@ def test_points_hold_every_column_of_the_table(tmp_path):
     assert points["rotation_angle_deg"][0] == pytest.approx(90)
 
 
+def test_arrows_as_the_page_says(tmp_path):
+    """Threshold on ok_translation, then glyphs along and as long as the displacement."""
+    told = replace(motions(), ok_translation=np.array([True, True, False]))
+    write_grains_vtp(tmp_path / "p.vtp", told)
+    good = pyvista.read(tmp_path / "p.vtp").threshold(1, scalars="ok_translation")
+    arrows = good.glyph(orient="displacement", scale="displacement_magnitude", geom=pyvista.Line((0, 0, 0), (1, 0, 0)))
+    ends = arrows.points.reshape(-1, 2, 3)
+    np.testing.assert_allclose(ends[:, 0], told.centers[:2] + told.translations[:2], atol=1e-5)
+    np.testing.assert_allclose(ends[:, 1] - ends[:, 0], told.translations[:2], atol=1e-5)
+
+
 def test_file_says_what_its_codes_units_and_frame_are(tmp_path):
     write_grains_vtp(tmp_path / "p.vtp", motions(), time=2.5)
     points = pyvista.read(tmp_path / "p.vtp")

@@ -53,6 +53,8 @@ TRANSLATION_TO_USE, NOT_TO_USE, WITHOUT_MOTION_STATUS = 1, -1, -7
 """``returnStatus`` of grains that did not converge: those whose translation is a result to use
 (`Motions.ok_translation`), others, and those without a motion.  Converged ones have 2, and grains with a motion that
 was not fitted 0."""
+MAX_LABEL = 1_000_000
+"""Largest label that is written: a file of 300 MB."""
 MIN_STRETCH = 0.1
 """Smallest stretch of a gradient; one that flattens a grain more has no rotation."""
 MAX_STRAIN = 0.2
@@ -94,8 +96,8 @@ def write_ddic_tsv(
     Raises
     ------
     InputError
-        If a label is not positive, or the labels are of another shape, or lack a grain, or are missing where their
-        boxes are asked for.
+        If a label is not positive or above a million, or the labels are of another shape, or lack a grain, or are
+        missing where their boxes are asked for.
     """
     spam_table.check_about(about)
     if len(motions) and motions.labels.min() < 1:
@@ -113,7 +115,11 @@ def write_ddic_tsv(
     sd = _standard_deviations(motions.covariances, gradients, chosen - motions.centers)
     unit, origin = grid.voxel_size, grid.origin
 
-    table = _empty_table(max([0, *motions.labels.tolist(), *([] if points is None else points.labels.tolist())]))
+    last = max([0, *motions.labels.tolist(), *([] if points is None else points.labels.tolist())])
+    if last > MAX_LABEL:
+        fact = f"the largest is {last}, and spam wants a row for each number up to it"
+        raise InputError("labels", fact, "renumber them, as skimage.segmentation.relabel_sequential does")
+    table = _empty_table(last)
     table[ABOUT_BOX][:], table[VOXEL_SIZE][:] = float(about == "box"), unit
     if points is not None:
         _put(table, POSITION, points.labels, (points.centroids - origin)[:, ::-1] / unit)

@@ -102,7 +102,7 @@ def time_of(table: StateTable, states: list[StateTable]) -> float:
 
 
 def display_meshes(grains: GrainSet) -> Iterator[tuple[int, GrainMesh]]:
-    """Label and mesh of each grain, one by one; in a slice of one layer none has a surface."""
+    """Label and mesh of each grain, one by one; one without attenuation has none."""
     for grain in grains.grains:
         mesh = grain_mesh(grain, grains.voxel_size)
         if mesh is not None:
