@@ -53,7 +53,7 @@ TRANSLATION_TO_USE, NOT_TO_USE, WITHOUT_MOTION_STATUS = 1, -1, -7
 """``returnStatus`` of grains that did not converge: those whose translation is a result to use
 (`Motions.ok_translation`), others, and those without a motion.  Converged ones have 2, and grains with a motion that
 was not fitted 0."""
-MAX_LABEL = 1_000_000
+MAX_WRITTEN_LABEL = 1_000_000
 """Largest label that is written: a file of 300 MB."""
 MIN_STRETCH = 0.1
 """Smallest stretch of a gradient; one that flattens a grain more has no rotation."""
@@ -116,7 +116,7 @@ def write_ddic_tsv(
     unit, origin = grid.voxel_size, grid.origin
 
     last = max([0, *motions.labels.tolist(), *([] if points is None else points.labels.tolist())])
-    if last > MAX_LABEL:
+    if last > MAX_WRITTEN_LABEL:
         fact = f"the largest is {last}, and spam wants a row for each number up to it"
         raise InputError("labels", fact, "renumber them, as skimage.segmentation.relabel_sequential does")
     table = _empty_table(last)
