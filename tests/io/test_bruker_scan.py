@@ -213,6 +213,14 @@ def test_doubtful_numbers_are_named(tmp_path):
     assert any("2 scans above one another; only that of beads~00 is read" in f for f in facts)
 
 
+@pytest.mark.parametrize(("origin", "warned"), [(16, False), (2, True)])
+def test_cropped_images(tmp_path, origin, warned):
+    """64 columns are 66 % of 97: the crop is in the middle if it begins at column 16."""
+    text = changed(FILE, **{"Partial Width": " 66%", "Image crop origin X": origin})
+    found = scan_of(folder_of(tmp_path, text)).findings
+    assert any("cropped 14 columns beside the middle" in f.fact for f in found) is warned
+
+
 def test_scans_without_flat_field_correction_need_flats(tmp_path):
     with pytest.raises(InputError, match=r"reference.flats: it is missing"):
         scan_of(folder_of(tmp_path, changed(FILE, **{"Flat Field Correction": "OFF"})))

@@ -210,6 +210,17 @@ def test_tables_of_interlaced_angles_override_the_steps(tmp_path, name, text):
     assert [f.level for f in scan.findings if "were taken" in f.fact] == [Level.NOTE]
 
 
+def test_returning_images_of_a_table_are_used(tmp_path):
+    """Images taken after the turn, at angles that only the table tells."""
+    angles = np.concatenate([ANGLES, [200.0, 20.0]])
+    names = [f"Beads [1]_{n:04d}.tif" for n in range(1, 9)]
+    path = folder_of(tmp_path, lines=images(angles), names=names)
+    (tmp_path / "_ctdata.txt").write_text(table_of(angles - 20))
+    scan = scan_of(path)
+    assert len(scan.geometry) == 8
+    assert misfit(scan) < MAX_MISFIT
+
+
 def test_a_table_that_reads_back_the_steps_leaves_them(tmp_path):
     """As CT Pro reconstructs, unless AngleFile_Use is set."""
     noise = np.array([0.03, -0.4, 0.5, 0.2, -0.3, 0.1])
@@ -323,6 +334,8 @@ def test_images_elsewhere_with_the_file_as_geometry(tmp_path):
         ({"SrcToObject": "sixty"}, r"\[XTekCT\] SrcToObject .*: 'sixty' is no number"),
         ({"SrcToObject": "nan"}, r"\[XTekCT\] SrcToObject .*: 'nan' is no number"),
         ({"Projections": 0}, r"\[XTekCT\] Projections .*: 0 is not above 0"),
+        ({"Projections": 1e12}, r"\[XTekCT\] Projections .*: 1e\+12 is no number of images"),
+        ({"Projections": 4.5}, r"\[XTekCT\] Projections .*: 4.5 is no number of images"),
         ({"DetectorPixelSizeY": 0.8}, r"DetectorPixelSizeY .*: 0.8 mm, but DetectorPixelSizeX is 0.4 mm"),
         ({"Name": "Other"}, r"its radiographs are not beside it"),
     ],

@@ -22,7 +22,7 @@ from grainmotion._typing import Float
 from grainmotion.errors import InputError
 from grainmotion.io.scanners.bruker_shifts import image_shifts
 from grainmotion.io.scanners.description import CircleNumbers, ScannerFile
-from grainmotion.io.scanners.key_file import KeyFile
+from grainmotion.io.scanners.key_file import KeyFile, as_number
 from grainmotion.io.scanners.numbered_images import numbered_images, series_of_scan, size_findings
 from grainmotion.model.finding import Finding, Level
 
@@ -30,6 +30,8 @@ PARALLEL_FROM_MM = 1e6
 """Object to Source by which logs of a parallel beam tell that it is one, for NRecon."""
 MAX_ROLL_PIXELS = 0.5
 """Displacement of the panel's corner by its rotation that is worth a warning."""
+MAX_CROP_SHIFT = 0.02
+"""Shift of a cropped part from the middle, over its columns, from which on it is none of rounding."""
 ACQ = "Acquisition"
 _SKYSCAN_FACTS = {
     "Scanner": ("System", "Scanner", ""), "Sample": (ACQ, "Filename Prefix", ""),
@@ -54,7 +56,7 @@ def read_bruker_scan(path: Path) -> ScannerFile:
         if keys.text(ACQ, key) and keys.text(ACQ, key).upper() not in usual:
             remedy = "export it as one scan, or name the images and give the views as a CSV"
             raise InputError(keys.where(ACQ, key), f"{keys.text(ACQ, key)}: {fact} is not supported", remedy)
-    count = int(keys.needed(ACQ, "Number of Files"))
+    count = keys.count(ACQ, "Number of Files")
     there = numbered_images(path.parent, keys.text(ACQ, "Filename Prefix"))
     last = frozenset({count - 1} if count > 1 else ())  # some scanners count a file that they do not write
     images, series = series_of_scan(keys.where(ACQ, "Number of Files"), there, range(count), last)
@@ -125,6 +127,13 @@ def _doubts(keys: KeyFile, shape: tuple[float | None, float | None]) -> list[Fin
         fact += " pixels at the border"
         remedy = f"try geometry.detector_tilts_deg = [0, {roll:g}, 0] and [0, {-roll:g}, 0]; [calibrate] finds the rest"
         found.append(Finding(Level.WARNING, "sizes", keys.where(ACQ, "Image Rotation"), fact, remedy=remedy))
+    part, columns = as_number(keys.text(ACQ, "Partial Width").rstrip("% ")), shape[1]
+    if part and columns:
+        middle = (keys.number(ACQ, "Image crop origin X") or 0.0) + columns / 2 - columns / part * 50
+        if abs(middle) > MAX_CROP_SHIFT * columns:
+            fact = f"the images seem to be cropped {abs(middle):.0f} columns beside the middle, which is not used"
+            remedy = "give geometry.axis_offset, or take the whole width"
+            found.append(Finding(Level.WARNING, "sizes", keys.where(ACQ, "Image crop origin X"), fact, remedy=remedy))
     parts = keys.number(ACQ, "Number of connected scans") or 1.0
     if parts > 1:
         fact = f"{parts:g} scans above one another; only that of {keys.text(ACQ, 'Filename Prefix')} is read"

@@ -12,6 +12,8 @@ from grainmotion.errors import InputError
 from grainmotion.io.files import checked_file
 
 _UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+MAX_IMAGES = 1_000_000
+"""Larger numbers of images come from damaged files."""
 COPY_FROM_SCANNER = "copy the file again from the scanner"
 
 
@@ -99,6 +101,14 @@ class KeyFile:
         if number <= 0:
             raise InputError(self.where(section, key), f"{number:g} is not above 0", COPY_FROM_SCANNER)
         return number
+
+    def count(self, section: str, key: str) -> int:
+        """The whole number of a key that tells how many images there are."""
+        number = self.needed(section, key)
+        if number % 1 or number > MAX_IMAGES:
+            fact = f"{number:g} is no number of images"
+            raise InputError(self.where(section, key), fact, COPY_FROM_SCANNER)
+        return int(number)
 
     def distances(self, section: str, to_axis: str, to_detector: str) -> tuple[float, float]:
         """Distances from the source to axis and detector, of which the first is the shorter."""

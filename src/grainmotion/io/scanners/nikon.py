@@ -21,7 +21,7 @@ import numpy as np
 from grainmotion.errors import InputError
 from grainmotion.io.scanners.description import CircleNumbers, ScannerFile
 from grainmotion.io.scanners.key_file import KeyFile
-from grainmotion.io.scanners.nikon_angles import MAIN, nikon_angles
+from grainmotion.io.scanners.nikon_angles import MAIN, angle_table, nikon_angles
 from grainmotion.io.scanners.numbered_images import numbered_images, series_of_scan, size_findings
 from grainmotion.model.finding import Finding, Level
 
@@ -44,11 +44,10 @@ def read_nikon_scan(path: Path) -> ScannerFile:
     if height is not None and not np.isclose(height, pixel, rtol=1e-4):
         fact = f"{height:g} mm, but DetectorPixelSizeX is {pixel:g} mm: pixels that are not square are not supported"
         raise InputError(keys.where(MAIN, "DetectorPixelSizeY"), fact, "give the views of the scan as a CSV")
-    projections = int(keys.needed(MAIN, "Projections"))
-    numbers = range(1, projections + 1)
+    numbers, table = range(1, keys.count(MAIN, "Projections") + 1), angle_table(keys)
     there = numbered_images(_folder(keys), f"{keys.text(MAIN, 'Name')}{_separator(keys)}")
-    images, findings = series_of_scan(keys.where(MAIN, "Projections"), there, numbers)
-    angles, notes = nikon_angles(keys, list(images) or list(numbers))
+    images, findings = series_of_scan(keys.where(MAIN, "Projections"), there, numbers, frozenset(table.angles))
+    angles, notes = nikon_angles(keys, list(images) or list(numbers), table)
     offset, tilt = _axis(keys, to_axis / to_detector, pixel)
     detector_offset, found = _detector_offset(keys)
     circle = CircleNumbers(

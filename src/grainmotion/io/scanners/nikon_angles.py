@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -21,46 +23,48 @@ The encoder's readings in public scans differ by 0.01 steps; the scanner's own r
 """
 
 
-def nikon_angles(keys: KeyFile, numbers: list[int]) -> tuple[Float | None, tuple[Finding, ...]]:
-    """Angles of the images with ``numbers``: of the table beside the file, else constant steps."""
+@dataclass(frozen=True)
+class AngleTable:
+    """Angles by the number of their image, degrees, and the file that holds them; None and no angle without one."""
+
+    path: Path | None
+    angles: Mapping[int, float]
+
+
+def angle_table(keys: KeyFile) -> AngleTable:
+    """The table beside an ``.xtekct`` file."""
+    folder, name, stem = keys.path.parent, keys.text(MAIN, "Name"), keys.path.stem
+    names = (f"{name}.ang", f"{stem}.ang", "_ctdata.txt", f"{name}_ctdata.txt", f"{stem}_ctdata.txt")
+    path = next((folder / name for name in names if (folder / name).is_file()), None)
+    return AngleTable(path, {} if path is None else _read_table(path))
+
+
+def nikon_angles(keys: KeyFile, numbers: list[int], table: AngleTable) -> tuple[Float | None, tuple[Finding, ...]]:
+    """Angles of the images with ``numbers``: of the table, else constant steps."""
     start, step = keys.number(MAIN, "InitialAngle") or 0.0, keys.number(MAIN, "AngularStep")
     steps = None if step is None else start + step * (np.array(numbers) - 1.0)
-    path = _table_path(keys)
-    if path is None:
+    if table.path is None:
         return steps, ()
-    table = _read_table(path)
-    missing = [n for n in numbers if n not in table]
+    missing = [n for n in numbers if n not in table.angles]
     if missing:
-        fact = f"it holds {len(table)} angles, and none of image {missing[0]}"
-        raise InputError(str(path), fact, "copy it again, or remove it: constant steps of AngularStep are taken then")
-    angles = np.array([table[n] for n in numbers])
-    first = table[min(table)]
+        fact = f"it holds {len(table.angles)} angles, and none of image {missing[0]}"
+        remedy = "copy it again, or move it away: constant steps of AngularStep are taken then"
+        raise InputError(str(table.path), fact, remedy)
+    angles, first = np.array([table.angles[n] for n in numbers]), table.angles[min(table.angles)]
     angles = angles if abs(first - start) < abs(first) else start + angles  # most tables count from the start
     if steps is not None and step:
         if np.abs(angles - steps).max() <= MAX_READOUT_ERROR * abs(step) and not _uses_table(keys):
             return steps, ()
         if len(numbers) > 2 and np.abs((angles - start) + (steps - start)).max() < abs(step):
             fact = f"its angles run against AngularStep = {step:g}, by which the scanner reconstructs; that was taken"
-            return steps, (Finding(Level.WARNING, "angle-table", str(path), fact, remedy="see geometry.angles_deg"),)
-    note = Finding(Level.NOTE, "angle-table", str(path), "its angles were taken, not constant steps")
-    return angles, (note,)
+            remedy = "if the table is right, give it as geometry.angles_deg"
+            return steps, (Finding(Level.WARNING, "angle-table", str(table.path), fact, remedy=remedy),)
+    fact = "its angles were taken, not constant steps"
+    return angles, (Finding(Level.NOTE, "angle-table", str(table.path), fact),)
 
 
 def _uses_table(keys: KeyFile) -> bool:
     return keys.text("CTPro", "AngleFile_Use").lower() == "true"
-
-
-def _table_path(keys: KeyFile) -> Path | None:
-    """The file with the angles of a scan."""
-    folder, name = keys.path.parent, keys.text(MAIN, "Name")
-    names = (
-        f"{name}.ang",
-        f"{keys.path.stem}.ang",
-        "_ctdata.txt",
-        f"{name}_ctdata.txt",
-        f"{keys.path.stem}_ctdata.txt",
-    )
-    return next((folder / name for name in names if (folder / name).is_file()), None)
 
 
 def _read_table(path: Path) -> dict[int, float]:

@@ -46,7 +46,7 @@ def read_phoenix_scan(path: Path) -> ScannerFile:
         fact = "no file of a phoenix scanner: it lacks the sections [Geometry] and [CT]"
         raise InputError(str(path), fact, "give the .pca file that datos|x wrote beside the images")
     _refuse(keys)
-    count = int(keys.needed("CT", "NumberImages"))
+    count = keys.count("CT", "NumberImages")
     numbers, where = range(1, count + 1), keys.where("CT", "NumberImages")
     there = {n: image for n, image in _images(path).items() if n > 0}
     images, series = series_of_scan(where, there, numbers, frozenset({count + 1}))  # one more closes the turn
