@@ -112,13 +112,31 @@ def test_the_table_as_geometry_of_images_elsewhere(tmp_path):
 def test_without_the_table_a_full_turn_is_assumed_and_pixels_are_asked_for(tmp_path):
     lab = Lab(shape=(50, 64))
     path = scan_folder(tmp_path / "scan", lab=lab, csv=False)
-    with pytest.raises(InputError, match=r"reference\.geometry\.pixel_size: it is missing.*give it in mm"):
+    with pytest.raises(
+        InputError, match=r"reference\.geometry\.pixel_size: it is missing.*voxels of 0.1 mm would be pixels of 0.4 mm"
+    ):
         reference_scan(path, **WHITE)
     assert error_of(path, geometry={"pixel_size": lab.pixel}) < 3e-4
     findings = reference_scan(path, **WHITE, geometry={"pixel_size": lab.pixel}).findings
     assert any("8 equal steps of a full turn were assumed" in f.fact and f.level is Level.WARNING for f in findings)
     for wrong in ({"first_row": "bottom"}, {"angles_deg": ANGLES.tolist()}, {"source_to_axis": 50.0}):
         assert error_of(path, geometry={"pixel_size": lab.pixel, **wrong}) > 0.1
+
+
+def test_the_xml_as_geometry_of_images_elsewhere(tmp_path):
+    path = scan_folder(tmp_path / "scan")
+    (path.parent / "Proj").rename(path.parent / "moved")
+    with pytest.raises(InputError, match="its radiographs are not beside it"):
+        reference_scan(path, **WHITE)
+    assert error_of(path, radiographs=["moved/*.tif"], geometry="unireconstruction.xml") < 3e-4
+
+
+def test_keys_beside_whole_positions_are_refused(tmp_path):
+    path = scan_folder(tmp_path / "scan")
+    with pytest.raises(
+        InputError, match=r"reference\.geometry\.pixel_size: it has no effect beside unireconstruction\.xml"
+    ):
+        reference_scan(path, **WHITE, geometry={"pixel_size": 0.4})
 
 
 def test_counts_without_flats_ask_for_the_white_level(tmp_path):

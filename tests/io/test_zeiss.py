@@ -11,13 +11,15 @@ import sys
 
 import numpy as np
 import pytest
+import tifffile
 from txrm2tiff import open_txrm
 
 from compound_file import write_compound_file
 from experiment_scan import reference_scan
 from grainmotion import read_scan
 from grainmotion.errors import InputError, InputWarning
-from grainmotion.experiment.config import ReferenceTable
+from grainmotion.experiment.config import ReferenceTable, StateTable
+from grainmotion.experiment.inherited_keys import with_inherited_keys
 from grainmotion.experiment.scan_files import find_scan
 from grainmotion.io.scanners.identify import is_scanner_file, read_scanner_file
 from grainmotion.io.stacks import find_stack
@@ -214,8 +216,43 @@ def test_a_stopped_scan_uses_what_is_there(tmp_path):
         read_scan(path, str(path))
 
 
+def test_files_of_one_radiograph_each(tmp_path):
+    for k, (angle, shift) in enumerate(zip(ANGLES, SHIFTS)):
+        lab = Lab(panel_shift=tuple(shift * LAB.pixel))
+        more = {f"Alignment__{axis}-Shifts": floats(s) for axis, s in zip("XY", shift)} if shift.any() else {}
+        scan_file(tmp_path / f"view{k}.xrm", lab=lab, angles=[angle], **more)
+    for files in (["view*.xrm"], [f"view{k}.xrm" for k in range(len(ANGLES))]):
+        scan = reference_scan(tmp_path / "view0.xrm", radiographs=files)
+        np.testing.assert_allclose(ball_images(scan.geometry), scan.read()[0].line_integrals, atol=3e-4)
+    scan_file(tmp_path / "view5.xrm", lab=Lab(source_to_axis=70.0), angles=[0.0])
+    with pytest.raises(
+        InputError, match=r"view5\.xrm \(reference.radiographs\): its \w+ is .*, but that of view0\.xrm is"
+    ):
+        reference_scan(tmp_path / "view0.xrm", radiographs=["view*.xrm"])
+
+
+def test_a_state_beside_its_reference(tmp_path):
+    """The state's file has no flats: those of the reference serve; bare images have all but the angles from it."""
+    scan_file(tmp_path / "scan.txrm", lab=moved_axis(CENTER_SHIFT), ReconSettings__CenterShift=floats(CENTER_SHIFT))
+    angles = ANGLES[1:4]
+    images = np.rint(uneven_flat() * np.exp(-moved_axis(CENTER_SHIFT).images(angles))).astype("<u2")
+    write_compound_file(tmp_path / "state.txrm", streams_of(images, angles))
+    tifffile.imwrite(tmp_path / "bare.tif", images[:, ::-1], photometric="minisblack")
+    geometry = {"angles_deg": (-angles).tolist()}
+    states = [
+        {"name": "a", "radiographs": "state.txrm"},
+        {"name": "b", "radiographs": "bare.tif", "geometry": geometry},
+    ]
+    tables = with_inherited_keys({"reference": {"radiographs": "scan.txrm"}, "states": states})
+    reference = ReferenceTable.model_validate(tables["reference"])
+    for state in tables["states"]:
+        table = StateTable.model_validate(state)
+        scan = find_scan(f"states.{table.name}", table, reference, tmp_path)
+        np.testing.assert_allclose(ball_images(scan.geometry), scan.read()[0].line_integrals, atol=3e-4)
+
+
 def test_single_radiographs(tmp_path):
-    """A state of .xrm files, one a view, and flats of another."""
+    """Files of one radiograph each, of which the table gives the geometry, and flats of another."""
     paths = [scan_file(tmp_path / f"view{k}.xrm", angles=ANGLES[k : k + 1]) for k in range(3)]
     assert len(reference_scan(paths[1]).geometry) == 1
     circle = {"angles_deg": (-ANGLES[:3]).tolist(), "pixel_size": 0.4, "first_row": "bottom"}
@@ -264,7 +301,7 @@ def test_files_that_cannot_be_used(tmp_path, streams, fact):
 def test_distances_that_cannot_be_are_asked_for(tmp_path, streams, fact):
     path = scan_file(tmp_path / "scan.txrm", **streams)
     assert any(fact in f.fact for f in read_scanner_file(path).findings)
-    with pytest.raises(InputError, match=r"reference\.geometry\.\w+: it is missing"):
+    with pytest.raises(InputError, match=rf"reference\.geometry\.\w+: it is missing.*does not tell it: {fact}"):
         reference_scan(path)
     geometry = {"source_to_axis": 60.0, "source_to_detector": 240.0, "pixel_size": 0.4}
     scan = reference_scan(path, geometry=geometry)

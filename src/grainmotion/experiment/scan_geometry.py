@@ -18,9 +18,11 @@ from grainmotion.experiment.inherited_keys import ANGLE_KEYS, TOLD_BY_FILES
 from grainmotion.experiment.recorded import CircularScan
 from grainmotion.experiment.scan_angles import RadiographFiles, scan_angles_deg
 from grainmotion.io.files import checked_file
+from grainmotion.io.formats import TXRM, family
 from grainmotion.io.locate import locate
 from grainmotion.io.scanners.description import ScannerFile
 from grainmotion.io.scanners.identify import is_scanner_file, is_view_file, read_scanner_file, read_views
+from grainmotion.io.scanners.joined import joined_scan
 from grainmotion.io.scanners.view_panel import Panel
 from grainmotion.io.stacks import Stack
 from grainmotion.model.finding import Finding, Level
@@ -114,6 +116,10 @@ def find_views(sources: ScanSources, radiographs: Stack) -> tuple[Geometry, Circ
         own = _read(path, key)
         if own.views is not None:
             return own.placed(_on_panel(own.views, shape, own)), None
+    if own is not None and own.views is not None and given is not None and not _set_keys(given).keys() & ANGLE_KEYS:
+        key = f"{sources.key}.geometry.{next(iter(_set_keys(given)), '')}".rstrip(".")
+        fact = f"it has no effect beside {own.path.name}, which holds whole positions of each view"
+        raise InputError(key, fact, "leave it out, or give all of a circular scan with its angles")
     circle = _circle(sources, given, own)
     try:
         recorded = None if own is None else own.circle.angles_deg
@@ -235,14 +241,18 @@ def _set_keys(table: Circular) -> dict[str, object]:
 
 
 def _scanner_file(key: str, table: ScanTable, folder: Path) -> ScannerFile | None:
-    """The scanner's file that the radiographs of a table are, if they are one."""
-    if table.radiographs is None or len(table.radiographs) != 1 or not is_scanner_file(table.radiographs[0]):
+    """The scanner's file that the radiographs of a table are, or several of them that hold a part each."""
+    names = table.radiographs
+    if not names or not all(map(is_scanner_file, names)):
         return None
     key = f"{key}.radiographs"
     try:
-        files = locate(table.radiographs[0], folder).files
+        files = [file for name in names for file in locate(name, folder).files]
+        if len(files) > 1 and all(family(file) == TXRM for file in files):
+            return joined_scan([_read(file, key) for file in files])
     except InputError as error:
-        raise InputError(f"{error.where} ({key})", error.fact, error.remedy) from error
+        where = error.where if key in error.where else f"{error.where} ({key})"
+        raise InputError(where, error.fact, error.remedy) from error
     return _read(files[0], key) if len(files) == 1 else None
 
 

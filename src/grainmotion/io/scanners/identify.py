@@ -61,7 +61,13 @@ def read_scanner_file(path: Path) -> ScannerFile:
 
 def is_view_file(path: Path) -> bool:
     """Whether a file holds whole positions of source and panel in each view, by its suffix and content."""
-    return _reader(path) is None or path.suffix.lower() == ".csv"
+    return _reader(path) is None or _rx_table_of(path) is not None
+
+
+def _rx_table_of(path: Path) -> Path | None:
+    """The table of views that a file of RX Solutions is, or that lies beside it."""
+    table = path.with_name("geom.csv") if path.name.lower() == "unireconstruction.xml" else path
+    return table if table.name.lower() == "geom.csv" and table.is_file() else None
 
 
 def _reader(path: Path) -> Reader | None:
@@ -71,4 +77,5 @@ def _reader(path: Path) -> Reader | None:
 
 def read_views(path: Path, panel: Panel) -> Geometry:
     """The views in a file for which `is_view_file` holds; an unknown suffix is taken for a CSV."""
+    path = _rx_table_of(path) or path
     return VIEW_READERS.get(path.suffix.lower(), VIEW_READERS[".csv"])(path, panel)

@@ -66,7 +66,28 @@ def _by_distances(path: Path, root: ElementTree.Element, planned: int, series: I
         angles_deg=views.astype(float) * (360.0 / planned),
     )
     return ScannerFile(
-        path, RX_NAME, circle, radiographs=series.pattern, facts=_facts(root), findings=(*findings, assumed)
+        path,
+        RX_NAME,
+        circle,
+        radiographs=series.pattern,
+        unclear=_likely_pixel(root, circle),
+        facts=_facts(root),
+        findings=(*findings, assumed),
+    )
+
+
+def _likely_pixel(root: ElementTree.Element, circle: CircleNumbers) -> tuple[tuple[str, str], ...]:
+    """What the voxels say of the pixels: only likely, as the user chooses them."""
+    voxel = root.find("volume/voxelSize")
+    try:
+        size = 0.0 if voxel is None else float(voxel.get("X", "").replace(",", "."))
+    except ValueError:
+        size = 0.0
+    if not size > 0 or not circle.source_to_axis or not circle.source_to_detector:
+        return ()
+    pixel = size * circle.source_to_detector / circle.source_to_axis
+    return (
+        ("pixel_size", f"voxels of {size:.5g} mm would be pixels of {pixel:.5g} mm, unless they were chosen otherwise"),
     )
 
 

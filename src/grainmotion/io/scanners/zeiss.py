@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
 MAX_CENTER_DIFFERENCE = 0.5
 """Columns by which two numbers of the centre may differ: reconstructions of one scan find it so well."""
+NEED_DISTANCES = ("source_to_axis", "source_to_detector", "pixel_size")
+"""Keys that follow from the distances."""
 MIN_EXPOSURE_CHANGE = 1e-3
 """Exposures that differ by less, relative, are the same."""
 
@@ -43,6 +45,7 @@ def read_zeiss_scan(path: Path) -> ScannerFile:
         views, findings = streams.numbers - 1, _completeness(ole, path, streams.numbers)
         angles, beam = numbers_per_view(ole, path, "ImageInfo/Angles", views), kind_of_beam(ole)
         near, far = (axis_distance(ole, path, name, views, findings) for name in ("StoRADistance", "DtoRADistance"))
+        unclear = [f.fact for f in findings if f.check == "sizes"]
         pixel = panel_pixel(ole, path, beam, None if near is None or far is None else (near + far) / near, findings)
         center = _center_shift(ole, path, findings)
         circle = CircleNumbers(
@@ -65,6 +68,7 @@ def read_zeiss_scan(path: Path) -> ScannerFile:
             flats=(f"{path.absolute()}::{OPEN_BEAM}",) if has_flats else (),
             image_shifts=shifts,
             beam_levels=_levels(ole, views) if has_flats else None,
+            unclear=tuple((key, unclear[0]) for key in NEED_DISTANCES if unclear),
             facts=_facts(ole),
             findings=tuple(findings),
         )
