@@ -74,6 +74,22 @@ class TestSteps:
         np.testing.assert_allclose(pairs(source)[1], np.arange(23), atol=1e-5)
         assert any("proj_7.tif" in f.fact for f in source.findings)
 
+    @pytest.mark.parametrize("kept", [(1, 2, 4), (0, 1, 2, 4), (0, 1, 3, 4, 7, 9, 10, 13), (2, 6, 8)])
+    def test_few_files_and_many_gaps_are_seen_too(self, tmp_path, kept):
+        series(tmp_path, [f"p_{k}.tif" for k in kept])
+        with pytest.raises(InputError, match=r"geometry\.step: .*lacks p_\d+\.tif"):
+            reference_of(tmp_path, TOML + self.ANGLES)
+        least = min(np.diff(kept))
+        count = (kept[-1] - kept[0]) // least + 1
+        angles = pairs(reference_of(tmp_path, TOML + self.ANGLES + f"count = {count}\n"))[1]
+        np.testing.assert_allclose(angles, (np.array(kept) - kept[0]) / least, atol=1e-5)
+
+    @pytest.mark.parametrize("names", [("101550", "101600", "101610"), ("0", "17", "30", "45"), ("100", "200", "300")])
+    def test_times_and_places_of_motors_are_no_counters(self, tmp_path, names):
+        series(tmp_path, [f"p_{n}.tif" for n in names])
+        angles = pairs(reference_of(tmp_path, TOML + self.ANGLES))[1]
+        np.testing.assert_allclose(angles, np.arange(len(names)), atol=1e-5)
+
     def test_another_count_is_an_error(self, tmp_path):
         series(tmp_path, counted(24, (7,)))
         with pytest.raises(InputError, match=r"30 views, but .* holds 23 radiographs"):

@@ -12,7 +12,7 @@ from nxtomo_library import write_with_nxtomo
 from read_experiment_scan import misfit, reference_of
 
 STAGE = np.array([0.0, 35.0, 140.0, 250.0])
-LAB = Lab(panel_shift=(-1.2, 0.0))  # the axis is seen 3 columns right of the middle, at 34.5
+LAB = Lab(axis_shift=0.3)  # the axis is seen 3 columns right of the middle, at 34.5
 COLUMN = (LAB.shape[1] - 1) / 2 + 3.0
 SAME = 2e-3  # counts are rounded: 1/40000 of the open beam behind e^1.3
 WRONG = 0.05
@@ -64,7 +64,7 @@ class TestFileAlone:
         assert misfit(source) < SAME
 
     def test_parallel_beam_of_a_synchrotron(self, scan):
-        lab = Lab(parallel=True, pixel=0.15, panel_shift=(-0.45, 0.0))
+        lab = Lab(parallel=True, pixel=0.15, axis_shift=0.45)
         source = read(scan(lab, source_type="Synchrotron X-ray Source", distances=False))
         assert source.geometry.beam == "parallel"
         assert misfit(source) < SAME
@@ -164,10 +164,12 @@ class TestAsked:
             ({"instrument/source/distance": (np.nan, "m")}, {}, "source_to_axis: it is missing.*is nan"),
             ({}, {"flips": None}, "first_row: it is missing"),
             ({"instrument/source/type": None}, {"distances": False}, r'source_to_axis: it is missing.*"parallel"'),
+            ({"instrument/source/type": None}, {"distances": False, "sample_pixel": 0.04},
+             r"pixel_size: it is missing.*0.04 mm at the sample, 0.4 mm on the panel"),
             ({"instrument/detector/magnification": 10.0},
              {"source_type": "Synchrotron X-ray Source", "distances": False}, "magnification of 10 or after"),
         ],
-        ids=["no unit", "angle", "oblong", "panel", "source", "rows", "beam", "optics"],
+        ids=["no unit", "angle", "oblong", "panel", "source", "rows", "beam", "two sizes", "optics"],
     )  # fmt: skip
     def test_missing_numbers(self, scan, changes, keys, match):
         path = scan(changes=changes, **keys)
@@ -180,10 +182,12 @@ class TestAsked:
         assert str(error.value).count("\n") == 0
 
     def test_the_panel_follows_from_the_told_source(self, scan):
-        path = scan(distances=False)
+        path = scan(Lab(panel_shift=(-1.2, 0.0)), distances=False)
         with pytest.raises(InputError, match="source_to_axis"):
             read(path)
-        assert misfit(read(path, "[reference.geometry]\nsource_to_axis = 60\n")) < SAME
+        source = read(path, "[reference.geometry]\nsource_to_axis = 60\n")
+        assert misfit(source) < SAME
+        np.testing.assert_allclose(source.geometry.project_points([[0, 0, 0]])[:, 0, 1], COLUMN, atol=1e-9)
 
     def test_a_parallel_beam_with_distances_of_a_source_is_a_contradiction(self, scan):
         path = scan(source_type="Synchrotron X-ray Source", distances=False)
@@ -210,7 +214,7 @@ class TestNamed:
 
     def test_a_source_far_away_gives_parallel_rays(self, scan):
         changes = {"instrument/source/distance": (-145.0, "m"), "instrument/source/type": b"Synchrotron X-ray Source"}
-        path = scan(Lab(parallel=True, pixel=0.15, panel_shift=(-0.45, 0.0)), changes=changes, sample_pixel=0.15)
+        path = scan(Lab(parallel=True, pixel=0.15, axis_shift=0.45), changes=changes, sample_pixel=0.15)
         assert misfit(read(path)) < SAME
         ((level, fact),) = self.facts(path)
         assert level is Level.NOTE
@@ -234,15 +238,14 @@ class TestNamed:
     @pytest.mark.parametrize(
         ("key", "told", "level"),
         [("pixel_size", "0.5", Level.WARNING), ("source_to_axis", "70", Level.WARNING), ("pixel_size", "0.401", None),
-         ("pixel_size", "0.1", Level.WARNING), ("detector_offset", "[0, 0]", Level.NOTE)],
+         ("pixel_size", "0.1", Level.WARNING), ("axis_offset", "0.0", Level.NOTE), ("axis_offset", "0.3", None)],
     )  # fmt: skip
     def test_numbers_of_the_experiment_file_win_and_contradictions_are_named(self, scan, key, told, level):
         source = read(scan(), f"[reference.geometry]\n{key} = {told}\n")
         found = [f for f in source.findings if f.check == "sizes"]
         assert [f.level for f in found] == ([] if level is None else [level])
-        if key != "detector_offset":
-            assert source.circle is not None
-            assert getattr(source.circle, key) == float(told)
+        assert source.circle is not None
+        assert getattr(source.circle, key) == float(told)
 
     def test_facts(self, scan):
         facts = dict(read_scanner_file(scan()).facts)

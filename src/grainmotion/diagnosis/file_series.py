@@ -99,7 +99,7 @@ def count_hint(names: Sequence[str], views: int, shape: tuple[int, int, int], an
             return f"{_shown([names[k] for k in strangers])} {_is(strangers)} named unlike the others: no radiographs?"
         missing = missing_numbers(series[0]) if not strangers else []
         if missing and count + len(missing) == views:
-            return f"missing in the series: {_shown(missing_names(series[0], missing))}"
+            return f"missing in the series: {_shown(_missing_names(series[0], missing))}"
     if views in shape[1:] and len(names) != count:
         axis = "second" if shape[1] == views else "third"
         return (
@@ -163,7 +163,7 @@ def _gaps(
     missing = [number for number in missing if number not in others]
     if not missing or (angles_deg is not None and len(angles_deg) == len(names) and _left_out(values, angles_deg)):
         return []
-    gone = missing_names(series, missing)
+    gone = _missing_names(series, missing)
     k = int(np.searchsorted(np.sort(values), missing[0]))
     around = [names[series.places[j]] for j in np.argsort(values)[k - 1 : k + 1]]
     fact = f"the series of files has {_gap_word(missing)}: {_shown(gone)} {_is(missing)} not there"
@@ -243,7 +243,7 @@ def _one_direction(first_deg: float, last_deg: float) -> bool:
 
 
 # ------------------------------------------------------------------------------------------------ words
-def missing_names(series: Series, missing: Sequence[float]) -> list[str]:
+def _missing_names(series: Series, missing: Sequence[float]) -> list[str]:
     """Names as the missing files would have them."""
     field = series.counter()
     return [] if field is None else [series.name_of(field, number) for number in missing]

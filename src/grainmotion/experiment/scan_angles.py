@@ -9,7 +9,7 @@ import numpy as np
 
 from grainmotion._typing import Float
 from grainmotion.diagnosis.file_names import Series, series_of
-from grainmotion.diagnosis.file_series import FILE_SERIES, missing_names, missing_numbers
+from grainmotion.diagnosis.file_series import DIGITS_OF_TIMES, FILE_SERIES, missing_numbers
 from grainmotion.errors import InputError
 from grainmotion.experiment.config import AngleRange, Circular
 from grainmotion.io.angles import read_angles
@@ -23,6 +23,8 @@ ANGLES_PLACE = "geometry.angles_deg"
 IN_NAMES = "names"
 """Value of ``angles_deg`` for the numbers in the names of the radiographs."""
 MAX_FILES_SHOWN = 4
+MAX_LOST = 3
+"""Numbers that leave out more than two files for each that is there do not count them."""
 LIST_THEM = "give the angles as a list, or a text file with names and angles"
 
 
@@ -96,24 +98,39 @@ def _by_steps(table: Circular, files: RadiographFiles) -> tuple[Float, tuple[Fin
     if table.step == 0:
         raise InputError("geometry.step", "it is 0, so that all views have one angle", "give the step in degrees")
     series = series_of(files.names) if files.series and files.names else []
-    gone = missing_numbers(series[0]) if len(series) == 1 else []
+    field, gone = _missing(series[0]) if len(series) == 1 else (0, [])
     count = table.count or files.count
     if not gone or (table.count is not None and table.count != files.count + len(gone)):
         return np.asarray(table.first + table.step * np.arange(count), dtype=float), ()
-    names = missing_names(series[0], gone)
+    names = [series[0].name_of(field, number) for number in gone]
     shown = ", ".join(names[:MAX_FILES_SHOWN]) + (", ..." if len(names) > MAX_FILES_SHOWN else "")
     if table.count is None:
         fact = f"{files.spec} lacks {shown}, and whether the stage went on over missing files is not told"
         remedy = f"set count = {files.count + len(gone)} if it did, count = {files.count} if not"
         raise InputError("geometry.step", fact, remedy)
-    field = series[0].counter()
-    assert field is not None  # only a counted series lacks numbers
     numbers = series[0].numbers[:, field]
     usual = (numbers.max() - numbers.min()) / (count - 1)
     angles = np.empty(files.count)
     angles[list(series[0].places)] = table.first + table.step * (numbers - numbers.min()) / usual
     fact = f"the angles of {shown}, which {'is' if len(gone) == 1 else 'are'} not there, were left out"
     return angles, (Finding(Level.NOTE, FILE_SERIES, "geometry.step", fact),)
+
+
+def _missing(series: Series) -> tuple[int, list[float]]:
+    """The field that counts the files, and its numbers that no file has: also of few files, and where many are lost."""
+    field, gone = series.counter(), missing_numbers(series)
+    if field is not None and gone:
+        return field, gone
+    if len(series.varying) != 1 or len(series.digits[series.varying[0]]) in DIGITS_OF_TIMES:
+        return 0, []
+    field = series.varying[0]
+    values = np.sort(series.numbers[:, field])
+    steps = np.diff(values) / max(np.diff(values).min(), 1e-9)
+    expected = round(steps.sum()) + 1
+    if np.any(np.abs(steps - np.round(steps)) > 1e-6) or expected > MAX_LOST * len(values):
+        return 0, []
+    places = values[0] + np.arange(expected) * np.diff(values).min()
+    return field, [float(p) for p in places if np.abs(values - p).min() > 1e-6]
 
 
 def _in_names(files: RadiographFiles) -> tuple[Float, tuple[Finding, ...]]:

@@ -30,6 +30,8 @@ from grainmotion.model.geometry import Geometry
 
 MAX_NUMBER_RATIO = 1.02
 """A length of the experiment file that differs by more from the scanner's is probably a mistake in one of them."""
+NO_LENGTHS = ("axis_offset",)
+"""Numbers that may be near zero, and are found anew for each scan."""
 KEYS_BESIDE_VIEWS = ("file", "beam", "pixel_size", "first_row", "detector_offset")
 """Keys that readers of views use."""
 
@@ -166,7 +168,9 @@ def overridden(sources: ScanSources, circle: CircularScan | None, geometry: Geom
 def _contradiction(key: str, name: str, told: tuple[object, ...], value: object, own: ScannerFile) -> list[Finding]:
     """A finding about what is told and a file's own ``value``, none about lengths that are nearly equal."""
     where, shown = f"{key}.geometry.{name}", f"{told[0]} of the experiment file, {value} of {own.path.name}"
-    if not isinstance(value, float) or value <= 0 or not isinstance(told[0], float):
+    if name in NO_LENGTHS or not isinstance(value, float) or not isinstance(told[0], float):
+        if isinstance(value, float) and isinstance(told[0], float) and np.isclose(value, told[0]):
+            return []
         fact = f"{name} of the experiment file is used, not that of {own.path.name}"
         return [Finding(Level.NOTE, "sizes", where, fact, shown)]
     if any(isinstance(t, float) and 1 / MAX_NUMBER_RATIO < t / value < MAX_NUMBER_RATIO for t in told):

@@ -74,7 +74,7 @@ def read_data_exchange(path: Path) -> ScannerFile:
 def _groups(file: h5py.File) -> list[str]:
     """Names of the groups with frames."""
     for name in file:
-        if name == "exchange":
+        if name == "exchange" or name.startswith("exchange_"):
             check_link(file, f"{name}/data")
     return [n for n in file if (n == "exchange" or n.startswith("exchange_")) and isinstance(file.get(n), h5py.Group)]
 

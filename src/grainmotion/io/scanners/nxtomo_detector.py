@@ -1,4 +1,7 @@
-"""How an NXtomo file says that frames are flipped, where the axis is on them, and which way the stage turns."""
+"""How an NXtomo file says that frames are flipped, where the axis is on them, and which way the stage turns.
+
+The ESRF's files of version 2 and later have the axes of NeXus; older ones have x along the beam and z up.
+"""
 
 from __future__ import annotations
 
