@@ -10,6 +10,8 @@ import pytest
 
 import grainmotion
 from grainmotion.errors import InputError
+from grainmotion.experiment.first_draft import draft_experiment
+from grainmotion.experiment.folder_contents import folder_contents
 from grainmotion.model.finding import Level
 from grainmotion.model.geometry import Geometry
 from lab_scanner import BALLS, Lab, ball_images
@@ -211,6 +213,20 @@ def test_doubtful_numbers_are_named(tmp_path):
     facts = [str(f) for f in scan_of(folder_of(tmp_path, text)).findings if f.level is Level.WARNING]
     assert any("-3 degrees are not used" in f and "[0, -3, 0] and [0, 3, 0]" in f for f in facts)
     assert any("2 scans above one another; only that of beads~00 is read" in f for f in facts)
+
+
+def test_init_takes_previews_and_slices_for_no_states(tmp_path):
+    stage = 10.0 * np.arange(36)
+    text = changed(FILE, **{"Number Of Files": 36, "Rotation Step (deg)": 10})
+    for name, log, angles in (("initial", text, stage), ("step", FILE, STAGE)):
+        (tmp_path / name).mkdir()
+        folder_of(tmp_path / name, log, images(angles), [f"beads~00{n:08d}.tif" for n in range(len(angles))])
+    draft = draft_experiment(folder_contents(tmp_path))
+    assert [line for line in draft.text.split("\n") if line.startswith("radiographs")] == [
+        'radiographs = "initial/beads.log"    # 36 radiographs',
+        'radiographs = "step/beads.log"    # 6 radiographs',
+    ]
+    assert draft.todo == ()
 
 
 @pytest.mark.parametrize(("origin", "warned"), [(16, False), (2, True)])

@@ -111,8 +111,17 @@ def draft_experiment(contents: FolderContents, name: str = "experiment.toml") ->
 def _scans(contents: FolderContents) -> list[FoundScan]:
     """All scans of the folder in the order of the numbers in their paths."""
     scans = [FoundScan(_name(spec), spec, _count(file), file) for spec, file in contents.scans]
-    scans += [FoundScan(_name(s.spec), s.spec, s.shape[0]) for s in contents.of_role("radiographs")]
+    radiographs = [s for s in contents.of_role("radiographs") if not _is_beside_scan(contents, s)]
+    scans += [FoundScan(_name(s.spec), s.spec, s.shape[0]) for s in radiographs]
     return [scans[k] for k in natural_order([scan.spec for scan in scans])]
+
+
+def _is_beside_scan(contents: FolderContents, images: ImageSet) -> bool:
+    """Whether images are previews or slices of a scanner's scan: beside its radiographs, and named as they begin."""
+    first = [Path(file.radiographs[0]) for _, file in contents.scans if file.radiographs]
+    begins = [(path.parent, re.sub(r"[\d_ -]+$", "", path.stem)) for path in first]
+    place = (contents.path / images.spec).absolute()
+    return any(place.parent == folder and place.name.startswith(name) for folder, name in begins if name)
 
 
 def _count(file: ScannerFile) -> int:
