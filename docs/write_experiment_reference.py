@@ -41,6 +41,7 @@ TABLES: dict[str, type] = {
     "[plan]": PlanSettings,
     "[mechanics]": MechanicsSettings,
     "[[states]]": config.StateTable,
+    "[watch]": config.WatchTable,
     "[output]": config.OutputTable,
     "[dem]": DemSettings,
 }

@@ -28,6 +28,7 @@ from grainmotion.cli.options import (
     command,
 )
 from grainmotion.cli.stages import finish, prepared, read
+from grainmotion.cli.watch_command import watch
 from grainmotion.errors import InputError
 
 app = typer.Typer(
@@ -124,6 +125,7 @@ def report(paths: Paths, execution: Execution, checks: Checks) -> None:
 app.add_typer(export_app, name="export")
 
 
+add_command(watch)
 add_command(inspect)
 add_command(init)
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import re
 import tomllib
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
@@ -25,6 +26,7 @@ from grainmotion.diagnosis.settings import CheckSettings
 from grainmotion.errors import InputError
 from grainmotion.experiment.config_errors import input_error
 from grainmotion.experiment.inherited_keys import with_inherited_keys
+from grainmotion.experiment.watched_folders import FOLDER_MARK, matched_folders, with_folder
 from grainmotion.grain_shapes.settings import DemSettings
 from grainmotion.io.files import checked_file
 from grainmotion.io.spam_table import About
@@ -206,6 +208,38 @@ class StateTable(ScanTable):
     )
 
 
+class WatchTable(ScanTable):
+    """Folders that become states as they appear, each of its folder's name; `run` takes those that are there.
+
+    The other keys are those of a state; in names of files {folder} stands for the folder.
+    """
+
+    folders: str = Field(description='pattern of the folders, such as "steps/*", from the file\'s own folder')
+    radiographs: Files = Field(default=[FOLDER_MARK], description="of each state: all images in its folder by default")
+    count: int | None = Field(
+        default=None, gt=0, description="radiographs of a complete state, where the geometry does not tell their number"
+    )
+
+    def state(self, folder: Path) -> StateTable:
+        """The state of one folder."""
+        told = {name: getattr(self, name) for name in ScanTable.model_fields}
+        for name in ("radiographs", "flats", "darks"):
+            told[name] = None if told[name] is None else with_folder(told[name], folder)
+        if isinstance(self.geometry, str):
+            told["geometry"] = with_folder([self.geometry], folder)[0]
+        elif isinstance(self.geometry, Circular) and isinstance(self.geometry.angles_deg, str):
+            angles = with_folder([self.geometry.angles_deg], folder)[0]
+            told["geometry"] = self.geometry.model_copy(update={"angles_deg": angles})
+        if folder.name.lower() in RESERVED_STATE_NAMES:
+            fact = f"the folder {folder} cannot be a state: a result file has this name"
+            raise InputError("watch.folders", fact, "rename it, or narrow the pattern")
+        try:
+            return StateTable(name=folder.name, **told)
+        except ValidationError as error:
+            fact = f"the folder {folder} cannot be a state: {error.errors()[0]['msg']}"
+            raise InputError("watch.folders", fact, "rename it, or narrow the pattern") from error
+
+
 class OutputTable(_Table):
     """What to write, and where."""
 
@@ -246,6 +280,7 @@ class ExperimentFile(_Table):
     plan: PlanSettings = Field(default_factory=PlanSettings)
     mechanics: MechanicsSettings = Field(default_factory=MechanicsSettings)
     states: list[StateTable] = []
+    watch: WatchTable | None = None
     output: OutputTable = Field(default_factory=OutputTable)
     dem: DemSettings = Field(default_factory=DemSettings)
 
@@ -260,10 +295,13 @@ class Experiment:
         The file.
     tables : ExperimentFile
         Its content.
+    of_folders : tuple of str
+        Names of the states that ``[watch] folders`` gave.
     """
 
     path: Path
     tables: ExperimentFile
+    of_folders: tuple[str, ...] = ()
 
     @property
     def folder(self) -> Path:
@@ -279,6 +317,10 @@ class Experiment:
     def reference_settings(self) -> ReferenceSettings:
         """How the reference state is made: the tables ``[calibrate]``, ``[reconstruct]`` and ``[segment]``."""
         return ReferenceSettings(self.tables.calibrate, self.tables.reconstruct, self.tables.segment)
+
+    def with_states(self, states: Sequence[StateTable]) -> Experiment:
+        """The same experiment with other states."""
+        return dataclasses.replace(self, tables=self.tables.model_copy(update={"states": list(states)}))
 
     def checked(self, *, force: bool, try_fixes: bool) -> Experiment:
         """The same experiment, with checks that are not to stop it, or whose fixes are to be applied."""
@@ -305,7 +347,8 @@ def read_experiment(path: str | Path) -> Experiment:
     Returns
     -------
     Experiment
-        The file's tables, with a default for each key that it leaves out.  No other file is read.
+        The file's tables, with a default for each key that it leaves out, and a state for each folder that matches
+        ``[watch] folders``.  No other file is read.
 
     Raises
     ------
@@ -324,9 +367,25 @@ def read_experiment(path: str | Path) -> Experiment:
         except ValidationError as error:
             raise input_error(error, ExperimentFile, data) from error
         _check_states(tables)
+        experiment = Experiment(path, tables)
+        if tables.watch is not None:
+            found = [tables.watch.state(folder) for folder in watched_folders(experiment)]
+            experiment = experiment.with_states([*tables.states, *found])
+            experiment = dataclasses.replace(experiment, of_folders=tuple(state.name for state in found))
+            _check_states(experiment.tables)
     except InputError as error:
         raise InputError(f"{path}: {error.where}", error.fact, error.remedy) from error
-    return Experiment(path, tables)
+    return experiment
+
+
+def watched_folders(experiment: Experiment) -> list[Path]:
+    """Folders that match ``[watch] folders`` by now, but for those of whose name a state is told."""
+    watched = experiment.tables.watch
+    if watched is None:
+        return []
+    told = {state.name for state in experiment.tables.states} - set(experiment.of_folders)
+    folders = matched_folders(watched.folders, experiment.folder, experiment.output)
+    return [folder for folder in folders if folder.name not in told]
 
 
 def _toml_remedy(fact: str) -> str:

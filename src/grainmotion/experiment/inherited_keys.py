@@ -32,6 +32,8 @@ def with_inherited_keys(data: Mapping[str, object]) -> dict[str, object]:
     reference = data.get("reference")
     common = {key: value for key, value in (_circle(reference) or {}).items() if key not in ANGLE_KEYS}
     tables["states"] = [_with_circle(state, common, _has_scanner_file(reference)) for state in states]
+    if "watch" in data:
+        tables["watch"] = _with_circle(data["watch"], common, _has_scanner_file(reference))
     if isinstance(reference, dict):
         tables["reference"] = _with_circle(reference, {}, False)
     return tables

@@ -76,7 +76,7 @@ def find_inputs(experiment: Experiment) -> Inputs:
             except InputError as error:
                 told = "" if volume is None else other_size(volume, grid)
                 raise InputError(error.where, error.fact + told, error.remedy) from error
-    starts = tuple(_start(folder, t, grid) for t in tables.states)
+    starts = tuple(start_in_file(folder, t, grid) for t in tables.states)
     if volume is not None:
         return Inputs(None, states, starts, grid, volume, labels, reference)
     return Inputs(reference, states, starts, grid, None, labels)
@@ -101,7 +101,7 @@ def _find_scans(experiment: Experiment, *, given: bool) -> tuple[dict[str, ScanI
     return scans, errors
 
 
-def _start(folder: Path, table: StateTable, grid: Volume) -> Motions | None:
+def start_in_file(folder: Path, table: StateTable, grid: Volume) -> Motions | None:
     """The motions in the file that ``initial`` names; None if it names a state."""
     initial = table.initial
     if table.initial_about is not None and not initial.endswith(".tsv"):

@@ -34,11 +34,16 @@ def check_radiographs(context: RunContext, *, states: bool) -> None:
     """Check frames and grey values of the scans that are used."""
     for source in (context.inputs.reference, *(context.inputs.states if states else ())):
         if source is not None:
-            name = source.key.removeprefix("states.")
-            folder = context.folder if name == source.key else context.folder / name
-            check = functools.partial(_as_read, context, source)
-            found = _findings(context, f"{source.key}/radiographs", folder / RADIOGRAPHS, source, check)
-            settle(context, source, found)
+            check_radiographs_of(context, source)
+
+
+def check_radiographs_of(context: RunContext, source: ScanInput) -> None:
+    """Check frames and grey values of one scan."""
+    name = source.key.removeprefix("states.")
+    folder = context.folder if name == source.key else context.folder / name
+    check = functools.partial(_as_read, context, source)
+    found = _findings(context, f"{source.key}/radiographs", folder / RADIOGRAPHS, source, check)
+    settle(context, source, found)
 
 
 def check_reference(context: RunContext) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import logging
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -25,6 +25,7 @@ from grainmotion.experiment.inputs import Inputs, check_contrast
 from grainmotion.experiment.inspection import scan_facts, scan_findings
 from grainmotion.experiment.scan_inputs import ScanInput
 from grainmotion.model.finding import Finding, Level
+from grainmotion.model.motions import Motions
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.workflow.fingerprints import Fingerprints
@@ -33,6 +34,8 @@ from grainmotion.workflow.provenance import Stage, StageCache
 
 LOG_LEVELS = {Level.NOTE: logging.INFO, Level.WARNING: logging.WARNING, Level.ERROR: logging.ERROR}
 T = TypeVar("T")
+WatchedInput = tuple[StateTable, ScanInput, Motions | None]
+"""A state, its scan, and the motions in the file that it names as its start."""
 
 
 @dataclass(eq=False)
@@ -96,6 +99,25 @@ class RunContext:
         """Do not track a state, because of a finding."""
         self.refused[state] = finding
         self.__dict__.pop("fingerprints", None)
+
+    def set_states(self, states: Sequence[WatchedInput]) -> None:
+        """Replace the later states, for a run to which states come as they arrive; what is known of others is kept."""
+        self.experiment = self.experiment.with_states([table for table, _, _ in states])
+        scans, starts = tuple(scan for _, scan, _ in states), tuple(start for _, _, start in states)
+        self.inputs = replace(self.inputs, states=scans, starts=starts)
+        before = self.__dict__.pop("fingerprints", None)
+        if before is not None:
+            refused = frozenset(self.refused)
+            self.__dict__["fingerprints"] = before.with_states(self.experiment, self.inputs, refused)
+
+    def drop_state(self, name: str) -> None:
+        """Forget what was noticed of a state, before it is read again from changed files."""
+        key = f"states.{name}"
+        gone = self.findings_on(key)
+        self.findings = [finding for finding in self.findings if finding not in gone]
+        self.refused.pop(name, None)
+        for kept in (self.as_read, self._measured, self._corrected):
+            kept.pop(key, None)
 
     @cached_property
     def fingerprints(self) -> Fingerprints:

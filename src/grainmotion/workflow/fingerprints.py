@@ -32,6 +32,14 @@ class Fingerprints:
     cache: StageCache
     refused: frozenset[str] = frozenset()  # states that are not tracked
 
+    def with_states(self, experiment: Experiment, inputs: Inputs, refused: frozenset[str]) -> Fingerprints:
+        """Those of the same experiment with other states: the reference's files are not looked at again."""
+        other = Fingerprints(experiment, inputs, self.cache, refused)
+        for name in ("calibrate", "reconstruct", "segment"):
+            if name in vars(self):
+                vars(other)[name] = vars(self)[name]
+        return other
+
     @property
     def calibrates(self) -> bool:
         """Whether the scanner is calibrated on the reference scan: only if there is one to reconstruct."""

@@ -13,7 +13,7 @@ import numpy as np
 from grainmotion import report
 from grainmotion.analysis.residual_images import residual_images
 from grainmotion.calibration.scanner import ScannerCalibration
-from grainmotion.experiment.config import Experiment
+from grainmotion.experiment.config import Experiment, Export, StateTable
 from grainmotion.experiment.inputs import Inputs
 from grainmotion.experiment.last_reference import described
 from grainmotion.experiment.scan_inputs import ScanInput
@@ -75,53 +75,76 @@ class Results:
 def write_outputs(
     context: RunContext, reference: Callable[[], SegmentedReference], tracked: Mapping[str, TrackedState]
 ) -> None:
-    """Write the reference's exports, then the outputs of each state."""
-    output, prints, exporter = context.tables.output, context.fingerprints, Exporter(context, reference)
-    exports = [export for export in dict.fromkeys(output.exports) if export not in (MECHANICS, DEM)]
-    if DEM in output.exports:
-        export_dem(context, reference, tracked)
+    """Write the reference's exports, then the outputs of each state, then what is made of all states."""
+    exporter = Exporter(context, reference)
+    write_reference_exports(context, exporter)
+    for table, source in context.states:
+        write_state_outputs(context, exporter, table, source, tracked[table.name])
+    write_outputs_of_all_states(context, exporter, tracked)
+
+
+def write_reference_exports(context: RunContext, exporter: Exporter) -> None:
+    """Write volume, labels and grains of the reference for other software."""
+    exports = _exports(context)
     for export in exports:
         if export == "tiff" and "spam" in exports:
             continue  # the same files
         files = [context.folder / file for file in REFERENCE_EXPORTS[export]]
         write: Callable[[], None] = partial(exporter.reference_files, export, files)
-        _complete(context, f"reference/{export}", prints.after_segmentation(PRINTS.get(export, export)), files, write)
-    for table, source in context.states:
-        folder, state = context.folder / table.name, tracked[table.name]
-        files = [folder / RESIDUALS]
-        outputs = [("residuals", files, partial(_write_residuals, context, reference, source, state, files[0]))]
-        fit = state.motions.fit
-        if fit.bodies:
-            files = [folder / BODIES]
-            outputs.append(("bodies", files, partial(write_body_motions, files[0], fit.bodies)))
-        if fit.appeared:
-            files = [folder / APPEARED]
-            outputs.append(("appeared", files, partial(write_new_grains, files[0], fit.appeared)))
-        if fit.pieces:
-            files = [folder / PIECES]
-            outputs.append(("pieces", files, partial(write_piece_motions, files[0], fit.pieces)))
-        for k, kind in enumerate(rebuilt_formats(output)):
-            files = [folder / file for file in DEFORMED[kind]]
-            name = f"rebuilt {kind}" if k else "rebuilt"
-            outputs.append((name, files, partial(exporter.deformed, state.motions, files)))
-        for export in (export for export in exports if export in STATE_EXPORTS):
-            files = [folder / file for file in STATE_EXPORTS[export]]
-            outputs.append((export, files, partial(exporter.state_files, export, table, state.motions, files)))
-        for name, files, write in outputs:
-            made = f"{name} {output.spam_about}" if name == "spam" else PRINTS.get(name, name)
-            if name == "vtk":
-                made += f" {time_of(table, context.tables.states)}"
-            elif name.startswith("rebuilt"):
-                made += f" {files[0].name}"
-            _complete(context, f"{table.name}/{name}", prints.after_tracking(made, table.name), files, write)
-    if "vtk" in exports:
+        fingerprint = context.fingerprints.after_segmentation(PRINTS.get(export, export))
+        _complete(context, f"reference/{export}", fingerprint, files, write)
+
+
+def write_state_outputs(
+    context: RunContext, exporter: Exporter, table: StateTable, source: ScanInput, state: TrackedState
+) -> None:
+    """Write what belongs to one state beside its motions."""
+    output, prints, folder = context.tables.output, context.fingerprints, context.folder / table.name
+    files = [folder / RESIDUALS]
+    outputs = [("residuals", files, partial(_write_residuals, context, exporter.reference, source, state, files[0]))]
+    fit = state.motions.fit
+    if fit.bodies:
+        files = [folder / BODIES]
+        outputs.append(("bodies", files, partial(write_body_motions, files[0], fit.bodies)))
+    if fit.appeared:
+        files = [folder / APPEARED]
+        outputs.append(("appeared", files, partial(write_new_grains, files[0], fit.appeared)))
+    if fit.pieces:
+        files = [folder / PIECES]
+        outputs.append(("pieces", files, partial(write_piece_motions, files[0], fit.pieces)))
+    for k, kind in enumerate(rebuilt_formats(output)):
+        files = [folder / file for file in DEFORMED[kind]]
+        name = f"rebuilt {kind}" if k else "rebuilt"
+        outputs.append((name, files, partial(exporter.deformed, state.motions, files)))
+    for export in (export for export in _exports(context) if export in STATE_EXPORTS):
+        files = [folder / file for file in STATE_EXPORTS[export]]
+        outputs.append((export, files, partial(exporter.state_files, export, table, state.motions, files)))
+    for name, files, write in outputs:
+        made = f"{name} {output.spam_about}" if name == "spam" else PRINTS.get(name, name)
+        if name == "vtk":
+            made += f" {time_of(table, context.tables.states)}"
+        elif name.startswith("rebuilt"):
+            made += f" {files[0].name}"
+        _complete(context, f"{table.name}/{name}", prints.after_tracking(made, table.name), files, write)
+
+
+def write_outputs_of_all_states(context: RunContext, exporter: Exporter, tracked: Mapping[str, TrackedState]) -> None:
+    """Write what is made of all states together."""
+    if "vtk" in _exports(context):
         files = [context.folder / file for file in COLLECTIONS]
         steps = [[table.name, str(time_of(table, context.tables.states))] for table, _ in context.states]
         fingerprint = context.cache.fingerprint(["collections", steps])
         _complete(context, "collections", fingerprint, files, partial(exporter.collections, files))
-    if MECHANICS in output.exports:
-        write_mechanics_files(context, reference, tracked)
+    if DEM in context.tables.output.exports:
+        export_dem(context, exporter.reference, tracked)
+    if MECHANICS in context.tables.output.exports:
+        write_mechanics_files(context, exporter.reference, tracked)
     write_series_files(context, {name: state.motions for name, state in tracked.items()})
+
+
+def _exports(context: RunContext) -> list[Export]:
+    """Files for other software that are wanted, each once, but for those that are made of all states."""
+    return [export for export in dict.fromkeys(context.tables.output.exports) if export not in (MECHANICS, DEM)]
 
 
 def write_series_files(context: RunContext, motions: Mapping[str, Motions]) -> None:
@@ -170,7 +193,7 @@ def report_stage(
         inputs, folder = context.inputs, context.folder
         write_report(Results(context.experiment, inputs, folder, stored, scans, motions, scanner, found))
 
-    told = [str(finding) for finding in context.findings]
+    told = sorted(str(finding) for finding in context.findings)
     fingerprint = context.cache.fingerprint(["findings", told], (), [context.fingerprints.report])
     _complete(context, "report", fingerprint, [context.folder / REPORT], write)
     return context.folder / REPORT

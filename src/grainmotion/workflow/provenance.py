@@ -86,10 +86,15 @@ class StageCache:
             temporary.write_text(json.dumps(kept, indent=1))
 
     def _content(self, path: Path) -> str:
-        """Hash of a file's content; not read again while its size and time stay the same."""
-        status = path.stat()
+        """Hash of a file's content; not read again while its size and time stay the same, nor once it is gone."""
         name = str(path.resolve())
         known = self._hashes.get(name)
+        try:
+            status = path.stat()
+        except FileNotFoundError:
+            if known is None:
+                raise
+            return known[2]  # it was moved away after it was used, as to an archive while a watch goes on
         if known and known[:2] == (status.st_size, status.st_mtime_ns):
             return known[2]
         digest = hashlib.blake2b(digest_size=16)

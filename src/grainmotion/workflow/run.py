@@ -104,11 +104,10 @@ def run(
         If the device asked for cannot be used.
     """
     check_argument("run(experiment)", experiment, ["Experiment"])
-    if "parquet" in experiment.tables.output.series:
-        check_parquet("output.series")
+    check_formats(experiment)
     inputs, with_states = find_inputs(experiment), until in ("track", "report")
     folder = checked_folder(out if out is not None else experiment.output)
-    _check_overwriting(inputs, folder)
+    check_overwriting(inputs, folder)
     place = "" if workplace == LOCAL else f", {workplace}"
     tracked: dict[str, TrackedState] = {}
     report = None
@@ -120,7 +119,7 @@ def run(
             for finding in context.findings:  # before there was a log
                 STAGE_LOG.info(finding.line)
             check_radiographs(context, states=with_states)
-            reconstruction = _reconstructed(context)
+            reconstruction = reconstructed(context)
             if until != "reconstruct":
                 reference = segment_stage(context, reconstruction)
                 check_grains(context, reference)
@@ -129,7 +128,7 @@ def run(
                 for table in experiment.tables.states:
                     if table.name not in tracked:
                         tracked[table.name] = context.complete(track_stage(context, reference, table.name, tracked))()
-                    _check_motions(context, table.name, tracked[table.name].motions)
+                    note_motions(context, table.name, tracked[table.name].motions)
                 tracked = {table.name: tracked[table.name] for table in experiment.tables.states}
             motions = {name: state.motions for name, state in tracked.items()}
             if until == "report":
@@ -140,7 +139,13 @@ def run(
     return RunResult(folder, motions, tuple(context.done), tuple(context.reused), report, findings)
 
 
-def _reconstructed(context: RunContext) -> Callable[[], StoredReference]:
+def check_formats(experiment: Experiment) -> None:
+    """Refuse formats of results for which a library is missing."""
+    if "parquet" in experiment.tables.output.series:
+        check_parquet("output.series")
+
+
+def reconstructed(context: RunContext) -> Callable[[], StoredReference]:
     """The reference volume from checked and calibrated radiographs, or as given."""
     level_reference(context)
     check_reference(context)
@@ -151,7 +156,7 @@ def _reconstructed(context: RunContext) -> Callable[[], StoredReference]:
     return reconstruct_stage(context)
 
 
-def _check_motions(context: RunContext, name: str, motions: Motions) -> None:
+def note_motions(context: RunContext, name: str, motions: Motions) -> None:
     """Record what the motions of a state show."""
     context.add(check_motions(name, motions, context.findings_on(f"states.{name}")))
     STAGE_LOG.info("%s: %s grains usable", name, motions.counts)
@@ -159,7 +164,7 @@ def _check_motions(context: RunContext, name: str, motions: Motions) -> None:
         STAGE_LOG.info("%s: %s", name, sentence)
 
 
-def _check_overwriting(inputs: Inputs, folder: Path) -> None:
+def check_overwriting(inputs: Inputs, folder: Path) -> None:
     """Refuse to write results over inputs."""
     scans = [s for s in (inputs.reference, *inputs.states) if s is not None]
     files = [f for s in scans for f in s.files] + [f for s in (inputs.volume, inputs.labels) if s for f in s.files]

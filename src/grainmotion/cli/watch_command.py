@@ -1,0 +1,40 @@
+"""`grainmotion watch`: states tracked as their radiographs arrive."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from grainmotion.cli import console
+from grainmotion.cli.options import Checks, Execution, OnDevice, Paths
+from grainmotion.cli.stages import prepared, read
+
+Every = Annotated[float, typer.Option("--every", help="seconds between two looks at the folders")]
+Until = Annotated[int | None, typer.Option("--until", help="end once so many states are tracked")]
+StopAfter = Annotated[float | None, typer.Option("--stop-after", help="end after so many seconds without a new file")]
+
+
+def watch(
+    paths: Paths,
+    *,
+    every: Every = 1.0,
+    until: Until = None,
+    stop_after: StopAfter = None,
+    device: OnDevice = None,
+    execution: Execution,
+    checks: Checks,
+) -> None:
+    """Track each state as soon as its radiographs are complete, with a live page; Ctrl-C ends it."""
+    from grainmotion.workflow.watch import WatchSettings
+    from grainmotion.workflow.watch import watch as watch_states
+
+    settings = WatchSettings(every, until, stop_after)
+    with prepared(read(paths.file, device), execution, checks) as (experiment, options):
+        result = watch_states(experiment, out=paths.out, settings=settings, say=_say, **options)
+    console.print_states(result.motions)
+    print(f"watch ended: {result.ended}; {len(result.motions)} states tracked, page: {result.page}")
+
+
+def _say(line: str) -> None:
+    print(line, flush=True)
