@@ -212,7 +212,7 @@ FILES: tuple[FileKind, ...] = (
              note=_VTK_NOTE),
     FileKind("STATE/surfaces.vtp", "grains as surfaces for ParaView, with the same columns", _VTK, note=_VTK_NOTE),
     FileKind("STATE/grains-ddic.tsv", "motions for spam", _SPAM,
-             note="**voxels**, z y x, 0-based; tab-separated; see docs/conventions.md, Axes of other software"),
+             note="**voxels**, z y x, 0-based; tab-separated; see [export](export.md#spam)"),
     FileKind("STATE/strains.csv", STRAINS_CONTENT, _MECH, columns=STRAIN_MAP_COLUMNS),
     FileKind("STATE/contacts.csv", CHANGES_CONTENT, _MECH, columns=STATE_CONTACT_COLUMNS),
     FileKind("STATE/void_ratio.csv", VOIDS_CONTENT, _MECH, columns=VOID_COLUMNS),
