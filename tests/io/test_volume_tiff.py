@@ -48,6 +48,15 @@ def test_what_imagej_cannot_hold_is_ome(tmp_path, ome):
     np.testing.assert_array_equal(read_tiff(tmp_path / "a.tif"), array)
 
 
+def test_negative_and_huge_numbers(tmp_path):
+    array = np.arange(60).reshape(SHAPE) - 3
+    write_volume_tiff(tmp_path / "a.tif", array, 0.1)
+    np.testing.assert_array_equal(tifffile.imread(tmp_path / "a.tif"), array)
+    with pytest.raises(InputError, match="from 0 to 2534030704640"):
+        write_volume_tiff(tmp_path / "b.tif", np.where(array == 0, 2534030704640, 0), 0.1)
+    assert not (tmp_path / "b.tif").exists()
+
+
 def test_a_single_slice_and_an_image(tmp_path):
     write_volume_tiff(tmp_path / "a.tif", np.ones((1, 4, 3), np.float32), 0.1)
     assert read_tiff(tmp_path / "a.tif").shape == (1, 4, 3)

@@ -34,6 +34,7 @@ def write_volume_tiff(
     ``ome``, is written as OME-TIFF, which Fiji opens by Bio-Formats.
     """
     array = short_labels(array) if array.dtype.kind in "iub" else array
+    array = array.astype(np.float32) if array.dtype == np.float16 else array
     if array.ndim != 3:
         raise InputError(str(path), f"an array of shape {array.shape} is no volume", "give (z, y, x)")
     small = array.nbytes < MAX_IMAGEJ_BYTES and array.dtype in _IMAGEJ_TYPES
@@ -56,11 +57,14 @@ def write_volume_tiff(
 
 
 def short_labels(labels: Pixels) -> Pixels:
-    """The same labels with 16 bits if these hold them, else with 32."""
-    low, high = labels.min(initial=0), labels.max(initial=0)
-    if low < 0:
-        return labels
-    return labels.astype(np.uint16 if high <= MAX_SHORT_LABEL else np.int32, copy=False)
+    """The same labels with 16 bits if these hold them, else with 32; an `InputError` if these do not."""
+    low, high = int(labels.min(initial=0)), int(labels.max(initial=0))
+    bounds = np.iinfo(np.int32)
+    if low < bounds.min or high > bounds.max:
+        raise InputError(
+            "labels", f"they run from {low} to {high}", "number the grains from 1 on: 32 bits hold them then"
+        )
+    return labels.astype(np.uint16 if low >= 0 and high <= MAX_SHORT_LABEL else np.int32, copy=False)
 
 
 def description(shape: tuple[int, ...], voxel_size: float, center: tuple[float, float, float] | None) -> str:
