@@ -62,7 +62,7 @@ def write_dem_folder(
     *,
     progress: Progress | None = None,
     count: int = 0,
-) -> None:
+) -> list[Path]:
     """Write all files of the folder.
 
     Parameters
@@ -79,8 +79,14 @@ def write_dem_folder(
         Called as ``progress(message, done, total)``.
     count : int
         Number of bodies, for the progress.
+
+    Returns
+    -------
+    list of Path
+        The files.
     """
-    _remove_older(folder)
+    for path in _own_files(folder):  # its grains and shapes may be others
+        path.unlink()
     written = _Written()
     for k, body in enumerate(bodies):
         if progress is not None:
@@ -105,13 +111,12 @@ def write_dem_folder(
         if "yade" in settings.codes:
             _write_text(folder / YADE_PY, YADE_SCRIPT)
     _write_text(folder / README_TXT, readme(made_by(), settings))
+    return _own_files(folder)
 
 
-def _remove_older(folder: Path) -> None:
-    """Remove the files of an older export, whose grains and shapes may be others."""
-    for pattern in OWN_FILES:
-        for path in folder.glob(pattern):
-            path.unlink()
+def _own_files(folder: Path) -> list[Path]:
+    """The files of an export that are in the folder."""
+    return sorted(path for pattern in OWN_FILES for path in folder.glob(pattern))
 
 
 GRAINS_HEAD = (
