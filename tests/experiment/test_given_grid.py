@@ -102,6 +102,15 @@ class TestVoxelSize:
         inputs = inputs_of(folder, TOML + "voxel_size = 0.1")
         assert "no cubes" in voxel_findings(inputs.volume, inputs.grid, "")[0].fact
 
+    def test_a_slice_that_is_missing_is_named(self, folder):
+        (folder / "slices").mkdir()
+        for k, page in enumerate(sample().array.astype(np.float32)):
+            tifffile.imwrite(folder / "slices" / f"slice_{k + (k > 11):03d}.tif", page)
+        inputs = inputs_of(folder, TOML.replace("volume.tif", "slices") + "voxel_size = 0.1")
+        (finding,) = voxel_findings(inputs.volume, inputs.grid, "slices")
+        assert "gap: slice_012.tif is not there" in finding.fact
+        assert "lie too low" in finding.remedy
+
     def test_nobody_tells_it(self, folder):
         tifffile.imwrite(folder / "volume.tif", sample().array.astype(np.float32), imagej=True, resolution=(10, 10))
         with pytest.raises(InputError, match=r"volume\.voxel_size: it is missing, and volume\.tif tells none"):

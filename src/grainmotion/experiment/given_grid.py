@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
+from grainmotion.diagnosis.file_series import series_findings
 from grainmotion.diagnosis.given_volume import VOLUME_CHECK
 from grainmotion.diagnosis.labels import LABELS_CHECK
 from grainmotion.diagnosis.voxel_sizes import size_conflict
 from grainmotion.errors import InputError
 from grainmotion.experiment.config import VolumeTable
+from grainmotion.io.formats import family
 from grainmotion.io.volumes.find import find_volume
 from grainmotion.io.volumes.record import VolumeFile
 from grainmotion.model.finding import Finding, Level
@@ -56,7 +59,7 @@ def other_size(volume: VolumeFile, grid: Volume) -> str:
 
 def voxel_findings(volume: VolumeFile, grid: Volume, where: str) -> tuple[Finding, ...]:
     """What was noticed in the volume's file, and a voxel size in it that contradicts the experiment file."""
-    found = [Finding(Level.NOTE, VOLUME_CHECK, where, note) for note in volume.notes]
+    found = [Finding(Level.NOTE, VOLUME_CHECK, where, note) for note in volume.notes] + _slices(volume, where)
     if volume.voxel is not None:
         conflict = size_conflict(volume.voxel.edges, grid.voxel_size)
         if conflict:
@@ -73,6 +76,7 @@ def voxel_findings(volume: VolumeFile, grid: Volume, where: str) -> tuple[Findin
 def label_size_findings(labels: VolumeFile, grid: Volume, where: str) -> tuple[Finding, ...]:
     """What was noticed in the labels' file, and a voxel size in it that is not the volume's."""
     found = [Finding(Level.NOTE, LABELS_CHECK, where, note) for note in labels.notes if "voxel" not in note]
+    found += _slices(labels, where)
     if labels.voxel is not None:
         conflict = size_conflict(labels.voxel.edges, grid.voxel_size)
         if conflict:
@@ -81,3 +85,12 @@ def label_size_findings(labels: VolumeFile, grid: Volume, where: str) -> tuple[F
             remedy = "check that the labels are of this volume, at this resolution"
             found.append(Finding(Level.WARNING, LABELS_CHECK, where, fact + conflict, remedy=remedy))
     return tuple(found)
+
+
+def _slices(file: VolumeFile, where: str) -> list[Finding]:
+    """Gaps and strangers in a series of files, one slice each."""
+    if len(file.files) < 2 or len(file.files) != file.shape[0] or family(file.files[0]) is None:
+        return []
+    remedy = "copy what is missing, or name the slices alone: those above a gap lie too low otherwise"
+    found = series_findings(where, [path.name for path in file.files], None)
+    return [replace(finding, remedy=remedy) if "gap" in finding.fact else finding for finding in found]
