@@ -209,9 +209,10 @@ def test_parallel_beams_have_a_source_a_kilometre_away(tmp_path):
 
 
 def test_doubtful_numbers_are_named(tmp_path):
-    text = changed(FILE, **{"Image Rotation": -3.0, "Number of connected scans": 2})
+    text = changed(FILE, **{"Image Rotation": -3.0, "Number of connected scans": 2, "Rotation Direction": None})
     facts = [str(f) for f in scan_of(folder_of(tmp_path, text)).findings if f.level is Level.WARNING]
     assert any("-3 degrees are not used" in f and "[0, -3, 0] and [0, 3, 0]" in f for f in facts)
+    assert any("Rotation Direction: it is missing; CC was taken" in f for f in facts)
     assert any("2 scans above one another; only that of beads~00 is read" in f for f in facts)
 
 

@@ -379,6 +379,11 @@ def test_damaged_tables_of_angles(tmp_path, text, message):
         scan_of(path)
 
 
+def test_a_file_that_ends_before_the_axis_is_doubtful(tmp_path):
+    text = FILE[: FILE.index("ObjectOffsetX")]
+    assert any("the axis was taken in the middle" in f.fact for f in scan_of(folder_of(tmp_path, text)).findings)
+
+
 def test_binned_images_do_not_pass_for_those_of_the_scanner(tmp_path):
     scan = scan_of(folder_of(tmp_path, lines=images()[:, ::2, ::2]))
     (finding,) = (f for f in scan.findings if f.level is Level.ERROR)

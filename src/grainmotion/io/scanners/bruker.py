@@ -119,6 +119,10 @@ def _white_level(keys: KeyFile) -> tuple[float | None, tuple[Finding, ...]]:
 def _doubts(keys: KeyFile, shape: tuple[float | None, float | None]) -> list[Finding]:
     """What the log tells but cannot be used with certainty."""
     found = []
+    for key, taken in (("Optical Axis (line)", "the middle row"), ("Rotation Direction", "CC")):
+        if not keys.text(ACQ, key):
+            fact, remedy = f"it is missing; {taken} was taken", "see whether the file is complete"
+            found.append(Finding(Level.WARNING, "sizes", keys.where(ACQ, key), fact, remedy=remedy))
     roll, corner = keys.number(ACQ, "Image Rotation") or 0.0, max(n or 0.0 for n in shape) / 2
     if abs(np.deg2rad(roll)) * corner > MAX_ROLL_PIXELS:
         fact = (

@@ -50,6 +50,10 @@ def read_nikon_scan(path: Path) -> ScannerFile:
     angles, notes = nikon_angles(keys, list(images) or list(numbers), table)
     offset, tilt = _axis(keys, to_axis / to_detector, pixel)
     detector_offset, found = _detector_offset(keys)
+    if keys.number(MAIN, "ObjectOffsetX") is None and keys.number(MAIN, "CentreOfRotationTop") is None:
+        fact = "it is missing, as is CentreOfRotationTop; the axis was taken in the middle of the panel"
+        remedy = "see whether the file is complete, or give geometry.axis_offset"
+        found += (Finding(Level.WARNING, "sizes", keys.where(MAIN, "ObjectOffsetX"), fact, remedy=remedy),)
     circle = CircleNumbers(
         beam="cone",
         source_to_axis=to_axis,
