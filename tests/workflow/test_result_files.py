@@ -62,9 +62,9 @@ def page() -> dict[str, dict[str, tuple[str, str]]]:
 
 
 def files_of(results: Path) -> list[str]:
-    """Paths of all files; an OME-Zarr folder counts as one."""
+    """Paths of all files; an OME-Zarr folder, and that for DEM codes, count as one."""
     paths = (p.relative_to(results).as_posix() for p in results.rglob("*") if p.is_file())
-    return sorted({re.sub(r"\.ome\.zarr/.*", ".ome.zarr", path) for path in paths})
+    return sorted({re.sub(r"(\.ome\.zarr|^dem)/.*", r"\1", path) for path in paths})
 
 
 def section_of(page, place: str):

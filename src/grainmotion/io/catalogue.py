@@ -26,7 +26,7 @@ from grainmotion.model.described_table import Columns, frozen, vector_columns
 from grainmotion.model.motion_table import MOTION_DESCRIPTIONS, MOTIONS_CONTENT
 from grainmotion.sequences.table import SERIES_COLUMNS, SERIES_STRAINS
 
-ZARR_SUFFIX = ".ome.zarr"
+ZARR_SUFFIX, DEM_FOLDER = ".ome.zarr", "dem"
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class FileKind:
     note: str = ""
 
     def matches(self, path: str) -> bool:
-        """Whether a path from the results folder is of this kind; what is inside a store of OME-Zarr counts as it."""
+        """Whether a path from the results folder is of this kind; what is inside a store counts as the store."""
         path = store_of(path)
         folder, _, name = path.rpartition("/")
         own_folder, _, own_name = self.path.rpartition("/")
@@ -140,6 +140,7 @@ _VTK = '`exports` has "vtk"'
 _VTK_NOTE = "lengths in mm, sample frame; angles in degrees; see [export](export.md)"
 _TIFF_NOTE = "[z, y, x], the reference's grid; the voxel size is in it as ImageJ reads it"
 _ZARR_NOTE = "a folder, OME-NGFF with voxel size, [z, y, x]; labels in `labels`"
+_DEM = '`exports` has "dem"'
 _MECH = '`exports` has "mechanics"'
 _DEM_WHEN = '`exports` has "dem"'
 _DEM_NOTE = 'begins with lines of "# ": read it with comment="#"; see [dem](dem.md)'
@@ -185,6 +186,9 @@ FILES: tuple[FileKind, ...] = (
     FileKind("reference.tif", "volume, 1/mm", "`exports` has \"spam\" or \"tiff\"", note=_TIFF_NOTE),
     FileKind("reference_labels.tif", "labels, 0 for none", "`exports` has \"spam\" or \"tiff\"", note=_TIFF_NOTE),
     FileKind("reference.ome.zarr", "volume (1/mm) and labels", "`exports` has \"ome-zarr\"", note=_ZARR_NOTE),
+    FileKind("dem", "grains as rigid bodies for DEM codes: shapes, inertia, poses and velocities", _DEM,
+             note='a folder; each file is told in [dem](dem.md); its tables begin with lines of "# " that tell units'),
+    FileKind("watch.html", "live page of `grainmotion watch`", "`grainmotion watch`", note="opens in any browser"),
     FileKind("reference_contacts.csv", CONTACTS_CONTENT, _MECH, columns=CONTACT_COLUMNS),
     FileKind("reference_void_ratio.csv", VOIDS_CONTENT, _MECH, columns=VOID_COLUMNS),
     FileKind("reference_mechanics.json", "contacts, fabric and void ratio of the reference as a whole", _MECH,
@@ -251,7 +255,9 @@ FILES: tuple[FileKind, ...] = (
 
 
 def store_of(path: str) -> str:
-    """The path, or that of the OME-Zarr folder that holds it."""
+    """The path, or that of the OME-Zarr folder or of the folder for DEM codes that holds it."""
+    if path.startswith(f"{DEM_FOLDER}/"):
+        return DEM_FOLDER
     before, suffix, _ = path.partition(ZARR_SUFFIX)
     return before + suffix
 

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 TOUCHING, OPEN, INDETERMINATE, OVERLAP = "contact", "open", "indeterminate", "overlap"
-DEFAULT_GAP_TOLERANCE = 0.5
+DEFAULT_GAP_TOLERANCE = 0.6
 """Gap below which two grains are in contact, voxels."""
 SURFACE_SD = 0.1
 """Standard deviation of a gap by what voxels hide of two surfaces, voxels (decision 0044)."""
@@ -162,7 +162,7 @@ def contacts(grains: GrainSet, motions: Motions | None = None, *, tolerance: flo
         If the tolerance is not positive, or ``motions`` names a label that is not among the grains.
     """
     if not (np.isfinite(tolerance) and tolerance > 0):
-        raise InputError("contacts.tolerance", f"must be > 0, got {tolerance}", "give it in voxels, such as 0.5")
+        raise InputError("contacts.tolerance", f"must be > 0, got {tolerance}", "give it in voxels, such as 0.6")
     placed, left_out = _placed(grains, motions)
     h = grains.voxel_size
     found = list(_measured(grains, placed, h * (tolerance + LISTED_GAP)))
