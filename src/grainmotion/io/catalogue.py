@@ -140,7 +140,7 @@ _VTK = '`exports` has "vtk"'
 _VTK_NOTE = "lengths in mm, sample frame; angles in degrees; see [export](export.md)"
 _TIFF_NOTE = "[z, y, x], the reference's grid; the voxel size is in it as ImageJ reads it"
 _ZARR_NOTE = "a folder, OME-NGFF with voxel size, [z, y, x]; labels in `labels`"
-_DEM = '`exports` has "dem"'
+_DEM_EXPORT = '`exports` has "dem"'
 _MECH = '`exports` has "mechanics"'
 _DEM_WHEN = '`exports` has "dem"'
 _DEM_NOTE = 'begins with lines of "# ": read it with comment="#"; see [dem](dem.md)'
@@ -186,7 +186,7 @@ FILES: tuple[FileKind, ...] = (
     FileKind("reference.tif", "volume, 1/mm", "`exports` has \"spam\" or \"tiff\"", note=_TIFF_NOTE),
     FileKind("reference_labels.tif", "labels, 0 for none", "`exports` has \"spam\" or \"tiff\"", note=_TIFF_NOTE),
     FileKind("reference.ome.zarr", "volume (1/mm) and labels", "`exports` has \"ome-zarr\"", note=_ZARR_NOTE),
-    FileKind("dem", "grains as rigid bodies for DEM codes: shapes, inertia, poses and velocities", _DEM,
+    FileKind("dem", "grains as rigid bodies for DEM codes: shapes, inertia, poses and velocities", _DEM_EXPORT,
              note='a folder; each file is told in [dem](dem.md); its tables begin with lines of "# " that tell units'),
     FileKind("watch.html", "live page of `grainmotion watch`", "`grainmotion watch`", note="opens in any browser"),
     FileKind("reference_contacts.csv", CONTACTS_CONTENT, _MECH, columns=CONTACT_COLUMNS),
