@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 
@@ -132,6 +133,14 @@ class TestImage:
         np.testing.assert_allclose(np.ptp(bounds, axis=1), np.array([5, 4, 3]) * 0.25)
         cell = image.GetCell(0).GetBounds()
         np.testing.assert_allclose(np.reshape(cell, (3, 2)).mean(axis=1), volume.origin)
+
+    def test_a_large_volume_is_not_copied(self, tmp_path):
+        volume, labels = Volume.zeros((60, 300, 400), 0.25), np.zeros((60, 300, 400), np.int32)  # 29 MB each
+        tracemalloc.start()
+        write_image_vti(tmp_path / "volume.vti", volume, labels)
+        _, peak = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        assert peak < 8e6
 
     def test_labels_of_another_shape_are_refused(self, tmp_path):
         with pytest.raises(InputError, match="labels"):

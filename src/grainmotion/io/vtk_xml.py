@@ -9,7 +9,7 @@ from __future__ import annotations
 import struct
 import unicodedata
 import zlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
@@ -47,7 +47,7 @@ class VtkXml:
             f'<DataArray type="{kind}" Name={quoteattr(name)} NumberOfComponents="{components}" '
             f'format="appended" offset="{self.size}"/>'
         )
-        self._append(np.ascontiguousarray(piece).astype(little, copy=False).tobytes() for piece in pieces)
+        self._append(chunk for piece in pieces for chunk in _chunks(piece, little))
         return element
 
     def texts(self, name: str, texts: Sequence[str]) -> str:
@@ -104,6 +104,14 @@ class VtkXml:
             for block in self.blocks:
                 stream.write(block)
             stream.write(b"\n</AppendedData>\n</VTKFile>\n")
+
+
+def _chunks(values: NDArray[np.generic], dtype: np.dtype) -> Iterator[bytes]:
+    """The bytes of an array, a block at a time: a large volume is not copied as a whole."""
+    flat = np.ascontiguousarray(values).reshape(-1)
+    step = BLOCK_BYTES // dtype.itemsize
+    for start in range(0, flat.size, step):
+        yield flat[start : start + step].astype(dtype, copy=False).tobytes()
 
 
 def plain(text: str) -> str:

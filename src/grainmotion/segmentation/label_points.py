@@ -42,9 +42,8 @@ class LabelPoints:
             if box is None:
                 continue
             first = np.array([s.start for s in box], dtype=float)
-            inside = np.argwhere(image[box] == label)
             labels.append(label)
-            centroids.append(first + inside.mean(axis=0))
+            centroids.append(first + _centroid(image[box] == label))
             boxes.append(first + (np.array([s.stop - s.start for s in box]) - 1) / 2)
 
         def placed(voxels: list[Float]) -> Float:
@@ -56,3 +55,12 @@ class LabelPoints:
         """Row of each of some labels; -1 of those that have no voxels."""
         row_of = {int(label): row for row, label in enumerate(self.labels)}
         return np.array([row_of.get(int(label), -1) for label in labels], dtype=np.int64)
+
+
+def _centroid(inside: NDArray[np.bool_]) -> Float:
+    """Mean place of the voxels of a mask, in voxels from its corner; from counts along each axis, for large masks."""
+    places = list[float]()
+    for axis in range(inside.ndim):
+        counts = np.count_nonzero(inside, axis=tuple(k for k in range(inside.ndim) if k != axis))
+        places.append(float(np.average(np.arange(len(counts)), weights=counts)))
+    return np.array(places)
