@@ -259,6 +259,7 @@ def test_images_elsewhere_are_named(tmp_path):
         ({"source": "0 0 0"}, "the source lies on the rotation axis"),
         ({"number": "six"}, "<number> of the section <Object Radiograph> is 'six', not 1 number"),
         ({"number": -6}, "<number> of the section <Object Radiograph> is -6, not a positive whole number"),
+        ({"number": "9e99"}, r"it describes 9e\+99 radiographs"),
         ({"number": 4}, "it describes 4 radiographs, but 6 lie in Radiographs-Test part"),
         ({"clockwise": None}, "<clockwise> of the section <Processed> is '', not True or False; add <clockwise>"),
         ({"flipV": "2"}, "<flipV> of the section <Correction> is '2', not True or False"),

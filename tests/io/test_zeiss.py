@@ -281,6 +281,10 @@ def test_what_inspect_can_show(tmp_path):
         ({"ImageInfo__Angles": floats([0, 1, np.nan, 3, 4])}, "ImageInfo/Angles has 5 numbers, not one finite"),
         ({"Alignment__X-Shifts": floats([1, 2, np.inf, 3, 4])}, "Alignment/X-Shifts has 5 numbers"),
         ({"ImageInfo__DataType": ints(12)}, r"the type 12 \(DataType\), which is not known; export the scan as 16-bit"),
+        (
+            {"ImageInfo__ImageWidth": ints(2**31 - 1)},
+            r"ImageData1/Image1 has 7168 bytes, but \(56, 2147483647\) pixels",
+        ),
         ({"ImageInfo__ImageWidth": ints(-3)}, "ImageWidth and ImageHeight are missing or not positive"),
     ],
 )

@@ -123,8 +123,9 @@ def image_streams(ole: OleFileIO, path: Path, inner: str | None = None) -> Image
     if kind not in _XRM_TYPES:
         fact = f"its pixels have the type {kind} (DataType), which is not known"
         raise InputError(str(path), fact, "export the scan as 16-bit TIFF with Zeiss's software")
-    order = sorted(found)
-    return ImageStreams(tuple(found[k] for k in order), np.array(order), size, np.dtype(_XRM_TYPES[kind]))
+    order, dtype = sorted(found), np.dtype(_XRM_TYPES[kind])
+    _check_bytes(path, found[order[0]], ole.get_size(found[order[0]]), size, dtype)
+    return ImageStreams(tuple(found[k] for k in order), np.array(order), size, dtype)
 
 
 def txrm_info(path: Path, inner: str | None = None) -> tuple[tuple[int, int, int], np.dtype]:
@@ -142,11 +143,17 @@ def read_txrm(path: Path, inner: str | None = None, chosen: Index | None = None)
         images = np.empty((len(names), *streams.shape), streams.dtype)
         for image, name in zip(images, names, strict=True):
             data = ole.openstream(name).read()
-            if len(data) != image.nbytes:
-                fact = f"{name} has {len(data)} bytes, but {streams.shape} pixels need {image.nbytes}"
-                raise InputError(str(path), fact, _COPY_TXRM)
+            _check_bytes(path, name, len(data), streams.shape, streams.dtype)
             image[:] = np.frombuffer(data, streams.dtype).reshape(streams.shape)
     return images
+
+
+def _check_bytes(path: Path, name: str, size: int, shape: tuple[int, int], dtype: np.dtype) -> None:
+    """Refuse an image of another size than its pixels need."""
+    needed = shape[0] * shape[1] * dtype.itemsize
+    if size != needed:
+        fact = f"{name} has {size} bytes, but {shape} pixels of {dtype} need {needed}"
+        raise InputError(str(path), fact, _COPY_TXRM)
 
 
 def _told_type(ole: OleFileIO, info: str) -> int:

@@ -15,6 +15,9 @@ from grainmotion.io.formats import TIFF
 from grainmotion.io.tiff import tiff_info
 from grainmotion.model.finding import Finding, Level
 
+MAX_PLANNED_VIEWS = 1_000_000
+"""No scan has so many radiographs: the number is damaged."""
+
 
 @dataclass(frozen=True, eq=False)
 class ImageSeries:
@@ -54,6 +57,8 @@ def tiff_files(folder: Path, pattern: str = "*", without: str | None = None) -> 
 def views_shown(path: Path, series: ImageSeries, planned: int) -> tuple[Index, tuple[Finding, ...]]:
     """Which of ``planned`` views the files are, by the numbers in their names, and a finding if some are missing."""
     count = len(series.files)
+    if planned > MAX_PLANNED_VIEWS:
+        raise InputError(str(path), f"it describes {planned:.3g} radiographs", "correct it, or export it again")
     if count == planned or count == 0:
         return np.arange(planned), ()
     if count > planned:
