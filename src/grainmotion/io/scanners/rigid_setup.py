@@ -13,6 +13,8 @@ from grainmotion.rotations import rotation_vector
 
 MIN_DETERMINANT = 0.05
 """Of the directions of rows, columns and beam, unit length: a panel that is turned so far sees no sample."""
+MIN_SOURCE_SHARE = 1e-6
+"""Distance of the source from the axis over that from the panel, below which it is zero but for rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +69,7 @@ def circle_numbers(where: str, setup: RigidSetup) -> tuple[SetupNumbers, bool]:
     right = -u if mirrored else u
     tilt = np.stack([right, np.cross(right, down), -down], axis=1)
     skew = np.stack([right, v, [0.0, 1.0, 0.0]], axis=1)
-    if not -source[1] > 0 or abs(np.linalg.det(skew)) < MIN_DETERMINANT:
+    if not -source[1] > MIN_SOURCE_SHARE * np.linalg.norm(to_center) or abs(np.linalg.det(skew)) < MIN_DETERMINANT:
         fact = "the source lies on the rotation axis, or the panel along the beam"
         raise InputError(where, fact, "repeat the geometry calibration, or give the views as a file")
     along_u, along_v, depth = np.linalg.solve(skew, to_center)
