@@ -148,3 +148,12 @@ class TestManyGrains:
 
 def _grain(array):
     return Grain(1, Volume(np.pad(array, 2), H), np.zeros(3))
+
+
+def test_a_slice_of_one_layer_is_a_plate():
+    """Planar samples have one layer of voxels: the surface is a closed plate of the disc's area and one voxel thick."""
+    y, x = np.indices((40, 40)) - 19.5
+    disc = np.clip(12.5 - np.hypot(x, y), 0, 1)[None].astype(np.float32)
+    surface = grain_surface(Grain(1, Volume(disc, H), np.zeros(3)))
+    assert surface.euler_characteristic == 2
+    assert surface.volume == pytest.approx(np.pi * 12**2 * H**3, rel=0.1)

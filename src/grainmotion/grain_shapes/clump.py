@@ -178,7 +178,7 @@ def _swelling(centers: Float, radii: Float, volume: float) -> float:
     """Length by which all radii grow until the union has a volume, mm."""
 
     def missing(length: float) -> float:
-        return union_properties(centers, radii + length).volume - volume
+        return union_properties(centers, radii + length, CHORDS // 2).volume - volume
 
     reach = float(radii.max())
     return float(brentq(missing, 0, reach, xtol=1e-4 * reach)) if missing(0) < 0 < missing(reach) else 0.0
@@ -207,11 +207,11 @@ def _ball(
     return box, z[:, None, None] ** 2 + y[:, None] ** 2 + x**2 <= radius**2
 
 
-def union_properties(centers: Float, radii: Float) -> MassProperties:
+def union_properties(centers: Float, radii: Float, chords: int = CHORDS) -> MassProperties:
     """Mass properties of the union of spheres at density 1: exact along z, by the midpoint rule along x and y."""
     low, high = (centers - radii[:, None]).min(axis=0), (centers + radii[:, None]).max(axis=0)
-    step = (high - low)[:2] / CHORDS
-    x, y = (low[k] + step[k] * (np.arange(CHORDS) + 0.5) for k in (0, 1))
+    step = (high - low)[:2] / chords
+    x, y = (low[k] + step[k] * (np.arange(chords) + 0.5) for k in (0, 1))
     square = radii**2 - (x[:, None, None] - centers[:, 0]) ** 2 - (y[:, None] - centers[:, 1]) ** 2
     half = np.sqrt(np.maximum(square, 0))
     start = np.where(square > 0, centers[:, 2] - half, np.inf)
@@ -219,7 +219,7 @@ def union_properties(centers: Float, radii: Float) -> MassProperties:
     start = np.take_along_axis(start, order, axis=-1)
     end = np.take_along_axis(np.where(square > 0, centers[:, 2] + half, -np.inf), order, axis=-1)
     reached = np.maximum.accumulate(end, axis=-1)
-    before = np.concatenate([np.full((CHORDS, CHORDS, 1), -np.inf), reached[..., :-1]], axis=-1)
+    before = np.concatenate([np.full((chords, chords, 1), -np.inf), reached[..., :-1]], axis=-1)
     begin = np.maximum(start, before)
     valid = np.isfinite(begin) & (end > begin)
     a, b = np.where(valid, begin, 0), np.where(valid, end, 0)

@@ -47,6 +47,8 @@ POSE_COLUMNS: Columns = frozen({
     "status": ("text", "of the grain in this state"),
     "ok_translation": ("yes or no", "whether the place is a result to use"),
     "ok_rotation": ("yes or no", "whether the orientation is a result to use"),
+    "volume": ("mm^3", "of the grain; its mass at density 1"),
+    **{f"i{k}": ("mm^5", f"principal moment of inertia {k} of 3 at density 1, axes of the body") for k in (1, 2, 3)},
 })  # fmt: skip
 HARMONIC_COLUMNS: Columns = frozen({
     "label": LABEL, "l": ("1", "degree"), "m": ("1", "order"), "a": ("mm", "coefficient"),

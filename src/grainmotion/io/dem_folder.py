@@ -97,8 +97,10 @@ def write_dem_folder(
             written.properties[body.label] = body.properties
         _collect(body, written)
     found = poses(written.properties, states)
-    _write_table(folder / GRAINS_CSV, pd.DataFrame(written.rows), GRAINS_HEAD)
-    _write_table(folder / POSES_CSV, pose_table(found), POSES_HEAD)
+    grains = pd.DataFrame(written.rows)
+    _write_table(folder / GRAINS_CSV, grains, GRAINS_HEAD)
+    inertia = grains[["label", "volume", "i1", "i2", "i3"]]
+    _write_table(folder / POSES_CSV, pose_table(found).merge(inertia, on="label", how="left"), POSES_HEAD)
     if written.harmonics:
         _write_table(folder / HARMONICS_CSV, pd.concat(written.harmonics), HARMONICS_HEAD)
     if written.spheres:
@@ -132,6 +134,7 @@ POSES_HEAD = (
     "time: s since the reference scan; x y z: centre of volume, mm; qw qx qy qz: rotation from the frame of the body,",
     "rx ry rz: the same as a rotation vector, degrees; vx vy vz: mm, spin_x spin_y spin_z: degrees, per velocity_per,",
     "mean values since the state before; use positions where ok_translation, orientations where ok_rotation is True",
+    "volume: mm3, the mass at density 1 per mm3; i1 i2 i3: principal moments of inertia, axes of the body, mm5",
 )
 HARMONICS_HEAD = (
     f"radius = sum of a Y_lm(theta, phi), mm; {BODY_FRAME}",
@@ -218,11 +221,11 @@ def _collect(body: RigidBody, written: _Written) -> None:
 
 
 def _write_ls_dem_poses(folder: Path, p: Poses, spacing: float) -> None:
-    """Labels, positions (in spacings) and quaternions of the bodies that a state has a pose of, one a line."""
-    known = np.flatnonzero(np.isfinite(p.positions).all(axis=1) & np.isfinite(p.matrices).all(axis=(1, 2)))
+    """Labels, positions (in spacings) and quaternions of the bodies whose place is a result to use, one a line."""
+    known = np.isfinite(p.positions).all(axis=1) & np.isfinite(p.matrices).all(axis=(1, 2)) & p.ok_translation
     w, x, y, z = p.quaternions[known].T
     rows = {
-        "labels": p.labels[known, None],
+        "labels": p.labels[known][:, None],
         "positions": p.positions[known] / spacing,
         "rotations": np.column_stack([y, -x, -z, w]),
     }

@@ -18,13 +18,16 @@ O.materials.append(FrictMat(density=2650, young=5e9, poisson=0.3, frictionAngle=
 
 
 def grain_bodies(state):
-    """A body for each grain with a pose in the state, by its label."""
+    """A body for each grain whose place in the state is a result to use, by its label."""
     found = {}
     with open("poses.csv") as file:
         rows = csv.DictReader(line for line in file if not line.startswith("#"))
         for row in rows:
             name = "level-set/grain_%05d.npz" % int(row["label"])
-            if row["state"] != state or row["x"] == "" or row["qw"] == "" or not os.path.exists(name):
+            if row["state"] != state:
+                continue
+            if row["ok_translation"] != "True" or row["x"] == "" or row["qw"] == "" or not os.path.exists(name):
+                print("grain", row["label"], "is left out:", row["status"])
                 continue
             data = np.load(name)
             grid = RegularGrid(
@@ -72,7 +75,8 @@ level-set/      .npz: distance (nx, ny, nz), mm, negative inside; minimum, spaci
 yade_level_sets.py  makes YADE bodies of them: STATE=step-01 yade yade_level_sets.py"""
 
 ABOUT_LS_DEM = """\
-ls-dem/         morphology_LABEL.dat, and labels_, positions_ and rotations_STATE.dat with a line a grain.
+ls-dem/         morphology_LABEL.dat, and labels_, positions_ and rotations_STATE.dat with a line a grain whose
+                place in the state is a result to use.
                 Unit of length: the spacing of the grid, {spacing:g} voxels (voxel_size in grains.csv).
                 Lines of a morphology: mass at density 1; principal moments; centre of mass in the grid;
                 number of nodes; nodes about the centre; radius; points of the grid; distances, x fastest.
