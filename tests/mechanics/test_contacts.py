@@ -45,7 +45,7 @@ def test_from_which_gap_on_spheres_are_apart(gap, kind, axis):
 
 
 def test_a_gap_near_the_tolerance_is_indeterminate():
-    grains, _, _ = two_spheres(0.4, blur=0.7)
+    grains, _, _ = two_spheres(0.6, blur=0.7)
     assert list(contacts(grains).kinds) == ["indeterminate"]
     assert list(contacts(grains, tolerance=1.2).kinds) == ["contact"]
 

@@ -36,10 +36,10 @@ def test_only_changed_settings_are_done_again(exported):
     text = path.read_text() + '\n[output]\nexports = ["mechanics"]\n'
     path.write_text(text)
     assert run(read_experiment(path)).done == ()
-    path.write_text(text + "\n[mechanics]\ntolerance = 0.7\n")
+    path.write_text(text + "\n[mechanics]\ntolerance = 0.8\n")
     assert run(read_experiment(path)).done == ("reference/mechanics", "one/mechanics", "two/mechanics")
     found = json.loads((path.parent / "results" / "one" / "mechanics.json").read_text())
-    assert found["settings"]["tolerance"] == 0.7
+    assert found["settings"]["tolerance"] == 0.8
 
 
 def test_a_wrong_setting_is_named(exported):

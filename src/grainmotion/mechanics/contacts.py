@@ -6,8 +6,8 @@ of labels finds far too many contacts (Wiebicke, Andò, Herle and Viggiani, Meas
 either to the surface of the other, in the frame of that grain, pair by pair.  A pair is in contact if its gap is below
 a tolerance by more than `CLEAR_GAP_SDS` of its standard deviations, open if it is above by as much, else indeterminate.
 
-The reference scan sets the limit: labels are cut where grains touch, so gaps there are never negative, and one below a
-tenth of a voxel looks like none (decision 0044).  Grains that touch at several places have one contact: the closest.
+The reference scan sets the limit: labels are cut where grains touch, so gaps there are never negative, and blur closes
+gaps of up to half a voxel (decision 0044).  Grains that touch at several places have one contact: the closest.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 TOUCHING, OPEN, INDETERMINATE, OVERLAP = "contact", "open", "indeterminate", "overlap"
-DEFAULT_GAP_TOLERANCE = 0.6
+DEFAULT_GAP_TOLERANCE = 0.7
 """Gap below which two grains are in contact, voxels."""
 SURFACE_SD = 0.1
 """Standard deviation of a gap by what voxels hide of two surfaces, voxels (decision 0044)."""
@@ -42,7 +42,7 @@ CLEAR_GAP_SDS = 2.0
 """Standard deviations by which a gap must be off the tolerance."""
 LISTED_GAP = 2.0
 """Pairs are listed up to this gap, voxels."""
-PATCH_DEPTH = 0.25
+PATCH_DEPTH = 1.0
 """Points whose gap is at most this much above the least, voxels, make the place and the normal of a contact."""
 MAX_OVERLAP = 1.0
 """Overlap of two grains that the voxels explain, voxels; beyond it, one of their motions is wrong."""
@@ -162,7 +162,7 @@ def contacts(grains: GrainSet, motions: Motions | None = None, *, tolerance: flo
         If the tolerance is not positive, or ``motions`` names a label that is not among the grains.
     """
     if not (np.isfinite(tolerance) and tolerance > 0):
-        raise InputError("contacts.tolerance", f"must be > 0, got {tolerance}", "give it in voxels, such as 0.6")
+        raise InputError("contacts.tolerance", f"must be > 0, got {tolerance}", "give it in voxels, such as 0.7")
     placed, left_out = _placed(grains, motions)
     h = grains.voxel_size
     found = list(_measured(grains, placed, h * (tolerance + LISTED_GAP)))
