@@ -17,6 +17,7 @@ from grainmotion.errors import InputError
 from grainmotion.io.scanners.description import CircleNumbers, ScannerFile
 from grainmotion.io.scanners.image_series import ImageSeries, tiff_files, views_shown
 from grainmotion.io.scanners.rx_table import ViewTable, read_rx_table
+from grainmotion.io.scanners.rx_xml import likely_pixel, rx_facts, rx_number, rx_root
 from grainmotion.model.finding import Finding, Level
 
 MAX_DISTANCE_RATIO = 1.02
@@ -26,11 +27,11 @@ RX_NAME = "RX Solutions"
 
 def read_rx_scan(path: Path) -> ScannerFile:
     """What ``unireconstruction.xml``, or ``geom.csv`` alone, tells about its scan."""
-    root = _root(path) if path.suffix.lower() == ".xml" else None
+    root = rx_root(path) if path.suffix.lower() == ".xml" else None
     table_path = path.parent / "geom.csv" if root is not None else path
     table = read_rx_table(table_path) if table_path.is_file() else None
     series = _radiographs(path.parent)
-    told = None if root is None else _number(path, root, "profile", "images")
+    told = None if root is None else rx_number(path, root, "profile", "images")
     if table is None:
         assert root is not None  # a file of another name is the table itself
         assert told is not None
@@ -47,7 +48,7 @@ def read_rx_scan(path: Path) -> ScannerFile:
         RX_NAME,
         views=None if shape is None else table.geometry(shape)[views],
         radiographs=radiographs,
-        facts=() if root is None else _facts(root),
+        facts=() if root is None else rx_facts(root),
         findings=findings,
     )
 
@@ -60,8 +61,8 @@ def _by_distances(path: Path, root: ElementTree.Element, planned: int, series: I
     assumed = Finding(Level.WARNING, "angle-table", path.name, fact, remedy=remedy)
     circle = CircleNumbers(
         beam="cone",
-        source_to_axis=_number(path, root, "acquisitioninfo/geometry", "sod"),
-        source_to_detector=_number(path, root, "acquisitioninfo/geometry", "sdd"),
+        source_to_axis=rx_number(path, root, "acquisitioninfo/geometry", "sod"),
+        source_to_detector=rx_number(path, root, "acquisitioninfo/geometry", "sdd"),
         first_row="top",
         angles_deg=views.astype(float) * (360.0 / planned),
     )
@@ -70,52 +71,10 @@ def _by_distances(path: Path, root: ElementTree.Element, planned: int, series: I
         RX_NAME,
         circle,
         radiographs=series.pattern,
-        unclear=_likely_pixel(root, circle),
-        facts=_facts(root),
+        unclear=likely_pixel(root, circle),
+        facts=rx_facts(root),
         findings=(*findings, assumed),
     )
-
-
-def _likely_pixel(root: ElementTree.Element, circle: CircleNumbers) -> tuple[tuple[str, str], ...]:
-    """What the voxels say of the pixels: only likely, as the user chooses them."""
-    voxel = root.find("volume/voxelSize")
-    try:
-        size = 0.0 if voxel is None else float(voxel.get("X", "").replace(",", "."))
-    except ValueError:
-        size = 0.0
-    if not size > 0 or not circle.source_to_axis or not circle.source_to_detector:
-        return ()
-    pixel = size * circle.source_to_detector / circle.source_to_axis
-    return (
-        ("pixel_size", f"voxels of {size:.5g} mm would be pixels of {pixel:.5g} mm, unless they were chosen otherwise"),
-    )
-
-
-def _root(path: Path) -> ElementTree.Element:
-    """The element ``conebeam`` of the file."""
-    try:
-        root = ElementTree.parse(path).getroot()
-    except (ElementTree.ParseError, ValueError, LookupError) as error:
-        raise InputError(str(path), f"truncated or damaged XML ({error})", "copy or export the file again") from error
-    cone = root.find("conebeam") if root.tag == "unireconstruction" else None
-    if cone is None:
-        fact = f"not a file of RX Solutions: there is no unireconstruction/conebeam, but <{root.tag}>"
-        raise InputError(str(path), fact, "give the unireconstruction.xml of a scan")
-    return cone
-
-
-def _number(path: Path, root: ElementTree.Element, place: str, name: str) -> float:
-    """A positive number of the file."""
-    element = root.find(place)
-    text = "" if element is None else element.get(name, "")
-    try:
-        value = float(text.replace(",", "."))
-    except ValueError:
-        value = np.nan
-    if not 0 < value < np.inf:
-        fact = f"conebeam/{place}@{name} is '{text}', not a positive number"
-        raise InputError(str(path), fact, "export the file again, or name radiographs and geometry by hand")
-    return value
 
 
 def _radiographs(folder: Path) -> ImageSeries:
@@ -151,20 +110,9 @@ def _distance_findings(path: Path, root: ElementTree.Element, table: ViewTable) 
     }
     found = []
     for name, values in lengths.items():
-        told, value = _number(path, root, "acquisitioninfo/geometry", name), float(np.median(values))
+        told, value = rx_number(path, root, "acquisitioninfo/geometry", name), float(np.median(values))
         if not 1 / MAX_DISTANCE_RATIO < told / value < MAX_DISTANCE_RATIO:
             fact = f"{name} is {told:.5g} mm, but {table.path.name} makes {value:.5g} mm, which was used"
             remedy = "see that both files are of one scan"
             found.append(Finding(Level.WARNING, "sizes", path.name, fact, remedy=remedy))
     return tuple(found)
-
-
-def _facts(root: ElementTree.Element) -> tuple[tuple[str, str], ...]:
-    """Voltage, current and voxel size, as text."""
-    places = (
-        ("Voltage", "acquisitioninfo/xray", "voltage", "kV"),
-        ("Current", "acquisitioninfo/xray", "current", "uA"),
-        ("Voxel size of the reconstruction", "volume/voxelSize", "X", "mm"),
-    )
-    elements = [(label, root.find(place), name, unit) for label, place, name, unit in places]
-    return tuple((label, f"{e.get(name)} {unit}") for label, e, name, unit in elements if e is not None and e.get(name))
