@@ -163,13 +163,15 @@ class TestAsked:
             ({"instrument/detector/distance": None}, {}, "source_to_detector: it is missing"),
             ({"instrument/source/distance": (np.nan, "m")}, {}, "source_to_axis: it is missing.*is nan"),
             ({}, {"flips": None}, "first_row: it is missing"),
+            ({"sample/rotation_angle": None}, {}, "angles_deg: it is missing; scan.nx .*rotation_angle is not there"),
+            ({"sample/rotation_angle": np.r_[0, 0, np.nan, np.zeros(6)]}, {}, "is no number in 1 frames"),
+            ({"instrument/detector/image_key": np.full(9, 1)}, {}, "no frame of /entry0000 is a radiograph"),
             ({"instrument/source/type": None}, {"distances": False}, r'source_to_axis: it is missing.*"parallel"'),
             ({"instrument/source/type": None}, {"distances": False, "sample_pixel": 0.04},
              r"pixel_size: it is missing.*0.04 mm at the sample, 0.4 mm on the panel"),
             ({"instrument/detector/magnification": 10.0},
              {"source_type": "Synchrotron X-ray Source", "distances": False}, "magnification of 10 or after"),
         ],
-        ids=["no unit", "angle", "oblong", "panel", "source", "rows", "beam", "two sizes", "optics"],
     )  # fmt: skip
     def test_missing_numbers(self, scan, changes, keys, match):
         path = scan(changes=changes, **keys)
@@ -210,6 +212,8 @@ class TestNamed:
         assert "34.5 of 64 columns: whether from the left or from the middle" in fact
         ((_, fact),) = self.facts(scan(changes={"instrument/detector/x_rotation_axis_pixel_position": 60.0}))
         assert "60 of 64" in fact
+        ((_, fact),) = self.facts(scan(changes={"instrument/detector/x_rotation_axis_pixel_position": -500.0}))
+        assert "-500 of 64" in fact
         assert self.facts(scan()) == []
 
     def test_a_source_far_away_gives_parallel_rays(self, scan):
@@ -230,6 +234,22 @@ class TestNamed:
     def test_a_tilt_of_the_panel_is_not_used(self, scan):
         ((_, fact),) = self.facts(scan(changes={"instrument/detector/transformations/rx": 3.0}))
         assert "rx were not used" in fact
+
+    @pytest.mark.parametrize(("vector", "count"), [("up", 0), ((1, 2), 0), ((0, 0, 0), 0), ((1.0, 0, 0), 1)])
+    def test_an_axis_that_is_not_upright(self, scan, vector, count):
+        path = scan()
+        with h5py.File(path, "a") as file:
+            file[f"{ENTRY}/sample/rotation_angle"].attrs["vector"] = vector
+            file[f"{ENTRY}/instrument/detector/transformations/rx"].attrs["vector"] = "x"
+        found = self.facts(path)
+        assert len(found) == count
+        assert all("is not upright" in fact for _, fact in found)
+
+    def test_angles_of_the_experiment_file(self, scan):
+        source = read(scan(), "[reference.geometry]\nangles_deg = [0, 1, 2, 3]\n")
+        (note,) = [f for f in source.findings if f.check == "sizes"]
+        assert note.where == "reference.geometry.angles_deg"
+        assert note.level is Level.NOTE
 
     def test_flips_that_contradict_each_other(self, scan):
         with pytest.raises(InputError, match="x_flipped contradicts"):

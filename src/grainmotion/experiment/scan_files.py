@@ -17,13 +17,14 @@ from grainmotion.errors import InputError, InputWarning
 from grainmotion.experiment.config import Air, ReferenceTable, ScanTable
 from grainmotion.experiment.config_errors import input_error
 from grainmotion.experiment.file_checks import count_mismatch, file_findings, told_angles_deg
+from grainmotion.experiment.overridden_numbers import overridden
 from grainmotion.experiment.recorded import (
     Told,
     beam_monitor,
     recorded_geometry,
     stage_shifts,
 )
-from grainmotion.experiment.scan_geometry import ScanSources, find_views, overridden, recorded_levels
+from grainmotion.experiment.scan_geometry import ScanSources, find_views, recorded_levels
 from grainmotion.experiment.scan_inputs import ScanInput
 from grainmotion.io.hdf5 import DARK, FLAT
 from grainmotion.io.stacks import Stack, find_stack
@@ -116,7 +117,10 @@ def find_scan(
     nxtomo, recorded, circle = radiographs.nxtomo, list[Finding](), None
     if geometry is None:
         geometry, circle = find_views(sources, radiographs)
-        recorded += [*overridden(sources, circle, geometry), *(circle.findings if circle else ())]
+        recorded += [
+            *overridden(key, sources.told, sources.origin, circle, geometry),
+            *(circle.findings if circle else ()),
+        ]
         if nxtomo is not None:
             origin = None if reference.radiographs is None else _radiographs(sources.of_reference).nxtomo
             motors = reference.motors if table.motors is None else table.motors

@@ -25,13 +25,8 @@ from grainmotion.io.scanners.identify import is_scanner_file, is_view_file, read
 from grainmotion.io.scanners.joined import joined_scan
 from grainmotion.io.scanners.view_panel import Panel
 from grainmotion.io.stacks import Stack
-from grainmotion.model.finding import Finding, Level
 from grainmotion.model.geometry import Geometry
 
-MAX_NUMBER_RATIO = 1.02
-"""A length of the experiment file that differs by more from the scanner's is probably a mistake in one of them."""
-NO_LENGTHS = ("axis_offset",)
-"""Numbers that may be near zero, and are found anew for each scan."""
 KEYS_BESIDE_VIEWS = ("file", "beam", "pixel_size", "first_row", "detector_offset")
 """Keys that readers of views use."""
 
@@ -139,46 +134,6 @@ def _explained(where: str, fact: str, own: ScannerFile | None) -> str:
     """The fact that a key is missing, with what the scanner's file says instead of it."""
     why = [] if own is None else [text for key, text in own.unclear if where == f"geometry.{key}"]
     return f"{fact}; {own.path.name} does not tell it: {why[0]}" if own is not None and why else fact
-
-
-def overridden(sources: ScanSources, circle: CircularScan | None, geometry: Geometry) -> tuple[Finding, ...]:
-    """Numbers of the scanner's file that the experiment file overrides; lengths that differ much are doubtful.
-
-    A file may tell the pixel at the sample instead of that on the panel.
-    """
-    own = sources.told or sources.origin
-    if own is None or circle is None:
-        return ()
-    found = []
-    for name, value in own.circle.known.items():
-        told = getattr(circle.table, name)
-        if told is None or told == value:
-            continue
-        also = (geometry.pixel_at((0, 0, 0)),) if name == "pixel_size" else ()
-        found += _contradiction(sources.key, name, (told, *also), value, own)
-    table = circle.table
-    alone = own.axis_to_detector if own.circle.source_to_detector is None else None
-    if alone and table.source_to_axis and table.source_to_detector and geometry.beam == "cone":
-        distances = (table.source_to_detector - table.source_to_axis, table.source_to_detector)
-        name = "source_to_detector less source_to_axis"
-        found += _contradiction(sources.key, name, distances, alone, own)
-    return tuple(found)
-
-
-def _contradiction(key: str, name: str, told: tuple[object, ...], value: object, own: ScannerFile) -> list[Finding]:
-    """A finding about what is told and a file's own ``value``, none about lengths that are nearly equal."""
-    where, shown = f"{key}.geometry.{name}", f"{told[0]} of the experiment file, {value} of {own.path.name}"
-    if name in NO_LENGTHS or not isinstance(value, float) or not isinstance(told[0], float):
-        if isinstance(value, float) and isinstance(told[0], float) and np.isclose(value, told[0]):
-            return []
-        fact = f"{name} of the experiment file is used, not that of {own.path.name}"
-        return [Finding(Level.NOTE, "sizes", where, fact, shown)]
-    if any(isinstance(t, float) and 1 / MAX_NUMBER_RATIO < t / value < MAX_NUMBER_RATIO for t in told):
-        return []
-    fact = f"{name} of the experiment file contradicts {own.path.name}; the former is used"
-    remedy = "leave the key out unless the scanner's file is known to be wrong"
-    shown = f"{told[0]:.5g} mm of the experiment file, {value:.5g} mm of {own.path.name}"
-    return [Finding(Level.WARNING, "sizes", where, fact, shown, remedy)]
 
 
 def _circle(sources: ScanSources, given: Circular | None, own: ScannerFile | None) -> Circular:

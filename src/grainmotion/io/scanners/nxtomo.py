@@ -14,17 +14,21 @@ import h5py
 import numpy as np
 
 from grainmotion._typing import Float
-from grainmotion.io.hdf5 import NXtomo, nxtomo_entries, opened, read_nxtomo
+from grainmotion.errors import InputError
+from grainmotion.io.hdf5 import PROJECTION, NXtomo, nxtomo_entries, opened, read_nxtomo
 from grainmotion.io.hdf5_numbers import length_of, numbers_of, text_of
 from grainmotion.io.scanners.description import ScannerFile
-from grainmotion.io.scanners.nxtomo_detector import Flips, axis_column, flips_of
-from grainmotion.io.scanners.nxtomo_optics import DETECTOR, optics_of
+from grainmotion.io.scanners.nxtomo_detector import Flips, flips_of
+from grainmotion.io.scanners.nxtomo_optics import DETECTOR, axis_column, optics_of
 from grainmotion.model.finding import Finding, Level
 
 
 def read_nxtomo_scan(path: Path) -> ScannerFile:
     """What an NXtomo file tells about its scan."""
     file = read_nxtomo(path)
+    if not file.count(PROJECTION):
+        fact = f"no frame of {file.entry} is a radiograph, of image_key 0"
+        raise InputError(str(path), fact, "give the file of the scan; one of flats alone serves as flats")
     with opened(path) as content:
         entry = content[file.entry]
         flips = flips_of(entry, path)
@@ -50,7 +54,8 @@ def read_nxtomo_scan(path: Path) -> ScannerFile:
             circle = replace(circle, detector_offset=(-right, 0.0))  # the magnification is not known
     rows: Literal["top", "bottom"] | None = {True: "bottom", False: "top", None: None}[flips.upside_down]
     facts += [] if rows is None else [("First row", f"{rows} of the sample, by the flips of the detector")]
-    circle = replace(circle, first_row=rows, angles_deg=_angles(file, flips))
+    angles, why = _angles(file, flips)
+    circle = replace(circle, first_row=rows, angles_deg=angles)
     return ScannerFile(
         path,
         "NXtomo",
@@ -58,17 +63,19 @@ def read_nxtomo_scan(path: Path) -> ScannerFile:
         radiographs=(str(path),),
         mirrored=bool(flips.mirrored),
         axis_to_detector=abs(distance.mm) if distance.mm else None,
-        unclear=tuple((key, why) for key, why in unclear if why),
+        unclear=tuple((key, why) for key, why in (*unclear, ("angles_deg", why)) if why),
         facts=tuple(facts),
         findings=tuple(replace(finding, where=str(path)) for finding in findings),
     )
 
 
-def _angles(file: NXtomo, flips: Flips) -> Float | None:
-    """Angles of the projections in the package's sense, if the file has them all."""
+def _angles(file: NXtomo, flips: Flips) -> tuple[Float | None, str]:
+    """Angles of the projections in the package's sense, or why the file does not tell them."""
     angles = file.projection_angles_deg
-    sense = -1 if flips.counter_clockwise else 1
-    return sense * angles + 0.0 if len(angles) and np.isfinite(angles).all() else None
+    lost = int((~np.isfinite(angles)).sum())
+    if lost:
+        return None, f"sample/rotation_angle is {'not there' if lost == len(angles) else f'no number in {lost} frames'}"
+    return (-1 if flips.counter_clockwise else 1) * angles + 0.0, ""
 
 
 def _facts(entry: h5py.Group) -> list[tuple[str, str]]:

@@ -1,4 +1,4 @@
-"""How an NXtomo file says that frames are flipped, where the axis is on them, and which way the stage turns.
+"""How an NXtomo file says that frames are flipped, and which way the stage turns.
 
 The ESRF's files of version 2 and later have the axes of NeXus; older ones have x along the beam and z up.
 """
@@ -12,14 +12,14 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from grainmotion._typing import Float
 from grainmotion.errors import InputError
 from grainmotion.io.angles import in_degrees
-from grainmotion.io.hdf5_numbers import number_of, numbers_of, text_of, unit_of
+from grainmotion.io.hdf5_numbers import number_of, numbers_of, unit_of
 from grainmotion.model.finding import Finding, Level
 
-AXIS_NAMES = ("x_rotation_axis_pixel_position", "estimated_cor_from_motor", "estimated_cor_frm_motor")
-NEAR_THE_MIDDLE = 0.25
-"""A column within this share of the width from the middle counts from the left; a smaller number from the middle."""
+MIN_UPRIGHT = 0.9
+"""Share of an upright axis' vector that is vertical."""
 FIRST_NEXUS_FRAME = 2.0
 """Version of the ESRF's files from which their axes are those of NeXus: z along the beam and y up."""
 
@@ -52,8 +52,8 @@ def flips_of(entry: h5py.Group, path: Path) -> Flips:
     other = []
     for item in _transformations(detector):
         kind = str(_attribute(item, "transformation_type"))
-        values, vector = numbers_of(item.parent, item.name), np.asarray(item.attrs.get("vector", []), dtype=float)
-        if kind == "gravity" or values is None or vector.shape != (3,) or not vector.any() or _is_gravity(item):
+        values, vector = numbers_of(item.parent, item.name), _vector(item)
+        if kind == "gravity" or values is None or vector is None or _is_gravity(item):
             continue
         turns = in_degrees(values, unit_of(item), f"{path}::{item.name}") % 360 if kind == "rotation" else values
         axis = int(np.argmax(np.abs(vector)))
@@ -81,30 +81,10 @@ def flips_of(entry: h5py.Group, path: Path) -> Flips:
     if mirrored or upside_down:
         words = [word for word, flag in (("left to right", mirrored), ("upside down", upside_down)) if flag]
         fact = f"the file says that its frames are flipped {' and '.join(words)}; this was undone"
-        findings.append(Finding(Level.NOTE, "sizes", "", fact, remedy="compare the drawing of inspect with the sample"))
-    return Flips(mirrored, upside_down, _counter_clockwise(entry, up), tuple(findings))
-
-
-def axis_column(detector: h5py.Group, width: int) -> tuple[float | None, Finding | None]:
-    """The column on which the axis is seen, from 0, or why it cannot be told.
-
-    Writers count it from the left (NeXus) or from the middle (the ESRF's, from the motors' places).  A number that is
-    near the middle in one of the two ways is that; a scan with the axis at the edge of the panel may be either.
-    """
-    name, value = next(((n, v) for n in AXIS_NAMES if (v := number_of(detector, n)) is not None), ("", None))
-    if value is None or not np.isfinite(value):
-        return None, None
-    middle = (width - 1) / 2
-    half = text_of(detector, "field_of_view").lower() == "half" or bool(number_of(detector, "half_acquisition"))
-    if value < 0 and abs(value) < width:
-        return middle + value, None
-    if not half and abs(value - middle) < NEAR_THE_MIDDLE * width:
-        return value, None
-    if not half and value < NEAR_THE_MIDDLE * width:
-        return middle + value, None
-    fact = f"{name} is {value:g} of {width} columns: whether from the left or from the middle is not clear"
-    remedy = "it was not used; give geometry.axis_offset, in mm"
-    return None, Finding(Level.WARNING, "sizes", "", fact, remedy=remedy)
+        remedy = "compare the drawing of inspect with the sample"
+        findings.append(Finding(Level.NOTE, "sizes", "", fact, remedy=remedy))
+    counter_clockwise, found = _sense(entry, up)
+    return Flips(mirrored, upside_down, counter_clockwise, (*findings, *found))
 
 
 def _transformations(detector: h5py.Group) -> Iterator[h5py.Dataset]:
@@ -132,11 +112,26 @@ def _frame(entry: h5py.Group) -> tuple[int, int]:
     return (1, 0) if nexus else (2, 1)
 
 
-def _counter_clockwise(entry: h5py.Group, up: int) -> bool:
-    """Whether ``sample/rotation_angle`` is a rotation about an axis that points upwards, by its own vector."""
+def _sense(entry: h5py.Group, up: int) -> tuple[bool, tuple[Finding, ...]]:
+    """Whether ``sample/rotation_angle`` turns about an axis that points upwards, by its own vector; findings."""
     angle = entry.get("sample/rotation_angle")
-    vector = np.asarray(angle.attrs.get("vector", []) if isinstance(angle, h5py.Dataset) else [], dtype=float)
-    return bool(vector.shape == (3,) and vector[up] > 0.5 * np.abs(vector).max())
+    vector = _vector(angle) if isinstance(angle, h5py.Dataset) else None
+    if vector is None:
+        return False, ()
+    if abs(vector[up]) > MIN_UPRIGHT * np.linalg.norm(vector):
+        return bool(vector[up] > 0), ()
+    fact = f"the vector of rotation_angle, {', '.join(f'{v:g}' for v in vector)}, is not upright; the axis was taken so"
+    remedy = "turn frames with a horizontal axis by a quarter first"
+    return False, (Finding(Level.WARNING, "sizes", "", fact, remedy=remedy),)
+
+
+def _vector(item: h5py.Dataset) -> Float | None:
+    """The attribute ``vector``, if it is a direction."""
+    try:
+        vector = np.asarray(item.attrs.get("vector", []), dtype=float)
+    except (TypeError, ValueError):
+        return None
+    return vector if vector.shape == (3,) and np.isfinite(vector).all() and vector.any() else None
 
 
 def _is_gravity(item: h5py.Dataset) -> bool:

@@ -1,4 +1,4 @@
-"""Beam, distances and size of a pixel of an NXtomo file.
+"""Beam, distances, size of a pixel and place of the axis of an NXtomo file.
 
 Since version 1.5 of the ESRF's files ``sample/x_pixel_size`` is a pixel at the sample and ``detector/x_pixel_size`` one
 of the panel; before, the latter was one at the sample.
@@ -16,6 +16,9 @@ from grainmotion.io.scanners.nxtomo_detector import version_of
 from grainmotion.model.finding import Finding, Level
 
 DETECTOR = "instrument/detector"
+AXIS_NAMES = ("x_rotation_axis_pixel_position", "estimated_cor_from_motor", "estimated_cor_frm_motor")
+NEAR_THE_MIDDLE = 0.25
+"""A column within this share of the width from the middle counts from the left; a smaller number from the middle."""
 MAX_SPREAD_OF_PARALLEL_RAYS = 0.1
 """Rays of a source so far away that they diverge by less than this over the field, pixels, are parallel."""
 SAMPLE_PIXEL_SINCE = 1.5
@@ -63,6 +66,28 @@ def optics_of(entry: h5py.Group, shape: tuple[int, int]) -> tuple[CircleNumbers,
     return circle, [*unclear, ("pixel_size", why)], findings
 
 
+def axis_column(detector: h5py.Group, width: int) -> tuple[float | None, Finding | None]:
+    """The column on which the axis is seen, from 0, or why it cannot be told.
+
+    Writers count it from the left (NeXus) or from the middle (the ESRF's, from the motors' places).  A number that is
+    near the middle in one of the two ways is that; a scan with the axis at the edge of the panel may be either.
+    """
+    name, value = next(((n, v) for n in AXIS_NAMES if (v := number_of(detector, n)) is not None), ("", None))
+    if value is None or not np.isfinite(value):
+        return None, None
+    middle = (width - 1) / 2
+    half = text_of(detector, "field_of_view").lower() == "half" or bool(number_of(detector, "half_acquisition"))
+    if value < 0 and abs(value) < width:
+        return middle + value, None
+    if not half and abs(value - middle) < NEAR_THE_MIDDLE * width:
+        return value, None
+    if not half and 0 <= value < NEAR_THE_MIDDLE * width:
+        return middle + value, None
+    fact = f"{name} is {value:g} of {width} columns: whether from the left or from the middle is not clear"
+    remedy = "it was not used; give geometry.axis_offset, in mm"
+    return None, Finding(Level.WARNING, "sizes", "", fact, remedy=remedy)
+
+
 def _beam(entry: h5py.Group) -> Beam | None:
     """The kind of beam that the source has by its kind or place; None if nothing tells it."""
     distance, kind = number_of(entry, "instrument/source/distance"), text_of(entry, "instrument/source/type").lower()
@@ -79,6 +104,7 @@ def _pixel(entry: h5py.Group, group: str) -> Length:
     if across.mm is not None and up.mm is not None and abs(across.mm / up.mm - 1) > 1e-3:
         problem = f"{group} has pixels of {across.mm:.5g} x {up.mm:.5g} mm, which are no squares: give a file of views"
         return Length(problem=problem)
+    across = up if across == Length() else across
     return across if across.mm is None or across.mm > 0 else Length(problem=f"{group}/x_pixel_size is negative")
 
 
