@@ -63,6 +63,7 @@ class TestContents:
         images(laboratory / "results", 3)
         (laboratory / "results" / "stages.json").write_text("{}")
         images(laboratory / ".cache", 3)
+        (laboratory / "inspection.png").write_bytes(b"drawn by an earlier inspection")
         assert len(folder_contents(laboratory).images) == 5
 
     def test_a_scanners_file_owns_its_images(self, tmp_path):

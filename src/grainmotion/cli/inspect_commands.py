@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from grainmotion.experiment.scan_summary import ScanSummary
     from grainmotion.model.volume import Volume
 
-PICTURE = "inspection.png"
 EXPERIMENT = "experiment.toml"
 MAX_SCANS_SHOWN = 3
 
@@ -192,6 +191,7 @@ def _show_rest(contents: FolderContents) -> None:
 
 def _draw(folder: Path, picture: Path | None, scans: Sequence[FirstViews], grid: Volume, *, terminal: bool) -> None:
     """Up and the sense of rotation in words, as a PNG, and in the terminal if wanted."""
+    from grainmotion.experiment.folder_contents import INSPECTION_PICTURE
     from grainmotion.report.inspection_figure import orientation, write_inspection_figure
     from grainmotion.report.terminal_image import terminal_radiograph
 
@@ -200,7 +200,7 @@ def _draw(folder: Path, picture: Path | None, scans: Sequence[FirstViews], grid:
             print(f"{first.name}, view {first.views[0]}:\n{terminal_radiograph(first, grid)}")
     for sentence in orientation(scans, grid):
         print(sentence)
-    path = picture or folder / PICTURE
+    path = picture or folder / INSPECTION_PICTURE
     try:
         write_inspection_figure(path, scans, grid)
         print(f"picture: {path}")

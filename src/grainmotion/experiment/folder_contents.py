@@ -21,6 +21,8 @@ Role = Literal["radiographs", "flats", "darks"]
 MAX_FOLDER_DEPTH = 3
 """Folders below the given one that are looked into."""
 MAX_FILES_LOOKED_AT = 200_000
+INSPECTION_PICTURE = "inspection.png"
+"""What `grainmotion inspect` draws beside the files that it describes."""
 RESULT_MARK = "stages.json"
 """A folder with this file holds results of a run."""
 _FLATS = re.compile(r"(^|[^a-z])(flat|flats|ff|white|whites|bright|open|openbeam|ob|gain|i0|brightfield)([^a-z]|$)")
@@ -141,6 +143,7 @@ def _files(folder: Path) -> list[Path]:
                 raise InputError(str(place), fact, "name a folder that you may read") from error
             if any(item.name == RESULT_MARK for item in items):
                 continue
+            items = [item for item in items if item.name != INSPECTION_PICTURE]
             items = [items[k] for k in natural_order([item.name for item in items])]
             found += [item for item in items if item.is_file() and item.stat().st_size > 0]
             below += [item for item in items if item.is_dir()]
