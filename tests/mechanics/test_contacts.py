@@ -10,8 +10,10 @@ import pytest
 from grainmotion.errors import InputError
 from grainmotion.mechanics.contacts import contacts
 from grainmotion.model.motions import Motions
+from grainmotion.model.volume import Volume
 from grainmotion.rotations import rotation_matrix
-from spheres import known_motions, sphere_grains
+from grainmotion.segmentation.extraction import grains_from_labels
+from spheres import known_motions, sphere_grains, voxelised
 
 RADIUS = 8.0
 SHAPE = (46, 46, 46)
@@ -121,3 +123,10 @@ def test_wrong_input_is_named():
         contacts(grains, known_motions(np.zeros((3, 3)), np.zeros((3, 3))))
     with pytest.raises(InputError, match="tolerance: must be > 0, got nan"):
         contacts(grains, tolerance=float("nan"))
+
+
+def test_a_slice_has_no_contacts_and_says_so():
+    array, labels = voxelised(np.array([[-5.0, 0, 0], [5, 0, 0]]), np.array([5.0, 5.0]), (1, 20, 32))
+    found = contacts(grains_from_labels(Volume(array, 1.0), labels))
+    assert len(found) == 0
+    assert [label for label, reason in found.left_out if "slice" in reason] == [1, 2]

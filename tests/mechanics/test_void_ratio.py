@@ -13,7 +13,8 @@ from grainmotion.model.scene import Body, Scene
 from grainmotion.model.state_fit import BodyMotion
 from grainmotion.model.volume import Volume
 from grainmotion.rotations import rotation_matrix
-from spheres import known_motions, sphere_grains
+from grainmotion.segmentation.extraction import grains_from_labels
+from spheres import known_motions, sphere_grains, voxelised
 
 RADIUS = 6.0
 CUBIC = 2 * RADIUS * np.stack(np.meshgrid(*[[-1.0, 0, 1]] * 3), axis=-1).reshape(-1, 3)
@@ -118,3 +119,23 @@ def test_a_body_is_no_void_where_it_is_in_the_state(cubic):
     beside = int(np.argmin(np.linalg.norm(cubic.centers - [2 * RADIUS, 0, 0], axis=1)))
     assert right[beside] < 0
     assert left[beside] == pytest.approx(0)
+
+
+def test_a_slice_of_squares_of_discs():
+    """Discs of radius r on a square lattice of 2 r: e = 4/π − 1, in the plane."""
+    places = 12.0 * np.stack(np.meshgrid([-1.0, 0, 1], [-1.0, 0, 1]), axis=-1).reshape(-1, 2)
+    centers = np.column_stack([places, np.zeros(9)])
+    array, labels = voxelised(centers, np.full(9, 6.0), (1, 52, 52))
+    grains = grains_from_labels(Volume(array, 1.0), labels)
+    found = void_ratio(grains, Volume.zeros((1, 52, 52), 1.0))
+    np.testing.assert_array_equal(np.flatnonzero(found.inside), [4])
+    assert found.void_ratios[4] == pytest.approx(4 / np.pi - 1, abs=0.1)  # whole voxels
+
+
+def test_one_grain_has_no_void_ratio():
+    grains = sphere_grains([[0.0, 0, 0]], [6.0], (20, 20, 20))
+    for cells in ("set", "radical"):
+        found = void_ratio(grains, Volume.zeros((20, 20, 20), 1.0), cells=cells)
+        assert np.isnan(found.void_ratios).all()
+        assert np.isnan(found.mean)
+    assert found.cell_volumes[0] == pytest.approx(20**3)

@@ -69,3 +69,13 @@ class TestRefused:
     def test_centers_that_are_not_three_finite_numbers(self, center):
         with pytest.raises(InputError, match=r"volume\.center: .* 3 finite numbers"):
             Volume(np.zeros((2, 2, 2)), 1.0, center)
+
+
+def test_xarray_has_the_places_of_the_voxels():
+    volume = Volume(np.arange(24.0).reshape(2, 3, 4), 0.5, (1.0, 2.0, 3.0))
+    array = volume.to_xarray()
+    assert array.dims == ("z", "y", "x")
+    np.testing.assert_allclose([array[axis][0] for axis in "xyz"], volume.origin)
+    assert float(array.sel(z=3.25, y=2.0, x=0.25, method="nearest")) == volume.array[1, 1, 0]
+    assert array.attrs["units"] == "1/mm"
+    assert array["x"].attrs["units"] == "mm"

@@ -24,7 +24,7 @@ from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Float
 from grainmotion.errors import InputError
 from grainmotion.mechanics.columns import CONTACT_COLUMNS, CONTACTS_CONTENT
-from grainmotion.mechanics.surfaces import Surface, SurfaceCache
+from grainmotion.mechanics.surfaces import Surface, SurfaceCache, is_slice
 from grainmotion.model.described_table import described
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions
@@ -44,6 +44,7 @@ LISTED_GAP = 2.0
 """Pairs are listed up to this gap, voxels."""
 PATCH_DEPTH = 1.0
 """Points whose gap is at most this much above the least, voxels, make the place and the normal of a contact."""
+NO_SURFACE = "a slice of one voxel layer: its grains have no surfaces"
 MAX_OVERLAP = 1.0
 """Overlap of two grains that the voxels explain, voxels; beyond it, one of their motions is wrong."""
 
@@ -147,7 +148,8 @@ def contacts(grains: GrainSet, motions: Motions | None = None, *, tolerance: flo
     grains : GrainSet
         The grains of the reference, with their own voxels.
     motions : Motions, optional
-        Of the state, mm and radians.  Grains whose translation is no result to use are left out, and told.
+        Of the state, mm and radians.  Grains whose translation is no result to use are left out, and told; so are all
+        grains of a slice one voxel thick.
     tolerance : float
         Gap below which two grains are in contact, in voxels of the reference.
 
@@ -187,6 +189,10 @@ def contacts(grains: GrainSet, motions: Motions | None = None, *, tolerance: flo
 def _placed(grains: GrainSet, motions: Motions | None) -> tuple[_Placed, tuple[tuple[int, str], ...]]:
     """The grains that have a place in the state, and the others with the reason."""
     n = len(grains)
+    if is_slice(grains):
+        motions, flat = Motions.identity(np.zeros(0, dtype=np.int64), np.zeros((0, 3))), NO_SURFACE
+    else:
+        flat = ""
     if motions is None:
         identity, zero = np.broadcast_to(np.eye(3), (n, 3, 3)), np.zeros((n, 3))
         return _Placed(np.arange(n), identity, zero, grains.centers, np.zeros((n, 6, 6))), ()
@@ -201,7 +207,7 @@ def _placed(grains: GrainSet, motions: Motions | None) -> tuple[_Placed, tuple[t
     told = dict(zip(motions.labels.tolist(), motions.statuses.tolist(), strict=True))
     used = set(rows.tolist())
     left_out = tuple(
-        (int(label), f"translation not to use: {told.get(int(label), 'not among the motions')}")
+        (int(label), flat or f"translation not to use: {told.get(int(label), 'not among the motions')}")
         for row, label in enumerate(grains.labels)
         if row not in used
     )

@@ -50,6 +50,11 @@ class Surface:
         return out, index
 
 
+def is_slice(grains: GrainSet) -> bool:
+    """Whether all grains are one voxel layer thick: they have outlines, but no surfaces."""
+    return all(np.count_nonzero(grain.volume.array.any(axis=(1, 2))) <= 1 for grain in grains.grains)
+
+
 def surface_of(grain: Grain, voxel_size: float) -> Surface | None:
     """The surface of a grain whose reference has this voxel size, mm; None if it has no attenuation above its level."""
     mesh = grain_mesh(grain, voxel_size)

@@ -26,7 +26,7 @@ from grainmotion._typing import Float
 from grainmotion.analysis.deformed_volume import rebuild, typical_attenuation
 from grainmotion.errors import InputError
 from grainmotion.mechanics.columns import VOID_COLUMNS, VOIDS_CONTENT
-from grainmotion.mechanics.surfaces import surface_of
+from grainmotion.mechanics.surfaces import is_slice, surface_of
 from grainmotion.mechanics.tetrahedra import tessellate
 from grainmotion.model.described_table import described
 from grainmotion.model.grains import Grain, GrainSet
@@ -116,7 +116,8 @@ def void_ratio(grains: GrainSet, grid: Volume, motions: Motions | None = None, *
         Of the state, mm and radians.  Grains whose translation is no result to use have no cell, and their neighbours'
         cells take their space: where many are missing, void ratios are too large.
     cells : {"set", "radical"}
-        By the nearest surface in voxels of ``grid``, or by planes between balls of the same volumes.
+        By the nearest surface in voxels of ``grid``, or by planes between balls of the same volumes.  In a slice one
+        voxel thick only ``"set"`` is right: by distances between voxels, in its plane.
 
     Returns
     -------
@@ -218,6 +219,8 @@ def _shares(
     The difference of the distances to both surfaces grows by two voxels while the face between the cells crosses one.
     """
     places = grid.origin + grid.voxel_size * voxels[:, ::-1]
+    if is_slice(grains):  # distances between voxels decide
+        return np.ones(len(voxels))
     distances = np.zeros(rows.shape)
     row_of = {int(label): row for row, label in enumerate(grains.labels)}
     order = np.argsort(rows.ravel(), kind="stable")
@@ -270,7 +273,8 @@ def _radical_cells(centers: Float, radii: Float, grid: Volume) -> tuple[Float, N
         if corners is not None:
             volumes[i] = ConvexHull(corners).volume
             tolerance = 1e-6 * grid.voxel_size
-            inside[i] = (corners > low + tolerance).all() and (corners < high - tolerance).all()
+            off_border = (corners > low + tolerance) & (corners < high - tolerance)
+            inside[i] = off_border[:, : 2 if grid.shape[0] == 1 else 3].all()
     return volumes, inside
 
 

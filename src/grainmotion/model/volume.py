@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion.errors import InputError
+from grainmotion.model.described_table import SAMPLE_FRAME
 from grainmotion.model.field_of_view import FieldOfView
 from grainmotion.model.hardening import LINEAR, Hardening
 from grainmotion.model.precision import precision_of
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,6 +122,29 @@ class Volume:
         starts = np.array([s.start for s in box[::-1]])
         x, y, z = self.origin + self.voxel_size * (starts + (np.array(part.shape[::-1]) - 1) / 2)
         return Volume(part, self.voxel_size, (float(x), float(y), float(z)))
+
+    def to_xarray(self) -> xr.DataArray:
+        """The volume as an xarray, with the places of its voxels: for slices by mm and plots with axes.
+
+        Returns
+        -------
+        DataArray
+            Dimensions z, y, x with coordinates in mm, attenuation in 1/mm; its ``attrs`` tell voxel size and frame.
+
+        Raises
+        ------
+        InputError
+            If xarray is not installed.
+        """
+        try:
+            import xarray as xr  # optional, and slow to load
+        except ImportError as error:
+            fact, remedy = "xarray is not installed", "pip install 'grainmotion[notebook]'"
+            raise InputError("Volume.to_xarray", fact, remedy) from error
+        places = (self.origin[2 - k] + self.voxel_size * np.arange(n) for k, n in enumerate(self.shape))
+        coordinates = {axis: (axis, place, {"units": "mm"}) for axis, place in zip("zyx", places, strict=True)}
+        about = {"units": "1/mm", "long_name": "attenuation", "voxel_size": self.voxel_size, "frame": SAMPLE_FRAME}
+        return xr.DataArray(self.array, coordinates, ("z", "y", "x"), name="attenuation", attrs=about)
 
     def __repr__(self) -> str:
         return f"<Volume {self.shape} voxel_size={self.voxel_size} center={self.center}>"
