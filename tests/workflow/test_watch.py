@@ -12,7 +12,7 @@ from grainmotion.experiment.config import read_experiment
 from grainmotion.io.geometry_csv import write_geometry
 from grainmotion.io.results import read_motions_h5
 from grainmotion.io.tiff import write_tiff
-from grainmotion.workflow import watch as watching
+from grainmotion.workflow import watch_session as watching
 from grainmotion.workflow.run import run
 from grainmotion.workflow.watch import WatchSettings, watch
 from tiny_experiment import TOML, counts, geometry, sample, write_tiny
@@ -285,6 +285,24 @@ def test_a_second_watch_keeps_what_the_first_did(folder):
     result = started(folder, Looks())
     assert list(result.motions) == ["one", "two"]
     assert "kept: one/track" in (folder / "results" / "run.log").read_text().removeprefix(log)
+
+
+def test_a_start_from_a_file_is_waited_for(folder):
+    """The radiographs are there first; the motions from which the state starts come from another program."""
+    toml = QUICK.replace('name = "one"', 'name = "one"\ninitial = "start.csv"')
+    motions, seen = [], []
+    looks = Looks(
+        lambda: arrive(folder, "two.npy"),
+        *[nothing] * 4,
+        lambda: motions.append((folder / "results" / "two" / "motions.csv").read_bytes()),
+        lambda: arrive(folder, "one.tif"),
+        *[nothing] * 5,
+        lambda: seen.append((folder / "results" / "watch.html").read_text()),
+        lambda: (folder / "start.csv").write_bytes(motions[0]),
+    )
+    result = started(folder, looks, toml, until=2)
+    assert list(result.motions) == ["one", "two"]
+    assert "initial: no such file" in seen[0]
 
 
 def test_it_ends_when_nothing_comes(folder):

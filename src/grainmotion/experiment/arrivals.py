@@ -7,13 +7,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from grainmotion.errors import InputError
-from grainmotion.experiment.config import Experiment, ScanTable, StateTable
+from grainmotion.experiment.config import Experiment, StateTable
 from grainmotion.experiment.inputs import check_plausible
 from grainmotion.experiment.scan_files import find_scan
 from grainmotion.experiment.scan_inputs import ScanInput
 from grainmotion.io.formats import family
 from grainmotion.io.locate import locate
 from grainmotion.model.volume import Volume
+
+TABLES = (".csv", ".tsv")
+"""Suffixes of files that name no images."""
 
 
 @dataclass(frozen=True)
@@ -74,19 +77,21 @@ def complete_state(experiment: Experiment, table: StateTable, grid: Volume) -> S
     return source
 
 
-def _names(table: ScanTable) -> Iterator[tuple[str, str]]:
+def _names(table: StateTable) -> Iterator[tuple[str, str]]:
     """Key and name of all that a state reads, but for what it has from the reference."""
     for key, names in (("radiographs", table.radiographs), ("flats", table.flats), ("darks", table.darks)):
         for name in names or ():
             yield key, name.partition("::")[0]
     if isinstance(table.geometry, str):
         yield "geometry", table.geometry.partition("::")[0]
+    if table.initial not in ("previous", "reference"):
+        yield "initial", table.initial
 
 
 def _located(name: str, folder: Path) -> list[Path]:
     """The files of a name; with a scanner's own file all files beside it, since it names its images."""
     path = folder / name
     found = [path] if path.is_file() else list(locate(name, folder).files)
-    if any(family(file) is None and file.suffix.lower() != ".csv" for file in found):
+    if any(family(file) is None and file.suffix.lower() not in TABLES for file in found):
         found += [file for file in path.parent.iterdir() if file.is_file() and file.name[:1] != "."]
     return sorted(set(found))

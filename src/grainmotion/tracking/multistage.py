@@ -81,6 +81,17 @@ class MultistageFit:
             settings, coarse, fine, target, progress, seen=grains.scene.field, given_valid=scan.valid, cut=grains.cut
         )
 
+    @classmethod
+    def coarse(
+        cls, grains: GrainSet, scan: Scan, settings: TrackSettings, device: Device | PatchBackend | None = None
+    ) -> MultistageFit:
+        """The same without finer voxels, for a comparison of poses under a wide filter."""
+        backend = backend_of(device or settings.device)
+        arrays, target = GrainArrays.of(grains, fine=False).on(backend), target_of(grains, scan, settings, backend)
+        return cls(
+            settings, arrays, arrays, target, None, seen=grains.scene.field, given_valid=scan.valid, cut=grains.cut
+        )
+
     @property
     def expected_stages(self) -> int:
         """Stages to expect, repetitions by the search not counted."""

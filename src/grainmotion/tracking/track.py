@@ -146,7 +146,7 @@ def _started(job: Job, start: Start) -> tuple[Job, tuple[float, ...]]:
         raise InputError("start", "an empty sequence", "give motions, several motions, or none")
     if len(start) == 1:
         return replace(job, start=start[0]), ()
-    best, residuals = best_start(job.fit(), job.grains, start)
+    best, residuals = best_start(job.grains, job.scan, start, job.settings, job.device)
     return replace(job, start=start[best]), residuals
 
 
