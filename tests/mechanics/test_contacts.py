@@ -130,3 +130,17 @@ def test_a_slice_has_no_contacts_and_says_so():
     found = contacts(grains_from_labels(Volume(array, 1.0), labels))
     assert len(found) == 0
     assert [label for label, reason in found.left_out if "slice" in reason] == [1, 2]
+
+
+@pytest.mark.parametrize("share", [1.0, 0.9, 0.6])
+def test_a_grain_inside_another_is_an_overlap(share):
+    """At the same place their surfaces coincide, which is no contact."""
+    grains, _, _ = two_spheres(0.0)
+    shift = np.array([np.zeros(3), share * (grains.centers[0] - grains.centers[1])])
+    assert list(contacts(grains, known_motions(grains.centers, shift)).kinds) == ["overlap"]
+
+
+def test_a_small_grain_deep_inside_a_large_one_is_an_overlap():
+    grains = sphere_grains([[-10.0, 0, 0], [7, 0, 0]], [13.0, 4.0], (36, 36, 56))
+    shift = np.array([np.zeros(3), grains.centers[0] - grains.centers[1] + [1.0, 0.5, 0]])
+    assert list(contacts(grains, known_motions(grains.centers, shift)).kinds) == ["overlap"]

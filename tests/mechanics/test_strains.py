@@ -178,3 +178,9 @@ class TestTessellation:
         regular = np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
         assert tessellate(regular).shapes[0] == pytest.approx(1)
         assert tessellate(regular).volumes[0] == pytest.approx(8 / 3)
+
+
+def test_a_sample_turned_inside_out_has_no_strain():
+    found = strains(known_motions(CENTERS, -2 * CENTERS))
+    assert np.isnan(found.gradients).all()
+    assert all("inside out" in reason for reason in found.reasons)

@@ -253,6 +253,9 @@ def _closest(
     placed: _Placed, first: tuple[int, Surface], second: tuple[int, Surface], reach: float, voxel_size: float
 ) -> tuple[float, Float, Float] | None:
     """Gap, place and normal (first to second) where two surfaces come closest, in the state; None if none is near."""
+    inside = _inside(placed, first, second)
+    if inside is not None:
+        return inside
     depth, limit = PATCH_DEPTH * voxel_size, reach + voxel_size
     sides = []
     for (k, own), (other_k, other), sign in ((first, second, 1.0), (second, first, -1.0)):
@@ -275,6 +278,24 @@ def _closest(
     if length == 0:
         return None
     return gap, point, normal / length
+
+
+def _inside(
+    placed: _Placed, first: tuple[int, Surface], second: tuple[int, Surface]
+) -> tuple[float, Float, Float] | None:
+    """Gap, place and direction of a grain whose centre is inside another, as only a wrong motion puts it, else None."""
+    current = placed.centers + placed.translations
+    depth = 0.0
+    for (k, _), (other_k, other) in ((first, second), (second, first)):
+        local = placed.to_reference(other_k, current[k][None])
+        if np.linalg.norm(local[0] - placed.centers[other_k]) < other.radius:
+            depth = min(depth, float(other.distances(local, np.inf)[0][0]))
+    if depth >= 0:
+        return None
+    branch = current[second[0]] - current[first[0]]
+    length = float(np.linalg.norm(branch))
+    direction = branch / length if length > 0 else np.array([0.0, 0.0, 1.0])
+    return depth, (current[first[0]] + current[second[0]]) / 2, direction
 
 
 def _kinds(gaps: Float, sds: Float, tolerance: float, voxel_size: float) -> NDArray[np.str_]:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Estimator = Literal["cells", "neighbours"]
+INSIDE_OUT = "the grains around it are turned inside out (det F < 0): the motion of one of them is wrong"
 DEFAULT_REACH = 2.0
 """Radius of local fits, in median distances of neighbouring centres: about the first shell of grains."""
 
@@ -201,6 +202,8 @@ def strains(motions: Motions, *, estimator: Estimator = "cells", reach: float = 
     reasons = [f"translation not to use: {status}" for status in motions.statuses]
     for row, is_known in zip(used, known, strict=True):
         reasons[row] = "" if is_known else absent
+    for row in np.flatnonzero(np.isfinite(gradients[:, 0, 0]) & np.isnan(Deformation(gradients).volumetric)):
+        gradients[row], of_gradients[row], reasons[row] = np.nan, np.nan, INSIDE_OUT
     at_hull, all_volumes = np.zeros(n, dtype=bool), np.zeros(n)
     at_hull[used], all_volumes[used] = cells.at_hull, volumes
     mean = _mean(cells, moved, covariances)
