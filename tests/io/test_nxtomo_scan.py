@@ -161,6 +161,7 @@ class TestAsked:
             ({"instrument/detector/x_pixel_size": (0.4, "deg")}, {}, "unit 'deg', which is no length"),
             ({"instrument/detector/y_pixel_size": (5e-4, "m")}, {}, "no squares"),
             ({"instrument/detector/distance": None}, {}, "source_to_detector: it is missing"),
+            ({"instrument/detector/distance": None}, {"sample_pixel": 0.1}, "is missing.*at the sample, times"),
             ({"instrument/source/distance": (np.nan, "m")}, {}, "source_to_axis: it is missing.*is nan"),
             ({}, {"flips": None}, "first_row: it is missing"),
             ({"sample/rotation_angle": None}, {}, "angles_deg: it is missing; scan.nx .*rotation_angle is not there"),

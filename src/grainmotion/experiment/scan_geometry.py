@@ -24,11 +24,9 @@ from grainmotion.io.scanners.description import ScannerFile
 from grainmotion.io.scanners.identify import is_scanner_file, is_view_file, read_scanner_file, read_views
 from grainmotion.io.scanners.joined import joined_scan
 from grainmotion.io.scanners.view_panel import Panel
+from grainmotion.io.scanners.view_tables import keys_beside_views
 from grainmotion.io.stacks import Stack
 from grainmotion.model.geometry import Geometry
-
-KEYS_BESIDE_VIEWS = ("file", "beam", "pixel_size", "first_row", "detector_offset")
-"""Keys that readers of views use."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +105,7 @@ def find_views(sources: ScanSources, radiographs: Stack) -> tuple[Geometry, Circ
             _check_keys(sources, given)
             beam = given.beam or sources.fallback_beam(given)
             panel = Panel(shape, given.pixel_size, given.first_row, beam, given.detector_offset)
-            return read_views(path, panel), None  # of images as stored
+            return _between(read_views(path, panel), f"{path} ({key})"), None  # of images as stored
         if not is_scanner_file(name):
             raise InputError(f"{path} ({key})", "it is no file with the views of a scan", "see docs/scanners.md")
         own = _read(path, key)
@@ -128,6 +126,14 @@ def find_views(sources: ScanSources, radiographs: Stack) -> tuple[Geometry, Circ
         raise InputError(where, _explained(error.where, error.fact, own), error.remedy) from error
     found = tuple(replace(f, where=f"{sources.key}.{f.where}") for f in found)
     return _placed(geometry, own, sources.origin), CircularScan(circle, angles, found)
+
+
+def _between(views: Geometry, where: str) -> Geometry:
+    """Views of a file, if the origin lies before the panel as the source sees it."""
+    if views.beam == "cone" and views.pixel_at((0, 0, 0)) <= 0:
+        fact = "the rotation axis, at the origin, is not between source and panel"
+        raise InputError(where, fact, "check the signs of sx sy sz and dx dy dz")
+    return views
 
 
 def _explained(where: str, fact: str, own: ScannerFile | None) -> str:
@@ -175,7 +181,7 @@ def _check_keys(sources: ScanSources, given: Circular) -> None:
     told = sources.reference.geometry if isinstance(sources.reference.geometry, Circular) else None
     inherited = {} if told is None or sources.table is sources.reference else _set_keys(told)
     for name, value in _set_keys(given).items():
-        if name not in KEYS_BESIDE_VIEWS and inherited.get(name) != value:
+        if name not in keys_beside_views(Path(given.file or "")) and inherited.get(name) != value:
             fact = f"it has no effect beside {given.file}, which holds whole positions"
             raise InputError(f"{sources.key}.geometry.{name}", fact, "leave it out")
 

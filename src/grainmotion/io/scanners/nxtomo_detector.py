@@ -98,11 +98,9 @@ def _transformations(detector: h5py.Group) -> Iterator[h5py.Dataset]:
 
 
 def version_of(entry: h5py.Group) -> float | None:
-    """Version of the ESRF's files; None of others."""
-    try:
-        return float(entry.attrs["version"])
-    except (KeyError, TypeError, ValueError):
-        return None
+    """Version of the ESRF's files, a number; None of others."""
+    version = entry.attrs.get("version")
+    return float(version) if isinstance(version, float | int | np.floating | np.integer) else None
 
 
 def _frame(entry: h5py.Group) -> tuple[int, int]:

@@ -58,7 +58,9 @@ def optics_of(entry: h5py.Group, shape: tuple[int, int]) -> tuple[CircleNumbers,
         findings.append(Finding(Level.NOTE, "sizes", "", fact, evidence))
         return CircleNumbers(beam="parallel", pixel_size=small), unclear, findings
     size, why = (on_panel.mm, on_panel.problem) if at_sample.mm is None else (None, "")
-    if at_sample.mm is not None and whole is not None:
+    if at_sample.mm is not None and whole is None:
+        why = f"it is {at_sample.mm:.6g} mm at the sample, times the magnification on the panel"
+    elif at_sample.mm is not None and whole is not None:
         size = at_sample.mm * whole / near
     elif size is not None and optical not in (None, 0.0, 1.0) and not _alike(optical, whole and whole / near):
         size, why = None, f"whether x_pixel_size is meant before the magnification of {optical:g} or after it"

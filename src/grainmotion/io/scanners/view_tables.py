@@ -25,3 +25,13 @@ VIEW_READERS: Mapping[str, ViewReader] = MappingProxyType({
     ".csv": _read_csv, ".txt": _read_csv, ".npy": read_astra_vectors, ".geom": read_astra_vectors, ".xml": read_rtk,
 })  # fmt: skip
 """Reader of the files with a suffix, in lower case."""
+VIEW_KEYS: Mapping[str, tuple[str, ...]] = MappingProxyType({
+    ".npy": ("pixel_size",), ".geom": ("pixel_size",), ".xml": ("pixel_size", "first_row", "detector_offset"),
+})  # fmt: skip
+"""Keys of the experiment file, beside the file and its beam, that a reader uses; others tolerate pixels and rows."""
+TOLERATED_KEYS = ("pixel_size", "first_row")
+
+
+def keys_beside_views(path: Path) -> tuple[str, ...]:
+    """Keys of the experiment file that may stand beside a file of views."""
+    return ("file", "beam", *VIEW_KEYS.get(path.suffix.lower(), TOLERATED_KEYS))
