@@ -24,11 +24,11 @@ from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Float
 from grainmotion.errors import InputError
 from grainmotion.mechanics.columns import CONTACT_COLUMNS, CONTACTS_CONTENT
-from grainmotion.mechanics.surfaces import Surface, SurfaceCache, is_slice
+from grainmotion.mechanics.placed_grains import PlacedGrains, placed_grains
+from grainmotion.mechanics.surfaces import Surface, SurfaceCache
 from grainmotion.model.described_table import described
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions
-from grainmotion.rotations import apply_motion, recenter, skew_matrix
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -44,7 +44,6 @@ LISTED_GAP = 2.0
 """Pairs are listed up to this gap, voxels."""
 PATCH_DEPTH = 1.0
 """Points whose gap is at most this much above the least, voxels, make the place and the normal of a contact."""
-NO_SURFACE = "a slice of one voxel layer: its grains have no surfaces"
 MAX_OVERLAP = 1.0
 """Overlap of two grains that the voxels explain, voxels; beyond it, one of their motions is wrong."""
 
@@ -116,29 +115,6 @@ class Contacts:
         return described(pd.DataFrame(columns), CONTACT_COLUMNS, CONTACTS_CONTENT, tolerance=self.tolerance)
 
 
-@dataclass(frozen=True, eq=False)
-class _Placed:
-    """Grains at their places in a state: rows of the set, and x = F (X − c) + u + c of each."""
-
-    rows: NDArray[np.int64]
-    gradients: Float
-    translations: Float
-    centers: Float
-    covariances: Float  # (n, 6, 6) of u and the increment of the rotation, zero in the reference
-
-    def to_state(self, k: int, points: Float) -> Float:
-        return apply_motion(self.gradients[k], self.translations[k], self.centers[k], points)
-
-    def to_reference(self, k: int, points: Float) -> Float:
-        relative = points - self.translations[k] - self.centers[k]
-        return relative @ np.linalg.inv(self.gradients[k]).T + self.centers[k]
-
-    def lever(self, k: int, point: Float, normal: Float) -> Float:
-        """Derivative of n·x by the motion of grain k, for its material point that is at ``point``."""
-        arm = point - self.centers[k] - self.translations[k]
-        return np.concatenate([normal, -skew_matrix(arm).T @ normal])
-
-
 @checked_arguments
 def contacts(grains: GrainSet, motions: Motions | None = None, *, tolerance: float = DEFAULT_GAP_TOLERANCE) -> Contacts:
     """Contacts between grains in a state, or in the reference without motions.
@@ -165,7 +141,7 @@ def contacts(grains: GrainSet, motions: Motions | None = None, *, tolerance: flo
     """
     if not (np.isfinite(tolerance) and tolerance > 0):
         raise InputError("contacts.tolerance", f"must be > 0, got {tolerance}", "give it in voxels, such as 0.7")
-    placed, left_out = _placed(grains, motions)
+    placed, left_out = placed_grains(grains, motions)
     h = grains.voxel_size
     found = list(_measured(grains, placed, h * (tolerance + LISTED_GAP)))
     m = len(found)
@@ -186,38 +162,8 @@ def contacts(grains: GrainSet, motions: Motions | None = None, *, tolerance: flo
     )  # fmt: skip
 
 
-def _placed(grains: GrainSet, motions: Motions | None) -> tuple[_Placed, tuple[tuple[int, str], ...]]:
-    """The grains that have a place in the state, and the others with the reason."""
-    n = len(grains)
-    if is_slice(grains):
-        motions, flat = Motions.identity(np.zeros(0, dtype=np.int64), np.zeros((0, 3))), NO_SURFACE
-    else:
-        flat = ""
-    if motions is None:
-        identity, zero = np.broadcast_to(np.eye(3), (n, 3, 3)), np.zeros((n, 3))
-        return _Placed(np.arange(n), identity, zero, grains.centers, np.zeros((n, 6, 6))), ()
-    row_of = {int(label): row for row, label in enumerate(grains.labels)}
-    unknown = sorted({int(label) for label in motions.labels} - set(row_of))
-    if unknown:
-        fact = f"labels {unknown[:10]} are not among the grains"
-        raise InputError("motions.label", fact, "use motions of this reference")
-    finite = np.isfinite(np.hstack([motions.translations, motions.rotations])).all(axis=1)
-    kept = np.flatnonzero(motions.ok_translation & finite)
-    rows = np.array([row_of[int(label)] for label in motions.labels[kept]], dtype=np.int64)
-    told = dict(zip(motions.labels.tolist(), motions.statuses.tolist(), strict=True))
-    used = set(rows.tolist())
-    left_out = tuple(
-        (int(label), flat or f"translation not to use: {told.get(int(label), 'not among the motions')}")
-        for row, label in enumerate(grains.labels)
-        if row not in used
-    )
-    gradients, centers = motions.gradients[kept], grains.centers[rows]
-    shifts = recenter(gradients, motions.translations[kept], motions.centers[kept], centers)
-    return _Placed(rows, gradients, shifts, centers, motions.covariances[kept]), left_out
-
-
 def _measured(
-    grains: GrainSet, placed: _Placed, reach: float
+    grains: GrainSet, placed: PlacedGrains, reach: float
 ) -> Iterator[tuple[tuple[int, int], float, float, Float, Float]]:
     """Labels, gap, its standard deviation by the motions, place and normal of each pair nearer than ``reach``, mm."""
     surfaces, h = SurfaceCache(grains), grains.voxel_size
@@ -250,7 +196,7 @@ def _outer_radius(grains: GrainSet, row: int) -> float:
 
 
 def _closest(
-    placed: _Placed, first: tuple[int, Surface], second: tuple[int, Surface], reach: float, voxel_size: float
+    placed: PlacedGrains, first: tuple[int, Surface], second: tuple[int, Surface], reach: float, voxel_size: float
 ) -> tuple[float, Float, Float] | None:
     """Gap, place and normal (first to second) where two surfaces come closest, in the state; None if none is near."""
     inside = _inside(placed, first, second)
@@ -281,7 +227,7 @@ def _closest(
 
 
 def _inside(
-    placed: _Placed, first: tuple[int, Surface], second: tuple[int, Surface]
+    placed: PlacedGrains, first: tuple[int, Surface], second: tuple[int, Surface]
 ) -> tuple[float, Float, Float] | None:
     """Gap, place and direction of a grain whose centre is inside another, as only a wrong motion puts it, else None."""
     current = placed.centers + placed.translations

@@ -18,14 +18,13 @@ import edt
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
-from scipy.optimize import linprog
-from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError, cKDTree
 
 from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Float
 from grainmotion.analysis.deformed_volume import rebuild, typical_attenuation
 from grainmotion.errors import InputError
 from grainmotion.mechanics.columns import VOID_COLUMNS, VOIDS_CONTENT
+from grainmotion.mechanics.radical_cells import radical_cells
 from grainmotion.mechanics.surfaces import is_slice, surface_of
 from grainmotion.mechanics.tetrahedra import tessellate
 from grainmotion.model.described_table import described
@@ -39,8 +38,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Cells = Literal["set", "radical"]
-FIRST_NEIGHBOURS = 30
-"""Grains whose planes first bound a radical cell; more are taken until none further away can cut it."""
 
 
 REACH_IN_RADII = 1.5
@@ -143,7 +140,7 @@ def void_ratio(grains: GrainSet, grid: Volume, motions: Motions | None = None, *
         spaces, inside = _set_cells(grains, motions, grid, volumes)
     else:
         shifts = recenter(motions.gradients, motions.translations, motions.centers, grains.centers[rows])
-        spaces, inside = _radical_cells(grains.centers[rows] + shifts, np.cbrt(0.75 / np.pi * volumes), grid)
+        spaces, inside = radical_cells(grains.centers[rows] + shifts, np.cbrt(0.75 / np.pi * volumes), grid)
     current = motions.centers + motions.translations
     inside &= ~tessellate(current).at_hull & (spaces > 0) & (volumes > 0)
     return VoidRatios(motions.labels, volumes, spaces, inside, cells)
@@ -257,71 +254,3 @@ def _solid_bodies(grains: GrainSet, motions: Motions, grid: Volume) -> NDArray[n
         moved, _ = rebuild(alone, nothing, grid)
         solid |= moved.array > 0.5 * np.median(body.volume.array[body.volume.array > 0])
     return solid
-
-
-def _radical_cells(centers: Float, radii: Float, grid: Volume) -> tuple[Float, NDArray[np.bool_]]:
-    """Volumes of the radical cells within the grid, mm³, and whether its border does not cut them."""
-    n = len(centers)
-    low = grid.origin - grid.voxel_size / 2
-    high = low + grid.voxel_size * np.array(grid.shape[::-1])
-    walls = np.vstack([np.column_stack([-np.eye(3), low]), np.column_stack([np.eye(3), -high])])
-    volumes, inside = np.zeros(n), np.zeros(n, dtype=bool)
-    tree = cKDTree(centers) if n else None
-    for i in range(n):
-        assert tree is not None
-        corners = _cell_corners(i, centers, radii, walls, tree)
-        if corners is not None:
-            volumes[i] = ConvexHull(corners).volume
-            tolerance = 1e-6 * grid.voxel_size
-            off_border = (corners > low + tolerance) & (corners < high - tolerance)
-            inside[i] = off_border[:, : 2 if grid.shape[0] == 1 else 3].all()
-    return volumes, inside
-
-
-def _cell_corners(i: int, centers: Float, radii: Float, walls: Float, tree: cKDTree) -> Float | None:
-    """Corners of one radical cell: points whose power distance |x − c|² − r² to grain i is the least; None if empty."""
-    count = FIRST_NEIGHBOURS
-    while True:
-        apart, others = tree.query(centers[i], k=min(count, len(centers)))
-        others, apart = np.atleast_1d(others), np.atleast_1d(apart)
-        keep = others != i
-        planes = _planes(i, others[keep], centers, radii)
-        corners = _corners(np.vstack([planes, walls]), centers[i])
-        if corners is None:
-            return None
-        # j cuts no corner if its power distance there is larger than that of i, whatever its radius
-        reach = np.linalg.norm(corners - centers[i], axis=1).max()
-        safe = reach + np.sqrt(max(reach**2 - radii[i] ** 2 + radii.max() ** 2, 0.0))
-        if count >= len(centers) or apart.max() > safe:
-            return corners
-        count *= 2
-
-
-def _planes(i: int, others: NDArray[np.int64], centers: Float, radii: Float) -> Float:
-    """Half-spaces ``(k, 4)``, n·x + b ≤ 0, of points nearer to i than to others in power distance."""
-    normals = 2 * (centers[others] - centers[i])
-    squares = (centers**2).sum(axis=1) - radii**2
-    offsets = squares[i] - squares[others]
-    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    good = lengths[:, 0] > 0
-    return np.column_stack([normals, offsets])[good] / lengths[good]
-
-
-def _corners(planes: Float, center: Float) -> Float | None:
-    """Corners of an intersection of half-spaces; None if it is empty."""
-    inside = center
-    if (planes[:, :3] @ center + planes[:, 3] > -1e-9).any():  # a small grain may lie outside its own cell
-        found = linprog(
-            [0, 0, 0, -1],
-            A_ub=np.column_stack([planes[:, :3], np.ones(len(planes))]),
-            b_ub=-planes[:, 3],
-            bounds=[(None, None)] * 3 + [(0, None)],
-        )
-        if not found.success or found.x is None or found.x[3] <= 0:
-            return None
-        inside = np.asarray(found.x[:3])
-    try:
-        corners = HalfspaceIntersection(planes, inside).intersections
-    except QhullError:
-        return None
-    return np.asarray(corners[np.isfinite(corners).all(axis=1)])
