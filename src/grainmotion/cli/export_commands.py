@@ -89,7 +89,7 @@ def files(
 
 @add_command
 def mechanics(paths: Paths, *, execution: Execution, checks: Checks) -> None:
-    """Write strains, contacts, fabric and void ratios of the reference and of each state, as [mechanics] says."""
+    """Write strains, contacts, fabric and void ratios of the reference and of each state (table `mechanics`)."""
     wanted = _with_exports(read(paths.file), ["mechanics"])
     with prepared(wanted, execution, checks) as (experiment, options):
         result = gm.run(experiment, out=paths.out, **options)

@@ -26,7 +26,8 @@ EXACT_BAND = 3.0
 """Distance up to which the nearest triangle is looked for, over the spacing."""
 NEAR_TRIANGLES = 12
 """Triangles among which the nearest is looked for: those with the nearest centres."""
-MAX_GRID_POINTS = 50_000_000
+MAX_GRID_POINTS = 10_000_000
+"""Points of the largest grid: a gigabyte while it is computed."""
 OFF_GRID = np.array([0.3713e-6, 0.6187e-6])
 """Shift of the grid along x and y for the sign, over the spacing: no line meets an edge of a symmetric mesh."""
 
@@ -77,7 +78,7 @@ def level_set(surface: Surface, spacing: float, *, margin: float = 3.0) -> Level
     Raises
     ------
     InputError
-        If the spacing is not positive, or so small that the grid has more than 50 million points.
+        If the spacing is not positive, or so small that the grid has more than 10 million points.
     """
     if not spacing > 0:
         raise InputError("level_set.spacing", f"must be > 0, got {spacing}", "give it in mm")

@@ -61,7 +61,10 @@ def rigid_body(grain: Grain, settings: DemSettings) -> RigidBody:
     spacing, reasons = settings.spacing * grain.volume.voxel_size, []
     field = spheres = expansion = None
     if "level-set" in settings.shapes:
-        field = level_set(surface, spacing)
+        try:
+            field = level_set(surface, spacing)
+        except InputError as error:
+            reasons.append(f"no level set: {error.fact}")
     if "clump" in settings.shapes:
         try:
             same = field if settings.spacing == 1 and field is not None else level_set(surface, grain.volume.voxel_size)
