@@ -3,8 +3,11 @@
 import h5py
 import numpy as np
 import pytest
+import tifffile
 
 from grainmotion.errors import InputError
+from grainmotion.experiment.config import read_experiment
+from grainmotion.experiment.inputs import find_inputs
 from grainmotion.io.scanners.identify import read_scanner_file
 from grainmotion.model.finding import Level
 from lab_scanner import Lab
@@ -272,6 +275,35 @@ class TestNamed:
         facts = dict(read_scanner_file(scan()).facts)
         assert facts["Sample"] == "four balls"
         assert facts["Rotation axis"] == "column 34.5"
+
+
+STATES = """[reference]
+radiographs = "scan.nx"
+[[states]]
+name = "file"
+radiographs = "later.nx"
+[[states]]
+name = "images"
+radiographs = "images/*.tif"
+geometry = { angles_deg = "names" }
+"""
+
+
+def test_states_by_a_file_of_their_own_or_bare_images_of_the_same_camera(tmp_path):
+    """The camera mirrors its frames: the state's images are mirrored as the reference's, and have its axis."""
+    for name, stage in (("scan.nx", STAGE), ("later.nx", STAGE + 7)):
+        path = write_with_nxtomo(tmp_path / name, LAB, stage, flips=(True, False))
+        with h5py.File(path, "a") as file:
+            file[f"{ENTRY}/instrument/detector/x_rotation_axis_pixel_position"] = LAB.shape[1] - 1 - COLUMN
+    (tmp_path / "images").mkdir()
+    for angle in (12.5, 102.5, 192.5):
+        counts = np.round(100 + 40_000 * np.exp(-LAB.image(angle)))[:, ::-1].astype(np.uint16)
+        tifffile.imwrite(tmp_path / "images" / f"r_{-angle:+.1f}.tif", counts)
+    (tmp_path / "experiment.toml").write_text(STATES)
+    states = find_inputs(read_experiment(tmp_path / "experiment.toml")).states
+    assert [len(state.geometry) for state in states] == [4, 3]
+    for state in states:
+        assert misfit(state) < SAME
 
 
 @pytest.mark.parametrize("content", [b"", b"\x89HDF\r\n\x1a\n" + b"\0" * 50, b"hello"])
