@@ -15,6 +15,35 @@ from lab_scanner import Lab
 from nxtomo_writer import write_nxtomo
 from tiny_experiment import write_tiny
 
+XTEKCT = """[XTekCT]
+Name={name}
+InputSeparator=_
+SrcToObject=100
+SrcToDetector=400
+DetectorPixelsX=32
+DetectorPixelSizeX=0.2
+DetectorPixelsY=24
+DetectorPixelSizeY=0.2
+Projections={count}
+InitialAngle=0
+AngularStep={step}
+WhiteLevel=60000
+ObjectOffsetX=0
+ObjectTilt=0
+ObjectRoll=0
+DetectorOffsetX=0
+DetectorOffsetY=0
+"""
+
+
+def nikon_scan(folder, count, step):
+    """A folder of a Nikon scanner, named as its scan."""
+    folder.mkdir(parents=True)
+    for k in range(1, count + 1):
+        write_tiff(folder / f"{folder.name}_{k:04d}.tif", np.full((24, 32), 50_000, np.uint16))
+    text = XTEKCT.format(name=folder.name, count=count, step=step)
+    (folder / f"{folder.name}.xtekct").write_text(text, encoding="cp1252")
+
 
 def invoke(*arguments, code=0):
     result = CliRunner().invoke(app, [str(a) for a in arguments])
@@ -84,3 +113,22 @@ class TestInit:
 
     def test_a_folder_that_is_none_is_refused(self, tmp_path):
         assert "it is no folder" in invoke("init", tmp_path / "none", code=2).stderr
+
+
+class TestARelativePath:
+    """Paths as they are typed: images are looked up from the scanner's file, not from there once more."""
+
+    @pytest.mark.parametrize("name", ["scan ä [1]", "."])
+    def test_of_a_scanners_folder_and_file(self, tmp_path, monkeypatch, name):
+        nikon_scan(tmp_path / name / "full", 12, 30)
+        nikon_scan(tmp_path / name / "begin", 4, 45)
+        monkeypatch.chdir(tmp_path)
+        for target in (name, f"{name}/full/full.xtekct"):
+            text = invoke("inspect", target).stdout
+            assert "12 of 24 x 32 pixels" in text
+            assert "to be given" not in text
+            assert "full: row 0 is the highest row" in text  # the largest scan is drawn
+        assert "experiment: " in invoke("init", name).stdout
+        tables = read_experiment(tmp_path / name / "experiment.toml").tables
+        assert tables.reference.radiographs == ["full/full.xtekct"]
+        assert [state.name for state in tables.states] == ["begin"]  # and not the picture that inspect drew

@@ -126,18 +126,20 @@ def _inspect_file(file: Path, picture: Path | None, *, terminal: bool, strict: b
 
 
 def _inspect_folder(folder: Path, picture: Path | None, *, terminal: bool) -> None:
-    """A folder: its scans, with the first one drawn, images, tables and experiment files."""
+    """A folder: its scans, with the largest of those shown drawn, images, tables and experiment files."""
     from grainmotion.experiment.folder_contents import folder_contents
     from grainmotion.experiment.scan_summary import summarise_file
 
     contents = folder_contents(folder)
-    drawn = False
+    drawable: list[tuple[int, FirstViews, Volume]] = []
     for name, scan in contents.scans[:MAX_SCANS_SHOWN]:
         summary = summarise_file(folder / name, scan)
         _show_scan(Path(name), summary)
-        if not drawn and summary.first_views is not None and summary.grid is not None:
-            _draw(folder, picture, (summary.first_views,), summary.grid, terminal=terminal)
-            drawn = True
+        if summary.first_views is not None and summary.grid is not None:
+            drawable.append((summary.views, summary.first_views, summary.grid))
+    if drawable:
+        _, first, grid = max(drawable, key=lambda item: item[0])
+        _draw(folder, picture, (first,), grid, terminal=terminal)
     for name, scan in contents.scans[MAX_SCANS_SHOWN:]:
         print(f"scan: {name}, {scan.format}")
     reference = None if contents.scans else _reference_summary(contents)
@@ -191,7 +193,7 @@ def _show_rest(contents: FolderContents) -> None:
 
 def _draw(folder: Path, picture: Path | None, scans: Sequence[FirstViews], grid: Volume, *, terminal: bool) -> None:
     """Up and the sense of rotation in words, as a PNG, and in the terminal if wanted."""
-    from grainmotion.experiment.folder_contents import INSPECTION_PICTURE
+    from grainmotion.io.locate import INSPECTION_PICTURE
     from grainmotion.report.inspection_figure import orientation, write_inspection_figure
     from grainmotion.report.terminal_image import terminal_radiograph
 

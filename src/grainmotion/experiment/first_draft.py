@@ -145,7 +145,7 @@ def _name(spec: str) -> str:
 
 def _images(contents: FolderContents, reference: FoundScan, states: Sequence[FoundScan]) -> list[str]:
     """The keys of the reference's images."""
-    lines = [f"radiographs = {json.dumps(reference.spec)}    # {reference.count} radiographs"]
+    lines = [f"radiographs = {json.dumps(reference.spec, ensure_ascii=False)}    # {_radiographs(reference.count)}"]
     if reference.file is not None:
         return lines
     kept = [s.folder for s in states if s.folder not in (reference.folder, Path())]
@@ -160,8 +160,12 @@ def _images(contents: FolderContents, reference: FoundScan, states: Sequence[Fou
     return lines if found else [*lines, unknown]
 
 
+def _radiographs(count: int) -> str:
+    return "1 radiograph" if count == 1 else f"{count} radiographs"
+
+
 def _specs(sets: Sequence[ImageSet]) -> str:
-    names = [json.dumps(s.spec) for s in sets]
+    names = [json.dumps(s.spec, ensure_ascii=False) for s in sets]
     return names[0] if len(names) == 1 else f"[{', '.join(names)}]"
 
 
@@ -176,7 +180,7 @@ def _state(
         name += "-2"
     taken.add(name.lower())
     lines = ["[[states]]", f"name = {json.dumps(name, ensure_ascii=False)}"]
-    lines.append(f"radiographs = {json.dumps(state.spec, ensure_ascii=False)}    # {state.count} radiographs")
+    lines.append(f"radiographs = {json.dumps(state.spec, ensure_ascii=False)}    # {_radiographs(state.count)}")
     if state.file is None:
         for role in ("flats", "darks"):
             sets = [
@@ -193,7 +197,7 @@ def _state(
             lines.append(f"geometry = {{ {angles} }}")
         else:
             lines.append(f"# geometry = {{ angles_deg = [ ] }}  # TODO: the angle of each of the {state.count}")
-            todo.append(f"state '{name}': the angles of its {state.count} radiographs")
+            todo.append(f"state '{name}': the angles of its {_radiographs(state.count)}")
     if state.count > FULL_SCAN_SHARE * reference.count:
         lines.append('# views = "::100"     # this state was scanned in full: choose some of its radiographs')
     return lines
@@ -217,7 +221,7 @@ def _angles(contents: FolderContents, scan: FoundScan) -> str | None:
             continue  # a log of forces has as many rows as well
         try:
             if len(read_angles(contents.path / name)) == scan.count:
-                return f"angles_deg = {json.dumps(name)}"
+                return f"angles_deg = {json.dumps(name, ensure_ascii=False)}"
         except InputError:
             continue
     return None

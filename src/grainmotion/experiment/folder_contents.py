@@ -12,6 +12,7 @@ from typing import Literal
 from grainmotion.diagnosis.file_names import natural_order, series_of, stem
 from grainmotion.errors import InputError
 from grainmotion.io.formats import HDF5, family
+from grainmotion.io.locate import INSPECTION_PICTURE
 from grainmotion.io.scanners.description import ScannerFile
 from grainmotion.io.scanners.identify import is_described_elsewhere, is_scanner_file, read_scanner_file
 from grainmotion.io.stacks import Stack, find_stack
@@ -21,8 +22,6 @@ Role = Literal["radiographs", "flats", "darks"]
 MAX_FOLDER_DEPTH = 3
 """Folders below the given one that are looked into."""
 MAX_FILES_LOOKED_AT = 200_000
-INSPECTION_PICTURE = "inspection.png"
-"""What `grainmotion inspect` draws beside the files that it describes."""
 RESULT_MARK = "stages.json"
 """A folder with this file holds results of a run."""
 _FLATS = re.compile(r"(^|[^a-z])(flat|flats|ff|white|whites|bright|open|openbeam|ob|gain|i0|brightfield)([^a-z]|$)")

@@ -41,6 +41,8 @@ class ScanSummary:
         Some radiographs as line integrals, if they can be read.
     grid : Volume, optional
         The field of view.
+    views : int
+        Number of radiographs; 0 if the scan cannot be used yet.
     """
 
     facts: tuple[tuple[str, str], ...]
@@ -48,6 +50,7 @@ class ScanSummary:
     missing: tuple[str, ...] = ()
     first_views: FirstViews | None = None
     grid: Volume | None = None
+    views: int = 0
 
 
 def summarise_file(path: Path, file: ScannerFile) -> ScanSummary:
@@ -73,7 +76,7 @@ def summarise_scan(name: str, table: ReferenceTable, folder: Path) -> ScanSummar
     scan, _, found = source.select(views).read_checked()
     first = FirstViews(name, scan, tuple(views.tolist()))
     findings = (*source.findings, *found)
-    return ScanSummary(facts, findings, (), first, _field_of_view(source.geometry))
+    return ScanSummary(facts, findings, (), first, _field_of_view(source.geometry), len(source.geometry))
 
 
 def angle_sentence(angles_deg: Float) -> str:

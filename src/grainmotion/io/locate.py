@@ -15,6 +15,9 @@ from grainmotion.errors import InputError
 from grainmotion.io.files import checked_file
 from grainmotion.io.formats import family, unreadable
 
+INSPECTION_PICTURE = "inspection.png"
+"""What `grainmotion inspect` draws beside the radiographs, which is none of them."""
+
 
 @dataclass(frozen=True)
 class Located:
@@ -91,7 +94,7 @@ def _content(folder: Path) -> list[Path]:
 def _of_folder(path: Path) -> Located:
     """All images of a folder, which must be of one format."""
     files = [item for item in _content(path) if item.is_file() and not item.name.startswith(".")]
-    images = [item for item in files if family(item) is not None]
+    images = [item for item in files if family(item) is not None and item.name != INSPECTION_PICTURE]
     suffixes = Counter(item.suffix.lower() for item in files)
     content = ", ".join(f"{count} {suffix or 'without suffix'}" for suffix, count in sorted(suffixes.items()))
     if not images:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
@@ -53,10 +54,18 @@ def is_described_elsewhere(path: Path) -> bool:
 
 
 def read_scanner_file(path: Path) -> ScannerFile:
-    """What a scanner's file tells about its scan; `is_scanner_file` holds for it."""
+    """What a scanner's file tells about its scan; `is_scanner_file` holds for it.
+
+    A relative path starts at the working folder.  The images are named by absolute paths all the same, for they are
+    looked up from the folder of the file later.
+    """
     reader = _reader(path)
     assert reader is not None
-    return reader(path)
+    scan, here = reader(path), Path.cwd()
+    radiographs, flats, darks = (
+        tuple(str(here / spec) for spec in specs) for specs in (scan.radiographs, scan.flats, scan.darks)
+    )
+    return replace(scan, radiographs=radiographs, flats=flats, darks=darks)
 
 
 def is_view_file(path: Path) -> bool:
