@@ -59,3 +59,12 @@ def test_mesh_of_a_grain_is_where_its_attenuation_is():
 def test_grain_without_attenuation_has_no_mesh():
     grain = Grain(1, Volume.zeros((6, 6, 6), 0.1), np.zeros(3))
     assert grain_mesh(grain, 0.1) is None
+
+
+def test_a_grain_of_one_layer_has_no_surface():
+    """A slice is padded by empty layers like any grain."""
+    array = np.zeros((1, 14, 14))
+    array[0, 4:10, 4:10] = 1
+    grain = grains_from_labels(Volume(array, 1.0), (array > 0).astype(int)).grains[0]
+    assert grain.volume.shape[0] > 1
+    assert grain_mesh(grain, 1.0) is None

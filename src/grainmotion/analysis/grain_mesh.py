@@ -48,7 +48,8 @@ def grain_mesh(grain: Grain, voxel_size: float) -> GrainMesh | None:
     sigma = SURFACE_SIGMA * voxel_size / volume.voxel_size
     field = ndimage.gaussian_filter(np.pad(volume.array, 2), sigma, mode="constant")
     bodies, count = ndimage.label(field > level)
-    if count == 0 or min(volume.shape) < 2:
+    layers = np.count_nonzero(volume.array.any(axis=(1, 2)))  # a slice is padded like any grain
+    if count == 0 or layers < 2:
         return None
     if count > 1:  # specks of noise are no surface of the grain
         largest = 1 + int(np.argmax(np.bincount(bodies.ravel())[1:]))
