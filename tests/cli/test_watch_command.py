@@ -1,5 +1,6 @@
 """`grainmotion watch`: tracks what is there, tells each state in a line, and ends by its options with exit code 0."""
 
+import shutil
 import signal
 import subprocess
 import sys
@@ -45,6 +46,19 @@ def test_it_ends_by_its_options(path, tmp_path):
     result = invoke("watch", other, "--every", 0.02, "--stop-after", 0.05, "--out", tmp_path / "out", "--quiet")
     assert "no file changed for 0.05 s" in result.output
     assert result.exit_code == 0
+
+
+def test_folders_are_found_from_any_working_folder(path, monkeypatch):
+    """The file is named from the folder above its own."""
+    steps = path.parent / "steps" / "s1"
+    steps.mkdir(parents=True)
+    shutil.copy(path.parent / "one.tif", steps)
+    other = path.with_name("folders.toml")
+    other.write_text(TOML[: TOML.index("[[states]]")] + '[watch]\nfolders = "steps/*"\ngeometry = "one.csv"\n')
+    monkeypatch.chdir(path.parents[1])
+    result = invoke("watch", f"{path.parent.name}/folders.toml", "--every", 0.02, "--until", 1, "--quiet")
+    assert "s1: 3 translations" in result.output
+    assert "done: nothing" in invoke("run", f"{path.parent.name}/folders.toml").output
 
 
 @pytest.mark.parametrize("option", [("--every", 0), ("--until", 0), ("--stop-after", -1)])

@@ -113,6 +113,7 @@ def test_rows_are_matched_by_label():
         (lambda: Series.of({"a": motions(0, 0), "b": motions(0, 0, labels=(5, 9))}), "other grains"),
         (lambda: Series.of({"a": motions(0, 0), "b": motions(0, 0)}, {"a": 5, "b": 5}), "do not increase"),
         (lambda: Series(("a", "a"), (motions(0, 0),) * 2, np.zeros(2)), "given twice"),
+        (lambda: Series.of({"a": motions(0, 0)})["b"], "no state 'b'; the states are a"),
         (lambda: Series(("a",), (motions(0, 0),) * 2, np.zeros(2)), "1 names, 2 motions"),
     ],
 )

@@ -236,6 +236,33 @@ def test_a_fault_of_the_program_does_not_end_the_watch(folder, monkeypatch):
     assert "ZeroDivisionError" in (folder / "results" / "run.log").read_text()
 
 
+def test_a_drive_that_was_away_is_tried_again(folder, monkeypatch):
+    original, calls = watching.complete_state, []
+
+    def away_at_first(*arguments):
+        calls.append(arguments)
+        if len(calls) < 3:
+            raise OSError("the network path was not found")
+        return original(*arguments)
+
+    monkeypatch.setattr(watching, "complete_state", away_at_first)
+    monkeypatch.setattr("grainmotion.workflow.watched_states.RETRY_SECONDS", 0.0)
+    result = started(folder, Looks(lambda: step(folder, "s1", (0.05, 0, 0))), FOLDERS, until=1)
+    assert list(result.motions) == ["s1"]
+    assert len(calls) == 3
+
+
+def test_a_fault_in_an_output_of_all_states_does_not_end_the_watch(folder, monkeypatch):
+    def faulty(*arguments):
+        raise ZeroDivisionError("of a test")
+
+    monkeypatch.setattr(watching, "write_outputs_of_all_states", faulty)
+    looks = Looks(lambda: step(folder, "s1", (0.05, 0, 0)), *[nothing] * 5, lambda: step(folder, "s2", (0.1, 0, 0)))
+    result = started(folder, looks, FOLDERS, until=2)
+    assert list(result.motions) == ["s1", "s2"]
+    assert "the table of all states was not written: of a test" in result.page.read_text()
+
+
 def test_changed_radiographs_are_tracked_again(folder):
     def changed():
         arrive(folder, "one.tif")

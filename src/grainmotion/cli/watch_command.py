@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from grainmotion.cli import console
+from grainmotion.cli.findings import exit_by
 from grainmotion.cli.options import Checks, Execution, OnDevice, Paths
 from grainmotion.cli.stages import prepared, read
 
@@ -34,6 +35,8 @@ def watch(
         result = watch_states(experiment, out=paths.out, settings=settings, say=_say, **options)
     console.print_states(result.motions)
     print(f"watch ended: {result.ended}; {len(result.motions)} states tracked, page: {result.page}")
+    if not result.interrupted:
+        exit_by(result.motions, result.findings, strict=checks.strict)
 
 
 def _say(line: str) -> None:

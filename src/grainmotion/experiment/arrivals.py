@@ -44,8 +44,8 @@ def snapshot(table: StateTable, folder: Path) -> Snapshot:
     for key, name in _names(table):
         try:
             found = _located(name, folder)
-        except InputError as error:
-            missing = missing or f"{key}: {error.fact}"
+        except (InputError, OSError) as error:
+            missing = missing or f"{key}: {error.fact if isinstance(error, InputError) else error}"
             continue
         for path in found:
             try:

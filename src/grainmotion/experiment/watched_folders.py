@@ -18,15 +18,15 @@ def matched_folders(pattern: str, base: Path, results: Path) -> list[Path]:
         anchor = Path(Path(pattern).anchor)
         base, pattern = anchor, str(Path(pattern).relative_to(anchor))
     try:
-        found = [path for path in base.glob(pattern) if path.is_dir()]
+        results = results.resolve()
+        found = [path for path in base.glob(pattern) if path.is_dir() and path.name[:1] != "."]
+        usable = [path for path in found if not path.resolve().is_relative_to(results)]
     except (ValueError, NotImplementedError) as error:
         fact = f"'{pattern}' is no pattern ({error})"
         raise InputError("watch.folders", fact, 'give one such as "steps/*"') from error
     except OSError as error:
         fact = f"{base / pattern} cannot be read ({error.strerror})"
         raise InputError("watch.folders", fact, "change its permissions, or mount it again") from error
-    results = results.resolve()
-    usable = [path for path in found if path.name[:1] != "." and not path.resolve().is_relative_to(results)]
     return ordered_folders(usable)
 
 
@@ -37,5 +37,5 @@ def ordered_folders(folders: Iterable[Path]) -> list[Path]:
 
 
 def with_folder(files: Sequence[str], folder: Path) -> list[str]:
-    """Names of files with the folder of the state in place of `FOLDER_MARK`."""
-    return [name.replace(FOLDER_MARK, folder.as_posix()) for name in files]
+    """Names of files with the folder of the state in place of `FOLDER_MARK`; it is found from any other folder."""
+    return [name.replace(FOLDER_MARK, folder.absolute().as_posix()) for name in files]

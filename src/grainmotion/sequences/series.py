@@ -93,6 +93,8 @@ class Series:
         return len(self.states)
 
     def __getitem__(self, state: str) -> Motions:
+        if state not in self.states:
+            raise InputError("series", f"no state '{state}'", f"the states are {', '.join(self.states)}")
         return self.motions[self.states.index(state)]
 
     @property

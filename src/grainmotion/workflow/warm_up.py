@@ -41,4 +41,7 @@ def _views(inputs: Inputs) -> Geometry:
         count = len(scan.geometry)
         geometry = scan.geometry[np.unique(np.arange(WARM_UP_VIEWS) * count // (2 * WARM_UP_VIEWS))]
     factor = -(-max(geometry.shape) // WARM_UP_PIXELS)
-    return geometry.binned(factor) if factor > 1 else geometry
+    if factor == 1:
+        return geometry
+    rows, columns = (max(1, n // factor) * factor for n in geometry.shape)
+    return geometry.window((0, 0), (rows, columns)).binned(factor)

@@ -12,6 +12,7 @@ from pathlib import Path
 from grainmotion.errors import GrainmotionError, InputError
 from grainmotion.experiment.arrivals import complete_state
 from grainmotion.experiment.inputs import start_in_file
+from grainmotion.model.finding import Finding, worst_first
 from grainmotion.model.motions import Motions
 from grainmotion.report.watch_page import WatchPage, write_watch_page
 from grainmotion.workflow.checks import check_radiographs_of, settle
@@ -75,6 +76,7 @@ class WatchResult:
     page: Path
     ended: str  # why
     interrupted: bool
+    findings: tuple[Finding, ...]  # of all checks, the worst first
 
 
 class WatchSession:
@@ -110,7 +112,8 @@ class WatchSession:
         STAGE_LOG.info("watch ended: %s", ended)
         self.write_page(ended=f"ended: {ended}")
         motions = {state.table.name: state.motions for state in self.listed.states if state.motions is not None}
-        return WatchResult(self.context.folder, motions, self.context.folder / WATCH_PAGE, ended, interrupted)
+        found = worst_first(self.context.findings)
+        return WatchResult(self.context.folder, motions, self.context.folder / WATCH_PAGE, ended, interrupted, found)
 
     def prepare(self) -> None:
         """Load the grains and compile kernels, before anything has arrived."""
@@ -246,8 +249,8 @@ class WatchSession:
             return
         except GrainmotionError as error:
             state.message = " ".join(str(error).split())
-        except OSError as error:  # as a network drive that was away: tried again
-            state.used, state.message = None, f"it cannot be read ({error}); tried again"
+        except OSError as error:  # as a network drive that was away, or a full disk
+            state.try_again(f"a file cannot be read or written ({error}); tried again after a while")
         except Exception as error:
             state.message = f"fault of the program ({type(error).__name__}: {error}); run.log has the details"
             STAGE_LOG.info("fault of the program:\n%s", traceback.format_exc())
@@ -262,8 +265,10 @@ class WatchSession:
         """An error inside is noted on the page; the watch goes on."""
         try:
             yield
-        except (GrainmotionError, OSError) as error:
+        except Exception as error:
             sentence = f"{what}: {' '.join(str(error).split())}"
+            if not isinstance(error, GrainmotionError | OSError):
+                STAGE_LOG.info("fault of the program:\n%s", traceback.format_exc())
             if sentence not in self.listed.notes:
                 self.listed.notes.append(sentence)
                 self.say(sentence)

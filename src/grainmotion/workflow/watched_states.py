@@ -21,6 +21,8 @@ from grainmotion.report.watch_page import WatchRow
 
 Phase = Literal["waiting", "arriving", "complete", "tracking", "tracked", "refused", "error"]
 DONE: tuple[Phase, ...] = ("tracked", "refused")
+RETRY_SECONDS = 30.0
+"""Time after which a state is read again where a drive or disk failed."""
 NOTHING_YET = Snapshot(frozenset(), 0)
 
 
@@ -42,6 +44,7 @@ class WatchedState:
     motions: Motions | None = None
     seconds: float | None = None  # from its last radiograph to its motions
     tracking_seconds: float | None = None
+    not_before: float = 0.0  # time from which it may be read
     same: bool = False  # whether the last two looks saw the same
     last_change: float = field(default_factory=time.monotonic)
     last_arrival: datetime | None = None
@@ -52,14 +55,20 @@ class WatchedState:
         self.same = not changed
         if changed and now.files:
             self.last_change, self.last_arrival = time.monotonic(), datetime.now().astimezone()
-        if changed and self.phase in ("waiting", "arriving"):
+        if changed and self.phase in ("waiting", "arriving", "error"):
             self.phase, self.message = ("arriving" if now.files else "waiting"), now.missing if now.files else ""
         return changed
 
     @property
     def settled(self) -> bool:
         """Whether its files are all there, the same at two looks, and have not been read as they are now."""
-        return self.same and bool(self.seen.files) and not self.seen.missing and self.seen != self.used
+        if not self.same or not self.seen.files or self.seen.missing or time.monotonic() < self.not_before:
+            return False
+        return self.seen != self.used
+
+    def try_again(self, message: str) -> None:
+        """Read it again after a while, though its files may not change."""
+        self.used, self.message, self.not_before = None, message, time.monotonic() + RETRY_SECONDS
 
     def line(self) -> str:
         """What the terminal shows once it is tracked."""
