@@ -127,7 +127,7 @@ class TestExport:
         assert sorted(p.name for p in dem.iterdir()) == [
             "README.txt", "clumps", "clumps.csv", "grains.csv", "poses.csv", "stl",
         ]  # fmt: skip
-        poses = pd.read_csv(dem / "poses.csv", comment="#")
+        poses = pd.read_csv(dem / "poses.csv")
         moved = poses.groupby("state")[["x", "y", "z"]].mean()
         for name in SHIFTS:
             np.testing.assert_allclose(moved.loc[name] - moved.loc["reference"], SHIFTS[name], atol=0.03)

@@ -47,7 +47,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def tables(folder):
-    return {p.stem: pd.read_csv(p, comment="#") for p in folder.glob("*.csv")}
+    return {p.stem: pd.read_csv(p) for p in folder.glob("*.csv")}
 
 
 def test_every_grain_is_listed_and_what_is_missing_has_a_reason(tables):

@@ -66,7 +66,7 @@ def test_tables_by_pandas_alone(tmp_path):
     expected = series().to_table()
     for suffix in ("csv", "parquet"):
         write_series(tmp_path / f"series.{suffix}", series(), settings={"sweeps": 3})
-    csv = pd.read_csv(tmp_path / "series.csv", comment="#")
+    csv = pd.read_csv(tmp_path / "series.csv")
     parquet = pd.read_parquet(tmp_path / "series.parquet")
     assert parquet.attrs["units"]["ux"] == "mm"
     assert json.loads(parquet.attrs["settings"]) == {"sweeps": 3}
@@ -74,11 +74,7 @@ def test_tables_by_pandas_alone(tmp_path):
     for column in ("ux", "dwz", "sd_duy", "path", "time"):
         np.testing.assert_allclose(csv[column], expected[column], rtol=1e-12)
         np.testing.assert_allclose(parquet[column], expected[column])
-    assert list(csv["state"].unique()) == ["étape no. 1", "two"]
-    assert list(parquet["state"].unique()) == ["étape #1", "two"]
-    head = (tmp_path / "series.csv").read_text(encoding="utf-8").split("state,index")[0]
-    for word in ("load series, version", "sample frame", "ux mm", "dwz deg", '"sweeps": 3'):
-        assert word in head
+    assert list(csv["state"].unique()) == list(parquet["state"].unique()) == ["étape #1", "two"]
 
 
 def test_a_large_series_of_text_and_numbers_is_compressed(tmp_path):

@@ -112,7 +112,7 @@ def test_all_states_are_in_one_table(tmp_path):
     output = experiment.tables.output.model_copy(update={"series": ["h5", "csv", "parquet"]})
     tables = experiment.tables.model_copy(update={"output": output})
     result = run(dataclasses.replace(experiment, tables=tables))
-    table = pd.read_csv(result.folder / "series.csv", comment="#")
+    table = pd.read_csv(result.folder / "series.csv")
     assert list(table["state"].unique()) == ["s1", "s2", "s3"]
     for axis, expected in zip("xyz", STEP):
         np.testing.assert_allclose(table[f"du{axis}"], expected, atol=0.01)
@@ -127,7 +127,7 @@ def test_a_state_that_is_not_tracked_is_in_the_table_with_its_reason(tmp_path):
     experiment = steps(tmp_path, [1, 2, 3])
     write_tiff(tmp_path / "s2.tif", counts(sample((0.24, -0.08, 0.12)), geometry([0.0, 45.0, 90.0]))[:, ::-1])
     result = run(experiment)
-    table = pd.read_csv(result.folder / "series.csv", comment="#")
+    table = pd.read_csv(result.folder / "series.csv")
     refused = table[table["state"] == "s2"]
     assert set(refused["status"]) == {"not-fitted"}
     assert refused["ux"].isna().all()

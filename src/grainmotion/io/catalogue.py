@@ -142,8 +142,7 @@ _TIFF_NOTE = "[z, y, x], the reference's grid; the voxel size is in it as ImageJ
 _ZARR_NOTE = "a folder, OME-NGFF with voxel size, [z, y, x]; labels in `labels`"
 _DEM_EXPORT = '`exports` has "dem"'
 _MECH = '`exports` has "mechanics"'
-_DEM_WHEN = '`exports` has "dem"'
-_DEM_NOTE = 'begins with lines of "# ": read it with comment="#"; see [dem](dem.md)'
+_DEM_NOTE = "see [dem](dem.md)"
 _OWN = "attributes of the file and of each dataset say units, frame, version and settings"
 FILES: tuple[FileKind, ...] = (
     FileKind("datapackage.json", "the files of this folder, their units, and the settings of the run",
@@ -156,7 +155,7 @@ FILES: tuple[FileKind, ...] = (
              note="groups `states`, `grains`, `motions` with the columns of series.csv, and `covariances`; each "
              "dataset has `unit` and `meaning`; see [series](series.md)"),
     FileKind("series.csv", "load series: motions of all states, one row a state and grain", "`series` has \"csv\"",
-             columns={**SERIES_COLUMNS, **SERIES_STRAINS}, note='begins with lines of "# ": read it with comment="#"'),
+             columns={**SERIES_COLUMNS, **SERIES_STRAINS}),
     FileKind("series.parquet", "the same table", "`series` has \"parquet\"",
              columns={**SERIES_COLUMNS, **SERIES_STRAINS}),
     FileKind("calibration.json", "corrections of the scanner, estimated from the full scan",
@@ -225,25 +224,25 @@ FILES: tuple[FileKind, ...] = (
     FileKind("STATE/void_ratio.csv", VOIDS_CONTENT, _MECH, columns=VOID_COLUMNS),
     FileKind("STATE/mechanics.json", "strain, contacts, fabric and void ratio of the state as a whole", _MECH,
              items=_STATE_SUMMARY),
-    FileKind("dem/grains.csv", "grains as rigid bodies: volume, inertia, which shapes were made", _DEM_WHEN,
+    FileKind("dem/grains.csv", "grains as rigid bodies: volume, inertia, which shapes were made", _DEM_EXPORT,
              columns=DEM_GRAIN_COLUMNS, note=_DEM_NOTE),
-    FileKind("dem/poses.csv", "place, orientation and velocity of each body in each state", _DEM_WHEN,
+    FileKind("dem/poses.csv", "place, orientation and velocity of each body in each state", _DEM_EXPORT,
              columns=POSE_COLUMNS, note=_DEM_NOTE),
-    FileKind("dem/harmonics.csv", "spherical harmonics of all star-shaped grains", _DEM_WHEN, columns=HARMONIC_COLUMNS,
-             note=_DEM_NOTE),
-    FileKind("dem/clumps.csv", "spheres of all clumps", _DEM_WHEN, columns=SPHERE_COLUMNS, note=_DEM_NOTE),
-    FileKind("dem/README.txt", "what each file of this folder is", _DEM_WHEN, note="text"),
-    FileKind("dem/yade_level_sets.py", "makes YADE bodies of the level sets", _DEM_WHEN, note="run by YADE"),
-    FileKind("dem/stl/grain_*.stl", "surface of a grain, mm, body's frame", _DEM_WHEN, note="binary STL"),
-    FileKind("dem/level-set/grain_*.npz", "level set of a grain for YADE", _DEM_WHEN,
+    FileKind("dem/harmonics.csv", "spherical harmonics of all star-shaped grains", _DEM_EXPORT,
+             columns=HARMONIC_COLUMNS, note=_DEM_NOTE),
+    FileKind("dem/clumps.csv", "spheres of all clumps", _DEM_EXPORT, columns=SPHERE_COLUMNS, note=_DEM_NOTE),
+    FileKind("dem/README.txt", "what each file of this folder is", _DEM_EXPORT, note="text"),
+    FileKind("dem/yade_level_sets.py", "makes YADE bodies of the level sets", _DEM_EXPORT, note="run by YADE"),
+    FileKind("dem/stl/grain_*.stl", "surface of a grain, mm, body's frame", _DEM_EXPORT, note="binary STL"),
+    FileKind("dem/level-set/grain_*.npz", "level set of a grain for YADE", _DEM_EXPORT,
              items={"distance": ("mm", "signed distance [x, y, z], negative inside"),
                     "minimum": ("mm", "place of the first point, body's frame"), "spacing": ("mm", "of the points"),
                     "nodes": ("mm", "points of the surface"), "label": LABEL, "made_by": ("text", "version")}),
-    FileKind("dem/ls-dem/*.dat", "grains, places and orientations for LS-DEM", _DEM_WHEN,
+    FileKind("dem/ls-dem/*.dat", "grains, places and orientations for LS-DEM", _DEM_EXPORT,
              note="unit of length is the spacing of the grid; see [dem](dem.md)"),
     FileKind("dem/lammps/grain_*.txt", "level set of a grain for LAMMPS, mm", '`[dem] codes` has "lammps"',
              note="see [dem](dem.md)"),
-    FileKind("dem/clumps/grain_*.txt", "spheres of a clump, x y z r, mm, body's frame", _DEM_WHEN,
+    FileKind("dem/clumps/grain_*.txt", "spheres of a clump, x y z r, mm, body's frame", _DEM_EXPORT,
              note="see [dem](dem.md)"),
     FileKind("plan/plan.csv", "predicted precision of each grain, by set of views", "`grainmotion plan`",
              columns=PLAN_DESCRIPTIONS),

@@ -98,13 +98,13 @@ def write_dem_folder(
         _collect(body, written)
     found = poses(written.properties, states)
     grains = pd.DataFrame(written.rows)
-    _write_table(folder / GRAINS_CSV, grains, GRAINS_HEAD)
+    _write_table(folder / GRAINS_CSV, grains)
     inertia = grains[["label", "volume", "i1", "i2", "i3"]]
-    _write_table(folder / POSES_CSV, pose_table(found).merge(inertia, on="label", how="left"), POSES_HEAD)
+    _write_table(folder / POSES_CSV, pose_table(found).merge(inertia, on="label", how="left"))
     if written.harmonics:
-        _write_table(folder / HARMONICS_CSV, pd.concat(written.harmonics), HARMONICS_HEAD)
+        _write_table(folder / HARMONICS_CSV, pd.concat(written.harmonics))
     if written.spheres:
-        _write_table(folder / CLUMPS_CSV, pd.concat(written.spheres), CLUMPS_HEAD)
+        _write_table(folder / CLUMPS_CSV, pd.concat(written.spheres))
     if "level-set" in settings.shapes:
         spacing = settings.spacing * float(written.rows[0]["voxel_size"]) if written.rows else 1.0  # type: ignore[arg-type]
         if "ls-dem" in settings.codes:
@@ -119,29 +119,6 @@ def write_dem_folder(
 def _own_files(folder: Path) -> list[Path]:
     """The files of an export that are in the folder."""
     return sorted(path for pattern in OWN_FILES for path in folder.glob(pattern))
-
-
-GRAINS_HEAD = (
-    "grains as rigid bodies of density 1 per mm3: volume (mm3), centre of volume (mm) and inertia about it (mm5)",
-    "x y z, ixx ... ixy: reference state, sample frame (z up along the rotation axis); i1 i2 i3: principal moments",
-    "qw qx qy qz: rotation from the frame of the body to that of the sample in the reference state",
-    "radius: of the sphere about the centre that holds the grain, mm; area: mm2",
-    "clump_volume_error: volume of the clump over that of the grain, minus 1; clump_density: over the grain's density,",
-    "for its mass; clump_density_of_sum: the same for codes that add up all spheres; lengths in mm",
-)
-POSES_HEAD = (
-    "poses of the bodies in each state, sample frame; empty where the state has no motion of the grain",
-    "time: s since the reference scan; x y z: centre of volume, mm; qw qx qy qz: rotation from the frame of the body,",
-    "rx ry rz: the same as a rotation vector, degrees; vx vy vz: mm, spin_x spin_y spin_z: degrees, per velocity_per,",
-    "mean values since the state before; use positions where ok_translation, orientations where ok_rotation is True",
-    "volume: mm3, the mass at density 1 per mm3; i1 i2 i3: principal moments of inertia, axes of the body, mm5",
-)
-HARMONICS_HEAD = (
-    f"radius = sum of a Y_lm(theta, phi), mm; {BODY_FRAME}",
-    "real orthonormal Y_lm without Condon-Shortley phase; m > 0: cos(m phi), m < 0: sin(-m phi)",
-    "theta from +z, phi from +x towards +y",
-)
-CLUMPS_HEAD = (f"spheres of the clumps, mm; {BODY_FRAME}",)
 
 
 def _write_shapes(folder: Path, body: RigidBody, settings: DemSettings) -> None:
@@ -233,11 +210,10 @@ def _write_ls_dem_poses(folder: Path, p: Poses, spacing: float) -> None:
         _write_text(folder / f"{name}_{p.state}.dat", "".join(" ".join(f"{v:.9g}" for v in r) + "\n" for r in values))
 
 
-def _write_table(path: Path, table: pd.DataFrame, head: Sequence[str]) -> None:
-    """A CSV file with lines about its content before the names of its columns."""
-    with atomic_write(path) as part, part.open("w", encoding="utf-8", newline="") as stream:
-        stream.write("".join(f"# {line}\n" for line in (*head, made_by())))
-        table.to_csv(stream, index=False, float_format="%.9g")
+def _write_table(path: Path, table: pd.DataFrame) -> None:
+    """A CSV file; ``README.txt`` and the data package of the run tell units and meanings of its columns."""
+    with atomic_write(path) as part:
+        table.to_csv(part, index=False, float_format="%.9g")
 
 
 def _write_text(path: Path, text: str) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from grainmotion.grain_shapes.settings import DemSettings
+from grainmotion.io.dem_columns import DEM_GRAIN_COLUMNS, HARMONIC_COLUMNS, POSE_COLUMNS, SPHERE_COLUMNS
 
 YADE_SCRIPT = '''\
 # Level-set bodies of grainmotion in YADE (built with LS_DEM): run it with yade, in this folder.
@@ -21,8 +22,7 @@ def grain_bodies(state):
     """A body for each grain whose place in the state is a result to use, by its label."""
     found = {}
     with open("poses.csv") as file:
-        rows = csv.DictReader(line for line in file if not line.startswith("#"))
-        for row in rows:
+        for row in csv.DictReader(file):
             name = "level-set/grain_%05d.npz" % int(row["label"])
             if row["state"] != state:
                 continue
@@ -82,6 +82,11 @@ ls-dem/         morphology_LABEL.dat, and labels_, positions_ and rotations_STAT
                 number of nodes; nodes about the centre; radius; points of the grid; distances, x fastest.
                 Quaternions are (y, -x, -z, w), as the LS-DEM codes of Kawamoto et al. (2016) take them."""
 
+ABOUT_HARMONICS = """\
+harmonics.csv   coefficients of spherical harmonics of star-shaped grains: radius = sum of a Y_lm(theta, phi), mm,
+                frame of the body; real orthonormal Y_lm without Condon-Shortley phase, m > 0: cos(m phi),
+                m < 0: sin(-m phi); theta from +z, phi from +x towards +y"""
+
 
 def readme(made_by: str, settings: DemSettings) -> str:
     """What each file of the folder is."""
@@ -98,5 +103,11 @@ def readme(made_by: str, settings: DemSettings) -> str:
     if "clump" in settings.shapes:
         lines.append("clumps/         spheres of each grain, x y z r (LIGGGHTS, YADE); clumps.csv has all of them")
     if "harmonics" in settings.shapes:
-        lines.append("harmonics.csv   coefficients of real spherical harmonics of star-shaped grains")
+        lines.append(ABOUT_HARMONICS)
+    tables = {"grains.csv": DEM_GRAIN_COLUMNS, "poses.csv": POSE_COLUMNS}
+    tables |= {"clumps.csv": SPHERE_COLUMNS} if "clump" in settings.shapes else {}
+    tables |= {"harmonics.csv": HARMONIC_COLUMNS} if "harmonics" in settings.shapes else {}
+    for table, columns in tables.items():
+        lines += ["", f"Columns of {table}:"]
+        lines += [f"  {name:<20} {unit:<10} {meaning}" for name, (unit, meaning) in columns.items()]
     return "\n".join(lines) + "\n"

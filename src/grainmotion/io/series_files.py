@@ -12,7 +12,7 @@
 | ``/covariances`` | ``(s, n, 6, 6)`` of (ux, uy, uz, wx, wy, wz), mm and **radians**, as in ``motions.h5`` |
 
 Each dataset has the attributes ``unit`` and ``meaning``; the file has ``content``, ``layout``, ``version``, ``frame``
-and ``settings`` (JSON).  The CSV begins with lines of "# " that say the same; pandas reads it with ``comment="#"``.
+and ``settings`` (JSON).  The CSV is the plain table; in the folder of a run ``datapackage.json`` tells its units.
 """
 
 from __future__ import annotations
@@ -80,23 +80,7 @@ def check_parquet(where: str) -> None:
 
 
 def _write_csv(path: Path, series: Series, table: pd.DataFrame) -> None:
-    units, attrs = table.attrs["units"], table.attrs
-    head = [
-        f"{attrs['content']}, version {attrs['version']}",
-        attrs["frame"],
-        "units: " + ", ".join(f"{name} {unit}" for name, unit in units.items() if unit != "1"),
-        *(f"{name}: {meaning}" for name, meaning in attrs["meanings"].items()),
-        f"settings: {attrs['settings']}",
-    ]
-    table = table.assign(state=[_plain(name) for name in table["state"]])
-    with path.open("w", encoding="utf-8", newline="") as file:
-        file.writelines(f"# {' '.join(line.split())}\n" for line in head)
-        table.to_csv(file, index=False)
-
-
-def _plain(name: str) -> str:
-    """The name of a state without the sign of a comment."""
-    return name.replace("#", "no. ")
+    table.to_csv(path, index=False)
 
 
 def _write_parquet(path: Path, series: Series, table: pd.DataFrame) -> None:
@@ -157,7 +141,7 @@ def read_series(path: str | Path) -> Series:
     """
     where = str(path)
     if Path(path).suffix.lower() in (".csv", ".parquet"):
-        remedy = 'read the series.h5 beside it; the table by pandas: pd.read_csv(file, comment="#"), pd.read_parquet'
+        remedy = "read the series.h5 beside it; the table by pandas: pd.read_csv, pd.read_parquet"
         raise InputError(where, "it holds the table alone", remedy)
     with opened(path) as file:
         if str(file.attrs.get("content", "")) != SERIES_CONTENT:
