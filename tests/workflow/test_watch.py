@@ -4,6 +4,7 @@ import shutil
 import threading
 import time
 
+import h5py
 import numpy as np
 import pytest
 
@@ -11,7 +12,7 @@ from grainmotion.errors import InputError
 from grainmotion.experiment.config import read_experiment
 from grainmotion.io.geometry_csv import write_geometry
 from grainmotion.io.results import read_motions_h5
-from grainmotion.io.tiff import write_tiff
+from grainmotion.io.tiff import read_tiff, write_tiff
 from grainmotion.workflow import watch_session as watching
 from grainmotion.workflow.run import run
 from grainmotion.workflow.watch import WatchSettings, watch
@@ -118,8 +119,13 @@ def test_files_written_slowly_by_another_thread(folder):
     }
 
 
-@pytest.mark.parametrize(("name", "state"), [("one.tif", "one"), ("two.npy", "two")])
+@pytest.mark.parametrize(("name", "state"), [("one.tif", "one"), ("two.npy", "two"), ("one.h5", "one")])
 def test_a_truncated_file_is_not_used_however_long_it_stays(folder, name, state):
+    toml = QUICK
+    if name == "one.h5":
+        toml = QUICK.replace('"one.tif"', '"one.h5::/images"')
+        with h5py.File(folder / "later" / name, "w") as file:
+            file["images"] = read_tiff(folder / "later" / "one.tif")
     content, seen = (folder / "later" / name).read_bytes(), []
 
     def page():
@@ -132,7 +138,7 @@ def test_a_truncated_file_is_not_used_however_long_it_stays(folder, name, state)
         page,
         lambda: (folder / name).write_bytes(content),
     )
-    result = started(folder, looks, until=1)
+    result = started(folder, looks, toml, until=1)
     assert list(result.motions) == [state]
     assert "arriving" in seen[0]
     assert name in seen[0]
