@@ -127,9 +127,13 @@ def _inspect_file(file: Path, picture: Path | None, *, terminal: bool, strict: b
 
 def _inspect_folder(folder: Path, picture: Path | None, *, terminal: bool) -> None:
     """A folder: its scans, with the largest of those shown drawn, images, tables and experiment files."""
-    from grainmotion.experiment.folder_contents import folder_contents
+    from grainmotion.experiment.folder_contents import RESULT_MARK, folder_contents
+    from grainmotion.experiment.result_contents import describe_results, results_folder_of
     from grainmotion.experiment.scan_summary import summarise_file
 
+    if results_folder_of(folder / RESULT_MARK) is not None:
+        console.print_facts(f"{folder}: results of a run", describe_results(folder))
+        return
     contents = folder_contents(folder)
     drawable: list[tuple[int, FirstViews, Volume]] = []
     for name, scan in contents.scans[:MAX_SCANS_SHOWN]:

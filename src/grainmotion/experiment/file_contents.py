@@ -9,6 +9,7 @@ import pandas as pd
 
 from grainmotion.diagnosis.grey_values import likely_kind
 from grainmotion.errors import InputError
+from grainmotion.experiment.result_contents import describe_result
 from grainmotion.experiment.scan_summary import angle_sentence
 from grainmotion.experiment.volume_contents import voxel_lines
 from grainmotion.io.angles import read_angles
@@ -37,15 +38,18 @@ def describe_file(path: Path) -> tuple[tuple[str, str], ...]:
         If the file is missing, damaged or of an unknown format.
     """
     path = checked_file(path)
+    result = describe_result(path)
     if family(path) == HDF5:
-        return _hdf5(path)
+        return (*result, *(_hdf5(path) if not result else ()))
     if family(path) is not None:
-        return _images(path)
+        return (*result, *_images(path))
     for describe in (_motions, _spam, _views, _angles):
         try:
-            return describe(path)
+            return (*result, *describe(path))
         except InputError:
             continue
+    if result:
+        return result
     raise unreadable(path)
 
 
