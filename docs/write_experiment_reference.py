@@ -18,7 +18,7 @@ from pydantic_core import PydanticUndefined
 
 from grainmotion.calibration.settings import ScannerSettings
 from grainmotion.diagnosis.settings import CheckSettings
-from grainmotion.experiment import config
+from grainmotion.experiment import config, scan_tables
 from grainmotion.grain_shapes.settings import DemSettings
 from grainmotion.mechanics.settings import MechanicsSettings
 from grainmotion.planning.plan import PlanSettings
@@ -27,9 +27,9 @@ from grainmotion.segmentation.settings import BodySettings, PhaseSettings, Segme
 from grainmotion.tracking.track import TrackSettings
 
 TABLES: dict[str, type] = {
-    "[reference]": config.ReferenceTable,
-    "[reference.geometry], [states.geometry]": config.Circular,
-    "[reference.air]": config.Air,
+    "[reference]": scan_tables.ReferenceTable,
+    "[reference.geometry], [states.geometry]": scan_tables.Circular,
+    "[reference.air]": scan_tables.Air,
     "[volume]": config.VolumeTable,
     "[check]": CheckSettings,
     "[calibrate]": ScannerSettings,
@@ -40,8 +40,8 @@ TABLES: dict[str, type] = {
     "[track]": TrackSettings,
     "[plan]": PlanSettings,
     "[mechanics]": MechanicsSettings,
-    "[[states]]": config.StateTable,
-    "[watch]": config.WatchTable,
+    "[[states]]": scan_tables.StateTable,
+    "[watch]": scan_tables.WatchTable,
     "[output]": config.OutputTable,
     "[dem]": DemSettings,
 }

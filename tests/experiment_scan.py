@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from grainmotion.experiment.config import ReferenceTable
 from grainmotion.experiment.inherited_keys import with_inherited_keys
 from grainmotion.experiment.scan_files import find_scan
 from grainmotion.experiment.scan_inputs import ScanInput
+from grainmotion.experiment.scan_tables import ReferenceTable
 
 
 def reference_scan(path: Path, **table) -> ScanInput:

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import tifffile
 
-from grainmotion.experiment.config import Circular, ReferenceTable
 from grainmotion.experiment.scan_files import find_scan
 from grainmotion.experiment.scan_inputs import ScanInput
+from grainmotion.experiment.scan_tables import Circular, ReferenceTable
 from lab_scanner import ball_images
 
 MAX_MISFIT = 0.01

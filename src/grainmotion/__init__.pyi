@@ -17,9 +17,9 @@ from .errors import BackendError as BackendError
 from .errors import GrainmotionError as GrainmotionError
 from .errors import InputError as InputError
 from .errors import InputWarning as InputWarning
-from .experiment.config import Air as Air
 from .experiment.config import read_experiment as read_experiment
 from .experiment.scan_files import read_scan as read_scan
+from .experiment.scan_tables import Air as Air
 from .grain_shapes.clump import Clump as Clump
 from .grain_shapes.clump import clump as clump
 from .grain_shapes.harmonics import Harmonics as Harmonics

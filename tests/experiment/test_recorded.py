@@ -4,8 +4,8 @@ import h5py
 import numpy as np
 import pytest
 
-from grainmotion.experiment.config import Circular, ReferenceTable, ScanTable
 from grainmotion.experiment.scan_files import find_scan
+from grainmotion.experiment.scan_tables import Circular, ReferenceTable, ScanTable
 from grainmotion.model.finding import Level
 from nxtomo_writer import write_nxtomo
 

@@ -6,9 +6,10 @@ import pytest
 from experiment_inputs import inputs_of
 
 from grainmotion.errors import InputError, InputWarning
-from grainmotion.experiment.config import Air, read_experiment
+from grainmotion.experiment.config import read_experiment
 from grainmotion.experiment.inputs import find_inputs
 from grainmotion.experiment.scan_files import read_scan
+from grainmotion.experiment.scan_tables import Air
 from grainmotion.io.tiff import read_tiff, write_tiff
 from grainmotion.model.finding import Level
 from tiny_experiment import PANEL, geometry, write_tiny

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from grainmotion.errors import InputError
-from grainmotion.experiment.config import Circular, ReferenceTable
 from grainmotion.experiment.file_contents import describe_file
 from grainmotion.experiment.scan_summary import angle_sentence, summarise_file, summarise_scan
+from grainmotion.experiment.scan_tables import Circular, ReferenceTable
 from grainmotion.io.geometry_csv import write_geometry
 from grainmotion.io.scanners.identify import read_scanner_file
 from grainmotion.io.tiff import write_tiff

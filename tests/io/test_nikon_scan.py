@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 import grainmotion
 from grainmotion.cli.app import app
 from grainmotion.errors import InputError
-from grainmotion.experiment.config import Circular, ReferenceTable, StateTable
 from grainmotion.experiment.scan_files import find_scan
+from grainmotion.experiment.scan_tables import Circular, ReferenceTable, StateTable
 from grainmotion.io.geometry_csv import write_geometry
 from grainmotion.model.finding import Level
 from grainmotion.model.geometry import Geometry

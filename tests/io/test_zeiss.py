@@ -18,9 +18,9 @@ from compound_file import write_compound_file
 from experiment_scan import reference_scan
 from grainmotion import read_scan
 from grainmotion.errors import InputError, InputWarning
-from grainmotion.experiment.config import ReferenceTable, StateTable
 from grainmotion.experiment.inherited_keys import with_inherited_keys
 from grainmotion.experiment.scan_files import find_scan
+from grainmotion.experiment.scan_tables import ReferenceTable, StateTable
 from grainmotion.io.scanners.identify import is_scanner_file, read_scanner_file
 from grainmotion.io.stacks import find_stack
 from grainmotion.model.finding import Level

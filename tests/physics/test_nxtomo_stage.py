@@ -5,8 +5,8 @@ import pytest
 
 from grainmotion.analysis.validation import compare
 from grainmotion.calibration.settings import ReferenceSettings, ScannerSettings
-from grainmotion.experiment.config import Circular, ReferenceTable, ScanTable
 from grainmotion.experiment.scan_files import find_scan
+from grainmotion.experiment.scan_tables import Circular, ReferenceTable, ScanTable
 from grainmotion.rotations import rotation_matrix
 from grainmotion.simulate import scenarios
 from grainmotion.simulate.detector import record_line_integrals

@@ -110,7 +110,7 @@ def test_recipe_for_napari_makes_points_and_arrows_where_the_labels_are(results)
 
 
 def test_states_without_a_time_are_numbered(tmp_path, results):
-    from grainmotion.experiment.config import StateTable
+    from grainmotion.experiment.scan_tables import StateTable
     from grainmotion.workflow.exports import time_of
 
     states = [StateTable(name="a", time=5.0), StateTable(name="b")]

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from grainmotion.errors import InputError
-from grainmotion.experiment.config import Experiment, StateTable
+from grainmotion.experiment.config import Experiment
 from grainmotion.experiment.inputs import check_plausible
 from grainmotion.experiment.scan_files import find_scan
 from grainmotion.experiment.scan_inputs import ScanInput
+from grainmotion.experiment.scan_tables import StateTable
 from grainmotion.io.formats import family
 from grainmotion.io.locate import locate
 from grainmotion.model.volume import Volume

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from grainmotion._typing import Beam, Float
 from grainmotion.errors import InputError
-from grainmotion.experiment.config import Circular
 from grainmotion.experiment.config_errors import FIRST_ROW_REMEDY, together
+from grainmotion.experiment.scan_tables import Circular
 from grainmotion.model.detector_alignment import DetectorAlignment
 from grainmotion.model.geometry import Geometry
 

@@ -16,7 +16,7 @@ from grainmotion.diagnosis.file_series import (
 )
 from grainmotion.diagnosis.hypotheses import stage_angles_deg
 from grainmotion.errors import InputError
-from grainmotion.experiment.config import Circular, ScanTable
+from grainmotion.experiment.scan_tables import Circular, ScanTable
 from grainmotion.io.stacks import Stack
 from grainmotion.model.finding import Finding, Level
 from grainmotion.model.geometry import Geometry

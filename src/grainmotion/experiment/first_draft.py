@@ -11,9 +11,10 @@ from pathlib import Path
 
 from grainmotion.diagnosis.file_names import natural_order, stem
 from grainmotion.errors import InputError
-from grainmotion.experiment.config import ExperimentFile, ReferenceTable
+from grainmotion.experiment.config import ExperimentFile
 from grainmotion.experiment.folder_contents import FolderContents, ImageSet
 from grainmotion.experiment.inherited_keys import with_inherited_keys
+from grainmotion.experiment.scan_tables import ReferenceTable
 from grainmotion.io.angles import read_angles
 from grainmotion.io.geometry_csv import read_geometry
 from grainmotion.io.scanners.description import ScannerFile

@@ -12,11 +12,12 @@ from grainmotion._typing import Float
 from grainmotion.backends.device import backend_of
 from grainmotion.diagnosis.label_shapes import shape_hint
 from grainmotion.errors import InputError
-from grainmotion.experiment.config import Experiment, ScanTable, StateTable
+from grainmotion.experiment.config import Experiment
 from grainmotion.experiment.config_errors import together
 from grainmotion.experiment.given_grid import given_grid, named_volume, other_size
 from grainmotion.experiment.scan_files import find_scan
 from grainmotion.experiment.scan_inputs import ScanInput
+from grainmotion.experiment.scan_tables import ScanTable, StateTable
 from grainmotion.io.motions_csv import read_motions
 from grainmotion.io.spam import read_ddic_tsv
 from grainmotion.io.volumes.record import VolumeFile

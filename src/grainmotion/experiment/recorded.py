@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from grainmotion._typing import Float, Index
-from grainmotion.experiment.config import Circular, Direction
+from grainmotion.experiment.scan_tables import Circular, Direction
 from grainmotion.io.hdf5 import FLAT, PROJECTION, NXtomo
 from grainmotion.io.nxtomo_records import MONITOR, TRANSLATIONS, Record
 from grainmotion.model.finding import Finding, Level

@@ -11,7 +11,7 @@ from grainmotion._typing import Float
 from grainmotion.diagnosis.file_names import Series, series_of
 from grainmotion.diagnosis.file_series import DIGITS_OF_TIMES, FILE_SERIES, missing_numbers
 from grainmotion.errors import InputError
-from grainmotion.experiment.config import AngleRange, Circular
+from grainmotion.experiment.scan_tables import AngleRange, Circular
 from grainmotion.io.angles import read_angles
 from grainmotion.io.files import checked_file
 from grainmotion.io.hdf5 import read_angles_deg

@@ -14,7 +14,6 @@ from grainmotion._typing import Beam, Index, Kind
 from grainmotion.diagnosis import hypotheses
 from grainmotion.diagnosis.grey_values import likely_kind
 from grainmotion.errors import InputError, InputWarning
-from grainmotion.experiment.config import Air, ReferenceTable, ScanTable
 from grainmotion.experiment.config_errors import input_error
 from grainmotion.experiment.file_checks import count_mismatch, file_findings, told_angles_deg
 from grainmotion.experiment.overridden_numbers import overridden
@@ -26,6 +25,7 @@ from grainmotion.experiment.recorded import (
 )
 from grainmotion.experiment.scan_geometry import ScanSources, find_views, recorded_levels
 from grainmotion.experiment.scan_inputs import ScanInput
+from grainmotion.experiment.scan_tables import Air, ReferenceTable, ScanTable
 from grainmotion.io.hdf5 import DARK, FLAT
 from grainmotion.io.stacks import Stack, find_stack
 from grainmotion.model.finding import Finding, Level

@@ -12,11 +12,11 @@ from pydantic import ValidationError
 from grainmotion._typing import Beam, Float, Kind
 from grainmotion.errors import InputError
 from grainmotion.experiment.circular import circular_geometry
-from grainmotion.experiment.config import Circular, ReferenceTable, ScanTable
 from grainmotion.experiment.config_errors import input_error
 from grainmotion.experiment.inherited_keys import ANGLE_KEYS, TOLD_BY_FILES
 from grainmotion.experiment.recorded import CircularScan
 from grainmotion.experiment.scan_angles import RadiographFiles, scan_angles_deg
+from grainmotion.experiment.scan_tables import Circular, ReferenceTable, ScanTable
 from grainmotion.io.files import checked_file
 from grainmotion.io.formats import TXRM, family
 from grainmotion.io.locate import locate

@@ -13,7 +13,7 @@ from grainmotion.diagnosis.frames import frame_findings
 from grainmotion.diagnosis.grey_values import TO_UNSCALE, grey_value_findings, scaled, wrong_kind
 from grainmotion.diagnosis.read_scan import ReadScan
 from grainmotion.errors import InputError
-from grainmotion.experiment.config import Air, Circular
+from grainmotion.experiment.scan_tables import Air, Circular
 from grainmotion.io.stacks import Stack
 from grainmotion.model.finding import Finding, Level
 from grainmotion.model.geometry import Geometry

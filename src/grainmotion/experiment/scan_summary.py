@@ -10,10 +10,10 @@ import numpy as np
 from grainmotion._typing import Float
 from grainmotion.diagnosis.hypotheses import seen_from_behind, stage_angles_deg
 from grainmotion.errors import InputError
-from grainmotion.experiment.config import ReferenceTable
 from grainmotion.experiment.inspection import FirstViews, drawn_views
 from grainmotion.experiment.scan_files import find_scan
 from grainmotion.experiment.scan_inputs import ScanInput
+from grainmotion.experiment.scan_tables import ReferenceTable
 from grainmotion.io.scanners.description import ScannerFile
 from grainmotion.model.finding import Finding
 from grainmotion.model.geometry import Geometry

@@ -19,11 +19,12 @@ from grainmotion.calibration.scanner import ScannerCalibration
 from grainmotion.cluster.connection import ClusterConnection
 from grainmotion.diagnosis.hardening import HARDENING_VIEWS
 from grainmotion.errors import InputError
-from grainmotion.experiment.config import Experiment, ExperimentFile, StateTable
+from grainmotion.experiment.config import Experiment, ExperimentFile
 from grainmotion.experiment.given_inputs import GivenLabels, read_given_labels, seen_given_volume
 from grainmotion.experiment.inputs import Inputs, check_contrast
 from grainmotion.experiment.inspection import scan_facts, scan_findings
 from grainmotion.experiment.scan_inputs import ScanInput
+from grainmotion.experiment.scan_tables import StateTable
 from grainmotion.model.finding import Finding, Level
 from grainmotion.model.motions import Motions
 from grainmotion.model.scan import Scan

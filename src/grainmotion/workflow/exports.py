@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from grainmotion.analysis.deformed_volume import rebuild
 from grainmotion.analysis.grain_mesh import GrainMesh, display_mesh, grain_mesh
-from grainmotion.experiment.config import Export, OutputTable, StateTable, VolumeFormat
+from grainmotion.experiment.config import Export, OutputTable, VolumeFormat
+from grainmotion.experiment.scan_tables import StateTable
 from grainmotion.io.spam import write_ddic_tsv
 from grainmotion.io.volumes.access import write_volume
 from grainmotion.io.vtk import write_grains_vtp, write_image_vti, write_pvd, write_surfaces_vtp

@@ -13,10 +13,11 @@ import numpy as np
 from grainmotion import report
 from grainmotion.analysis.residual_images import residual_images
 from grainmotion.calibration.scanner import ScannerCalibration
-from grainmotion.experiment.config import Experiment, Export, StateTable
+from grainmotion.experiment.config import Experiment, Export
 from grainmotion.experiment.inputs import Inputs
 from grainmotion.experiment.last_reference import described
 from grainmotion.experiment.scan_inputs import ScanInput
+from grainmotion.experiment.scan_tables import StateTable
 from grainmotion.io.appeared_csv import write_new_grains
 from grainmotion.io.bodies_csv import write_body_motions
 from grainmotion.io.contents import about

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from grainmotion.experiment.config import StateTable
+from grainmotion.experiment.scan_tables import StateTable
 from grainmotion.model.motions import Motions
 from grainmotion.sequences.extrapolation import extrapolate
 

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from grainmotion.diagnosis.state_geometry import check_state
-from grainmotion.experiment.config import StateTable
 from grainmotion.experiment.scan_inputs import ScanInput
+from grainmotion.experiment.scan_tables import StateTable
 from grainmotion.experiment.state_tracking import errors_of_state
 from grainmotion.model.finding import Finding, Level, worst_first
 from grainmotion.model.grains import GrainSet

@@ -11,8 +11,8 @@ from grainmotion.cluster.state_tasks import State
 from grainmotion.diagnosis.labels import in_doubt
 from grainmotion.diagnosis.results import common_cause, with_common_cause
 from grainmotion.diagnosis.state_residual import residual_notes
-from grainmotion.experiment.config import StateTable
 from grainmotion.experiment.scan_inputs import ScanInput
+from grainmotion.experiment.scan_tables import StateTable
 from grainmotion.experiment.state_tracking import errors_of_state
 from grainmotion.io.motions_csv import write_motions
 from grainmotion.io.results import read_motions_h5, write_motions_h5

@@ -13,8 +13,9 @@ import numpy as np
 
 from grainmotion.errors import InputError
 from grainmotion.experiment.arrivals import Snapshot, snapshot
-from grainmotion.experiment.config import Experiment, StateTable, watched_folders
+from grainmotion.experiment.config import Experiment, watched_folders
 from grainmotion.experiment.scan_inputs import ScanInput
+from grainmotion.experiment.scan_tables import StateTable
 from grainmotion.experiment.watched_folders import ordered_folders
 from grainmotion.model.motions import Motions
 from grainmotion.report.watch_page import WatchRow
