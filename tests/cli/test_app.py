@@ -140,6 +140,10 @@ class TestExport:
             assert result.exit_code == 2
             assert f"error: {wrong[0]}" in result.stderr
 
+    def test_exports_mechanics_as_a_format(self, copied):
+        invoke("export", copied, "--format", "mechanics")
+        assert (copied.parent / "results" / "one" / "mechanics.json").exists()
+
     def test_unknown_format_is_refused(self, copied):
         result = CliRunner().invoke(app, ["export", str(copied), "--format", "dxf"])
         assert result.exit_code == 2

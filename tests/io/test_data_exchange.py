@@ -124,6 +124,11 @@ def test_several_scans_in_a_file_are_named(scan):
         file.copy("exchange", "exchange_2")
     (finding,) = read_scanner_file(path).findings
     assert (finding.level, "exchange_2" in finding.fact) == (Level.NOTE, True)
+    for part in (
+        "exchange_2/data_white",
+        'angles_deg = "scan.h5::/exchange_2/theta"',
+    ):  # they do not come by themselves
+        assert part in finding.remedy
     with h5py.File(path, "a") as file:
         file.move("exchange", "exchange_1")
     with pytest.raises(InputError, match=r'several scans: exchange_1, exchange_2.*"scan\.h5::/exchange_1/data"'):

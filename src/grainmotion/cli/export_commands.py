@@ -55,6 +55,7 @@ class Format(StrEnum):
     TIFF = "tiff"
     OME_ZARR = "ome-zarr"
     DEM = "dem"
+    MECHANICS = "mechanics"
 
 
 class SpamPoint(StrEnum):
@@ -69,7 +70,8 @@ def files(
     paths: Paths,
     *,
     format: Annotated[
-        list[Format], typer.Option("--format", help="vtk for ParaView, tiff for Fiji, ome-zarr for napari, spam, dem")
+        list[Format],
+        typer.Option("--format", help="vtk for ParaView, tiff for Fiji, ome-zarr for napari, spam, dem, mechanics"),
     ],
     about: Annotated[
         SpamPoint | None,

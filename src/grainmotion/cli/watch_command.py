@@ -34,7 +34,9 @@ def watch(
     with prepared(read(paths.file, device), execution, checks) as (experiment, options):
         result = watch_states(experiment, out=paths.out, settings=settings, say=_say, **options)
     console.print_states(result.motions)
-    print(f"watch ended: {result.ended}; {len(result.motions)} states tracked, page: {result.page}")
+    count = len(result.motions)
+    tracked = f"{count} state{'s' * (count != 1)} tracked"
+    print(f"watch ended: {'; '.join(dict.fromkeys([result.ended, tracked]))}; page: {result.page}")
     if not result.interrupted:
         exit_by(result.motions, result.findings, strict=checks.strict)
 

@@ -41,7 +41,7 @@ def read_data_exchange(path: Path) -> ScannerFile:
         groups = _groups(file)
         name = "exchange" if "exchange" in groups else groups[0]
         if len(groups) > 1 and "exchange" not in groups:
-            remedy = f'name the frames of one: radiographs = "{path.name}::/{name}/data"'
+            remedy = f"name the frames of one: {_one_scan(path, name)}"
             raise InputError(str(path), f"it holds several scans: {', '.join(groups)}", remedy)
         group = file[name]
         count = _frames(group, path)
@@ -56,7 +56,7 @@ def read_data_exchange(path: Path) -> ScannerFile:
     others = [other for other in groups if other != name]
     if others:
         fact = f"the frames of /{name} were read; it also holds {', '.join(others)}"
-        remedy = f'if another is meant, set radiographs = "{path.name}::/{others[0]}/data"'
+        remedy = f"if another is meant, set {_one_scan(path, others[0])}"
         findings.append(Finding(Level.NOTE, "kind", str(path), fact, remedy=remedy))
     return ScannerFile(
         path,
@@ -69,6 +69,13 @@ def read_data_exchange(path: Path) -> ScannerFile:
         facts=tuple((label, text) for label, text in facts if text),
         findings=tuple(findings),
     )
+
+
+def _one_scan(path: Path, group: str) -> str:
+    """The keys of one of several scans in a file: its angles and flats do not come with its frames."""
+    own = f"{path.name}::/{group}"
+    angles = f'geometry = {{ angles_deg = "{own}/theta" }}'
+    return f'radiographs = "{own}/data", flats = "{own}/data_white", darks = "{own}/data_dark", {angles}'
 
 
 def _groups(file: h5py.File) -> list[str]:
