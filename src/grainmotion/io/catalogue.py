@@ -186,7 +186,7 @@ FILES: tuple[FileKind, ...] = (
     FileKind("reference_labels.tif", "labels, 0 for none", "`exports` has \"spam\" or \"tiff\"", note=_TIFF_NOTE),
     FileKind("reference.ome.zarr", "volume (1/mm) and labels", "`exports` has \"ome-zarr\"", note=_ZARR_NOTE),
     FileKind("dem", "grains as rigid bodies for DEM codes: shapes, inertia, poses and velocities", _DEM_EXPORT,
-             note='a folder; each file is told in [dem](dem.md); its tables begin with lines of "# " that tell units'),
+             note="a folder; each file is told in [dem](dem.md), the units of its tables in README.txt"),
     FileKind("watch.html", "live page of `grainmotion watch`", "`grainmotion watch`", note="opens in any browser"),
     FileKind("reference_contacts.csv", CONTACTS_CONTENT, _MECH, columns=CONTACT_COLUMNS),
     FileKind("reference_void_ratio.csv", VOIDS_CONTENT, _MECH, columns=VOID_COLUMNS),

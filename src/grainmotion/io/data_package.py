@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from importlib.metadata import version
 from pathlib import Path
 
-from grainmotion.io.catalogue import FileKind, kind_of, store_of
+from grainmotion.io.catalogue import FILES, FileKind, kind_of, store_of
 from grainmotion.io.files import atomic_write
 from grainmotion.model.described_table import SAMPLE_FRAME
 
@@ -31,7 +31,7 @@ def write_data_package(folder: Path, paths: Iterable[Path], settings: Mapping[st
         "frame": SAMPLE_FRAME,
         "units": "mm and degrees, but for motions.h5, which is in mm and radians",
         "settings": settings,
-        "resources": [_resource(folder, path) for path in sorted(set(paths))],
+        "resources": _resources(folder, paths),
     }
     text = json.dumps(package, indent=1, default=str)
     target = folder / DATA_PACKAGE
@@ -41,14 +41,23 @@ def write_data_package(folder: Path, paths: Iterable[Path], settings: Mapping[st
         temporary.write_text(text, encoding="utf-8")
 
 
-def _resource(folder: Path, path: Path) -> dict[str, object]:
-    place = store_of(path.relative_to(folder).as_posix())
-    kind = kind_of(place)
+def _resources(folder: Path, paths: Iterable[Path]) -> list[dict[str, object]]:
+    """One entry a file; one for a whole OME-Zarr, and for all of the folder for DEM codes but its tables."""
+    kinds: dict[str, FileKind | None] = {}
+    for path in sorted(set(paths)):
+        place = path.relative_to(folder).as_posix()
+        table = next((kind for kind in FILES if kind.path == place and kind.columns), None)
+        place = place if table is not None else store_of(place)
+        kinds[place] = table or kind_of(place)
+    return [_resource(place, kind) for place, kind in kinds.items()]
+
+
+def _resource(place: str, kind: FileKind | None) -> dict[str, object]:
     name = "".join(c if c.isascii() and (c.isalnum() or c in "-_.") else "-" for c in place.replace("/", ".").lower())
     found: dict[str, object] = {"name": name, "path": place, "format": Path(place).suffix.lstrip(".")}
     if kind is not None:
         found["title"] = kind.content
-        if kind.columns and path.suffix == ".csv":
+        if kind.columns and place.endswith(".csv"):
             found["schema"] = {"fields": _fields(kind)}
     return found
 
