@@ -2,6 +2,7 @@
 
 import shutil
 
+import h5py
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -45,6 +46,17 @@ def nikon_scan(folder, count, step):
     (folder / f"{folder.name}.xtekct").write_text(text, encoding="cp1252")
 
 
+def write_data_exchange(path, lines, angles):
+    """A Data Exchange file of a parallel beam, which does not tell where row 0 lies."""
+    with h5py.File(path, "w") as file:
+        file["exchange/data"] = np.round(40_000 * np.exp(-lines)).astype(np.uint16)
+        file["exchange/data_white"] = np.full((2, *lines.shape[1:]), 40_000, np.uint16)
+        file["exchange/theta"] = angles
+        file["exchange/theta"].attrs["units"] = "degrees"
+        size = file.create_dataset("measurement/instrument/detector/actual_pixel_size_x", data=100.0)
+        size.attrs["units"] = "microns"
+
+
 def invoke(*arguments, code=0):
     result = CliRunner().invoke(app, [str(a) for a in arguments])
     assert result.exit_code == code, result.output
@@ -73,6 +85,14 @@ class TestInspect:
         assert "NXtomo" in text
         assert "12 from 0 to 330 degrees" in text
         assert "to be given in the experiment file" in text
+
+    def test_a_file_that_lacks_only_the_first_row_is_drawn_all_the_same(self, tmp_path):
+        write_data_exchange(tmp_path / "scan.h5", Lab().images(np.arange(0, 180, 15.0)), np.arange(0, 180, 15.0))
+        text = invoke("inspect", tmp_path / "scan.h5").stdout
+        assert 'drawn with first_row = "top"' in text
+        assert "the highest row, assumed" in text
+        assert "to be given in the experiment file, or mended: reference.geometry.first_row" in text
+        assert (tmp_path / "inspection.png").exists()
 
     def test_an_image_is_described(self, tmp_path):
         write_tiff(tmp_path / "a.tif", np.full((2, 20, 30), 5000, np.uint16))

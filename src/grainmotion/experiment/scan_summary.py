@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +13,9 @@ from grainmotion.errors import InputError
 from grainmotion.experiment.inspection import FirstViews, drawn_views
 from grainmotion.experiment.scan_files import find_scan
 from grainmotion.experiment.scan_inputs import ScanInput
-from grainmotion.experiment.scan_tables import ReferenceTable
+from grainmotion.experiment.scan_tables import Circular, ReferenceTable
 from grainmotion.io.scanners.description import ScannerFile
-from grainmotion.model.finding import Finding
+from grainmotion.model.finding import Finding, Level
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.volume import Volume
 
@@ -54,12 +54,33 @@ class ScanSummary:
 
 
 def summarise_file(path: Path, file: ScannerFile) -> ScanSummary:
-    """The scan of a scanner's file; of the radiographs only some are read."""
+    """The scan of a scanner's file; of the radiographs only some are read.
+
+    A scan that lacks nothing but ``first_row`` is drawn with row 0 at the top, and says so.
+    """
     try:
         return summarise_scan(path.stem, ReferenceTable(radiographs=[path.name]), path.parent)
     except InputError as error:
+        missing = tuple(str(error).splitlines())
+        if error.where.endswith("geometry.first_row"):
+            drawn = _drawn_with_row_at_top(path)
+            if drawn is not None:
+                return replace(drawn, missing=missing)
         facts = (("Format", file.format), *_told(file), *file.facts)
-        return ScanSummary(facts, file.findings, tuple(str(error).splitlines()))
+        return ScanSummary(facts, file.findings, missing)
+
+
+def _drawn_with_row_at_top(path: Path) -> ScanSummary | None:
+    """The scan of a file that does not tell where row 0 lies, with it at the top; None if more is missing."""
+    circle = Circular(pixel_size=None, first_row="top")
+    try:
+        summary = summarise_scan(path.stem, ReferenceTable(radiographs=[path.name], geometry=circle), path.parent)
+    except InputError:
+        return None
+    fact, remedy = 'drawn with first_row = "top"', 'if the sample stands on its head in the picture, give "bottom"'
+    return replace(
+        summary, findings=(*summary.findings, Finding(Level.NOTE, "inspect", path.name, fact, remedy=remedy))
+    )
 
 
 def summarise_scan(name: str, table: ReferenceTable, folder: Path) -> ScanSummary:
