@@ -78,9 +78,9 @@ def _drawn_with_row_at_top(path: Path) -> ScanSummary | None:
     except InputError:
         return None
     fact, remedy = 'drawn with first_row = "top"', 'if the sample stands on its head in the picture, give "bottom"'
-    return replace(
-        summary, findings=(*summary.findings, Finding(Level.NOTE, "inspect", path.name, fact, remedy=remedy))
-    )
+    facts = tuple((label, f"{text}, assumed" if label == "Row 0" else text) for label, text in summary.facts)
+    note = Finding(Level.NOTE, "inspect", path.name, fact, remedy=remedy)
+    return replace(summary, facts=facts, findings=(*summary.findings, note))
 
 
 def summarise_scan(name: str, table: ReferenceTable, folder: Path) -> ScanSummary:
