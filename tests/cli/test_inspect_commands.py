@@ -126,6 +126,18 @@ class TestInit:
         tables = read_experiment(folder / "experiment.toml").tables
         assert tables.reference.flats is not None
 
+    def test_keys_that_a_scanners_file_lacks_are_to_be_filled_in(self, tmp_path):
+        lines = Lab().images(np.arange(0, 180, 15.0))
+        write_data_exchange(tmp_path / "full.h5", lines, np.arange(0, 180, 15.0))
+        write_data_exchange(tmp_path / "later.h5", lines[:3], np.arange(0, 45, 15.0))
+        text = invoke("init", tmp_path).stdout
+        assert "to fill in: [reference.geometry]: first_row, in the lines with TODO" in text
+        path = tmp_path / "experiment.toml"
+        written = path.read_text()
+        assert '\n# first_row = "top"              # TODO' in written
+        path.write_text(written.replace("# first_row", "first_row"))
+        invoke("inspect", path)  # complete once the line is in force
+
     def test_an_experiment_is_not_overwritten(self, tiny, tmp_path):
         folder = shutil.copytree(tiny, tmp_path / "copy")
         assert "--force" in invoke("init", folder, code=2).stderr

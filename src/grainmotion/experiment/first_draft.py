@@ -14,6 +14,7 @@ from grainmotion.errors import InputError
 from grainmotion.experiment.config import ExperimentFile
 from grainmotion.experiment.folder_contents import FolderContents, ImageSet
 from grainmotion.experiment.inherited_keys import with_inherited_keys
+from grainmotion.experiment.scan_files import find_scan
 from grainmotion.experiment.scan_tables import ReferenceTable
 from grainmotion.io.angles import read_angles
 from grainmotion.io.geometry_csv import read_geometry
@@ -41,6 +42,8 @@ beam = "cone"                    # or "parallel", without the two distances
 # first_row = "top"              # TODO: "top" if row 0 of the images shows the top of the sample, else "bottom"
 {angles}
 """
+_TODO_LINES = ('# beam = "cone"                  # TODO: or "parallel"', *CIRCLE.splitlines())
+_MISSING_KEY = re.compile(r"geometry\.(\w+): it is missing")
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +97,11 @@ def draft_experiment(contents: FolderContents, name: str = "experiment.toml") ->
     todo: list[str] = []
     views = None if reference.file is not None else _view_table(contents, reference)
     if reference.file is not None:
-        lines += ["# [reference.geometry]           # only what the scanner's file lacks or tells wrongly"]
+        missing = _missing_keys(contents, reference)
+        mark = "" if missing else "# "
+        lines += ["", f"{mark}[reference.geometry]           # only what the scanner's file lacks or tells wrongly"]
+        lines += [next((line for line in _TODO_LINES if line.startswith(f"# {k} =")), f"# {k} = TODO") for k in missing]
+        todo += [f"[reference.geometry]: {', '.join(missing)}, in the lines with TODO"] if missing else []
     elif views is not None:
         lines += [f'geometry = "{views}"']
     else:
@@ -107,6 +114,16 @@ def draft_experiment(contents: FolderContents, name: str = "experiment.toml") ->
     for state in states:
         lines += ["", *_state(contents, state, reference, taken, todo)]
     return Draft("\n".join(lines) + "\n", tuple(todo))
+
+
+def _missing_keys(contents: FolderContents, scan: FoundScan) -> list[str]:
+    """Keys of the geometry without which the scan of a scanner's file cannot be used."""
+    table = ReferenceTable(radiographs=[scan.spec])
+    try:
+        find_scan("reference", table, table, contents.path)
+    except InputError as error:
+        return list(dict.fromkeys(_MISSING_KEY.findall(str(error))))
+    return []
 
 
 def _scans(contents: FolderContents) -> list[FoundScan]:
