@@ -43,7 +43,7 @@ beam = "cone"                    # or "parallel", without the two distances
 {angles}
 """
 _TODO_LINES = ('# beam = "cone"                  # TODO: or "parallel"', *CIRCLE.splitlines())
-_MISSING_KEY = re.compile(r"geometry\.(\w+): it is missing")
+_ABSENT_KEY = re.compile(r"geometry\.(\w+): it is missing")
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +122,7 @@ def _missing_keys(contents: FolderContents, scan: FoundScan) -> list[str]:
     try:
         find_scan("reference", table, table, contents.path)
     except InputError as error:
-        return list(dict.fromkeys(_MISSING_KEY.findall(str(error))))
+        return list(dict.fromkeys(_ABSENT_KEY.findall(str(error))))
     return []
 
 
