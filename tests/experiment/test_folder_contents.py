@@ -114,6 +114,18 @@ class TestDraft:
         for key in ("source_to_axis", "pixel_size", "first_row", "angles_deg"):
             assert f"# {key} = " in draft.text
 
+    def test_angles_in_the_names_of_a_state_are_proposed(self, tmp_path):
+        images(tmp_path / "full", 12)
+        images(tmp_path / "a", 3)
+        for angle in (0, 45, 90):
+            images(tmp_path / "b", 1, f"p_{angle:03d}.5deg.tif")
+        lines = draft_experiment(folder_contents(tmp_path)).text.splitlines()
+        assert (
+            '# geometry = { angles_deg = "names" }  # TODO: if 0.5, 45.5, 90.5 in the files\' names are the angles'
+            in lines
+        )
+        assert "# geometry = { angles_deg = [ ] }  # TODO: the angle of each of the 3" in lines
+
     def test_scans_of_one_name_get_names_of_their_own(self, tmp_path):
         images(tmp_path / "a", 20)
         for name in ("b/scan", "c/scan"):

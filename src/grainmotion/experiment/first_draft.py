@@ -14,8 +14,9 @@ from grainmotion.errors import InputError
 from grainmotion.experiment.config import ExperimentFile
 from grainmotion.experiment.folder_contents import FolderContents, ImageSet
 from grainmotion.experiment.inherited_keys import with_inherited_keys
+from grainmotion.experiment.scan_angles import IN_NAMES, RadiographFiles, scan_angles_deg
 from grainmotion.experiment.scan_files import find_scan
-from grainmotion.experiment.scan_tables import ReferenceTable
+from grainmotion.experiment.scan_tables import Circular, ReferenceTable
 from grainmotion.io.angles import read_angles
 from grainmotion.io.geometry_csv import read_geometry
 from grainmotion.io.scanners.description import ScannerFile
@@ -214,7 +215,10 @@ def _state(
         elif angles is not None:
             lines.append(f"geometry = {{ {angles} }}")
         else:
-            lines.append(f"# geometry = {{ angles_deg = [ ] }}  # TODO: the angle of each of the {state.count}")
+            named = _angles_in_names(contents, state)
+            value, what = ('"names"', f"if {named} in the files' names are the angles") if named else ("[ ]", "")
+            what = what or f"the angle of each of the {state.count}"
+            lines.append(f"# geometry = {{ angles_deg = {value} }}  # TODO: {what}")
             todo.append(f"state '{name}': the angles of its {_radiographs(state.count)}")
     if state.count > FULL_SCAN_SHARE * reference.count:
         lines.append('# views = "::100"     # this state was scanned in full: choose some of its radiographs')
@@ -243,6 +247,17 @@ def _angles(contents: FolderContents, scan: FoundScan) -> str | None:
         except InputError:
             continue
     return None
+
+
+def _angles_in_names(contents: FolderContents, scan: FoundScan) -> str:
+    """Numbers in the names of the files that may be the angles, as "0, 45, 90"; empty if there are none."""
+    table = Circular(pixel_size=None, first_row=None, angles_deg=IN_NAMES)
+    try:
+        files = RadiographFiles.of(find_stack(scan.spec, contents.path))
+        angles, _ = scan_angles_deg(table, contents.path, files, None)
+    except InputError:
+        return ""
+    return ", ".join(f"{angle:g}" for angle in angles[:4]) + (", ..." if len(angles) > 4 else "")
 
 
 def _tables_of(contents: FolderContents, scan: FoundScan) -> list[str]:
