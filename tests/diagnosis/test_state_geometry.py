@@ -103,6 +103,16 @@ def test_two_mistakes_are_named_together():
     assert 'fixes = ["angles-negated", "rows-flipped"]' in finding.remedy
 
 
+def test_binned_radiographs_are_told_with_the_factor_of_their_pixels():
+    """Bare images of a state that were binned by 2, with the pixel size of the reference."""
+    rows, columns = PANEL[0] // 2, PANEL[1] // 2
+    images = taken(ANGLES).reshape(len(ANGLES), rows, 2, columns, 2).mean(axis=(2, 4))
+    views = Geometry.cone(ANGLES, (rows, columns), 4 * VOXEL, source_to_axis=120.0, source_to_detector=480.0)
+    (finding,) = check_state(state()[0], Scan(images, views), where="states.one")
+    assert "the pixels are 2 times as large" in finding.fact
+    assert finding.remedy == "multiply pixel_size by 2 in the state's geometry, or correct its distances"
+
+
 PERMUTED = [0, 2, 1, 3]
 TWO_MISTAKES: dict[str, tuple[Callable[[int], np.ndarray], np.ndarray, str]] = {
     "negated, rows": (lambda seed: taken(-ANGLES, seed)[:, ::-1], ANGLES, "angles-negated, rows-flipped"),

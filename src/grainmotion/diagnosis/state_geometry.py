@@ -192,7 +192,7 @@ class _State:
         state = "with that undone" if self.undone else "as given"
         evidence = f"likeness to the reference {now.fit.mean:.2f} {state}, {best.fit.mean:.2f} so; 1 is equal"
         remedies = [HYPOTHESES[name].remedy for name in likely.fixes]
-        remedy = "; ".join(remedies or ["correct angles_deg, or the order of the files"])
+        remedy = "; ".join(remedies or [likely.remedy or "correct angles_deg, or the order of the files"])
         named = [fixes for fixes, _ in choices if fixes]
         if named:
             keys = " or ".join("fixes = [" + ", ".join(f'"{name}"' for name in fixes) + "]" for fixes in named)

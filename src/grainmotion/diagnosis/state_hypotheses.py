@@ -45,7 +45,7 @@ class Candidate:
     """A hypothesis about the state's geometry, or several at once.
 
     ``fixes`` are the names that undo it, together; none if it has no name.  ``text`` says what would be wrong, and
-    ``panel`` what is done to the radiographs.
+    ``panel`` what is done to the radiographs.  ``remedy`` is what to do where no name undoes it.
     """
 
     fixes: tuple[str, ...]
@@ -53,6 +53,7 @@ class Candidate:
     images: Image
     geometry: Geometry
     panel: str = ""
+    remedy: str = ""
 
     def fit(self, likeness: Likeness) -> Fit:
         """Its likeness."""
@@ -207,5 +208,6 @@ def other_scales(likeness: Likeness) -> list[Candidate]:
         vectors[:, 6:] *= scale
         geometry = Geometry(vectors, likeness.geometry.shape, likeness.geometry.beam)
         text = f"the pixels are {scale:g} times as large at the sample: another binning or magnification"
-        found.append(Candidate((), text, likeness.measured, geometry))
+        remedy = f"multiply pixel_size by {scale:g} in the state's geometry, or correct its distances"
+        found.append(Candidate((), text, likeness.measured, geometry, remedy=remedy))
     return found
