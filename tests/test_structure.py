@@ -86,3 +86,8 @@ def test_private_names_stay_in_their_package():
                 if package != path.split("/")[0]:
                     crossing += [f"{path}: {node.module}.{a.name}" for a in node.names if a.name.startswith("_")]
     assert crossing == []
+
+
+def test_names_of_test_files_are_unique():
+    names = [p.name for p in TESTS.rglob("test_*.py")]
+    assert sorted(names) == sorted(set(names))  # pytest imports them by their name alone
