@@ -209,8 +209,13 @@ def run_task(name: str, device: Device = Device.CPU) -> dict:
 
 
 if __name__ == "__main__":
+    import os
     import time
 
+    if os.environ.get("NUMBA_ENABLE_CUDASIM") == "1":
+        from gpu.simulated_shared_memory import allocate_once
+
+        allocate_once()
     results = {}
     for task in sys.argv[2:]:
         t = time.time()
