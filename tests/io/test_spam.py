@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from converged_motions import converged
 from grainmotion.errors import InputError
 from grainmotion.io.spam import read_ddic_tsv, write_ddic_tsv
 from grainmotion.io.spam_table import ADDED_COLUMNS, DDIC_COLUMNS, GRADIENT
@@ -16,19 +17,6 @@ from grainmotion.model.volume import Volume
 from grainmotion.rotations import apply_motion, rotation_matrix
 
 GRID = Volume.zeros((48, 52, 56), 0.05, (0.3, -0.2, 1.0))
-
-
-def converged(labels: list[int], centers: np.ndarray, u: np.ndarray, degrees: np.ndarray) -> Motions:
-    """Converged motions with translations u (mm) and rotation vectors in degrees."""
-    n = len(labels)
-    return replace(
-        Motions.identity(np.array(labels), centers),
-        translations=u,
-        rotations=np.deg2rad(degrees),
-        statuses=np.full(n, "converged", dtype="<U20"),
-        residuals=np.linspace(0.01, 0.02, n),
-        iterations=np.arange(5, 5 + n),
-    )
 
 
 @pytest.fixture

@@ -15,6 +15,7 @@ import pytest
 import tifffile
 from scipy import ndimage
 
+from converged_motions import converged
 from grainmotion.analysis.deformed_volume import rebuild
 from grainmotion.errors import InputError
 from grainmotion.io.spam import read_ddic_tsv, write_ddic_tsv
@@ -33,19 +34,6 @@ pytestmark = pytest.mark.spam
 GRID = Volume.zeros((48, 52, 56), 0.05, (0.3, -0.2, 1.0))
 ROOT = Path(__file__).parents[2]
 LABELS = (1, 2, 4)
-
-
-def converged(labels: tuple[int, ...], centers: np.ndarray, u: np.ndarray, degrees: np.ndarray) -> Motions:
-    """Converged motions with translations u (mm) and rotation vectors in degrees."""
-    n = len(labels)
-    return replace(
-        Motions.identity(np.array(labels), centers),
-        translations=u,
-        rotations=np.deg2rad(degrees),
-        statuses=np.full(n, "converged", dtype="<U20"),
-        residuals=np.linspace(0.01, 0.02, n),
-        iterations=np.arange(5, 5 + n),
-    )
 
 
 @pytest.fixture(scope="module")

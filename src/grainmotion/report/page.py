@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import plotly.offline
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment
 from markupsafe import Markup
 
 from grainmotion.io.files import atomic_write
@@ -18,6 +18,7 @@ from grainmotion.model.finding import worst_first
 from grainmotion.report import curves, images, tables
 from grainmotion.report.arrows import scenes
 from grainmotion.report.data import ReportData, StateReport
+from grainmotion.report.page_templates import page_templates
 
 MAX_PIXELS = 1_600_000  # of all radiographs on the page together: about 2 MB
 MAX_IMAGE_PIXELS, MIN_IMAGE_PIXELS = 640_000, 4_000  # of one radiograph
@@ -102,14 +103,8 @@ def _state(state: StateReport, pixels: int, rows: int) -> Mapping[str, object]:
 
 
 def _environment() -> Environment:
-    """The templates: all text but `Markup` is escaped, and an undefined name is an error."""
-    environment = Environment(
-        loader=PackageLoader("grainmotion.report"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    """The templates of the report, with its filters."""
+    environment = page_templates()
     environment.policies["json.dumps_kwargs"] = {"ensure_ascii": False, "allow_nan": False, "separators": (",", ":")}
     environment.filters |= {"significant": tables.significant, "palette_png": images.palette_png}
     return environment

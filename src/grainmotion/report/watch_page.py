@@ -8,9 +8,8 @@ from datetime import datetime
 from importlib.metadata import version
 from pathlib import Path
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-
 from grainmotion.io.files import atomic_write
+from grainmotion.report.page_templates import page_templates
 from grainmotion.report.tables import significant
 
 REFRESH_SECONDS = 3
@@ -49,13 +48,7 @@ class WatchPage:
 
 def write_watch_page(path: str | Path, page: WatchPage) -> None:
     """Write the page; every text of the user is escaped."""
-    environment = Environment(
-        loader=PackageLoader("grainmotion.report"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = page_templates()
     environment.filters["number"] = _number
     text = environment.get_template("watch.html.j2").render(
         page=page,
