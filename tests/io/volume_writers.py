@@ -11,6 +11,7 @@ import h5py
 import ngff_zarr
 import nibabel
 import nrrd
+import numcodecs
 import numpy as np
 import SimpleITK
 import tifffile
@@ -175,3 +176,23 @@ def ilastik(path: Path) -> None:
     tags = json.dumps({"axes": [{"key": key, "typeFlags": 2, "resolution": 0, "description": ""} for key in "tzyxc"]})
     with h5py.File(path, "w") as file:
         file.create_dataset("exported_data", data=VOLUME[None, ..., None]).attrs["axistags"] = tags
+
+
+def compressed_hdf5(path: Path) -> None:
+    """A dataset in compressed chunks."""
+    with h5py.File(path, "w") as file:
+        file.create_dataset("a", data=VOLUME, chunks=(2, 2, 2), compression="gzip")
+
+
+def sharded(path: Path) -> None:
+    """Zarr 3 with several chunks in a file."""
+    array = zarr.create_array(str(path), shape=SHAPE, shards=(8, 8, 8), chunks=(2, 2, 2), dtype="u2")
+    array[:] = VOLUME
+
+
+def blosc_of_noise(path: Path) -> None:
+    """Zarr 2 whose chunks Blosc cannot compress, so that it keeps them as they are."""
+    array = zarr.create_array(
+        str(path), shape=SHAPE, chunks=(3, 3, 3), dtype="u2", zarr_format=2, compressors=numcodecs.Blosc()
+    )
+    array[:] = VOLUME

@@ -28,7 +28,7 @@ from grainmotion.reconstruction.settings import ReconstructSettings
 def read_given_volume(file: VolumeFile, grid: Volume) -> Volume:
     """The reference volume made by other software."""
     with _named("reference.volume"):
-        array = file.read(np.float32).astype(np.float32, copy=False)
+        array = file.read_values()
     try:
         return Volume(array, grid.voxel_size, grid.center)
     except InputError as error:

@@ -18,5 +18,5 @@ def grey(pixels: Pixels, where: str) -> Pixels:
     colours = pixels[..., :3] if pixels.shape[-1] > 2 else pixels[..., :1]
     if np.any(colours != colours[..., :1]):
         fact = "a colour image: its red, green and blue differ"
-        raise InputError(where, fact, "save the radiographs as grey images, without a colour map")
+        raise InputError(where, fact, "save grey images, without colours")
     return np.ascontiguousarray(pixels[..., 0])

@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 from grainmotion.errors import InputError
 
-TIFF, PNG, NPY = (".tif", ".tiff"), (".png",), (".npy",)
+TIFF, PNG, NPY = (".tif", ".tiff", ".btf"), (".png",), (".npy",)
 TXRM = (".txrm", ".xrm")
 HDF5 = (".h5", ".hdf5", ".hdf", ".nxs", ".nx", ".nx5")
 FORMATS = 'give TIFF files (.tif), .png, .npy, "file.h5::/path/to/data" or one file of a scanner (.nxs, .txrm)'

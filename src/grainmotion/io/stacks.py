@@ -149,7 +149,7 @@ def _info(part: Part) -> tuple[tuple[int, int, int], np.dtype]:
     if part.inner is not None:
         shape, dtype = hdf5.dataset_info(part.path, part.inner)
     else:
-        array = _load_npy(part.path, "r")
+        array = load_npy(part.path, "r")
         shape, dtype = array.shape, array.dtype
     return _stack_shape(part, shape), dtype
 
@@ -165,7 +165,7 @@ def _read(part: Part, images: Index | None = None) -> Pixels:
     elif family(part.path) == PNG:
         array = png.read_png(part.path)
     elif part.inner is None:
-        array = _load_npy(part.path, None if images is None else "r")
+        array = load_npy(part.path, None if images is None else "r")
     elif images is not None and len(hdf5.dataset_info(part.path, part.inner)[0]) == 3:
         return hdf5.read_dataset(part.path, part.inner, images)
     else:
@@ -183,7 +183,8 @@ def _stack_shape(part: Part, shape: tuple[int, ...]) -> tuple[int, int, int]:
     return shape[0], shape[1], shape[2]
 
 
-def _load_npy(path: Path, mode: Literal["r"] | None) -> Pixels:
+def load_npy(path: Path, mode: Literal["r"] | None) -> Pixels:
+    """The array of a .npy file, mapped or in memory."""
     try:
         array: Pixels = np.load(path, mmap_mode=mode, allow_pickle=False)
     except (ValueError, EOFError, OSError) as error:

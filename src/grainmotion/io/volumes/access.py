@@ -60,7 +60,7 @@ def read_volume(
             raise InputError(file.spec, fact, "resample it to cubes, or give voxel_size, mm, if the file is wrong")
     place = center if center is not None else file.center or (0.0, 0.0, 0.0)
     try:
-        return Volume(file.read(np.float32).astype(np.float32, copy=False), voxel_size, place)
+        return Volume(file.read_values(), voxel_size, place)
     except InputError as error:
         raise InputError(file.spec, error.fact, error.remedy) from error
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -12,16 +13,16 @@ import numpy as np
 from grainmotion._typing import Pixels
 from grainmotion.errors import InputError
 from grainmotion.io.files import checked_file
-from grainmotion.io.formats import HDF5, TIFF, family
+from grainmotion.io.formats import FORMATS, HDF5, NPY, TIFF, family
 from grainmotion.io.locate import locate
-from grainmotion.io.stacks import Stack, find_stack
+from grainmotion.io.stacks import Stack, find_stack, load_npy
 from grainmotion.io.volumes.amira import AMIRA, amira_volume
 from grainmotion.io.volumes.hdf5_volume import hdf5_volume
 from grainmotion.io.volumes.metaimage import META_IMAGE, metaimage_volume
 from grainmotion.io.volumes.nifti import NIFTI, nifti_volume
 from grainmotion.io.volumes.nrrd import NRRD, nrrd_volume
 from grainmotion.io.volumes.raw import RAW, raw_volume
-from grainmotion.io.volumes.record import Bounds, Slabs, VolumeFile
+from grainmotion.io.volumes.record import Bounds, Slabs, VolumeFile, sliced, volume_axes
 from grainmotion.io.volumes.tiff_reader import tiff_volume
 from grainmotion.io.volumes.vgi import VGI, vgi_volume
 from grainmotion.io.volumes.zarr_reader import is_zarr, zarr_volume
@@ -63,10 +64,15 @@ def _found(items: list[str | Path], folder: Path) -> VolumeFile:
     others = [item for item in map(str, items) if _reader(item.partition("::")[0]) is not None]
     if others:
         raise InputError(others[0], "a volume of this format is one file", "give this file alone")
-    stack = find_stack(items if len(items) > 1 else items[0], folder)
+    try:
+        stack = find_stack(items if len(items) > 1 else items[0], folder)
+    except InputError as error:
+        raise InputError(error.where, error.fact, error.remedy.replace(FORMATS, VOLUME_FORMATS)) from error
     parts = stack.parts
     if all(family(part.path) == TIFF for part in parts):
         volume = tiff_volume(stack.files, stack.spec)
+    elif len(parts) == 1 and family(parts[0].path) == NPY:
+        volume = npy_volume(parts[0].path, stack.spec)
     else:
         shape, dtype = stack.info()
         volume = VolumeFile(stack.spec, stack.files, shape, dtype, _stack_slabs(stack))
@@ -131,6 +137,15 @@ def _header_beside(path: Path) -> Path | None:
             if candidate.is_file():
                 return candidate
     return None
+
+
+def npy_volume(path: Path, spec: str) -> VolumeFile:
+    """The array of a .npy file; one slice, if it has two axes."""
+    array = load_npy(path, "r")
+    array = array[None] if array.ndim == 2 else array
+    order = volume_axes(array.shape, (), str(path))
+    shape = (array.shape[order[0]], array.shape[order[1]], array.shape[order[2]])
+    return VolumeFile(spec, (path,), shape, array.dtype, sliced(lambda: nullcontext(array), order, array.ndim))
 
 
 def _stack_slabs(stack: Stack) -> Slabs:

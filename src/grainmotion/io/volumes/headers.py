@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from grainmotion.errors import InputError
+from grainmotion.io.volumes.record import volume_axes
 
 HEADER_BYTES = 262_144
 """Bytes at the beginning of a file in which its text header must end."""
@@ -36,6 +38,17 @@ def whole_numbers(header: Path, key: str, text: str, count: int) -> list[int]:
         fact = f"{key} = '{text.strip()}' is not {count} whole numbers"
         raise InputError(str(header), fact, "give a volume with sizes along x, y, z")
     return numbers
+
+
+def axes_xyz(header: Path, key: str, sizes: Sequence[int]) -> tuple[int, int, int]:
+    """Which axes of a header, the fastest first, are x, y and z: all but those of one voxel beyond three."""
+    try:
+        z, y, x = volume_axes(sizes[::-1], (), str(header))
+    except InputError as error:
+        fact = f"{key} = {' x '.join(map(str, sizes))}: no single volume"
+        raise InputError(str(header), fact, "export one volume of 3 dimensions, without channels or times") from error
+    last = len(sizes) - 1
+    return last - x, last - y, last - z
 
 
 def numbers_of(text: str) -> list[float]:

@@ -13,7 +13,7 @@ from types import MappingProxyType
 import numpy as np
 
 from grainmotion.errors import InputError
-from grainmotion.io.volumes.headers import data_file, header_bytes, numbers_of, wanted, whole_numbers
+from grainmotion.io.volumes.headers import axes_xyz, data_file, header_bytes, numbers_of, wanted, whole_numbers
 from grainmotion.io.volumes.raw_data import RawLayout, check_bytes, raw_slabs
 from grainmotion.io.volumes.record import VolumeFile
 from grainmotion.io.volumes.units import told_voxel
@@ -29,11 +29,12 @@ _ELEMENTS: Mapping[str, str] = MappingProxyType({
 def metaimage_volume(path: Path, spec: str) -> VolumeFile:
     """The volume of a MetaImage file."""
     keys, end = _keys(path)
-    if wanted(path, keys, "NDims").strip() != "3":
-        raise InputError(str(path), f"NDims = {keys['NDims'].strip()}", "export one volume of 3 dimensions")
+    dimensions = whole_numbers(path, "NDims", wanted(path, keys, "NDims"), 1)[0]
     if int(numbers_of(keys.get("ElementNumberOfChannels", "1"))[0]) != 1:
         raise InputError(str(path), "several channels (ElementNumberOfChannels)", "export one of them")
-    nx, ny, nz = whole_numbers(path, "DimSize", wanted(path, keys, "DimSize"), 3)
+    sizes = whole_numbers(path, "DimSize", wanted(path, keys, "DimSize"), dimensions)
+    axes = axes_xyz(path, "DimSize", sizes)
+    nx, ny, nz = (sizes[axis] for axis in axes)
     element = wanted(path, keys, "ElementType").strip()
     if element not in _ELEMENTS:
         raise InputError(str(path), f"ElementType = {element} is unknown", f"known are {', '.join(_ELEMENTS)}")
@@ -53,6 +54,7 @@ def metaimage_volume(path: Path, spec: str) -> VolumeFile:
     layout = RawLayout(file, layout.shape, dtype, offset, layout.compressed)
     check_bytes(layout, str(path))
     spacing = numbers_of(keys.get("ElementSpacing", keys.get("ElementSize", "")))
+    spacing = [spacing[axis] for axis in axes] if len(spacing) == dimensions else []
     voxel, notes = told_voxel(spacing, keys.get("DistanceUnits", "mm"), "ElementSpacing", one_is_default=True)
     files = (path,) if local else (path, file)
     return VolumeFile(spec, files, layout.shape, dtype, raw_slabs(layout), voxel, notes=notes)

@@ -14,7 +14,7 @@ from types import MappingProxyType
 import numpy as np
 
 from grainmotion.errors import InputError
-from grainmotion.io.volumes.headers import data_file, header_bytes, numbers_of, wanted, whole_numbers
+from grainmotion.io.volumes.headers import axes_xyz, data_file, header_bytes, numbers_of, wanted, whole_numbers
 from grainmotion.io.volumes.raw_data import RawLayout, check_bytes, raw_slabs
 from grainmotion.io.volumes.record import VolumeFile
 from grainmotion.io.volumes.units import ToldVoxel, told_voxel
@@ -38,10 +38,10 @@ _NRRD_TYPES: Mapping[str, str] = MappingProxyType({
 def nrrd_volume(path: Path, spec: str) -> VolumeFile:
     """The volume of an NRRD file."""
     fields, end = _fields(path)
-    if wanted(path, fields, "dimension").strip() != "3":
-        fact = f"dimension: {fields['dimension'].strip()}"
-        raise InputError(str(path), fact, "export one volume of 3 dimensions, without channels or times")
-    nx, ny, nz = whole_numbers(path, "sizes", wanted(path, fields, "sizes"), 3)
+    dimensions = whole_numbers(path, "dimension", wanted(path, fields, "dimension"), 1)[0]
+    sizes = whole_numbers(path, "sizes", wanted(path, fields, "sizes"), dimensions)
+    axes = axes_xyz(path, "sizes", sizes)
+    nx, ny, nz = (sizes[axis] for axis in axes)
     kind = wanted(path, fields, "type").strip().lower()
     if kind not in _NRRD_TYPES:
         raise InputError(str(path), f"type: {kind} is unknown", "export it as 8 or 16 bits, or as float")
@@ -63,13 +63,13 @@ def nrrd_volume(path: Path, spec: str) -> VolumeFile:
     offset = end if name == "" else file.stat().st_size - layout.bytes if skip == -1 else skip
     layout = RawLayout(file, layout.shape, dtype, offset, compressed)
     check_bytes(layout, str(path))
-    voxel, notes = _voxel(fields)
+    voxel, notes = _voxel(fields, axes)
     return VolumeFile(
         spec, (path, file) if name else (path,), layout.shape, dtype, raw_slabs(layout), voxel, notes=notes
     )
 
 
-def _voxel(fields: dict[str, str]) -> tuple[ToldVoxel | None, tuple[str, ...]]:
+def _voxel(fields: dict[str, str], axes: tuple[int, int, int]) -> tuple[ToldVoxel | None, tuple[str, ...]]:
     """Edges of a voxel: lengths of the space directions, else the spacings."""
     units = re.findall(r'"([^"]*)"', fields.get("space units", fields.get("units", "")))
     unit = units[0] if units and len(set(units)) == 1 else "mm" if not units else None
@@ -77,7 +77,9 @@ def _voxel(fields: dict[str, str]) -> tuple[ToldVoxel | None, tuple[str, ...]]:
         rows = [numbers_of(row) for row in re.findall(r"\(([^)]*)\)", fields["space directions"])]
         lengths = [float(np.linalg.norm(row)) for row in rows]
         return told_voxel(lengths, unit, "space directions", one_is_default=True)
-    return told_voxel(numbers_of(fields.get("spacings", "")), unit, "spacings", one_is_default=True)
+    spacings = numbers_of(fields.get("spacings", ""))
+    spacings = [spacings[axis] for axis in axes] if len(spacings) > max(axes) else []
+    return told_voxel(spacings, unit, "spacings", one_is_default=True)
 
 
 def _fields(path: Path) -> tuple[dict[str, str], int]:

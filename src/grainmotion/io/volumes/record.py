@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from grainmotion._typing import Pixels
 from grainmotion.errors import InputError
@@ -54,6 +55,8 @@ class VolumeFile:
         Path inside each file.
     depth : int
         Planes of a chunk, of which slabs hold whole numbers, so that none is decompressed twice.
+    colour_map : bool
+        Whether its voxels are numbers of a colour map, as labels may be.
     """
 
     spec: str
@@ -66,6 +69,7 @@ class VolumeFile:
     notes: tuple[str, ...] = ()
     inner: tuple[str | None, ...] = (None,)
     depth: int = 1
+    colour_map: bool = False
 
     def __post_init__(self) -> None:
         if min(self.shape) < 1:
@@ -87,6 +91,12 @@ class VolumeFile:
         for (first, last), slab in zip(bounds, self.slabs(bounds), strict=True):
             array[first:last] = slab
         return array
+
+    def read_values(self) -> NDArray[np.float32]:
+        """The same of a quantity, in single precision: numbers of a colour map are none."""
+        if self.colour_map:
+            raise InputError(self.spec, "its voxels are numbers of a colour map", "save it as a grey image")
+        return self.read(np.float32).astype(np.float32, copy=False)
 
     def read_slab(self, first: int, last: int) -> Pixels:
         """Planes from ``first`` up to, not including, ``last``."""

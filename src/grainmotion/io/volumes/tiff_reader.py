@@ -22,7 +22,7 @@ def tiff_volume(paths: Sequence[Path], spec: str) -> VolumeFile:
     """A volume in one or more TIFF files, in the order given."""
     counts, shapes, dtypes = [], list[tuple[int, int]](), []
     for path in paths:
-        (pages, rows, columns), dtype = tiff_info(path)
+        (pages, rows, columns), dtype = tiff_info(path, numbers=True)
         counts.append(pages)
         shapes.append((rows, columns))
         dtypes.append(dtype)
@@ -31,14 +31,18 @@ def tiff_volume(paths: Sequence[Path], spec: str) -> VolumeFile:
             fact = f"{pixels} pixels, but {paths[0].name} has {shapes[0]}"
             raise InputError(str(path), fact, "give slices of one volume; leave previews out")
     with opened_tiff(paths[0]) as file:
-        series, page = only_series(paths[0], file), file.pages.first
+        series, page = only_series(paths[0], file, numbers=True), file.pages.first
         text = page.description or ""
         notes = _check_axes(paths[0], series, text, sum(counts))
         shape = (sum(counts), *shapes[0])
         (voxel, told), center = told_size(file, text), told_center(text, file.imagej_metadata or {}, shape)
+        colour_map = page.photometric == tifffile.PHOTOMETRIC.PALETTE
     dtype = np.result_type(*set(dtypes))
     slabs = _slabs(list(paths), counts)
-    return VolumeFile(spec, tuple(paths), shape, dtype, slabs, voxel, center, (*notes, *told), (None,) * len(paths))
+    return VolumeFile(
+        spec, tuple(paths), shape, dtype, slabs, voxel, center, (*notes, *told), (None,) * len(paths),
+        colour_map=colour_map,
+    )  # fmt: skip
 
 
 def _check_axes(path: Path, series: tifffile.TiffPageSeries, text: str, planes: int) -> tuple[str, ...]:
@@ -98,15 +102,16 @@ class _Planes:
     def of(cls, path: Path, stack: ExitStack) -> _Planes:
         """Open a file until the stack is closed."""
         file = stack.enter_context(opened_tiff(path))
-        series, shape = only_series(path, file), tiff_info(path)[0]
-        if series.dataoffset is not None:
+        series, shape = only_series(path, file, numbers=True), tiff_info(path, numbers=True)[0]
+        colours = series.axes.endswith("S")
+        if series.dataoffset is not None and not colours:
             dtype = series.dtype.newbyteorder(file.byteorder)
             try:
                 return cls(path, None, np.memmap(path, dtype, "r", series.dataoffset, shape))
             except ValueError as error:
                 raise InputError(str(path), f"truncated TIFF ({error})", "copy or export the file again") from error
-        if series.axes.endswith("S") or len(series.pages) != shape[0]:
-            return cls(path, None, read_tiff(path))
+        if colours or len(series.pages) != shape[0]:
+            return cls(path, None, read_tiff(path, numbers=True))
         return cls(path, file, None)
 
     def read(self, first: int, last: int) -> Pixels:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 import tifffile
 
-from grainmotion.io.volumes.units import ToldVoxel, told_voxel
+from grainmotion.io.volumes.units import ToldVoxel, told_voxel, unit_in_mm
 
 SCREEN_DPI = (72, 96, 100, 120, 150, 200, 240, 300, 400, 600, 1200)
 """Pixels an inch that programs write for screens and printers: no voxel sizes."""
@@ -64,14 +64,20 @@ def ome_pixels(text: str) -> ET.Element | None:
 
 def _ome_voxel(pixels: ET.Element) -> Told:
     sizes = [pixels.get(f"PhysicalSize{axis}") for axis in "XYZ"]
-    units = {pixels.get(f"PhysicalSize{axis}Unit", "µm") for axis, size in zip("XYZ", sizes) if size is not None}
-    if sizes[0] is None or len(units) != 1:
+    units = [pixels.get(f"PhysicalSize{axis}Unit", "µm") for axis, size in zip("XYZ", sizes) if size is not None]
+    key = "PhysicalSizeX, Y, Z"
+    if sizes[0] is None:
         return None, ()
     try:
         x, y, z = (float(size if size is not None else sizes[0]) for size in sizes)
     except ValueError:
         return None, ()
-    return told_voxel((x, y, z), units.pop(), "PhysicalSizeX, Y, Z", one_is_default=True)
+    if len(set(units)) == 1:
+        return told_voxel((x, y, z), units[0], key, one_is_default=True)
+    factors = [unit_in_mm(unit) for unit in units]
+    if len(factors) != 3 or None in factors:
+        return None, (f"{key} tells voxels in units of {', '.join(units)}",)
+    return told_voxel([size * (f or 0) for size, f in zip((x, y, z), factors)], "mm", key)
 
 
 def told_center(

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 
 ZARR = (".zarr", ".zarr.zip", ".ozx")
 ZARR_FILES = (".zattrs", ".zgroup", ".zarray", "zarr.json")
+ZIPPED = (".zip", ".ozx")
+_BLOSC_HEADER, _BLOSC_LENGTH = 16, slice(12, 16)
+"""Bytes of the header of a chunk, and those that tell the chunk's length."""
 _COPY_STORE = "copy or export the folder again, with all its files"
 
 
@@ -38,16 +41,17 @@ def zarr_volume(path: Path, spec: str, inner: str) -> VolumeFile:
     if stored < chunks:
         notes = (*notes, f"{chunks - stored} of {chunks} chunks are not stored and read as {array.fill_value}")
     shape = (array.shape[order[0]], array.shape[order[1]], array.shape[order[2]])
+    files = _files(path, array.path)
 
     @contextmanager
     def data() -> Iterator[Sliceable]:
+        _check_blosc(array, files, where)
         try:
             yield array
         except Exception as error:
             raise InputError(where, f"a chunk cannot be read ({error})", _COPY_STORE) from error
 
     center = None if group is None else told_center(group.attrs)
-    files = _files(path, array.path)
     depth = (array.shards or array.chunks)[order[0]]
     slabs = sliced(data, order, array.ndim)
     return VolumeFile(spec, files, shape, array.dtype, slabs, voxel, center, notes, (array.path,), depth)
@@ -134,6 +138,19 @@ def _names(array: zarr.Array) -> list[str]:
     told = getattr(array.metadata, "dimension_names", None) or array.attrs.get("_ARRAY_DIMENSIONS")
     names = [str(name) for name in told if name] if isinstance(told, list | tuple) else []
     return names if len(names) == array.ndim and {"z", "y", "x"} <= {name.lower() for name in names} else []
+
+
+def _check_blosc(array: zarr.Array, files: tuple[Path, ...], where: str) -> None:
+    """Refuse truncated chunks of Blosc, which does not notice that the bytes of an uncompressed block are missing."""
+    if array.shards is not None or not any("Blosc" in type(codec).__name__ for codec in array.compressors):
+        return
+    for file in files:
+        if file.name in ZARR_FILES or file.suffix in ZIPPED:
+            continue
+        with file.open("rb") as stream:
+            header = stream.read(_BLOSC_HEADER)
+        if int.from_bytes(header[_BLOSC_LENGTH], "little") != file.stat().st_size:
+            raise InputError(where, f"a chunk is truncated ({file.name})", _COPY_STORE)
 
 
 def _files(path: Path, relative: str) -> tuple[Path, ...]:
