@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -62,11 +63,11 @@ def geometry(angles_deg: ArrayLike) -> Geometry:
     return Geometry.cone(angles_deg, PANEL, 4 * VOXEL, source_to_axis=50, source_to_detector=200)
 
 
-def sample(shift: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Volume:
+def sample(shift: tuple[float, float, float] = (0.0, 0.0, 0.0), balls: Sequence[Sequence[float]] = BALLS) -> Volume:
     """Attenuation of the balls: 1/mm with soft surfaces, and an off-centre core of 2/mm."""
     z, y, x = np.meshgrid(*((np.arange(n) - (n - 1) / 2) * VOXEL for n in (28, 36, 36)), indexing="ij")
     array = np.zeros(x.shape)
-    for bx, by, bz, radius in BALLS:
+    for bx, by, bz, radius in balls:
         for dx, r in ((0.0, radius), (0.3 * radius, 0.4 * radius)):
             offset = (x - bx - shift[0] - dx, y - by - shift[1] - dx / 2, z - bz - shift[2])
             array += np.clip((r - np.sqrt(sum(p**2 for p in offset))) / VOXEL + 0.5, 0, 1)

@@ -1,0 +1,59 @@
+"""The Python blocks of the documentation run as they stand, page by page, beside a small finished experiment."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import shutil
+from pathlib import Path
+
+import pytest
+
+from documented_blocks import ROOT, Block, blocks_in
+from documented_experiment import write_documented
+
+BLOCKS = blocks_in("python")
+EXPECTED = {
+    "README.md": "len(motions) == 6 and motions.ok_translation.all()",
+    "docs/dem.md": "mesh.is_watertight and len(h.coefficients) == 169 and len(grains) == 6",
+    "docs/export.md": "len(points) == len(arrows) == 6 and set(labels.flat) == set(moved.flat) == set(range(7))",
+    "docs/mechanics.md": "len(before.pairs) >= 12 and len(changes.pairs) >= 12 and field.at_hull.all()",
+    "docs/series.md": "len(third.fit.start_residuals) == 2 and third.ok_translation.all() and len(table) == 12",
+    "docs/volumes.md": "len(grains) == 6",
+}
+"""What holds of the names of each page after its last block."""
+
+
+@pytest.fixture(scope="module")
+def experiment(tmp_path_factory) -> Path:
+    """Folder of a finished experiment."""
+    folder = tmp_path_factory.mktemp("documented")
+    write_documented(folder)
+    return folder
+
+
+def page_of(block: Block) -> str:
+    return block.page.relative_to(ROOT).as_posix()
+
+
+def test_every_page_with_python_is_run():
+    assert {page_of(block) for block in BLOCKS if block.is_run} == set(EXPECTED)
+
+
+@pytest.mark.parametrize("page", EXPECTED)
+def test_blocks_of_a_page_run_in_order(page, experiment, tmp_path, monkeypatch):
+    """They share their names, as in one notebook, and define all that they use."""
+    monkeypatch.chdir(shutil.copytree(experiment, tmp_path / "work"))
+    names: dict[str, object] = {"__name__": "__main__"}
+    for block in BLOCKS:
+        if page_of(block) == page and block.is_run:
+            exec(compile(block.code, block.place, "exec"), names)
+    assert eval(EXPECTED[page], names), EXPECTED[page]
+
+
+@pytest.mark.parametrize("block", [b for b in BLOCKS if not b.is_run], ids=lambda b: b.place)
+def test_blocks_that_are_not_run_import_what_exists(block):
+    for node in ast.walk(ast.parse(block.text)):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("grainmotion"):
+            module = importlib.import_module(node.module)
+            assert [alias.name for alias in node.names if not hasattr(module, alias.name)] == []
