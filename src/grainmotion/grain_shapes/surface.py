@@ -8,7 +8,8 @@ upsampled voxels, averaged back, so that it need not lie on faces of voxels.
 Blur draws the half-level of a body with the mean curvature H inwards by σ² H, with σ² the variance of the blur along
 one axis: a sphere of 20 voxels with sharp voxels lost 0.8 % of its volume, with a blur of one voxel 4 %.  Vertices are
 moved outwards by that much.  σ comes from the partly filled voxels: Σ f (1 − f) over them is σ/√π for each unit of area
-of a surface under Gaussian blur.  Marching cubes adds a constant of its own.
+of a surface under Gaussian blur.  Marching cubes adds a constant of its own.  At last all vertices move by the same
+distance, to where the attenuation about the surface balances (`mass_balance`).
 
 From labels: the signed distance to the label's voxels, smoothed by one voxel, with the vertices moved along their
 normals until the volume is that of the label's voxels.
@@ -29,6 +30,7 @@ from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Float
 from grainmotion.analysis.deformed_volume import typical_attenuation
 from grainmotion.errors import InputError
+from grainmotion.grain_shapes.mass_balance import balancing_shift
 from grainmotion.grain_shapes.triangle_mesh import Surface, largest_part
 from grainmotion.model.grains import Grain
 from grainmotion.model.volume import Volume
@@ -81,7 +83,7 @@ class GrainSurface(Surface):
 
 @checked_arguments
 def grain_surface(grain: Grain) -> GrainSurface:
-    """Closed surface of a grain, from its attenuation at half of its level, to a fraction of a voxel.
+    """Closed surface of a grain, where its attenuation falls to half and balances, to a fraction of a voxel.
 
     Parameters
     ----------
@@ -109,14 +111,16 @@ def grain_surface(grain: Grain) -> GrainSurface:
     if np.count_nonzero(partly) < MIN_PARTLY_FILLED * np.count_nonzero(shell):
         return _from_labels(inside, volume, where)
     inside = ndimage.binary_fill_holes(inside)
-    share = volume.array.astype(float) / typical
-    share[ndimage.binary_erosion(inside)] = 1  # dense and light parts inside make no difference
+    measured = volume.array.astype(float) / typical
+    share = np.where(ndimage.binary_erosion(inside), 1.0, measured)  # dense and light parts inside make no difference
     field = np.clip(share, np.where(inside, 0.5 + LEVEL_CLEARANCE, 0), 1)
     surface = _marched(field, 0.5, volume, where, "attenuation")
-    variance = _blur_variance(share, surface.area / volume.voxel_size**2) + MARCHING_VARIANCE
+    variance = _blur_variance(share, surface.area / volume.voxel_size**2)
     normals, curvature = _shape_at(field, surface.vertices, volume)
-    amounts = variance * volume.voxel_size * curvature
-    return replace(surface, vertices=surface.vertices + amounts[:, None] * normals)
+    amounts = (variance + MARCHING_VARIANCE) * volume.voxel_size * curvature
+    surface = replace(surface, vertices=surface.vertices + amounts[:, None] * normals)
+    distance = balancing_shift(measured, inside, surface, normals, volume, variance**0.5) * volume.voxel_size
+    return replace(surface, vertices=surface.vertices + distance * normals)
 
 
 @checked_arguments
