@@ -132,6 +132,23 @@ def test_commands_in_the_text_exist(command):
         check(command[1])
 
 
+def helps(command=None, path=()) -> dict[str, str]:
+    """The text of ``--help`` of each command, by its name."""
+    command = command or command_line()
+    inner = getattr(command, "commands", {})
+    found = {" ".join(path): command.help} if path else {}
+    return found | {name: text for word, sub in inner.items() for name, text in helps(sub, (*path, word)).items()}
+
+
+@pytest.mark.parametrize("name", helps())
+def test_help_of_each_command_has_an_example(name):
+    examples = re.findall(r"^Example: (.*)$", helps()[name], re.MULTILINE)
+    assert examples
+    for example in examples:
+        assert example.startswith(f"grainmotion {name.removesuffix(' files')}")
+        check(example)
+
+
 @pytest.mark.parametrize(
     "command",
     [

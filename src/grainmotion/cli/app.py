@@ -84,7 +84,10 @@ class DatasetName(StrEnum):
 # ---------------------------------------------------------------------- the main job and its stages
 @add_command
 def run(paths: Paths, *, device: OnDevice = None, execution: Execution, checks: Checks) -> None:
-    """Run all stages; those that are done already and unchanged are not repeated."""
+    """Run all stages; those that are done already and unchanged are not repeated.
+
+    Example: grainmotion run experiment.toml
+    """
     with prepared(read(paths.file, device), execution, checks) as (experiment, options):
         result = gm.run(experiment, out=paths.out, **options)
     finish(result, execution, checks, f"report: {result.report}")
@@ -92,7 +95,10 @@ def run(paths: Paths, *, device: OnDevice = None, execution: Execution, checks: 
 
 @add_command
 def reconstruct(paths: Paths, *, device: OnDevice = None, execution: Execution, checks: Checks) -> None:
-    """Reconstruct the reference volume and stop."""
+    """Reconstruct the reference volume and stop.
+
+    Example: grainmotion reconstruct experiment.toml --device cpu
+    """
     with prepared(read(paths.file, device), execution, checks) as (experiment, options):
         result = gm.run(experiment, out=paths.out, until="reconstruct", **options)
     finish(result, execution, checks, f"volume: in {result.folder}")
@@ -100,7 +106,10 @@ def reconstruct(paths: Paths, *, device: OnDevice = None, execution: Execution, 
 
 @add_command
 def segment(paths: Paths, execution: Execution, checks: Checks) -> None:
-    """Find the grains of the reference volume and stop."""
+    """Find the grains of the reference volume and stop.
+
+    Example: grainmotion segment experiment.toml
+    """
     with prepared(read(paths.file), execution, checks) as (experiment, options):
         result = gm.run(experiment, out=paths.out, until="segment", **options)
     finish(result, execution, checks, f"grains: {result.folder / 'reference.h5'}")
@@ -108,7 +117,10 @@ def segment(paths: Paths, execution: Execution, checks: Checks) -> None:
 
 @add_command
 def track(paths: Paths, *, device: OnDevice = None, execution: Execution, checks: Checks) -> None:
-    """Track the grains through all states and stop before residuals, exports and report."""
+    """Track the grains through all states and stop before residuals, exports and report.
+
+    Example: grainmotion track experiment.toml --workers 4
+    """
     with prepared(read(paths.file, device), execution, checks) as (experiment, options):
         result = gm.run(experiment, out=paths.out, until="track", **options)
     finish(result, execution, checks)
@@ -116,7 +128,10 @@ def track(paths: Paths, *, device: OnDevice = None, execution: Execution, checks
 
 @add_command
 def report(paths: Paths, execution: Execution, checks: Checks) -> None:
-    """Write the report; stages that it needs and that are not done yet are done first."""
+    """Write the report; stages that it needs and that are not done yet are done first.
+
+    Example: grainmotion report experiment.toml
+    """
     with prepared(read(paths.file), execution, checks) as (experiment, options):
         result = gm.run(experiment, out=paths.out, until="report", **options)
     finish(result, execution, checks, f"report: {result.report}")
@@ -143,7 +158,12 @@ def plan(
     seed: Seed = 0,
     quiet: Quiet = False,
 ) -> None:
-    """Predict precision and capture range for 2, 3, 4, 6 views of a sample, and find the best angles."""
+    """Predict precision and capture range for 2, 3, 4, 6 views of a sample, and find the best angles.
+
+    Example: grainmotion plan experiment.toml --photons 20000
+
+    Example: grainmotion plan --case paper --views 2,4
+    """
     from grainmotion.workflow.planning_run import plan_case, plan_experiment
 
     if (file is None) == (case is None):
@@ -190,7 +210,10 @@ def simulate(
     seed: Seed = 0,
     quiet: Quiet = False,
 ) -> None:
-    """Simulate an experiment with its truth: radiographs, flats, darks, geometry and experiment.toml."""
+    """Simulate an experiment with its true motions: radiographs, flats, darks, geometry and experiment.toml.
+
+    Example: grainmotion simulate noisy-sample --case noisy
+    """
     from grainmotion.cli.demo import write_case
 
     with console.progress(quiet) as progress:
@@ -207,7 +230,10 @@ def demo(
     device: OnDevice = None,
     quiet: Quiet = False,
 ) -> None:
-    """Simulate a small packing, measure its motions, and compare them with the truth."""
+    """Simulate a small packing, measure its motions, and compare them with the true ones.
+
+    Example: grainmotion demo my-demo
+    """
     from grainmotion.cli.demo import run_demo
 
     with console.progress(quiet) as progress:
@@ -220,7 +246,10 @@ def demo(
 
 @app.command("version")
 def show_version() -> None:
-    """Print the version."""
+    """Print the version.
+
+    Example: grainmotion version
+    """
     print(version("grainmotion"))
 
 

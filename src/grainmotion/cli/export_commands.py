@@ -40,7 +40,7 @@ class ExportGroup(TyperGroup):
 export_app = typer.Typer(
     name="export",
     cls=ExportGroup,
-    help="Write results for other software: `export FILE --format vtk`, or one of the commands below.",
+    help="Write results for other software.\n\nExample: grainmotion export experiment.toml --format vtk",
     epilog=EXIT_CODES,
     no_args_is_help=True,
 )
@@ -71,16 +71,24 @@ def files(
     *,
     format: Annotated[
         list[Format],
-        typer.Option("--format", help="vtk for ParaView, tiff for Fiji, ome-zarr for napari, spam, dem, mechanics"),
+        typer.Option(
+            "--format",
+            help="vtk for ParaView, tiff for Fiji, ome-zarr for napari, spam, dem, mechanics; repeat it for several",
+        ),
     ],
     about: Annotated[
         SpamPoint | None,
-        typer.Option("--about", help="spam: displacement of the label's centroid, or of its bounding box' middle"),
+        typer.Option(
+            "--about", help="spam: displacement of the label's centroid, or of the middle of its bounding box"
+        ),
     ] = None,
     execution: Execution,
     checks: Checks,
 ) -> None:
-    """Write the motions for other software (the word `files` may be left out); missing stages are done first."""
+    """Write files for other software; the word `files` may be left out. Stages that are missing are done first.
+
+    Example: grainmotion export experiment.toml --format vtk --format tiff
+    """
     changes = {} if about is None else {"spam_about": about.value}
     wanted = _with_exports(read(paths.file), [f.value for f in format], **changes)
     with prepared(wanted, execution, checks) as (experiment, options):
@@ -91,7 +99,12 @@ def files(
 
 @add_command
 def mechanics(paths: Paths, *, execution: Execution, checks: Checks) -> None:
-    """Write strains, contacts, fabric and void ratios of the reference and of each state (table `mechanics`)."""
+    """Write strains, contacts, fabric and void ratios of the reference and of each state.
+
+    The table mechanics of the experiment file has the settings.
+
+    Example: grainmotion export mechanics experiment.toml
+    """
     wanted = _with_exports(read(paths.file), ["mechanics"])
     with prepared(wanted, execution, checks) as (experiment, options):
         result = gm.run(experiment, out=paths.out, **options)
@@ -101,7 +114,12 @@ def mechanics(paths: Paths, *, execution: Execution, checks: Checks) -> None:
 
 @add_command
 def dem(paths: Paths, *, options: DemOptions, execution: Execution, checks: Checks) -> None:
-    """Write each grain as a rigid body for DEM codes: STL, level set, clump, harmonics, inertia, poses, velocities."""
+    """Write each grain as a rigid body for DEM codes: STL, level set, clump, harmonics, inertia, poses, velocities.
+
+    The table dem of the experiment file has the settings; options replace them.
+
+    Example: grainmotion export dem experiment.toml --shapes stl,clump --spheres 40
+    """
     experiment = _with_exports(read(paths.file), ["dem"])
     settings = _dem_settings(experiment.tables.dem, options)
     tables = experiment.tables.model_copy(update={"dem": settings})

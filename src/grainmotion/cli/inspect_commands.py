@@ -34,7 +34,12 @@ Terminal = Annotated[bool, typer.Option("--terminal", help="draw the first radio
 
 
 def inspect(file: Target, *, picture: Picture = None, terminal: Terminal = False, strict: Strict = False) -> None:
-    """Say what is in a file or folder, and draw source, panel, axis and radiographs: up, and the sense of rotation."""
+    """Say what is in a file or folder, and draw its scan: source, panel, axis, radiographs, up and sense of rotation.
+
+    Example: grainmotion inspect scan.xtekct --terminal
+
+    Example: grainmotion inspect experiment.toml
+    """
     from grainmotion.experiment.volume_contents import describe_volume
     from grainmotion.io.volumes.find import is_volume
 
@@ -53,7 +58,10 @@ def init(
     *,
     force: Annotated[bool, typer.Option("--force", help="replace an experiment file that is there")] = False,
 ) -> None:
-    """Write a commented experiment file from a folder with a full scan and folders of later radiographs."""
+    """Write a commented experiment file from a folder with a full scan and folders of later radiographs.
+
+    Example: grainmotion init measurements
+    """
     from grainmotion.experiment.first_draft import draft_experiment
     from grainmotion.experiment.folder_contents import folder_contents
     from grainmotion.experiment.inputs import find_inputs

@@ -12,8 +12,10 @@ from grainmotion.cli.options import Checks, Execution, OnDevice, Paths
 from grainmotion.cli.stages import prepared, read
 
 Every = Annotated[float, typer.Option("--every", help="seconds between two looks at the folders")]
-Until = Annotated[int | None, typer.Option("--until", help="end once so many states are tracked")]
-StopAfter = Annotated[float | None, typer.Option("--stop-after", help="end after so many seconds without a new file")]
+Until = Annotated[int | None, typer.Option("--until", help="end once this many states are tracked")]
+StopAfter = Annotated[
+    float | None, typer.Option("--stop-after", help="end after this many seconds without a new or changed file")
+]
 
 
 def watch(
@@ -26,7 +28,10 @@ def watch(
     execution: Execution,
     checks: Checks,
 ) -> None:
-    """Track each state as soon as its radiographs are complete, with a live page; Ctrl-C ends it."""
+    """Track each state as soon as its radiographs are complete, with a live page; Ctrl-C ends it.
+
+    Example: grainmotion watch experiment.toml --stop-after 3600
+    """
     from grainmotion.workflow.watch import WatchSettings
     from grainmotion.workflow.watch import watch as watch_states
 
