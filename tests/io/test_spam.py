@@ -143,7 +143,7 @@ class TestBadInput:
                 "Zpos is 'two' in row 1",
             ),
             ("\t".join(DDIC_COLUMNS) + "\n" + 2 * ("\t".join(["1"] * 22) + "\n"), "given twice"),
-            ("\x00\x01", "missing|no table"),
+            ("\x00\x01", r"first line begins with .*lacks the columns|no table"),
         ],
     )
     def test_other_tables_are_refused(self, tmp_path, text, fact):
@@ -154,6 +154,73 @@ class TestBadInput:
         with pytest.raises(InputError, match=fact) as error:
             read_ddic_tsv(tmp_path / "bad.tsv", GRID)
         assert "bad.tsv" in str(error.value)
+
+    @pytest.mark.parametrize(
+        ("change", "message"),
+        [
+            (lambda t: t.replace("\t", ","), "its columns are separated by ',', and those of spam by tabs"),
+            (lambda t: t.replace("\t", ";").replace(".", ","), "its columns are separated by ';'"),
+            (lambda t: t.replace("\t", "  "), "its columns are separated by ' '"),
+            (lambda t: "# made by hand\n" + t, "its first line begins with '# made by hand', and lacks"),
+            (lambda t: t.replace(".", ","), "Label is '0,0000000' in row 1; save it with decimal points, not commas"),
+            (lambda t: t.splitlines()[0] + "\n", "it holds no row: it is truncated"),
+            (lambda t: t.replace("\n2.0000000\t", "\n2.0000001\t"), r"Label is 2\.0000001 in row 3"),
+        ],
+    )
+    def test_tables_that_other_programs_have_saved(self, tmp_path, motions, change, message):
+        write_ddic_tsv(tmp_path / "a.tsv", motions, GRID)
+        (tmp_path / "b.tsv").write_text(change((tmp_path / "a.tsv").read_text()))
+        with pytest.raises(InputError, match=message) as error:
+            read_ddic_tsv(tmp_path / "b.tsv", GRID)
+        assert "\n" not in str(error.value)
+
+    @pytest.mark.parametrize(
+        "change",
+        [
+            lambda t: t.replace("\n", "\r\n"),
+            lambda t: t.replace("\n", "\r"),
+            lambda t: "\ufeff" + t,
+            lambda t: t.replace("\n", "\n\n"),
+            lambda t: t.replace("\n", "\t\n"),  # a tab at the end of each line
+            lambda t: t.replace("\n", "\t\n").replace("\t\n", "\n", 1),  # of each row, but not of the header
+            lambda t: t.replace("\t", " \t "),
+            lambda t: t.replace("nan", "NaN"),
+            lambda t: t.replace("nan", "-nan(ind)"),
+            lambda t: "\n".join([t.splitlines()[0], *reversed(t.splitlines()[1:])]),
+        ],
+        ids=[
+            "Windows",
+            "old Mac",
+            "byte order mark",
+            "empty lines",
+            "tabs",
+            "tabs of rows",
+            "spaces",
+            "NaN",
+            "NaN of Windows",
+            "reversed",
+        ],
+    )
+    def test_harmless_changes(self, tmp_path, motions, change):
+        write_ddic_tsv(tmp_path / "a.tsv", motions, GRID)
+        (tmp_path / "b.tsv").write_bytes(change((tmp_path / "a.tsv").read_text()).encode())
+        ours, theirs = (read_ddic_tsv(tmp_path / name, GRID) for name in ("a.tsv", "b.tsv"))
+        rows = np.argsort(theirs.labels)
+        np.testing.assert_array_equal(theirs.labels[rows], ours.labels)
+        for name in ("centers", "translations", "rotations", "statuses"):
+            np.testing.assert_array_equal(getattr(theirs, name)[rows], getattr(ours, name))
+
+    def test_a_file_cut_anywhere_is_refused(self, tmp_path, motions):
+        """But for the end of a row: the label image tells which are missing then."""
+        write_ddic_tsv(tmp_path / "a.tsv", motions, GRID)
+        whole = (tmp_path / "a.tsv").read_bytes()
+        for end in range(1, len(whole) - 1, 41):
+            (tmp_path / "b.tsv").write_bytes(whole[:end])
+            columns = whole[:end].rpartition(b"\n")[2].count(b"\t") + 1
+            if columns == len(DDIC_COLUMNS + ADDED_COLUMNS) and end > len(whole.split(b"\n")[0]):
+                continue  # within the last number, which is not used
+            with pytest.raises(InputError, match=r"b\.tsv"):
+                read_ddic_tsv(tmp_path / "b.tsv", GRID)
 
     def test_label_zero_is_refused(self, tmp_path):
         with pytest.raises(InputError, match="label 0"):

@@ -19,7 +19,7 @@ from converged_motions import converged
 from grainmotion.analysis.deformed_volume import rebuild
 from grainmotion.errors import InputError
 from grainmotion.io.spam import read_ddic_tsv, write_ddic_tsv
-from grainmotion.io.spam_table import DDIC_COLUMNS
+from grainmotion.io.spam_table import DDIC_COLUMNS, GRADIENT
 from grainmotion.io.volumes.access import write_volume
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.motions import Motions
@@ -253,6 +253,82 @@ class TestDdic:
         correlate(spam_python, correlated, correlated / "again.tsv", "-skp", "-pre", "again")
         with pytest.raises(InputError, match=r"in row 3, no whole number: spam-ddic -skp"):
             read_ddic_tsv(correlated / "again-ddic.tsv", GRID)
+
+
+@pytest.fixture(scope="module")
+def searched(packing, spam_python, tmp_path_factory) -> tuple[Path, Motions]:
+    """What they write: of the sample as a whole, of each grain from there, and filtered."""
+    folder = tmp_path_factory.mktemp("search")
+    volume, labels, motions = packing
+    true = replace(motions, rotations=motions.rotations / 4)
+    moved, _ = rebuild(grains_from_labels(volume, labels), true, GRID)
+    write_volume(folder / "reference.tif", volume, labels=labels)
+    write_volume(folder / "moved.tif", moved)
+    images = folder / "reference.tif", folder / "moved.tif"
+    programs = spam_python.parent
+    run_program(programs / "spam-reg", "-bb", "1", "-be", "1", "-od", folder, "-pre", "whole", *images)
+    search = [programs / "spam-pixelSearch", "-np", "1", "-lab1", folder / "reference_labels.tif"]
+    turned = ["-pf", folder / "whole-registration.tsv", "-F", "all"]
+    run_program(*search, *turned, "-sr", *["-4", "4"] * 3, "-od", folder, "-pre", "each", *images)
+    correlate(spam_python, folder, folder / "each-pixelSearch.tsv", "-pre", "last")
+    return folder, true
+
+
+class TestSearch:
+    """spam-reg, spam-pixelSearch and spam-filterPhiField on a pair whose grains turned little."""
+
+    def test_a_file_of_the_whole_sample_is_refused(self, searched):
+        with pytest.raises(
+            InputError, match=r"NodeNumber.*spam-passPhiField -pf FILE -lab1 LABELS makes one of grains"
+        ):
+            read_ddic_tsv(searched[0] / "whole-registration.tsv", GRID)
+
+    def test_a_pixel_search_is_about_centroids_and_a_start(self, searched, packing):
+        folder, true = searched
+        _, labels, _ = packing
+        found = read_ddic_tsv(folder / "each-pixelSearch.tsv", GRID, labels)
+        assert set(found.statuses) == {"not-converged"}
+        assert "a guess of another program than spam-ddic, as of a pixel search" in found.reasons[0]
+        translations = recenter(found.matrices, found.translations, found.centers, true.centers)
+        np.testing.assert_allclose(translations, true.translations, atol=0.75 * GRID.voxel_size)  # whole voxels
+        header = (folder / "each-pixelSearch.tsv").read_text().split("\n")[0].split("\t")
+        assert {"pixelSearchCC", "returnStatus"} <= set(header)
+        assert not {"PSCC", "LabelDilate"} & set(header)
+
+    def test_spam_ddic_started_from_it_finds_the_motions(self, searched, packing):
+        folder, true = searched
+        found = read_ddic_tsv(folder / "last-ddic.tsv", GRID, packing[1])
+        assert set(found.statuses) == {"converged"}
+        translations = recenter(found.matrices, found.translations, found.centers, true.centers)
+        np.testing.assert_allclose(translations, true.translations, atol=0.05 * GRID.voxel_size)
+
+    def test_written_again_it_is_the_same(self, searched, packing, tmp_path):
+        """spam's file, read by us, written by us, read by spam's own reader: each number of a grain."""
+        _, labels, _ = packing
+        table = pd.read_csv(searched[0] / "last-ddic.tsv", sep="\t").loc[list(LABELS)]
+        write_ddic_tsv(
+            tmp_path / "a.tsv", read_ddic_tsv(searched[0] / "last-ddic.tsv", GRID, labels), GRID, labels, about="box"
+        )
+        ours = pd.read_csv(tmp_path / "a.tsv", sep="\t").loc[list(LABELS)]
+        for column in DDIC_COLUMNS[:7]:
+            np.testing.assert_allclose(ours[column], table[column], atol=2e-6, err_msg=column)
+        theirs, back = (t[list(GRADIENT)].to_numpy().reshape(-1, 3, 3) for t in (table, ours))
+        stretch = np.linalg.inv(back) @ theirs  # the rotation of F is kept, and no strain
+        np.testing.assert_allclose(stretch, stretch.swapaxes(1, 2), atol=2e-6)
+        np.testing.assert_array_equal(ours["returnStatus"], table["returnStatus"])
+
+    def test_a_filtered_file_keeps_the_boxes_of_its_source(self, searched, packing, spam_python):
+        """One of three was bad and is interpolated; the others keep their displacement: name the point by `about`."""
+        folder, _ = searched
+        table = pd.read_csv(folder / "last-ddic.tsv", sep="\t")
+        table.loc[2, "returnStatus"] = -1
+        table.to_csv(folder / "bad.tsv", sep="\t", index=False, na_rep="nan")
+        options = "-srs", "-srst", "1", "-cint", "-F", "no", "-nn", "2", "-np", "1"
+        run_program(spam_python.parent / "spam-filterPhiField", "-pf", folder / "bad.tsv", *options, "-od", folder)
+        source = read_ddic_tsv(folder / "last-ddic.tsv", GRID, packing[1])
+        filtered = read_ddic_tsv(folder / "bad-filtered.tsv", GRID, packing[1], about="box")
+        assert list(filtered.statuses) == ["converged", "not-converged", "converged"]
+        np.testing.assert_allclose(filtered.translations[[0, 2]], source.translations[[0, 2]], atol=1e-6)
 
 
 def test_files_of_other_programs_are_about_centroids(tmp_path, packing, spam_python):

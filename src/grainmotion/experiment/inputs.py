@@ -110,9 +110,12 @@ def start_in_file(folder: Path, table: StateTable, grid: Volume) -> Motions | No
         raise InputError(f"states.{table.name}.initial_about", fact, "leave it out")
     if initial in ("previous", "reference"):
         return None
-    if initial.endswith(".tsv"):
-        return read_ddic_tsv(folder / initial, grid, about=table.initial_about)
-    return read_motions(folder / initial)
+    try:
+        if initial.endswith(".tsv"):
+            return read_ddic_tsv(folder / initial, grid, about=table.initial_about)
+        return read_motions(folder / initial)
+    except InputError as error:
+        raise InputError(f"{error.where} (states.{table.name}.initial)", error.fact, error.remedy) from error
 
 
 def check_plausible(key: str, geometry: Geometry, grid: Volume) -> None:

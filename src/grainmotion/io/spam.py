@@ -170,13 +170,14 @@ def read_ddic_tsv(
     Raises
     ------
     InputError
-        If the file is no such table or truncated, a label is not whole or is there twice, columns were exchanged as
-        by ``spam-ddic -skp``, or the file says that its voxels have another size.
+        If the file is no such table, truncated or written with decimal commas, a label is not whole or is there twice,
+        columns were exchanged as by ``spam-ddic -skp``, or the file says that its voxels have another size.
     """
     spam_table.check_about(about)
     table = spam_table.read_table(path)
     spam_table.check_voxel_size(path, table, grid.voxel_size)
     box = spam_table.point_of(table, about) == "box"
+    correlated = bool(table.attrs["written by spam-ddic"])
     table = table[(table["Label"] > 0) & table[list(POSITION)].notna().all(axis=1)]
     n, h = len(table), grid.voxel_size
     numbers = table["Label"].to_numpy(np.int64)
@@ -208,7 +209,7 @@ def read_ddic_tsv(
         residuals=table["error"].to_numpy(float),
         iterations=table["iterations"].to_numpy(np.int64),
         reasons=tuple(
-            fault or ("" if c else spam_table.meaning(int(r)))
+            fault or ("" if c else spam_table.meaning(int(r), correlated=correlated))
             for c, r, (fault, _) in zip(converged, returned, faults, strict=True)
         ),
     )

@@ -14,6 +14,8 @@ What spam 0.9.1 writes, found by running it:
 
 from __future__ import annotations
 
+import re
+import warnings
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Literal, get_args
@@ -58,8 +60,17 @@ RETURN_MEANINGS = {
 }
 """What spam's ``returnStatus`` says of a grain."""
 
+NOT_CORRELATED = "is a guess of another program than spam-ddic, as of a pixel search or an interpolation"
+"""What 1 says in files of spam's other programs."""
+TSV_WANTED = "give the …-ddic.tsv that spam-ddic writes"
+NOT_A_NUMBER = ("nan", "NAN", "-nan(ind)", "nan(ind)")
+"""How programs write NaN, beside what pandas knows."""
+
+MAX_ROW_BYTES = 65_536
+"""Bytes at the end of a file that hold its last row."""
 MAX_VOXEL_SIZE_ERROR = 1e-3
 """Relative difference of voxel sizes from which a file is one of another volume."""
+_DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+(e[-+]?\d+)?", re.IGNORECASE)
 WHOLE_COLUMNS = ("iterations", "LabelDilate", "returnStatus")
 """Columns of whole numbers, which are no longer such when columns were exchanged."""
 
@@ -70,42 +81,61 @@ def check_about(about: str | None) -> None:
         raise InputError("about", f"'{about}' is no point of a grain", "give 'centroid' or 'box'")
 
 
-def meaning(returned: int) -> str:
-    """What a return status says, as the reason of a grain."""
-    known = RETURN_MEANINGS.get(returned)
+def meaning(returned: int, *, correlated: bool) -> str:
+    """What a return status says, as the reason of a grain, in a file of spam-ddic or of spam's other programs."""
+    known = NOT_CORRELATED if returned == 1 and not correlated else RETURN_MEANINGS.get(returned)
     return f"spam returned status {returned}" + (f": {known}" if known else "")
 
 
 def read_table(path: str | Path) -> pd.DataFrame:
     """The table of a file, all columns that are used as numbers; those that some programs leave out as NaN or 0."""
     path = checked_file(path)
-    remedy = "give the …-ddic.tsv that spam-ddic writes"
     try:
-        table = pd.read_csv(path, sep="\t", na_values=["nan"])
+        with warnings.catch_warnings():  # an empty column without a name, as of a tab at the ends of lines
+            warnings.simplefilter("ignore", pd.errors.ParserWarning)
+            table = pd.read_csv(path, sep="\t", na_values=NOT_A_NUMBER, index_col=False, skipinitialspace=True)
     except (ValueError, UnicodeDecodeError) as error:
-        raise InputError(str(path), f"it is no table ({' '.join(str(error).split())})", remedy) from error
+        raise InputError(str(path), f"it is no table ({' '.join(str(error).split())})", TSV_WANTED) from error
+    table.columns = table.columns.str.strip()
     if "NodeNumber" in table.columns:
+        remedy = "spam-passPhiField -pf FILE -lab1 LABELS makes one of grains, or give the one that spam-ddic writes"
         raise InputError(str(path), "it holds a grid of points (NodeNumber), not grains", remedy)
     needed = ("Label", *POSITION, *DISPLACEMENT, *GRADIENT, "returnStatus")
     missing = [c for c in needed if c not in table.columns]
+    if len(missing) == len(needed):
+        first = str(table.columns[0])
+        separated = next((f"'{mark}'" for mark in ",; " if len(first.split(mark)) >= len(needed)), None)
+        fact = f"its first line begins with {first[:40]!a}, and lacks the columns of spam"
+        if separated:
+            fact = f"its columns are separated by {separated}, and those of spam by tabs"
+        raise InputError(str(path), fact, TSV_WANTED)
     if missing:
-        raise InputError(str(path), f"columns {missing} are missing", remedy)
+        raise InputError(str(path), f"columns {missing} are missing", TSV_WANTED)
+    if table.empty:
+        raise InputError(str(path), "it holds no row: it is truncated", "copy it again from the source")
     optional = ("error", "iterations", "LabelDilate", *DISPLACEMENT_SD, *ROTATION_SD, ABOUT_BOX, VOXEL_SIZE)
     columns = [*needed, *(c for c in optional if c in table.columns)]
     numbers = table[columns].apply(pd.to_numeric, errors="coerce")
-    wrong = numbers.isna() & table[columns].notna()
+    wrong = numbers.isna() & table[columns].notna() & (table[columns].astype(str).apply(_stripped) != "nan")
     if wrong.to_numpy().any():
         row, column = np.argwhere(wrong.to_numpy())[0]
-        fact = f"{columns[column]} is '{table[columns].iloc[row, column]}' in row {row + 1}"
-        raise InputError(str(path), fact, "give a number")
+        text = str(table[columns].iloc[row, column])
+        comma = _DECIMAL_COMMA.fullmatch(text.strip()) is not None
+        remedy = "save it with decimal points, not commas" if comma else "give a number"
+        raise InputError(str(path), f"{columns[column]} is '{text}' in row {row + 1}", remedy)
     _check_labels(path, numbers["Label"])
     _check_ends(path, numbers["returnStatus"])
+    _check_last_row(path, len(table.columns))
     _check_whole(path, numbers)
     numbers = numbers.replace([np.inf, -np.inf], np.nan)
     for column, value in (("error", np.nan), ("iterations", 0.0)):
         numbers[column] = numbers[column].fillna(value) if column in numbers.columns else value
     numbers.attrs["written by spam-ddic"] = set(QUALITY) <= set(table.columns)
     return numbers
+
+
+def _stripped(column: pd.Series) -> pd.Series:
+    return column.str.strip()
 
 
 def point_of(table: pd.DataFrame, about: About | None) -> About:
@@ -133,13 +163,26 @@ def _check_labels(path: Path, labels: pd.Series) -> None:
     broken = (labels % 1 != 0) | (labels < 0)
     if broken.any():
         row = int(np.argmax(broken.to_numpy()))
-        raise InputError(str(path), f"Label is {labels.iloc[row]:g} in row {row + 1}", "give whole numbers from 0 on")
+        raise InputError(
+            str(path), f"Label is {labels.iloc[row]:.10g} in row {row + 1}", "give whole numbers from 0 on"
+        )
 
 
 def _check_ends(path: Path, returned: pd.Series) -> None:
     if returned.isna().any():
         row = int(np.argmax(returned.isna().to_numpy()))
         fact = f"row {row + 1} has no returnStatus: the file is truncated, or a column is shifted"
+        raise InputError(str(path), fact, "copy it again from the source")
+
+
+def _check_last_row(path: Path, columns: int) -> None:
+    """Refuse a file whose last row ends before its last column: rows below it are lost as well."""
+    with path.open("rb") as file:
+        file.seek(max(0, path.stat().st_size - MAX_ROW_BYTES))
+        lines = re.split(rb"[\r\n]+", file.read().rstrip(b"\r\n"))
+    count = lines[-1].count(b"\t") + 1
+    if count < columns:
+        fact = f"its last row has {count} of {columns} columns: the file is truncated"
         raise InputError(str(path), fact, "copy it again from the source")
 
 
