@@ -312,3 +312,18 @@ def test_truncated_and_foreign_files(tmp_path, content):
     with pytest.raises(InputError, match=r"scan\.nx") as error:
         read(tmp_path / "scan.nx")
     assert "\n" not in str(error.value)
+
+
+def test_the_file_is_opened_a_few_times_only(scan, monkeypatch):
+    path, opened = scan(), []
+    of_file = h5py.File.__init__
+
+    def count(self, name, *args, **kwargs):
+        opened.extend([name] if str(name) == str(path) else [])
+        of_file(self, name, *args, **kwargs)
+
+    monkeypatch.setattr(h5py.File, "__init__", count)
+    source = read(path)
+    assert len(opened) <= 4  # its format, its frames, the scanner's numbers, and the frames of the stack
+    source.read()
+    assert len(opened) <= 7  # and once for radiographs, flats and darks

@@ -88,3 +88,18 @@ def test_truncated_file_is_refused(folder, name, share):
     path.write_bytes(whole[: int(len(whole) * share)])
     with pytest.raises(InputError, match=path.name):
         find_stack(name, folder).info()
+
+
+def test_headers_of_all_files_are_read_once(folder, monkeypatch):
+    opened = []
+    of_file = tifffile.TiffFile.__init__
+
+    def count(self, *args, **kwargs):
+        opened.append(args)
+        of_file(self, *args, **kwargs)
+
+    monkeypatch.setattr(tifffile.TiffFile, "__init__", count)
+    stack = find_stack("proj_*.tif", folder / "a[1]")
+    assert [stack.info()[0] for _ in range(4)] == [STACK.shape] * 4
+    stack.read(np.array([3, 1]))
+    assert len(opened) == len(STACK) + 2  # two files more for the pixels

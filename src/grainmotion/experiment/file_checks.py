@@ -68,8 +68,8 @@ def _depths(key: str, stacks: dict[str, Stack | None]) -> list[Finding]:
 
 
 def _first(stack: Stack) -> Stack:
-    """The first file of a stack."""
-    return replace(stack, parts=stack.parts[:1])
+    """The first file of a stack; a stack of one file is it, and knows its header already."""
+    return stack if len(stack.parts) == 1 else replace(stack, parts=stack.parts[:1])
 
 
 def count_mismatch(key: str, table: ScanTable, radiographs: Stack, angles_deg: Float, used: int) -> InputError:

@@ -122,7 +122,7 @@ def find_scan(
             *(circle.findings if circle else ()),
         ]
         if nxtomo is not None:
-            origin = None if reference.radiographs is None else _radiographs(sources.of_reference).nxtomo
+            origin = None if reference.radiographs is None else _of_reference(sources, radiographs).nxtomo
             motors = reference.motors if table.motors is None else table.motors
             shifts = stage_shifts(key, nxtomo, origin, motors)
             geometry, found = recorded_geometry(key, nxtomo, Told(geometry, circle, views), shifts)
@@ -134,7 +134,7 @@ def find_scan(
     used = count if views is None else len(views)
     if len(geometry) != used:
         raise count_mismatch(key, table, radiographs, angles, used)
-    flats, darks = (_find_beam_images(frames, sources) for frames in (FLAT, DARK))
+    flats, darks = (_find_beam_images(frames, sources, radiographs) for frames in (FLAT, DARK))
     white_level = None
     if kind != "counts":
         flats = darks = None
@@ -187,6 +187,11 @@ def _radiographs(sources: ScanSources) -> Stack:
     return radiographs
 
 
+def _of_reference(sources: ScanSources, radiographs: Stack) -> Stack:
+    """The radiographs of the reference, which are those at hand if the scan is it."""
+    return radiographs if sources.table is sources.reference else _radiographs(sources.of_reference)
+
+
 def _without_flats(key: str, radiographs: Stack, count: int) -> InputError:
     """The error of counts without flats, with the kind that the radiographs look like."""
     found = likely_kind(radiographs.read(np.unique([0, count // 2])))
@@ -199,7 +204,7 @@ def _without_flats(key: str, radiographs: Stack, count: int) -> InputError:
     return InputError(f"{key}.flats", "it is missing", remedy)
 
 
-def _find_beam_images(frames: int, sources: ScanSources) -> Stack | None:
+def _find_beam_images(frames: int, sources: ScanSources, radiographs: Stack) -> Stack | None:
     """Flats or darks: the scan's own files or those that its scanner's file names, else the reference's."""
     name = {FLAT: "flats", DARK: "darks"}[frames]
     owners = ((sources.key, sources.table, sources.own), ("reference", sources.reference, sources.origin))
@@ -213,10 +218,12 @@ def _find_beam_images(frames: int, sources: ScanSources) -> Stack | None:
         specs = file.flats if frames == FLAT else file.darks
         if specs:
             return named_stack(key, list(specs), file.path.parent)
-        radiographs = named_stack(key, list(file.radiographs) or None, file.path.parent)
-        nxtomo = None if radiographs is None else radiographs.nxtomo
-        if radiographs is not None and nxtomo is not None and nxtomo.count(frames):
-            return radiographs.frames(frames)
+        stack = (
+            radiographs if file is sources.own else named_stack(key, list(file.radiographs) or None, file.path.parent)
+        )
+        nxtomo = None if stack is None else stack.nxtomo
+        if stack is not None and nxtomo is not None and nxtomo.count(frames):
+            return stack.frames(frames)
     return None
 
 

@@ -32,7 +32,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Stack:
-    """Images whose files are located, but not read yet."""
+    """Images whose files are located, but not read yet; headers are read once, when they are first asked for."""
 
     spec: str  # as the user wrote it, for messages
     parts: tuple[Part, ...]  # the files, in order
@@ -44,19 +44,26 @@ class Stack:
         """Paths of the files."""
         return tuple(p.path for p in self.parts)
 
-    @property
+    @cached_property
     def nxtomo(self) -> hdf5.NXtomo | None:
         """The NXtomo file, if the stack is one."""
         single = len(self.parts) == 1 and self.parts[0].key is not None
         return hdf5.read_nxtomo(self.parts[0].path) if single else None
 
+    @cached_property
+    def _infos(self) -> list[tuple[tuple[int, int, int], np.dtype]]:
+        """Shape (images, rows, columns) and type of each part."""
+        return [_info(part, self.nxtomo) for part in self.parts]
+
     def frames(self, key: int) -> Stack:
         """The flats or darks of the same NXtomo file."""
-        return Stack(self.spec, (Part(self.parts[0].path, key=key),))
+        stack = Stack(self.spec, (Part(self.parts[0].path, key=key),))
+        stack.__dict__["nxtomo"] = self.nxtomo  # read already
+        return stack
 
     def info(self) -> tuple[tuple[int, int, int], np.dtype]:
         """Shape (images, rows, columns) and type, from the files' headers."""
-        infos = [_info(p) for p in self.parts]
+        infos = self._infos
         self._check_sizes([shape for shape, _ in infos])
         for part, (_, dtype) in zip(self.parts, infos):
             if dtype.kind not in "buif":
@@ -69,7 +76,7 @@ class Stack:
         """The pixels ``(images, rows, columns)`` of all or of the chosen images, in the type of the files."""
         if chosen is not None:
             return self._read_chosen(chosen)
-        arrays = [_read(p) for p in self.parts]
+        arrays = [_read(p, self.nxtomo) for p in self.parts]
         self._check_sizes([a.shape for a in arrays])
         return arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
 
@@ -80,7 +87,7 @@ class Stack:
         for k in np.unique(owners):
             members = np.flatnonzero(owners == k)
             start = self._ends[k - 1] if k > 0 else 0
-            arrays.append(_read(self.parts[k], chosen[members] - start))
+            arrays.append(_read(self.parts[k], self.nxtomo, chosen[members] - start))
             order.append(members)
         self._check_sizes([a.shape for a in arrays])
         if len(arrays) == 1:
@@ -93,7 +100,7 @@ class Stack:
     @cached_property
     def _ends(self) -> Index:
         """Number of images up to the end of each part."""
-        return np.cumsum([_info(p)[0][0] for p in self.parts])
+        return np.cumsum([shape[0] for shape, _ in self._infos])
 
     def _check_sizes(self, shapes: Sequence[tuple[int, ...]]) -> None:
         if sum(shape[0] for shape in shapes) == 0:
@@ -135,7 +142,7 @@ def _parts(item: str, folder: Path) -> Stack:
     return Stack(item, tuple(parts), located.series, (located.note,) if located.note else ())
 
 
-def _info(part: Part) -> tuple[tuple[int, int, int], np.dtype]:
+def _info(part: Part, nxtomo: hdf5.NXtomo | None) -> tuple[tuple[int, int, int], np.dtype]:
     formats = family(part.path)
     if formats == TIFF:
         return tiff.tiff_info(part.path)
@@ -144,7 +151,7 @@ def _info(part: Part) -> tuple[tuple[int, int, int], np.dtype]:
     if formats == TXRM:
         return txrm.txrm_info(part.path, part.inner)
     if part.key is not None:
-        file = hdf5.read_nxtomo(part.path)
+        file = nxtomo or hdf5.read_nxtomo(part.path)
         return (file.count(part.key), *file.shape), file.dtype
     if part.inner is not None:
         shape, dtype = hdf5.dataset_info(part.path, part.inner)
@@ -154,10 +161,10 @@ def _info(part: Part) -> tuple[tuple[int, int, int], np.dtype]:
     return _stack_shape(part, shape), dtype
 
 
-def _read(part: Part, images: Index | None = None) -> Pixels:
+def _read(part: Part, nxtomo: hdf5.NXtomo | None, images: Index | None = None) -> Pixels:
     """All images of a part, or some of them; of .npy and HDF5 no others are read."""
     if part.key is not None:
-        return hdf5.read_nxtomo(part.path).read(part.key, images)
+        return (nxtomo or hdf5.read_nxtomo(part.path)).read(part.key, images)
     if family(part.path) == TXRM:
         return txrm.read_txrm(part.path, part.inner, images)
     if family(part.path) == TIFF:
