@@ -90,6 +90,10 @@ def offset_in_a_beam_brighter_on_one_side(scan, rng):
     return scan.having(images=lit(scan.images) + np.uint16(32768), flats=lit(scan.flats))
 
 
+def flats_of_a_shorter_exposure(scan, rng):
+    return scan.having(flats=DARK + (scan.flats - float(DARK)) / 4)
+
+
 def inverted(scan, rng):
     return scan.having(images=np.uint16(2 * BEAM + DARK) - scan.images)
 
@@ -145,6 +149,7 @@ WRONG: dict[Change, tuple[str, Level, str]] = {
     short_exposure: ("frames", Level.WARNING, "far brighter or darker"),
     offset_of_signed_numbers: ("offset", Level.ERROR, "half of the range of 16 bits"),
     offset_in_a_beam_brighter_on_one_side: ("offset", Level.ERROR, "half of the range of 16 bits"),
+    flats_of_a_shorter_exposure: ("beam-level", Level.WARNING, "brighter than the open beam"),
     inverted: ("sign", Level.ERROR, "inverted"),
     camera_of_12_bits: ("saturation", Level.WARNING, "4095"),
     transmissions_as_line_integrals: ("kind", Level.ERROR, "look like transmission"),

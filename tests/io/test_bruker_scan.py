@@ -249,9 +249,13 @@ def test_scans_without_flat_field_correction_need_flats(tmp_path):
         ({"Scanning Trajectory": "SPIRAL"}, "SPIRAL: a trajectory that is no circle is not supported"),
         ({"Number Of Horizontal Offset Positions": 2}, "2: a scan stitched from several places of the camera"),
         ({"Object to Source (mm)": 250}, r"Object to Source \(mm\) .*: 250 is not below Camera to Source \(mm\) = 240"),
-        ({"Image Pixel Size (um)": None}, r"Image Pixel Size \(um\) .*: it is missing: the file is truncated"),
+        (
+            {"Image Pixel Size (um)": None, "Scaled Image Pixel Size (um)": None},
+            r"Image Pixel Size \(um\) .*: it is missing: the file is truncated",
+        ),
         ({"Rotation Direction": "up"}, "'UP' is unknown; CC and CW are known"),
-        ({"Filename Prefix": "others"}, "its radiographs are not beside it"),
+        ({"Reference Intensity": -5}, r"Reference Intensity .*: -5 is no count"),
+        ({"Reference Intensity": None, "Depth (bits)": 160}, r"Depth \(bits\) .*: 160 is no number of bits"),
     ],
 )
 def test_contradictory_and_truncated_logs(tmp_path, keys, message):
@@ -259,6 +263,53 @@ def test_contradictory_and_truncated_logs(tmp_path, keys, message):
         scan_of(folder_of(tmp_path, changed(FILE, **keys)))
     assert "beads.log" in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_images_of_another_name_are_not_taken(tmp_path):
+    path = folder_of(tmp_path, changed(FILE, **{"Filename Prefix": "others"}))
+    with pytest.raises(InputError, match="its radiographs are not beside it"):
+        scan_of(path)
+
+
+SYNCHROTRON = """[System]
+Scanner=Beamline
+[Acquisition]
+Optical Axis (line)=28
+Object to Source (mm)=60
+Number Of Files= 6
+Number Of Rows= 56
+Number Of Columns= 64
+Linear pixel value=0
+Scaled Image Pixel Size (um)=100
+Exposure (ms)=30
+Rotation Step (deg)=60
+Flat Field Correction=ON
+Rotation Direction=CC
+;Optics= 4x magnification
+"""
+
+
+@pytest.mark.parametrize("distance", [60, 10000001])
+def test_logs_that_beamlines_write_for_nrecon(tmp_path, distance):
+    """Without prefix, camera and pixels of the log: named as the images begin, pixels scaled (OPenT, BL20B2)."""
+    lab = LAB if distance == 60 else Lab(parallel=True, pixel=0.1)
+    write_images(tmp_path, [f"proj_{n:04d}.tif" for n in range(6)], images(lab=lab), 65535)
+    path = tmp_path / "proj_.log"
+    path.write_text(SYNCHROTRON.replace("(mm)=60", f"(mm)={distance}"))
+    scan = scan_of(path)
+    assert scan.geometry.beam == ("cone" if distance == 60 else "parallel")
+    assert scan.white_level == 65535
+    np.testing.assert_allclose(ball_images(scan.geometry), images(lab=lab), atol=1e-9)
+
+
+@pytest.mark.parametrize("pixel", ["9.0", "200.0"])
+def test_radiographs_do_not_change_with_a_camera_distance_that_is_not_told(tmp_path, pixel):
+    """An axis low on the panel, of a camera whose pixels make it nearer than the axis, or farther."""
+    text = changed(FILE, **{"Camera to Source (mm)": None, "Camera Pixel Size (um)": pixel, "Optical Axis (line)": 22})
+    scan = scan_of(folder_of(tmp_path, text, images(lab=Lab(panel_shift=(0, (56 / 2 - 22) * 0.4)))))
+    assert misfit(scan) < MAX_MISFIT
+    (note,) = (f for f in scan.findings if "by which radiographs do not change" in f.fact)
+    assert note.level is Level.NOTE
 
 
 @pytest.mark.parametrize("text", ["2023-01-01 12:00 start\n", "angle\n0\n1\n2\n", "[Acquisition]\r\nx=1\r\n"])

@@ -379,6 +379,36 @@ def test_damaged_tables_of_angles(tmp_path, text, message):
         scan_of(path)
 
 
+def test_a_file_whose_last_number_may_be_cut_is_refused(tmp_path):
+    """A copy that stopped within WhiteLevel=58500 leaves a number all the same."""
+    text = FILE[: FILE.index("8500", FILE.index("WhiteLevel")) + 2]
+    assert text.endswith("WhiteLevel=585")
+    with pytest.raises(InputError, match=r"\[XTekCT\] WhiteLevel .*: the file ends in this line, after '585'"):
+        scan_of(folder_of(tmp_path, text))
+    assert scan_of(folder_of(tmp_path, text + "00\n")).white_level == 58500
+
+
+def test_an_axis_that_was_left_to_the_reconstruction_is_doubtful(tmp_path):
+    """As in scans of CT Pro before version 4: no offset, and AutomaticCentreOfRotation is 1."""
+    old = {"ObjectOffsetX": None, "ObjectRoll": None, "ObjectTilt": None, "AutomaticCentreOfRotation": 1}
+    text = changed(FILE, **old).replace("Blanking=0", "CentreOfRotationTop=0.0\r\nCentreOfRotationBottom=0.0")
+    (finding,) = scan_of(folder_of(tmp_path, text)).findings
+    assert finding.level is Level.WARNING
+    assert "it was left to the reconstruction" in finding.fact
+    assert scan_of(folder_of(tmp_path, changed(text, CentreOfRotationTop=0.2))).findings == ()
+
+
+def test_a_missing_step_is_named_by_its_key(tmp_path):
+    with pytest.raises(InputError, match=r"angles_deg: it is missing; beads\.xtekct does not tell it: .*AngularStep"):
+        scan_of(folder_of(tmp_path, changed(FILE, AngularStep=None)))
+
+
+@pytest.mark.parametrize(("offset", "seen"), [(3.0, True), (3.4, False)])
+def test_an_axis_beside_the_panel_is_named(tmp_path, offset, seen):
+    found = scan_of(folder_of(tmp_path, changed(FILE, ObjectOffsetX=offset))).findings
+    assert any("columns beside the panel of 64 columns" in f.fact for f in found) is not seen
+
+
 def test_a_file_that_ends_before_the_axis_is_doubtful(tmp_path):
     text = FILE[: FILE.index("ObjectOffsetX")]
     assert any("the axis was taken in the middle" in f.fact for f in scan_of(folder_of(tmp_path, text)).findings)

@@ -263,6 +263,7 @@ def test_images_elsewhere_are_named(tmp_path):
         ({"number": 4}, "it describes 4 radiographs, but 6 lie in Radiographs-Test part"),
         ({"clockwise": None}, "<clockwise> of the section <Processed> is '', not True or False; add <clockwise>"),
         ({"flipV": "2"}, "<flipV> of the section <Correction> is '2', not True or False"),
+        ({"rotate": 7.5}, "<rotate> of the section <Correction> is 7.5 degrees, no quarter turns"),
         ({"pitch": "0.4 0.2"}, "pixels of 0.4 x 0.2 .* are not square"),
         ({"width_pixels": 128}, r"its Detector has \(50, 128\) pixels, but the radiographs have \(50, 64\)"),
     ],
@@ -287,6 +288,13 @@ def test_foreign_and_truncated_files(tmp_path):
         with pytest.raises(InputError, match=r"Test part\.nsipro") as error:
             reference_scan(path)
         assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("encoding", ["cp1252", "utf-8-sig", "utf-16"])
+def test_names_with_accents_in_any_encoding(tmp_path, encoding):
+    path = scan_folder(tmp_path / "scan")
+    path.write_bytes(path.read_text().replace("<Project Name>Test", "<Project Name>Zéolithe").encode(encoding))
+    assert error_of(path) < 3e-4
 
 
 def test_units_in_inches_are_doubtful(tmp_path):

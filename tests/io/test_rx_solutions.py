@@ -80,6 +80,15 @@ def test_a_scan_with_its_table_of_views(tmp_path, third, decimal):
     assert [f for f in reference_scan(path, **WHITE).findings if f.level is not Level.NOTE] == []
 
 
+@pytest.mark.parametrize("encoding", ["cp1252", "utf-8-sig", "utf-16"])
+def test_folders_with_accents_in_any_encoding(tmp_path, encoding):
+    path = scan_folder(tmp_path / "scan")
+    text = table(folder="D:\\données\\Proj\\", decimal=",")
+    (path.parent / "geom.csv").write_bytes(text.encode(encoding))
+    assert error_of(path) < 3e-4
+    assert error_of(path.parent / "geom.csv") < 3e-4
+
+
 def test_the_axis_may_point_down_in_the_table(tmp_path):
     path = scan_folder(tmp_path / "scan", y=-1)
     assert error_of(path) < 3e-4

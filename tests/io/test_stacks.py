@@ -103,3 +103,9 @@ def test_headers_of_all_files_are_read_once(folder, monkeypatch):
     assert [stack.info()[0] for _ in range(4)] == [STACK.shape] * 4
     stack.read(np.array([3, 1]))
     assert len(opened) == len(STACK) + 2  # two files more for the pixels
+
+
+def test_another_file_called_npy_is_refused(tmp_path):
+    (tmp_path / "scan.npy").write_text("[Acquisition]\nNumber Of Files=6\n")
+    with pytest.raises(InputError, match=r"scan\.npy: no file of numpy\.save, whatever its name says"):
+        find_stack("scan.npy", tmp_path).info()

@@ -24,6 +24,9 @@ BELOW_AIR = 0.05
 """Line integral below that of air of a part of the panel from which it is brighter than air can be."""
 MAX_BELOW_AIR_SHARE = 0.03
 """Share of such parts."""
+MIN_LEVEL_OF_RADIOGRAPHS = -0.3
+"""Line integral of the median pixel, sample included, of a beam that is a third brighter than in the flats; beams of
+laboratories drift by some per cent."""
 HALF_RANGE = 32768.0
 """What is added when signed 16-bit numbers are written as unsigned ones."""
 HALF_RANGE_TOLERANCE = 0.02
@@ -110,7 +113,7 @@ def scaled(kind: str, images: NDArray, flats: NDArray | None) -> str:
 def grey_value_findings(read: ReadScan) -> tuple[Finding, ...]:
     """All checks of grey values."""
     checks: tuple[Callable[[ReadScan], Iterable[Finding]], ...] = (
-        _scaled, _kind, _sign, _offset, _opaque, _pile_up, _eight_bits,
+        _scaled, _kind, _sign, _beam_scale, _offset, _opaque, _pile_up, _eight_bits,
     )  # fmt: skip
     return tuple(finding for check in checks for finding in check(read))
 
@@ -158,6 +161,21 @@ def _sign(read: ReadScan) -> Iterable[Finding]:
             f"{100 * share:.0f} % of the panel have a line integral that is lower than that of air by {BELOW_AIR:g}",
             f"check {read.key}.flats",
         )  # fmt: skip
+
+
+def _beam_scale(read: ReadScan) -> Iterable[Finding]:
+    """Radiographs that are far brighter than the open beam as a whole: another exposure, or another scale of counts."""
+    level = float(np.median(read.thinned[~read.black])) if not read.black.all() else 0.0
+    other = (finding for check in (_kind, _sign, _offset) for finding in check(read))
+    if level > MIN_LEVEL_OF_RADIOGRAPHS or next(other, None) is not None:
+        return
+    yield Finding(
+        Level.WARNING, "beam-level", read.names["radiographs"],
+        "the radiographs as a whole are brighter than the open beam: flats or the white level are of another exposure, "
+        "or of another scale",
+        f"the median pixel has {np.exp(-level):.3g} times the counts of the open beam",
+        f"check {read.key}.flats, or {read.key}.white_level",
+    )  # fmt: skip
 
 
 def _offset(read: ReadScan) -> Iterable[Finding]:

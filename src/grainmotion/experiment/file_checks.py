@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from grainmotion._typing import Float
 from grainmotion.diagnosis.angle_table import angle_findings
 from grainmotion.diagnosis.file_series import (
@@ -70,6 +72,18 @@ def _depths(key: str, stacks: dict[str, Stack | None]) -> list[Finding]:
 def _first(stack: Stack) -> Stack:
     """The first file of a stack; a stack of one file is it, and knows its header already."""
     return stack if len(stack.parts) == 1 else replace(stack, parts=stack.parts[:1])
+
+
+def axis_findings(where: str, geometry: Geometry) -> tuple[Finding, ...]:
+    """A finding if the panel does not see the rotation axis, from which all places of the sample are counted."""
+    columns = geometry.project_points([[0.0, 0.0, 0.0]])[:, 0, 1]
+    column, width = float(np.median(columns)), geometry.shape[1]
+    if not np.isfinite(column) or -0.5 <= column <= width - 0.5:
+        return ()
+    beside = -column if column < 0 else column - (width - 1)
+    fact = f"the rotation axis is seen {beside:.1f} columns beside the panel of {width} columns"
+    remedy = "check axis_offset, detector_offset and the unit of lengths, which is mm"
+    return (Finding(Level.WARNING, "sizes", where, fact, remedy=remedy),)
 
 
 def count_mismatch(key: str, table: ScanTable, radiographs: Stack, angles_deg: Float, used: int) -> InputError:

@@ -15,7 +15,7 @@ from grainmotion.diagnosis import hypotheses
 from grainmotion.diagnosis.grey_values import likely_kind
 from grainmotion.errors import InputError, InputWarning
 from grainmotion.experiment.config_errors import input_error
-from grainmotion.experiment.file_checks import count_mismatch, file_findings, told_angles_deg
+from grainmotion.experiment.file_checks import axis_findings, count_mismatch, file_findings, told_angles_deg
 from grainmotion.experiment.overridden_numbers import overridden
 from grainmotion.experiment.recorded import (
     Told,
@@ -163,7 +163,12 @@ def find_scan(
         white_level=white_level,
         saturation=table.saturation or reference.saturation,
         monitor=monitor if monitor is None or views is None else monitor[views],
-        findings=(*(told.findings if told else ()), *recorded, *file_findings(key, table, stacks, angles)),
+        findings=(
+            *(told.findings if told else ()),
+            *recorded,
+            *file_findings(key, table, stacks, angles),
+            *axis_findings(f"{key}.geometry", geometry),
+        ),
         circle=None if circle is None else circle.table,
         facts=() if told is None else (("Format", told.format), *told.facts),
     )

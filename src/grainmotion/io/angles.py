@@ -12,6 +12,7 @@ import numpy as np
 from grainmotion._typing import Float
 from grainmotion.errors import InputError
 from grainmotion.io.files import checked_file
+from grainmotion.io.formats import check_npy
 from grainmotion.io.text import read_text
 
 _DEGREES_PER_UNIT: Mapping[str, float] = MappingProxyType({
@@ -76,8 +77,9 @@ def read_angles(path: str | Path) -> Float:
 
 def _of_array(path: Path) -> Float:
     """The angles in a .npy file."""
+    check_npy(checked_file(path))
     try:
-        angles = np.load(checked_file(path), allow_pickle=False)
+        angles = np.load(path, allow_pickle=False)
     except (ValueError, EOFError, OSError) as error:
         fact = f"truncated or damaged .npy ({error})"
         raise InputError(str(path), fact, "save it again with numpy.save") from error

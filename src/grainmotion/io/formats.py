@@ -14,6 +14,7 @@ HDF5 = (".h5", ".hdf5", ".hdf", ".nxs", ".nx", ".nx5")
 FORMATS = 'give TIFF files (.tif), .png, .npy, "file.h5::/path/to/data" or one file of a scanner (.nxs, .txrm)'
 KNOWN = (TIFF, PNG, NPY, HDF5, TXRM)
 
+_NPY_START = b"\x93NUMPY"
 _LOSSY = "compressed with loss: counts are altered in blocks of 8 x 8 pixels, which no correction undoes"
 _EXPORT = "export the scan as 16-bit TIFF with the scanner's software"
 _BYTES = "bytes without a header, so that size and type of the images are unknown"
@@ -47,6 +48,15 @@ def family(path: Path) -> tuple[str, ...] | None:
     """The suffixes of the format of a file; None if it is none that can be read."""
     suffix = path.suffix.lower()
     return next((suffixes for suffixes in KNOWN if suffix in suffixes), None)
+
+
+def check_npy(path: Path) -> None:
+    """Refuse a file called .npy that numpy.save did not write."""
+    with path.open("rb") as file:
+        start = file.read(len(_NPY_START))
+    if start != _NPY_START:
+        fact = "no file of numpy.save, whatever its name says: it does not begin with \\x93NUMPY"
+        raise InputError(str(path), fact, "save the array with numpy.save, or name the file by what it is")
 
 
 def unreadable(path: Path) -> InputError:

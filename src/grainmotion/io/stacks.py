@@ -17,7 +17,7 @@ import numpy as np
 from grainmotion._typing import Index, Pixels
 from grainmotion.errors import InputError
 from grainmotion.io import hdf5, png, tiff, txrm
-from grainmotion.io.formats import FORMATS, HDF5, PNG, TIFF, TXRM, family, unreadable
+from grainmotion.io.formats import FORMATS, HDF5, PNG, TIFF, TXRM, check_npy, family, unreadable
 from grainmotion.io.locate import locate
 
 
@@ -192,6 +192,7 @@ def _stack_shape(part: Part, shape: tuple[int, ...]) -> tuple[int, int, int]:
 
 def load_npy(path: Path, mode: Literal["r"] | None) -> Pixels:
     """The array of a .npy file, mapped or in memory."""
+    check_npy(path)
     try:
         array: Pixels = np.load(path, mmap_mode=mode, allow_pickle=False)
     except (ValueError, EOFError, OSError) as error:

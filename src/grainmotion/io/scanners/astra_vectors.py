@@ -13,6 +13,7 @@ import numpy as np
 from grainmotion._typing import Beam, Float
 from grainmotion.errors import InputError
 from grainmotion.io.files import checked_file
+from grainmotion.io.formats import check_npy
 from grainmotion.io.scanners.view_panel import Panel
 from grainmotion.io.text import read_text
 from grainmotion.model.geometry import VIEW_COLUMNS, Geometry
@@ -56,8 +57,9 @@ def _check_beam(path: Path, numbers: Float, beam: Beam) -> None:
 
 
 def _of_array(path: Path) -> Float:
+    check_npy(checked_file(path))
     try:
-        array = np.load(checked_file(path), allow_pickle=False)
+        array = np.load(path, allow_pickle=False)
     except (ValueError, EOFError, OSError) as error:
         fact = f"truncated or damaged .npy ({error})"
         raise InputError(str(path), fact, "save it again with numpy.save") from error

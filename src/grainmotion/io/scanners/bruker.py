@@ -18,21 +18,20 @@ from pathlib import Path
 
 import numpy as np
 
-from grainmotion._typing import Float
 from grainmotion.errors import InputError
+from grainmotion.io.scanners.bruker_circle import ACQ, circle_of_log
 from grainmotion.io.scanners.bruker_shifts import image_shifts
-from grainmotion.io.scanners.description import CircleNumbers, ScannerFile
-from grainmotion.io.scanners.key_file import KeyFile, as_number
+from grainmotion.io.scanners.description import ScannerFile
+from grainmotion.io.scanners.key_file import COPY_FROM_SCANNER, KeyFile, as_number
 from grainmotion.io.scanners.numbered_images import numbered_images, series_of_scan, size_findings
 from grainmotion.model.finding import Finding, Level
 
-PARALLEL_FROM_MM = 1e6
-"""Object to Source by which logs of a parallel beam tell that it is one, for NRecon."""
+MAX_DEPTH = 32
+"""Bits of a pixel."""
 MAX_ROLL_PIXELS = 0.5
 """Displacement of the panel's corner by its rotation that is worth a warning."""
 MAX_CROP_SHIFT = 0.02
 """Shift of a cropped part from the middle, over its columns, from which on it is none of rounding."""
-ACQ = "Acquisition"
 _SKYSCAN_FACTS = {
     "Scanner": ("System", "Scanner", ""), "Sample": (ACQ, "Filename Prefix", ""),
     "Voltage": (ACQ, "Source Voltage (kV)", "kV"), "Current": (ACQ, "Source Current (uA)", "µA"),
@@ -57,11 +56,12 @@ def read_bruker_scan(path: Path) -> ScannerFile:
             remedy = "export it as one scan, or name the images and give the views as a CSV"
             raise InputError(keys.where(ACQ, key), f"{keys.text(ACQ, key)}: {fact} is not supported", remedy)
     count = keys.count(ACQ, "Number of Files")
-    there = numbered_images(path.parent, keys.text(ACQ, "Filename Prefix"))
+    prefix = keys.text(ACQ, "Filename Prefix")
+    there = (numbered_images(path.parent, prefix) if prefix else {}) or numbered_images(path.parent, path.stem)
     last = frozenset({count - 1} if count > 1 else ())  # some scanners count a file that they do not write
     images, series = series_of_scan(keys.where(ACQ, "Number of Files"), there, range(count), last)
     shape = keys.number(ACQ, "Number of Rows"), keys.number(ACQ, "Number of Columns")
-    circle = _circle(keys, np.array(list(images) or list(range(count))), shape[0])
+    circle, distances = circle_of_log(keys, np.array(list(images) or list(range(count))), shape)
     shifts, shift_notes = image_shifts(keys, list(images))
     white, white_notes = _white_level(keys)
     sizes = size_findings(keys.where(ACQ, "Number of Rows, Number of Columns"), images, shape)
@@ -75,32 +75,7 @@ def read_bruker_scan(path: Path) -> ScannerFile:
         mirrored=True,
         image_shifts=shifts,
         facts=keys.facts(_SKYSCAN_FACTS),
-        findings=(*series, *sizes, *white_notes, *shift_notes, *_doubts(keys, shape)),
-    )
-
-
-def _circle(keys: KeyFile, numbers: Float, rows: float | None) -> CircleNumbers:
-    """The numbers of the circle, for images with ``numbers``."""
-    size = keys.needed(ACQ, "Image Pixel Size (um)") / 1000
-    step, start = keys.needed(ACQ, "Rotation Step (deg)"), keys.number(ACQ, "Scanning Start Angle") or 0.0
-    direction = keys.text(ACQ, "Rotation Direction").upper() or "CC"
-    if direction not in ("CC", "CCW", "CW"):
-        fact = f"'{direction}' is unknown; CC and CW are known"
-        raise InputError(keys.where(ACQ, "Rotation Direction"), fact, "correct it, seen from above")
-    angles = (start + step * numbers) * (1 if direction == "CW" else -1)
-    to_axis = keys.needed(ACQ, "Object to Source (mm)")
-    if to_axis >= PARALLEL_FROM_MM:
-        return CircleNumbers(beam="parallel", pixel_size=size, first_row="top", angles_deg=angles)
-    to_axis, to_camera = keys.distances(ACQ, "Object to Source (mm)", "Camera to Source (mm)")
-    pitch, line = size * to_camera / to_axis, keys.number(ACQ, "Optical Axis (line)")
-    return CircleNumbers(
-        beam="cone",
-        source_to_axis=to_axis,
-        source_to_detector=to_camera,
-        pixel_size=pitch,
-        detector_offset=None if line is None or rows is None else (0.0, (line - rows / 2) * pitch),
-        first_row="top",
-        angles_deg=angles,
+        findings=(*series, *sizes, *distances, *white_notes, *shift_notes, *_doubts(keys, shape)),
     )
 
 
@@ -108,8 +83,13 @@ def _white_level(keys: KeyFile) -> tuple[float | None, tuple[Finding, ...]]:
     """Count of the open beam in images that are divided by flats."""
     if keys.text(ACQ, "Flat Field Correction").upper() != "ON":
         return None, ()
-    told = keys.number(ACQ, "Reference Intensity")
-    level = told or 2.0 ** (keys.number(ACQ, "Depth (bits)") or 16.0) - 1
+    told = keys.number(ACQ, "Reference Intensity") or None
+    if told is not None and told < 0:
+        raise InputError(keys.where(ACQ, "Reference Intensity"), f"{told:g} is no count", "give white_level")
+    depth = keys.number(ACQ, "Depth (bits)") or 16.0
+    if not 1 <= depth <= MAX_DEPTH:
+        raise InputError(keys.where(ACQ, "Depth (bits)"), f"{depth:g} is no number of bits", COPY_FROM_SCANNER)
+    level = told or 2.0**depth - 1
     source = "Reference Intensity" if told else "the highest that the depth allows"
     fact = f"the open beam was taken as {level:g} counts, {source}"
     remedy = "if air shows another count, give it as white_level, or see air"

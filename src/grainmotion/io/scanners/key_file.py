@@ -53,17 +53,21 @@ class KeyFile:
     sections : mapping
         From the name of a section, in lower case, to its keys, in lower case, and their texts.  A key that a section
         holds twice has its last text; keys before any section have the section "".
+    unended : (str, str), optional
+        Section and key of a last line that has no end: where a copy stopped, digits of its number are missing.
     """
 
     path: Path
     sections: Mapping[str, Mapping[str, str]]
+    unended: tuple[str, str] | None = None
 
     @classmethod
     def read(cls, path: Path) -> KeyFile:
         """Read a file; lines that are neither a section nor a key are passed over."""
         sections: dict[str, dict[str, str]] = {}
-        section = ""
-        for line in read_any_text(path).split("\n"):
+        section, unended = "", None
+        lines = read_any_text(path).split("\n")
+        for k, line in enumerate(lines):
             line = line.strip()
             if line.startswith("[") and line.endswith("]"):
                 section = line[1:-1].strip().lower()
@@ -71,7 +75,8 @@ class KeyFile:
             elif "=" in line and not line.startswith((";", "#")):
                 key, _, value = line.partition("=")
                 sections.setdefault(section, {})[key.strip().lower()] = value.strip()
-        return cls(path, sections)
+                unended = (section, key.strip().lower()) if k == len(lines) - 1 else None
+        return cls(path, sections, unended)
 
     def where(self, section: str, key: str) -> str:
         """File, section and key, for messages."""
@@ -89,6 +94,9 @@ class KeyFile:
         number = as_number(text)
         if number is None:
             raise InputError(self.where(section, key), f"'{text[:40]}' is no number", COPY_FROM_SCANNER)
+        if (section.lower(), key.lower()) == self.unended:
+            fact = f"the file ends in this line, after '{text[:40]}': digits may be missing"
+            raise InputError(self.where(section, key), fact, f"{COPY_FROM_SCANNER}, or end the line")
         return number
 
     def needed(self, section: str, key: str) -> float:

@@ -50,10 +50,7 @@ def read_nikon_scan(path: Path) -> ScannerFile:
     angles, notes = nikon_angles(keys, list(images) or list(numbers), table)
     offset, tilt = _axis(keys, to_axis / to_detector, pixel)
     detector_offset, found = _detector_offset(keys)
-    if keys.number(MAIN, "ObjectOffsetX") is None and keys.number(MAIN, "CentreOfRotationTop") is None:
-        fact = "it is missing, as is CentreOfRotationTop; the axis was taken in the middle of the panel"
-        remedy = "see whether the file is complete, or give geometry.axis_offset"
-        found += (Finding(Level.WARNING, "sizes", keys.where(MAIN, "ObjectOffsetX"), fact, remedy=remedy),)
+    found += _axis_doubts(keys, offset)
     circle = CircleNumbers(
         beam="cone",
         source_to_axis=to_axis,
@@ -76,6 +73,7 @@ def read_nikon_scan(path: Path) -> ScannerFile:
         kind="counts",
         white_level=white_level if white_level is not None and white_level > 0 else None,
         mirrored=True,
+        unclear=() if angles is not None else (("angles_deg", f"[{MAIN}] AngularStep is missing"),),
         facts=keys.facts(_NIKON_FACTS),
         findings=(*findings, *notes, *found, *sizes),
     )
@@ -110,6 +108,19 @@ def _axis(keys: KeyFile, demagnification: float, pixel: float) -> tuple[float, t
     across = float(np.hypot(axis[0], axis[1]))
     scale = np.rad2deg(np.arctan2(across, axis[2])) / across if across > 0 else 0.0
     return -offset, (float(-axis[1] * scale), float(axis[0] * scale))
+
+
+def _axis_doubts(keys: KeyFile, offset: float) -> tuple[Finding, ...]:
+    """A warning where the file leaves the place of the axis to the reconstruction."""
+    where, fact, remedy = keys.where(MAIN, "ObjectOffsetX"), "", ""
+    if keys.number(MAIN, "ObjectOffsetX") is None and keys.number(MAIN, "CentreOfRotationTop") is None:
+        fact = "it is missing, as is CentreOfRotationTop; the axis was taken in the middle of the panel"
+        remedy = "see whether the file is complete, or give geometry.axis_offset"
+    elif offset == 0 and keys.number(MAIN, "AutomaticCentreOfRotation") == 1:
+        where = keys.where(MAIN, "AutomaticCentreOfRotation")
+        fact = "1, and the axis has no offset: it was left to the reconstruction; here it is in the middle of the panel"
+        remedy = "give geometry.axis_offset if it is known; [calibrate] finds the rest"
+    return (Finding(Level.WARNING, "sizes", where, fact, remedy=remedy),) if fact else ()
 
 
 def _detector_offset(keys: KeyFile) -> tuple[tuple[float, float] | None, tuple[Finding, ...]]:

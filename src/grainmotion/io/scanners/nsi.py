@@ -70,7 +70,11 @@ def _setup(project: NsiProject, shape: tuple[int, int], pitch: float) -> tuple[R
     if (corner - source) @ normal <= 0:
         fact = "<normal> of the section <Result> points from the panel to the source, not along the beam"
         raise InputError(str(project.path), fact, "repeat the geometry calibration, or give the views as a file")
-    turns = round(project.numbers("Correction", "rotate", 1)[0] / 90) % 4
+    rotate = float(project.numbers("Correction", "rotate", 1)[0])
+    if rotate % 90:
+        fact = f"<rotate> of the section <Correction> is {rotate:g} degrees, no quarter turns"
+        raise InputError(str(project.path), fact, "turn the radiographs upright, or give the views as a file")
+    turns = round(rotate / 90) % 4
     rows, columns = shape if turns % 2 == 0 else shape[::-1]  # of the images as Correction leaves them
     center = corner + pitch * ((columns - 1) / 2 * u + (rows - 1) / 2 * v)
     up = axis if axis @ v < 0 else -axis

@@ -11,7 +11,7 @@ import numpy as np
 
 from grainmotion._typing import Float
 from grainmotion.errors import InputError
-from grainmotion.io.text import read_text
+from grainmotion.io.scanners.key_file import read_any_text
 
 _TAG = re.compile(r"<(?P<end>/?)(?P<name>[^<>/][^<>]*)>(?P<value>.*)")
 
@@ -72,7 +72,7 @@ def read_nsi_project(path: Path) -> NsiProject:
     """The values of a ``.nsipro`` file."""
     values: dict[tuple[str, str], str] = {}
     sections: list[str] = []
-    lines = [match for line in read_text(path).split("\n") if (match := _TAG.search(line))]
+    lines = [match for line in read_any_text(path).split("\n") if (match := _TAG.search(line))]
     closed = {match["name"].strip() for match in lines if match["end"]}
     for match in lines:
         name, value = match["name"].strip(), match["value"].strip()

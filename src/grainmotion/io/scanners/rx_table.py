@@ -15,7 +15,7 @@ import numpy as np
 
 from grainmotion._typing import Float
 from grainmotion.errors import InputError
-from grainmotion.io.text import read_text
+from grainmotion.io.scanners.key_file import read_any_text
 from grainmotion.model.geometry import Geometry
 
 HEADER_ROWS, NUMBERS = 2, 12
@@ -70,7 +70,7 @@ class ViewTable:
 def is_rx_table(path: Path) -> bool:
     """Whether a file is such a table, by its content."""
     try:
-        lines = read_text(path).split("\n", HEADER_ROWS + 1)
+        lines = read_any_text(path).split("\n", HEADER_ROWS + 1)
     except InputError:
         return False
     return len(lines) > HEADER_ROWS and lines[HEADER_ROWS].count(";") >= NUMBERS and "sx" not in lines[0].lower()
@@ -79,7 +79,7 @@ def is_rx_table(path: Path) -> bool:
 def read_rx_table(path: Path) -> ViewTable:
     """The rows of a ``geom.csv``."""
     images, rows = [], []
-    for k, line in enumerate(read_text(path).split("\n"), start=1):
+    for k, line in enumerate(read_any_text(path).split("\n"), start=1):
         cells = [cell.strip().strip('"') for cell in line.split(";")]
         if k <= HEADER_ROWS or not any(cells):
             continue
