@@ -1,16 +1,19 @@
 """`grainmotion inspect FILE_OR_FOLDER` and `grainmotion init FOLDER`."""
 
 import shutil
+from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
+import tifffile
 from typer.testing import CliRunner
 
 from grainmotion.cli.app import app
 from grainmotion.experiment.config import read_experiment
 from grainmotion.io.tiff import write_tiff
 from grainmotion.io.volumes.access import write_labels, write_volume
+from grainmotion.model.geometry import Geometry
 from grainmotion.model.volume import Volume
 from lab_scanner import Lab
 from nxtomo_writer import write_nxtomo
@@ -57,6 +60,20 @@ def write_data_exchange(path, lines, angles):
         size.attrs["units"] = "microns"
 
 
+def rx_scan(folder):
+    """A folder of RX Solutions with its table of views; its XML."""
+    (folder / "Proj").mkdir()
+    lab, rows = Lab(), ["Geometry", "Image"]
+    for k in range(12):
+        a = np.deg2rad(30 * k)
+        forward, right = np.array([np.cos(a), 0, np.sin(a)]), np.array([-np.sin(a), 0, np.cos(a)])  # X Y Z, Y up
+        points = [-60 * forward, 180 * forward, 180 * forward + [0, 11.2, 0], 180 * forward + 12.8 * right]
+        rows.append(f"p_{k}.tif;" + ";".join(f"{x:.6f}" for x in np.concatenate(points)))
+        write_tiff(folder / f"Proj/p_{k}.tif", np.round(60_000 * np.exp(-lab.image(-30 * k))).astype(np.uint16))
+    (folder / "geom.csv").write_text("\n".join(rows) + "\n")
+    return folder / "geom.csv"
+
+
 def invoke(*arguments, code=0):
     result = CliRunner().invoke(app, [str(a) for a in arguments])
     assert result.exit_code == code, result.output
@@ -91,8 +108,41 @@ class TestInspect:
         text = invoke("inspect", tmp_path / "scan.h5").stdout
         assert 'drawn with first_row = "top"' in text
         assert "the highest row, assumed" in text
-        assert "to be given in the experiment file, or mended: reference.geometry.first_row" in text
+        assert "to be given in the experiment file: reference.geometry.first_row" in text
         assert (tmp_path / "inspection.png").exists()
+
+    def test_a_file_without_the_open_beam_is_drawn_all_the_same(self, tmp_path):
+        """RX Solutions: all of the geometry is told, but neither flats nor the white level."""
+        path = rx_scan(tmp_path)
+        text = invoke("inspect", path).stdout
+        assert "Source to axis, to panel  60 mm, 240 mm" in text.replace("          ", "  ").replace("    ", "")
+        assert "drawn with an open beam of 60000 counts" in text
+        assert "to be given in the experiment file: reference.flats: it is missing" in text
+        assert (tmp_path / "inspection.png").exists()
+
+    def test_a_damaged_radiograph_is_an_error(self, tmp_path):
+        nikon_scan(tmp_path / "full", 12, 30)
+        image = tmp_path / "full/full_0001.tif"
+        tifffile.imwrite(image, np.full((24, 32), 50_000, np.uint16))  # its header before its pixels
+        image.write_bytes(image.read_bytes()[: image.stat().st_size // 2])
+        result = invoke("inspect", tmp_path / "full/full.xtekct", code=2)
+        assert "Nikon .xtekct" in result.stdout
+        assert "error: " in result.stderr
+        assert "truncated or damaged TIFF" in result.stderr
+        assert "not usable: " in invoke("inspect", tmp_path / "full").stdout
+
+    @pytest.mark.parametrize("suffix", [".npy", ".geom"])
+    def test_vectors_of_views_are_described(self, tmp_path, suffix):
+        views = Geometry.cone(np.arange(40) * 9.0, (6, 8), 0.4, source_to_axis=50.0, source_to_detector=200.0).vectors
+        path = tmp_path / f"views{suffix}"
+        np.save(path, views) if suffix == ".npy" else np.savetxt(path, views)
+        text = invoke("inspect", path).stdout
+        assert "40 positions of source and panel" in text
+        assert "40 from 0 to 351 degrees in steps of 9" in text
+
+    def test_the_geometry_of_rtk_is_described(self):
+        text = invoke("inspect", Path(__file__).parents[1] / "io/rtk_data/cone.xml").stdout
+        assert "positions of source and panel" in text
 
     def test_an_image_is_described(self, tmp_path):
         write_tiff(tmp_path / "a.tif", np.full((2, 20, 30), 5000, np.uint16))

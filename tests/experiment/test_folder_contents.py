@@ -9,6 +9,7 @@ from grainmotion.errors import InputError
 from grainmotion.experiment.config import read_experiment
 from grainmotion.experiment.first_draft import draft_experiment
 from grainmotion.experiment.folder_contents import folder_contents
+from grainmotion.experiment.found_scans import found_scans
 from grainmotion.experiment.inputs import find_inputs
 from grainmotion.io.geometry_csv import write_geometry
 from grainmotion.io.tiff import write_tiff
@@ -119,11 +120,13 @@ class TestDraft:
         images(tmp_path / "a", 3)
         for angle in (0, 45, 90):
             images(tmp_path / "b", 1, f"p_{angle:03d}.5deg.tif")
+            images(tmp_path / "c", 1, f"p_{angle:03d}.5.tif")
         lines = draft_experiment(folder_contents(tmp_path)).text.splitlines()
         assert (
             '# geometry = { angles_deg = "names" }  # TODO: if 0.5, 45.5, 90.5 in the files\' names are the angles'
             in lines
         )
+        assert 'geometry = { angles_deg = "names" }    # 0.5, 45.5, 90.5' in lines  # a word says what they are
         assert "# geometry = { angles_deg = [ ] }  # TODO: the angle of each of the 3" in lines
 
     def test_scans_of_one_name_get_names_of_their_own(self, tmp_path):
@@ -161,3 +164,49 @@ def test_a_file_that_another_one_includes_is_no_scan_of_its_own(tmp_path, monkey
     contents = folder_contents(Path())
     assert [name for name, _ in contents.scans] == ["unireconstruction.xml"]
     assert (contents.images, contents.tables, contents.problems) == ((), (), ())
+
+
+NIKON = "[XTekCT]\nName={}\nSrcToObject=50\nSrcToDetector=200\nDetectorPixelSizeX=0.4\nProjections={}\n" \
+        "AngularStep=9\nWhiteLevel=900\nObjectOffsetX={}\n"  # fmt: skip
+
+
+class TestScansOfOneScanner:
+    """Folders in disorder: two files of one scan, images moved away, previews, vectors of views."""
+
+    def test_a_second_file_of_the_same_radiographs_is_no_state(self, tmp_path):
+        images(tmp_path, 40, "a_{:04d}.tif")
+        (tmp_path / "a.xtekct").write_text(NIKON.format("a", 39, 0))
+        (tmp_path / "a recon.xtekct").write_text(NIKON.format("a", 39, 0.2))
+        contents = folder_contents(tmp_path)
+        assert len(contents.scans) == 1
+        assert any("it describes the same radiographs as" in problem for problem in contents.problems)
+
+    def test_images_that_were_moved_away_keep_their_scanners_file(self, tmp_path):
+        images(tmp_path / "images", 40, "a_{:04d}.tif")
+        (tmp_path / "a.xtekct").write_text(NIKON.format("a", 40, 0))
+        images(tmp_path / "step", 4, "r_{:03d}deg.tif")
+        draft = draft_experiment(folder_contents(tmp_path))
+        assert draft.todo == ()
+        (tmp_path / "experiment.toml").write_text(draft.text)
+        inputs = find_inputs(read_experiment(tmp_path / "experiment.toml"))
+        assert len(inputs.reference.geometry) == 40
+        assert inputs.reference.white_level == 900
+        assert len(inputs.states[0].geometry) == 4
+
+    def test_a_single_image_beside_radiographs_is_no_state(self, tmp_path):
+        images(tmp_path, 41, "a_{:04d}.tif")
+        (tmp_path / "a.xtekct").write_text(NIKON.format("a", 40, 0))
+        images(tmp_path, 1, "preview.tif")
+        assert [scan.spec for scan in found_scans(folder_contents(tmp_path))] == ["a.xtekct"]
+
+    @pytest.mark.parametrize("suffix", [".npy", ".geom"])
+    def test_vectors_of_views_are_no_images(self, tmp_path, suffix):
+        images(tmp_path / "scan", 40)
+        views = Geometry.cone(np.arange(40) * 9.0, PANEL, 0.4, **CIRCLE).vectors
+        np.save(tmp_path / "scan/views.npy", views) if suffix == ".npy" else np.savetxt(
+            tmp_path / "scan/views.geom", views
+        )
+        contents = folder_contents(tmp_path)
+        assert contents.tables == (f"scan/views{suffix}",)
+        assert len(contents.images) == 1
+        assert f'geometry = "scan/views{suffix}"' in draft_experiment(contents).text

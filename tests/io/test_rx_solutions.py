@@ -11,6 +11,8 @@ import tifffile
 
 from experiment_scan import reference_scan
 from grainmotion.errors import InputError
+from grainmotion.experiment.scan_files import find_scan
+from grainmotion.experiment.scan_tables import Circular, ReferenceTable, StateTable
 from grainmotion.io.scanners.identify import read_scanner_file
 from grainmotion.model.finding import Level
 from lab_scanner import Lab, ball_images
@@ -111,6 +113,35 @@ def test_every_wrong_sign_is_seen(tmp_path):
     for name, views in wrong.items():
         geometry = type(right.geometry)(views.reshape(-1, 12), right.geometry.shape)
         assert np.abs(ball_images(geometry) - images).max() > 0.1, name
+
+
+@pytest.mark.parametrize("first", [0.0, 120.0])
+def test_a_state_of_bare_images_has_the_circle_of_the_table(tmp_path, first):
+    """Only its angles are told, counted as those of the table, whose first view is anywhere on the circle."""
+    path = scan_folder(tmp_path / "scan", angles=ANGLES - first)
+    (tmp_path / "step").mkdir()
+    turns = np.array([0.0, 50.0, 200.0])
+    for k, image in enumerate(LAB.images(-turns)):
+        tifffile.imwrite(tmp_path / f"step/r_{k}.tif", np.rint(OPEN * np.exp(-image)).astype(np.uint16))
+    reference = ReferenceTable(radiographs=[str(path)], **WHITE)
+    circle = Circular(pixel_size=None, first_row=None, angles_deg=turns.tolist())
+    state = StateTable(name="step", radiographs=["step/*.tif"], geometry=circle)
+    scan = find_scan("states.step", state, reference, tmp_path)
+    assert np.abs(ball_images(scan.geometry) - scan.read()[0].line_integrals).max() < 3e-4
+
+
+def test_a_table_of_no_circle_tells_none(tmp_path):
+    """A spiral: the source climbs by a millimetre from view to view."""
+    path = scan_folder(tmp_path / "scan")
+    head, *rows = (path.parent / "geom.csv").read_text().split("\n", 2)
+    cells = [row.split(";") for row in rows[1].strip().split("\n")]
+    for k, row in enumerate(cells):
+        for column in (2, 5, 8, 11):
+            row[column] = f"{float(row[column]) + k}"
+    (path.parent / "geom.csv").write_text("\n".join([head, rows[0], *(";".join(row) for row in cells)]) + "\n")
+    file = read_scanner_file(path)
+    assert file.views is not None
+    assert file.circle.known == {}
 
 
 def test_the_table_as_geometry_of_images_elsewhere(tmp_path):

@@ -238,7 +238,7 @@ def test_a_state_beside_its_reference(tmp_path):
     images = np.rint(uneven_flat() * np.exp(-moved_axis(CENTER_SHIFT).images(angles))).astype("<u2")
     write_compound_file(tmp_path / "state.txrm", streams_of(images, angles))
     tifffile.imwrite(tmp_path / "bare.tif", images[:, ::-1], photometric="minisblack")
-    geometry = {"angles_deg": (-angles).tolist()}
+    geometry = {"angles_deg": (-angles).tolist(), "first_row": "bottom"}
     states = [
         {"name": "a", "radiographs": "state.txrm"},
         {"name": "b", "radiographs": "bare.tif", "geometry": geometry},
@@ -249,6 +249,20 @@ def test_a_state_beside_its_reference(tmp_path):
         table = StateTable.model_validate(state)
         scan = find_scan(f"states.{table.name}", table, reference, tmp_path)
         np.testing.assert_allclose(ball_images(scan.geometry), scan.read()[0].line_integrals, atol=3e-4)
+
+
+def test_rows_of_bare_images_beside_a_reference_are_asked_for(tmp_path):
+    """Zeiss's software exports TIFF with row 0 at the top, other programs as it is in the file, at the bottom."""
+    scan_file(tmp_path / "scan.txrm")
+    tifffile.imwrite(tmp_path / "bare.tif", np.full((2, 56, 64), 9000, np.uint16), photometric="minisblack")
+    states = [{"name": "b", "radiographs": "bare.tif", "geometry": {"angles_deg": [0, 90]}}]
+    tables = with_inherited_keys({"reference": {"radiographs": "scan.txrm"}, "states": states})
+    reference, state = (
+        ReferenceTable.model_validate(tables["reference"]),
+        StateTable.model_validate(tables["states"][0]),
+    )
+    with pytest.raises(InputError, match=r"states\.b\.geometry\.first_row: it is missing; scan\.txrm does not tell it"):
+        find_scan("states.b", state, reference, tmp_path)
 
 
 def test_single_radiographs(tmp_path):

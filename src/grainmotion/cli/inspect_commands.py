@@ -127,6 +127,8 @@ def _inspect_file(file: Path, picture: Path | None, *, terminal: bool, strict: b
             _show_scan(file, summary)
             if summary.first_views is not None and summary.grid is not None:
                 _draw(file.parent, picture, (summary.first_views,), summary.grid, terminal=terminal)
+            if summary.problem is not None:
+                raise summary.problem
             exit_at_errors(summary.findings)
             exit_by({}, summary.findings, strict=strict)
             return
@@ -147,6 +149,8 @@ def _inspect_folder(folder: Path, picture: Path | None, *, terminal: bool) -> No
     for name, scan in contents.scans[:MAX_SCANS_SHOWN]:
         summary = summarise_file(folder / name, scan)
         _show_scan(Path(name), summary)
+        if summary.problem is not None:
+            print(f"not usable: {summary.problem}")
         if summary.first_views is not None and summary.grid is not None:
             drawable.append((summary.views, summary.first_views, summary.grid))
     if drawable:
@@ -180,7 +184,7 @@ def _show_scan(file: Path, summary: ScanSummary) -> None:
     console.print_facts(str(file), summary.facts)
     print_findings(summary.findings)
     for line in summary.missing:
-        print(f"to be given in the experiment file, or mended: {line.strip()}")
+        print(f"to be given in the experiment file: {line.strip()}")
 
 
 def _show_rest(contents: FolderContents) -> None:

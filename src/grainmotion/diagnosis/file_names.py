@@ -84,10 +84,14 @@ class Series:
         """The fields whose numbers are not all the same."""
         return [k for k in range(self.numbers.shape[1]) if np.ptp(self.numbers[:, k]) > 0]
 
+    @property
+    def fields_with_angle_words(self) -> list[int]:
+        """The varying fields beside a word for angles."""
+        return [k for k in self.varying if _ANGLE_WORD.search(self.texts[k]) or _DEGREE_WORD.match(self.texts[k + 1])]
+
     def angle_field(self) -> int | None:
         """The field of angles: the only one with signs or decimals, or one beside a word for angles."""
-        varying = self.varying
-        worded = [k for k in varying if _ANGLE_WORD.search(self.texts[k]) or _DEGREE_WORD.match(self.texts[k + 1])]
+        varying, worded = self.varying, self.fields_with_angle_words
         if len(worded) == 1:
             return worded[0]
         if self.decimal:

@@ -18,9 +18,11 @@ from grainmotion.io.formats import HDF5, family, unreadable
 from grainmotion.io.geometry_csv import read_geometry
 from grainmotion.io.hdf5 import opened
 from grainmotion.io.motions_csv import read_motions
+from grainmotion.io.scanners.view_tables import view_file
 from grainmotion.io.spam import DDIC_COLUMNS
 from grainmotion.io.stacks import find_stack
 from grainmotion.io.text import read_text
+from grainmotion.model.geometry import Geometry
 
 MAX_IMAGES_READ = 5
 """Images from which the kind of values is judged."""
@@ -39,11 +41,13 @@ def describe_file(path: Path) -> tuple[tuple[str, str], ...]:
     """
     path = checked_file(path)
     result = describe_result(path)
+    if (table := view_file(path)) is not None:
+        return (*result, *_views(table))
     if family(path) == HDF5:
         return (*result, *(_hdf5(path) if not result else ()))
     if family(path) is not None:
         return (*result, *_images(path))
-    for describe in (_motions, _spam, _views, _angles):
+    for describe in (_motions, _spam, _csv_views, _angles):
         try:
             return (*result, *describe(path))
         except InputError:
@@ -104,11 +108,15 @@ def _spam(path: Path) -> tuple[tuple[str, str], ...]:
     return ("Motions of spam", f"{rows} labels, in voxels"), ("Use", "key initial of a state")
 
 
-def _views(path: Path) -> tuple[tuple[str, str], ...]:
-    geometry = read_geometry(path, (1, 1))
-    return ("Views", f"{len(geometry)} positions of source and panel"), (
-        "Angles",
-        angle_sentence(geometry.azimuths_deg),
+def _csv_views(path: Path) -> tuple[tuple[str, str], ...]:
+    return _views(read_geometry(path, (1, 1)))
+
+
+def _views(geometry: Geometry) -> tuple[tuple[str, str], ...]:
+    return (
+        ("Views", f"{len(geometry)} positions of source and panel"),
+        ("Angles", angle_sentence(geometry.azimuths_deg)),
+        ("Use", "key geometry of a scan"),
     )
 
 

@@ -9,17 +9,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from grainmotion.diagnosis.file_names import natural_order, stem
+from grainmotion.diagnosis.file_names import series_of, stem
 from grainmotion.errors import InputError
 from grainmotion.experiment.config import ExperimentFile
 from grainmotion.experiment.folder_contents import FolderContents, ImageSet
+from grainmotion.experiment.found_scans import FoundScan, found_scans, lacks_open_beam, missing_keys
 from grainmotion.experiment.inherited_keys import with_inherited_keys
 from grainmotion.experiment.scan_angles import IN_NAMES, RadiographFiles, scan_angles_deg
-from grainmotion.experiment.scan_files import find_scan
 from grainmotion.experiment.scan_tables import Circular, ReferenceTable
 from grainmotion.io.angles import read_angles
+from grainmotion.io.formats import TXRM, family
 from grainmotion.io.geometry_csv import read_geometry
-from grainmotion.io.scanners.description import ScannerFile
+from grainmotion.io.scanners.view_tables import view_file
 from grainmotion.io.stacks import find_stack
 
 FULL_SCAN_SHARE = 0.5
@@ -43,23 +44,8 @@ beam = "cone"                    # or "parallel", without the two distances
 # first_row = "top"              # TODO: "top" if row 0 of the images shows the top of the sample, else "bottom"
 {angles}
 """
+OPEN_BEAM_LINE = '# white_level = 60000            # TODO: count of the open beam, as air has it; or flats = "..."'
 _TODO_LINES = ('# beam = "cone"                  # TODO: or "parallel"', *CIRCLE.splitlines())
-_ABSENT_KEY = re.compile(r"geometry\.(\w+): it is missing")
-
-
-@dataclass(frozen=True, eq=False)
-class FoundScan:
-    """Radiographs of one state, as a folder holds them."""
-
-    name: str  # for the state
-    spec: str
-    count: int  # radiographs; 0 if unknown
-    file: ScannerFile | None = None  # of the scanner, if it is one
-
-    @property
-    def folder(self) -> Path:
-        """Folder of the scan, from the folder that was looked into."""
-        return Path(self.spec).parent
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +69,7 @@ def draft_experiment(contents: FolderContents, name: str = "experiment.toml") ->
     InputError
         If the folder holds no radiographs.
     """
-    scans = _scans(contents)
+    scans = found_scans(contents)
     if not scans:
         held = [s.sentence for s in contents.images[:4]] + list(contents.problems[:4])
         fact = f"it holds no radiographs{': ' if held else ''}{'; '.join(held)}"
@@ -98,11 +84,7 @@ def draft_experiment(contents: FolderContents, name: str = "experiment.toml") ->
     todo: list[str] = []
     views = None if reference.file is not None else _view_table(contents, reference)
     if reference.file is not None:
-        missing = _missing_keys(contents, reference)
-        mark = "" if missing else "# "
-        lines += ["", f"{mark}[reference.geometry]           # only what the scanner's file lacks or tells wrongly"]
-        lines += [next((line for line in _TODO_LINES if line.startswith(f"# {k} =")), f"# {k} = TODO") for k in missing]
-        todo += [f"[reference.geometry]: {', '.join(missing)}, in the lines with TODO"] if missing else []
+        lines += _told_by_scanner(contents, reference, todo)
     elif views is not None:
         lines += [f'geometry = "{views}"']
     else:
@@ -117,49 +99,21 @@ def draft_experiment(contents: FolderContents, name: str = "experiment.toml") ->
     return Draft("\n".join(lines) + "\n", tuple(todo))
 
 
-def _missing_keys(contents: FolderContents, scan: FoundScan) -> list[str]:
-    """Keys of the geometry without which the scan of a scanner's file cannot be used."""
-    table = ReferenceTable(radiographs=[scan.spec])
-    try:
-        find_scan("reference", table, table, contents.path)
-    except InputError as error:
-        return list(dict.fromkeys(_ABSENT_KEY.findall(str(error))))
-    return []
-
-
-def _scans(contents: FolderContents) -> list[FoundScan]:
-    """All scans of the folder in the order of the numbers in their paths."""
-    scans = [FoundScan(_name(spec), spec, _count(file), file) for spec, file in contents.scans]
-    radiographs = [s for s in contents.of_role("radiographs") if not _is_beside_scan(contents, s)]
-    scans += [FoundScan(_name(s.spec), s.spec, s.shape[0]) for s in radiographs]
-    return [scans[k] for k in natural_order([scan.spec for scan in scans])]
-
-
-def _is_beside_scan(contents: FolderContents, images: ImageSet) -> bool:
-    """Whether images are previews or slices of a scanner's scan: beside its radiographs, and named as they begin."""
-    first = [Path(file.radiographs[0]) for _, file in contents.scans if file.radiographs]
-    begins = [(path.parent, re.sub(r"[\d_ -]+$", "", path.stem)) for path in first]
-    place = (contents.path / images.spec).absolute()
-    return any(place.parent == folder and place.name.startswith(name) for folder, name in begins if name)
-
-
-def _count(file: ScannerFile) -> int:
-    """Number of radiographs of a scanner's file."""
-    if file.circle.angles_deg is not None:
-        return len(file.circle.angles_deg)
-    if file.views is not None:
-        return len(file.views)
-    try:
-        return find_stack(list(file.radiographs), file.path.parent).info()[0][0] if file.radiographs else 0
-    except InputError:
-        return 0
-
-
-def _name(spec: str) -> str:
-    """A name for a state: that of its folder, or of its file."""
-    folder = Path(spec).parent.name
-    name = folder or re.sub(r"[_\-. ]*\*$", "", stem(Path(spec).name)) or "state"
-    return re.sub(r'[/\\:*?"<>|\x00-\x1f]', "-", name).lstrip("_-. ") or "state"
+def _told_by_scanner(contents: FolderContents, reference: FoundScan, todo: list[str]) -> list[str]:
+    """The keys of a reference with a scanner's file: what the file lacks, and its name if the images lie elsewhere."""
+    lines, missing = list[str](), missing_keys(contents, reference)
+    told = json.dumps(reference.described_by, ensure_ascii=False) if reference.described_by else ""
+    if lacks_open_beam(contents, reference):
+        lines.append(OPEN_BEAM_LINE)
+        todo.append("[reference]: white_level, or flats")
+    if told and not missing:
+        return [*lines, f"geometry = {told}"]
+    mark = "" if missing else "# "
+    lines += ["", f"{mark}[reference.geometry]           # only what the scanner's file lacks or tells wrongly"]
+    lines += [f"file = {told}"] if told else []
+    lines += [next((line for line in _TODO_LINES if line.startswith(f"# {k} =")), f"# {k} = TODO") for k in missing]
+    todo += [f"[reference.geometry]: {', '.join(missing)}, in the lines with TODO"] if missing else []
+    return lines
 
 
 def _images(contents: FolderContents, reference: FoundScan, states: Sequence[FoundScan]) -> list[str]:
@@ -200,6 +154,8 @@ def _state(
     taken.add(name.lower())
     lines = ["[[states]]", f"name = {json.dumps(name, ensure_ascii=False)}"]
     lines.append(f"radiographs = {json.dumps(state.spec, ensure_ascii=False)}    # {_radiographs(state.count)}")
+    if state.described_by:
+        lines.append(f"geometry = {json.dumps(state.described_by, ensure_ascii=False)}")
     if state.file is None:
         for role in ("flats", "darks"):
             sets = [
@@ -215,11 +171,16 @@ def _state(
         elif angles is not None:
             lines.append(f"geometry = {{ {angles} }}")
         else:
-            named = _angles_in_names(contents, state)
+            named, sure = _angles_in_names(contents, state)
             value, what = ('"names"', f"if {named} in the files' names are the angles") if named else ("[ ]", "")
             what = what or f"the angle of each of the {state.count}"
-            lines.append(f"# geometry = {{ angles_deg = {value} }}  # TODO: {what}")
-            todo.append(f"state '{name}': the angles of its {_radiographs(state.count)}")
+            row = ', first_row = "top"' if _rows_differ(reference) else ""
+            if sure and not row:
+                lines.append(f"geometry = {{ angles_deg = {value} }}    # {named}")
+            else:
+                what += '; "top" as Zeiss exports them' if row else ""
+                lines.append(f"# geometry = {{ angles_deg = {value}{row} }}  # TODO: {what}")
+                todo.append(f"state '{name}': the angles of its {_radiographs(state.count)}")
     if state.count > FULL_SCAN_SHARE * reference.count:
         lines.append('# views = "::100"     # this state was scanned in full: choose some of its radiographs')
     return lines
@@ -228,8 +189,10 @@ def _state(
 def _view_table(contents: FolderContents, scan: FoundScan) -> str | None:
     """A file with whole positions of the views of a scan beside it, of as many views as it has."""
     for name in _tables_of(contents, scan):
+        path = contents.path / name
         try:
-            if len(read_geometry(contents.path / name, (1, 1))) == scan.count:
+            views = view_file(path) if path.suffix.lower() != ".xml" else None  # RTK's needs more keys beside it
+            if len(views or read_geometry(path, (1, 1))) == scan.count:
                 return name
         except InputError:
             continue
@@ -249,15 +212,21 @@ def _angles(contents: FolderContents, scan: FoundScan) -> str | None:
     return None
 
 
-def _angles_in_names(contents: FolderContents, scan: FoundScan) -> str:
-    """Numbers in the names of the files that may be the angles, as "0, 45, 90"; empty if there are none."""
+def _rows_differ(reference: FoundScan) -> bool:
+    """Whether images beside a reference probably have row 0 elsewhere: the rows of Zeiss's files run upwards."""
+    return reference.file is not None and family(reference.file.path) == TXRM
+
+
+def _angles_in_names(contents: FolderContents, scan: FoundScan) -> tuple[str, bool]:
+    """Numbers in the names of the files that may be the angles, as "0, 45, 90", and whether a word says so."""
     table = Circular(pixel_size=None, first_row=None, angles_deg=IN_NAMES)
     try:
         files = RadiographFiles.of(find_stack(scan.spec, contents.path))
         angles, _ = scan_angles_deg(table, contents.path, files, None)
     except InputError:
-        return ""
-    return ", ".join(f"{angle:g}" for angle in angles[:4]) + (", ..." if len(angles) > 4 else "")
+        return "", False
+    shown = ", ".join(f"{angle:g}" for angle in angles[:4]) + (", ..." if len(angles) > 4 else "")
+    return shown, len(series_of(files.names)[0].fields_with_angle_words) == 1
 
 
 def _tables_of(contents: FolderContents, scan: FoundScan) -> list[str]:

@@ -15,6 +15,7 @@ from grainmotion.io.formats import HDF5, family
 from grainmotion.io.locate import INSPECTION_PICTURE
 from grainmotion.io.scanners.description import ScannerFile
 from grainmotion.io.scanners.identify import is_described_elsewhere, is_scanner_file, read_scanner_file
+from grainmotion.io.scanners.view_tables import view_file
 from grainmotion.io.stacks import Stack, find_stack
 
 Role = Literal["radiographs", "flats", "darks"]
@@ -107,13 +108,18 @@ def folder_contents(folder: Path) -> FolderContents:
             if family(path) != HDF5:
                 problems.append(f"{name}: {error.fact}; {error.remedy}")
             continue
+        twin = next((n for n, s in scans if s.radiographs and s.radiographs == scan.radiographs), None)
+        if twin is not None:
+            problems.append(f"{name}: it describes the same radiographs as {twin}; that was taken, see which is right")
+            continue
         scans.append((name, scan))
         owned |= {p.absolute() for p in (path, *_images_of(scan))}
     files = [p for p in files if p.absolute() not in owned]
-    images = _image_sets(folder, [p for p in files if family(p) not in (None, HDF5)])
-    rest = [p for p in files if family(p) is None]
+    views = [p for p in files if _holds_views(p)]
+    images = _image_sets(folder, [p for p in files if family(p) not in (None, HDF5) and p not in views])
+    rest = [p for p in files if family(p) is None or p in views]
     names = [p.relative_to(folder).as_posix() for p in rest]
-    tables = [n for n in names if Path(n).suffix.lower() in TABLE_SUFFIXES]
+    tables = [n for p, n in zip(rest, names, strict=True) if p.suffix.lower() in TABLE_SUFFIXES or p in views]
     experiments = [n for n in names if n.endswith(".toml")]
     others = Counter(Path(n).suffix.lower() or "no suffix" for n in names if n not in (*tables, *experiments))
     order = natural_order([name for name, _ in scans])
@@ -126,6 +132,14 @@ def folder_contents(folder: Path) -> FolderContents:
         tuple(problems),
         dict(others),
     )
+
+
+def _holds_views(path: Path) -> bool:
+    """Whether a file holds ASTRA's vectors or RTK's geometry, which no table of numbers is taken for."""
+    try:
+        return view_file(path) is not None
+    except InputError:
+        return False
 
 
 def _files(folder: Path) -> list[Path]:

@@ -67,6 +67,14 @@ class ScanSources:
         return ScanSources.of("reference", self.reference, self.reference, self.folder)
 
     @property
+    def rows_of_own_images(self) -> ScannerFile | None:
+        """The reference's file if it tells the rows of the images in it alone: Zeiss's, whose exports differ."""
+        if self.origin is None or family(self.origin.path) != TXRM:
+            return None
+        why = "it tells the rows of its own images, and TIFF that Zeiss's software exports has row 0 at the top"
+        return replace(self.origin, unclear=(("first_row", why),))
+
+    @property
     def files(self) -> tuple[ScannerFile, ...]:
         """The scanner's files that tell about the pixels of this scan, the nearest first."""
         return tuple(file for file in (self.told, self.origin) if file is not None)
@@ -123,7 +131,9 @@ def find_views(sources: ScanSources, radiographs: Stack) -> tuple[Geometry, Circ
         geometry = circular_geometry(circle, beam, shape, angles)
     except InputError as error:
         where = error.where if error.where.startswith(str(sources.folder)) else f"{sources.key}.{error.where}"
-        raise InputError(where, _explained(error.where, error.fact, own), error.remedy) from error
+        raise InputError(
+            where, _explained(error.where, error.fact, own or sources.rows_of_own_images), error.remedy
+        ) from error
     found = tuple(replace(f, where=f"{sources.key}.{f.where}") for f in found)
     return _placed(geometry, own, sources.origin), CircularScan(circle, angles, found)
 
@@ -148,6 +158,8 @@ def _circle(sources: ScanSources, given: Circular | None, own: ScannerFile | Non
     numbers: dict[str, object] = dict.fromkeys(TOLD_BY_FILES)
     for file in (sources.origin, own):
         numbers |= {} if file is None else file.circle.known
+    if own is None and sources.rows_of_own_images is not None:
+        numbers["first_row"] = None
     if (beam := sources.table.beam or sources.reference.beam) is not None:
         numbers["beam"] = beam
     if told is not None:

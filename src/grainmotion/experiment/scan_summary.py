@@ -15,12 +15,15 @@ from grainmotion.experiment.scan_files import find_scan
 from grainmotion.experiment.scan_inputs import ScanInput
 from grainmotion.experiment.scan_tables import Circular, ReferenceTable
 from grainmotion.io.scanners.description import ScannerFile
+from grainmotion.io.stacks import find_stack
 from grainmotion.model.finding import Finding, Level
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.volume import Volume
 
 SAME_STEP_DEG = 1e-3
 """Steps between angles that differ by less are equal: files hold rounded angles."""
+BRIGHTEST_PIXELS_PERCENTILE = 99.0
+"""Brightest pixels of a radiograph, which see air."""
 GOLDEN_STEP_DEG = 180 * (np.sqrt(5) - 1)
 """Step of a golden-ratio scan, 222.49 degrees; modulo a half turn 42.49 or its complement."""
 
@@ -37,6 +40,8 @@ class ScanSummary:
         What is unusual in the files.
     missing : tuple of str
         What the experiment file has to give before the scan can be used; empty if nothing.
+    problem : InputError, optional
+        Why the files cannot be used.
     first_views : FirstViews, optional
         Some radiographs as line integrals, if they can be read.
     grid : Volume, optional
@@ -51,36 +56,56 @@ class ScanSummary:
     first_views: FirstViews | None = None
     grid: Volume | None = None
     views: int = 0
+    problem: InputError | None = None
 
 
 def summarise_file(path: Path, file: ScannerFile) -> ScanSummary:
     """The scan of a scanner's file; of the radiographs only some are read.
 
-    A scan that lacks nothing but ``first_row`` is drawn with row 0 at the top, and says so.
+    A scan that lacks nothing but ``first_row`` or the open beam is drawn with row 0 at the top and the brightest
+    pixels for air, and says so.
     """
-    try:
-        return summarise_scan(path.stem, ReferenceTable(radiographs=[path.name]), path.parent)
-    except InputError as error:
-        missing = tuple(str(error).splitlines())
-        if error.where.endswith("geometry.first_row"):
-            drawn = _drawn_with_row_at_top(path)
-            if drawn is not None:
-                return replace(drawn, missing=missing)
-        facts = (("Format", file.format), *_told(file), *file.facts)
-        return ScanSummary(facts, file.findings, missing)
+    table, missing, assumed = ReferenceTable(radiographs=[path.name]), list[str](), list[Finding]()
+    while True:
+        try:
+            summary = summarise_scan(path.stem, table, path.parent)
+        except InputError as error:
+            if not error.where.startswith("reference."):  # the fault of a file
+                facts = (("Format", file.format), *_told(file), *file.facts)
+                return ScanSummary(facts, file.findings, tuple(missing), problem=error)
+            missing += str(error).splitlines()
+            complete = _with_assumption(error, table, path, file)
+            if complete is None:
+                facts = (("Format", file.format), *_told(file), *file.facts)
+                return ScanSummary(facts, file.findings, tuple(missing))
+            table, note = complete
+            assumed.append(note)
+        else:
+            row = "assumed" if table.geometry is not None else ""
+            facts = tuple(
+                (label, f"{text}, {row}" if row and label == "Row 0" else text) for label, text in summary.facts
+            )
+            return replace(summary, facts=facts, findings=(*summary.findings, *assumed), missing=tuple(missing))
 
 
-def _drawn_with_row_at_top(path: Path) -> ScanSummary | None:
-    """The scan of a file that does not tell where row 0 lies, with it at the top; None if more is missing."""
-    circle = Circular(pixel_size=None, first_row="top")
-    try:
-        summary = summarise_scan(path.stem, ReferenceTable(radiographs=[path.name], geometry=circle), path.parent)
-    except InputError:
+def _with_assumption(
+    error: InputError, table: ReferenceTable, path: Path, file: ScannerFile
+) -> tuple[ReferenceTable, Finding] | None:
+    """The table with what is missing assumed, for a picture, and a note that says so; None if it cannot be assumed."""
+    if error.where == "reference.geometry.first_row" and table.geometry is None:
+        fact, remedy = 'drawn with first_row = "top"', 'if the sample stands on its head in the picture, give "bottom"'
+        changed = table.model_copy(update={"geometry": Circular(pixel_size=None, first_row="top")})
+    elif error.where == "reference.flats" and table.white_level is None and file.radiographs:
+        first = find_stack(list(file.radiographs), file.path.parent).read(np.array([0]))
+        level = float(np.percentile(first, BRIGHTEST_PIXELS_PERCENTILE))
+        if not level > 0:
+            return None
+        fact = f"drawn with an open beam of {level:g} counts, that of the brightest pixels of the first radiograph"
+        remedy = "give flats or white_level"
+        changed = table.model_copy(update={"white_level": level})
+    else:
         return None
-    fact, remedy = 'drawn with first_row = "top"', 'if the sample stands on its head in the picture, give "bottom"'
-    facts = tuple((label, f"{text}, assumed" if label == "Row 0" else text) for label, text in summary.facts)
-    note = Finding(Level.NOTE, "inspect", path.name, fact, remedy=remedy)
-    return replace(summary, facts=facts, findings=(*summary.findings, note))
+    return changed, Finding(Level.NOTE, "inspect", path.name, fact, remedy=remedy)
 
 
 def summarise_scan(name: str, table: ReferenceTable, folder: Path) -> ScanSummary:
@@ -92,7 +117,7 @@ def summarise_scan(name: str, table: ReferenceTable, folder: Path) -> ScanSummar
         If the scan cannot be used.
     """
     source = find_scan("reference", table, table, folder)
-    facts = (*source.facts[:1], *_images(source), *_places(source.geometry), *source.facts[1:])
+    facts = (*source.facts[:1], *_images(source), *_places(source.geometry, source.circle), *source.facts[1:])
     views = drawn_views(source.geometry)
     scan, _, found = source.select(views).read_checked()
     first = FirstViews(name, scan, tuple(views.tolist()))
@@ -126,6 +151,8 @@ def _same(values: Float, value: float) -> bool:
 def _told(file: ScannerFile) -> list[tuple[str, str]]:
     """The numbers of a file whose scan cannot be used yet."""
     facts = [(name.replace("_", " "), str(value)) for name, value in file.circle.known.items()]
+    if file.views is not None:
+        return _places(file.views)
     if file.circle.angles_deg is not None:
         facts.append(("Angles", angle_sentence(file.circle.angles_deg)))
     return facts
@@ -145,15 +172,17 @@ def _images(source: ScanInput) -> list[tuple[str, str]]:
     return facts
 
 
-def _places(geometry: Geometry) -> list[tuple[str, str]]:
-    """Beam, distances, pixels, angles and what departs from a perfect set-up."""
+def _places(geometry: Geometry, circle: Circular | None = None) -> list[tuple[str, str]]:
+    """Beam, distances (those of a circle as told), pixels, angles and what departs from a perfect set-up."""
     facts: list[tuple[str, str]] = [("Beam", geometry.beam)]
     row_step, column_step = geometry.pixel_sizes.mean(axis=0)
     at_axis = geometry.pixel_at((0, 0, 0))
     if geometry.beam == "cone":
-        to_axis = np.linalg.norm(geometry.source[:, :2], axis=1)
-        to_panel = np.linalg.norm(geometry.rays, axis=1)
-        facts.append(("Source to axis, to panel", f"{to_axis.mean():.6g} mm, {to_panel.mean():.6g} mm"))
+        normals = geometry.normals / np.linalg.norm(geometry.normals, axis=1, keepdims=True)
+        to_axis, to_panel = (np.abs((a * normals).sum(axis=1)) for a in (geometry.source, geometry.rays))
+        told = (None, None) if circle is None else (circle.source_to_axis, circle.source_to_detector)
+        near, far = (t or d.mean() for t, d in zip(told, (to_axis, to_panel), strict=True))
+        facts.append(("Source to axis, to panel", f"{near:.6g} mm, {far:.6g} mm"))
     steps = f"{column_step:.6g} mm" if np.isclose(row_step, column_step) else f"{column_step:.6g} x {row_step:.6g} mm"
     facts.append(("Pixel, at the axis", f"{steps}, {at_axis:.6g} mm (magnification {column_step / at_axis:.4g})"))
     behind = seen_from_behind(geometry)

@@ -26,7 +26,7 @@ from grainmotion.io.scanners.key_file import COPY_FROM_SCANNER, KeyFile, as_numb
 from grainmotion.io.scanners.numbered_images import numbered_images, series_of_scan, size_findings
 from grainmotion.model.finding import Finding, Level
 
-MAX_DEPTH = 32
+MAX_PIXEL_BITS = 32
 """Bits of a pixel."""
 MAX_ROLL_PIXELS = 0.5
 """Displacement of the panel's corner by its rotation that is worth a warning."""
@@ -87,7 +87,7 @@ def _white_level(keys: KeyFile) -> tuple[float | None, tuple[Finding, ...]]:
     if told is not None and told < 0:
         raise InputError(keys.where(ACQ, "Reference Intensity"), f"{told:g} is no count", "give white_level")
     depth = keys.number(ACQ, "Depth (bits)") or 16.0
-    if not 1 <= depth <= MAX_DEPTH:
+    if not 1 <= depth <= MAX_PIXEL_BITS:
         raise InputError(keys.where(ACQ, "Depth (bits)"), f"{depth:g} is no number of bits", COPY_FROM_SCANNER)
     level = told or 2.0**depth - 1
     source = "Reference Intensity" if told else "the highest that the depth allows"

@@ -18,6 +18,7 @@ from grainmotion.io.scanners.description import CircleNumbers, ScannerFile
 from grainmotion.io.scanners.image_series import ImageSeries, tiff_files, views_shown
 from grainmotion.io.scanners.rx_table import ViewTable, read_rx_table
 from grainmotion.io.scanners.rx_xml import likely_pixel, rx_facts, rx_number, rx_root
+from grainmotion.io.scanners.view_circle import circle_of_views
 from grainmotion.model.finding import Finding, Level
 
 MAX_DISTANCE_RATIO = 1.02
@@ -43,10 +44,12 @@ def read_rx_scan(path: Path) -> ScannerFile:
     if root is not None:
         findings += _distance_findings(path, root, table)
     shape = series.shape
+    placed = None if shape is None else table.geometry(shape)[views]
     return ScannerFile(
         path,
         RX_NAME,
-        views=None if shape is None else table.geometry(shape)[views],
+        (None if placed is None else circle_of_views(placed)) or CircleNumbers(),
+        views=placed,
         radiographs=radiographs,
         facts=() if root is None else rx_facts(root),
         findings=findings,
