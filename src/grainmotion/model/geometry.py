@@ -22,26 +22,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from grainmotion._typing import Beam, Float
 from grainmotion.errors import InputError
+from grainmotion.model.astra_geometry import ASTRA_TYPES, AstraGeometry, astra_geometry, views_of_astra
 from grainmotion.model.detector_alignment import DetectorAlignment, circular_views
-
-VIEW_COLUMNS = ("sx", "sy", "sz", "dx", "dy", "dz", "ux", "uy", "uz", "vx", "vy", "vz")
-_ASTRA = {"cone": "cone_vec", "parallel": "parallel3d_vec"}
-
-
-class AstraGeometry(TypedDict):
-    """A projection geometry of ASTRA's ``cone_vec`` or ``parallel3d_vec``."""
-
-    type: str
-    DetectorRowCount: int
-    DetectorColCount: int
-    Vectors: Float
+from grainmotion.model.panel_projection import project_onto_panels
+from grainmotion.model.view_checks import VIEW_COLUMNS, check_views
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,12 +62,12 @@ class Geometry:
         vectors = np.array(self.vectors, dtype=float, ndmin=2)
         if vectors.ndim != 2 or vectors.shape[1] != 12 or len(vectors) == 0:
             raise InputError("geometry", f"shape {vectors.shape} is not (views, 12)", f"give {','.join(VIEW_COLUMNS)}")
-        if self.beam not in _ASTRA:
+        if self.beam not in ASTRA_TYPES:
             raise InputError("beam", f"'{self.beam}' is unknown", 'use "cone" or "parallel"')
         rows, columns = (int(n) for n in self.shape)
         if rows < 1 or columns < 1:
             raise InputError("geometry", f"a panel of {self.shape} pixels", "give rows and columns >= 1")
-        _check_views(vectors, self.beam)
+        check_views(vectors, self.beam)
         vectors.setflags(write=False)
         object.__setattr__(self, "vectors", vectors)
         object.__setattr__(self, "shape", (rows, columns))
@@ -235,26 +225,7 @@ class Geometry:
         (n, m, 2) array
             Row and column, pixels; NaN for a point behind the source.
         """
-        points = np.asarray(points, dtype=float).reshape(-1, 3)
-        s, d, u, v = self.source, self.detector, self.u, self.v
-        if self.beam == "cone":
-            ray = points[None] - s[:, None]
-            start = np.broadcast_to(s[:, None], ray.shape)
-        else:
-            start = np.broadcast_to(points[None], (len(self), len(points), 3))
-            ray = np.broadcast_to(s[:, None], start.shape)
-        normal = self.normals[:, None]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            t = ((d[:, None] - start) * normal).sum(-1) / (ray * normal).sum(-1)
-        if self.beam == "cone":
-            t = np.where(t > 0, t, np.nan)
-        hit = start + t[..., None] * ray - d[:, None]
-        gram = np.stack(
-            [np.stack([(u * u).sum(-1), (u * v).sum(-1)], -1), np.stack([(u * v).sum(-1), (v * v).sum(-1)], -1)], -2
-        )
-        right = np.stack([(hit * u[:, None]).sum(-1), (hit * v[:, None]).sum(-1)], -1)
-        cr = np.linalg.solve(gram[:, None], right[..., None])[..., 0]
-        return np.stack([cr[..., 1] + (self.shape[0] - 1) / 2, cr[..., 0] + (self.shape[1] - 1) / 2], -1)
+        return project_onto_panels(self.vectors, self.shape, self.beam, points)
 
     def pixel_at(self, point: ArrayLike) -> float:
         """Size of a pixel at a point of the sample: pixel size over magnification.
@@ -323,12 +294,7 @@ class Geometry:
 
     def to_astra(self) -> AstraGeometry:
         """The projection geometry that ``astra.create_proj_geom`` makes of these views (copied)."""
-        return {
-            "type": _ASTRA[self.beam],
-            "DetectorRowCount": self.shape[0],
-            "DetectorColCount": self.shape[1],
-            "Vectors": self.vectors.copy(),
-        }
+        return astra_geometry(self.vectors, self.shape, self.beam)
 
     @classmethod
     def from_astra(cls, geometry: AstraGeometry) -> Geometry:
@@ -349,43 +315,4 @@ class Geometry:
         InputError
             If it is of another type.
         """
-        beams: dict[str, Beam] = {"cone_vec": "cone", "parallel3d_vec": "parallel"}
-        kind = geometry.get("type")
-        if kind not in beams:
-            raise InputError(
-                "ASTRA geometry", f"type '{kind}' is not one of {sorted(beams)}", "use astra.geom_2vec first"
-            )
-        shape = (geometry["DetectorRowCount"], geometry["DetectorColCount"])
-        return cls(np.asarray(geometry["Vectors"], dtype=float), shape, beams[kind])
-
-
-def _check_views(vectors: Float, beam: Beam) -> None:
-    if _are_fine(vectors, beam):
-        return
-    for i, row in enumerate(vectors):
-        where = f"geometry view {i} (row {i + 1})"
-        if not np.isfinite(row).all():
-            raise InputError(where, "it holds NaN or infinity", "give 12 finite numbers")
-        s, d, u, v = row[:3], row[3:6], row[6:9], row[9:]
-        lengths = np.linalg.norm(u), np.linalg.norm(v)
-        if min(lengths) == 0:
-            raise InputError(where, "u or v has zero length", "give the steps between columns and between rows, in mm")
-        normal = np.cross(u, v)
-        if np.linalg.norm(normal) < 1e-6 * lengths[0] * lengths[1]:
-            raise InputError(where, "u and v are parallel", "give the steps between columns and between rows, in mm")
-        ray = d - s if beam == "cone" else s
-        if abs(ray @ normal) < 1e-9 * np.linalg.norm(ray) * np.linalg.norm(normal) or not ray.any():
-            raise InputError(where, "the rays run inside the panel's plane", "check the source or direction and u, v")
-
-
-def _are_fine(vectors: Float, beam: Beam) -> bool:
-    """Whether no view is at fault, for all views at once: many geometries are made when mistakes are looked for.
-
-    A little stricter than the loop that names the view.
-    """
-    s, d, u, v = vectors[:, :3], vectors[:, 3:6], vectors[:, 6:9], vectors[:, 9:]
-    n = np.stack([u[:, 1] * v[:, 2] - u[:, 2] * v[:, 1], u[:, 2] * v[:, 0] - u[:, 0] * v[:, 2],
-                  u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]], axis=1)  # fmt: skip
-    ray = d - s if beam == "cone" else s
-    uu, vv, nn, rr, rn = ((a * b).sum(axis=1) for a, b in ((u, u), (v, v), (n, n), (ray, ray), (ray, n)))
-    return bool(np.isfinite(vectors).all() and (nn > 1.01e-12 * uu * vv).all() and (rn**2 > 1.01e-18 * rr * nn).all())
+        return cls(*views_of_astra(geometry))
