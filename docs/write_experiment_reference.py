@@ -47,8 +47,35 @@ TABLES: dict[str, type] = {
 }
 HEAD = """# The experiment file
 
-Every key, made from the program's own tables by `python docs/write_experiment_reference.py`. Paths start at the
-file's folder. Lengths in mm, angles in degrees; see [conventions](conventions.md). Any other key is an error.
+`grainmotion init FOLDER` writes a first file from a folder of measurements. This one is complete, for a circular scan in
+a cone beam:
+
+```toml
+[reference]                          # the full scan of the initial state
+radiographs = "reference/*.tif"
+flats = "flats/*.tif"
+darks = "darks/*.tif"
+
+[reference.geometry]
+source_to_axis = 120                 # mm
+source_to_detector = 480             # mm
+pixel_size = 0.2                     # mm, on the panel
+first_row = "top"                    # row 0 of the images is the top of the sample
+angles_deg = { first = 0, last = 359.5, count = 720 }
+
+[[states]]                           # one table a state, in loading order
+name = "step-01"
+radiographs = "step-01/*.tif"        # flats and darks are those of the reference unless given here
+geometry = { angles_deg = [0, 45, 90, 135] }    # so are the other numbers of the geometry
+```
+
+Other ways to give a scan are in [scanners.md](scanners.md), volumes and labels of other programs in
+[volumes.md](volumes.md), axes and signs in [conventions.md](conventions.md). A file of views has 12 numbers a row
+([conventions.md](conventions.md#a-view-is-12-numbers)).
+
+The tables below list every key; they are made from the program's own tables by
+`python docs/write_experiment_reference.py`. Paths start at the file's folder. Lengths are in mm, angles in degrees. Any
+other key is an error, which names the nearest known one.
 """
 
 

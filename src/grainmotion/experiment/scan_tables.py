@@ -130,7 +130,7 @@ class ScanTable(Table):
     saturation: float | None = Field(default=None, gt=0, description="count from which a pixel is saturated")
     motors: Literal[False] | tuple[Direction, Direction, Direction] | None = Field(
         default=None,
-        description="whither x_, y_ and z_translation of an NXtomo file carry the sample, in the lab frame "
+        description="directions in which x_, y_ and z_translation of an NXtomo file move the sample, in the lab frame "
         '(["x", "y", "z"] unless given); false: they are not used',
     )
     fixes: list[Fix] = Field(
