@@ -47,8 +47,8 @@ TABLES: dict[str, type] = {
 }
 HEAD = """# The experiment file
 
-`grainmotion init FOLDER` writes a first file from a folder of measurements. This one is complete, for a circular scan in
-a cone beam:
+`grainmotion init FOLDER` writes a first file from a folder of measurements. This one is complete, for a circular scan
+in a cone beam:
 
 ```toml
 [reference]                          # the full scan of the initial state

@@ -21,8 +21,8 @@ for the folder of each state. Lengths are in mm and angles in degrees in tables,
 
 Each file can be read without the package: tables by `pandas.read_csv`, HDF5 by `h5py`, TIFF by `tifffile`, JSON by
 `json`. Attributes of HDF5 files, the first keys of JSON files and the description of residuals.tif
-say what they hold. Tables are described by `datapackage.json`, a [Frictionless Data Package](https://datapackage.org) with type,
-unit and meaning of each column, the version and the settings of the run. In Python `Motions.to_dataframe().attrs`
+say what they hold. Tables are described by `datapackage.json`, a
+[Frictionless Data Package](https://datapackage.org) with type, unit and meaning of each column, the version and the settings of the run. In Python `Motions.to_dataframe().attrs`
 holds the same, and `grainmotion.read_results(folder)` reads a folder.
 
 | file | holds | written |
