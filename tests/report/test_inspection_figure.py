@@ -6,6 +6,7 @@ import io
 
 import numpy as np
 import pytest
+from matplotlib.text import Annotation
 
 from grainmotion.experiment.inspection import FirstViews
 from grainmotion.model.detector_alignment import DetectorAlignment
@@ -66,6 +67,24 @@ def test_images_from_behind_show_the_other_sense_of_rotation(beam: str):
     assert behind.moves_right is not d.moves_right
     assert behind.sentence.split("turns ")[1] == d.sentence.split("turns ")[1]
     assert "from behind" in behind.sentence
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("behind", [False, True])
+def test_the_set_up_is_drawn_as_it_stands_whichever_side_the_images_show(sign: int, behind: bool):
+    """From above, with the source in front, the front of a stage that turns counter-clockwise moves to the right."""
+    views = geometry(sign * ANGLES, "cone")
+    if behind:
+        views = Geometry(views.vectors * np.repeat([1, 1, -1, 1], 3), views.shape, "cone")
+    scan = Scan(np.zeros((len(ANGLES), 40, 48)), views)
+    d = DrawnScan(FirstViews.of("scan", scan), GRID)
+    figure = inspection_figure([d.first], GRID)
+    setup = figure.axes[0]
+    (arrow,) = [text for text in setup.texts if isinstance(text, Annotation) and text.arrow_patch is not None]
+    assert (arrow.xy[0] > 0) is ("counter-clockwise" in d.sentence)
+    places = {text.get_text(): text.get_position()[0] for text in setup.texts}
+    assert (places["column 0"] > places["47"]) is behind
+    assert [axes.get_title() for axes in figure.axes[1:]][1] == f"view 3, {sign * 15:.1f}°"
 
 
 @pytest.mark.parametrize("first_row", ["bottom", "top"])

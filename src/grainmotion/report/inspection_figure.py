@@ -36,7 +36,7 @@ DOTS_PER_INCH = 110
 MAX_DRAWN_PIXELS = 400
 """Rows or columns from which a radiograph is drawn from every second, third, ... pixel."""
 CAPTION = (
-    "As the experiment file has it: +z is up, and the orange point, nearest the source in view 0, moves as shown.  "
+    "As the files have it: +z is up, and the orange point, nearest the source in view 0, moves as shown.  "
     "Compare with the stage and the sample."
 )
 POINT_COLOUR, AXIS_COLOUR = LINE_COLOURS[1], LINE_COLOURS[0]
@@ -82,17 +82,26 @@ class DrawnScan:
         return None if not np.isfinite(change) or abs(change) < 1e-9 else change > 0
 
     @property
+    def behind(self) -> bool:
+        """Whether the images show the panel from behind, as it is not drawn from above."""
+        return seen_from_behind(self.scan.geometry)
+
+    @property
+    def angles_deg(self) -> Float:
+        """Angles of the views as the experiment file counts them."""
+        return stage_angles_deg(self.scan.geometry) + 180.0 * self.behind
+
+    @property
     def sentence(self) -> str:
         """Which way is up and which way the sample turns, for a reader who can look at the stage."""
         up = "row 0 is the lowest" if self.upright else "row 0 is the highest"
         if self.moves_right is None:
             return f"{self.name}: {up} row"
         side = "right" if self.moves_right else "left"
-        behind = seen_from_behind(self.scan.geometry)
-        sense = "clockwise" if self.moves_right == behind else "counter-clockwise"
+        sense = "clockwise" if self.moves_right == self.behind else "counter-clockwise"
         place = (
             "the images show the panel from behind; the source's side"
-            if behind
+            if self.behind
             else "with the source in front, the front"
         )
         return (
@@ -168,7 +177,10 @@ def _draw_radiograph(axes: Axes, drawn: DrawnScan, view: int, limits: tuple[floa
     axes.plot(point[1], point[0], "o", color=POINT_COLOUR, ms=5, mec="white", mew=0.8)
     axes.set_xlim(-0.5, columns - 0.5)
     axes.set_ylim(bottom, top)
-    axes.set_title(f"view {drawn.first.views[view]}, {drawn.scan.geometry.azimuths_deg[view]:.1f}°")
+    axes.set_title(f"view {drawn.first.views[view]}, {drawn.angles_deg[view]:.1f}°")
+    top_of_axis = ends[0][1]
+    if -0.5 <= top_of_axis <= columns - 0.5:
+        axes.annotate("axis", (top_of_axis, top), (3, -3), textcoords="offset points", color=AXIS_COLOUR, va="top")
     axes.set_xticks([0, columns - 1], ["column 0", str(columns - 1)])
     axes.set_yticks([0, rows - 1], ["row 0", str(rows - 1)])
     axes.annotate("z", (0.06, 0.94), (0.06, 0.72), "axes fraction", color="white", ha="center", va="center",
@@ -176,7 +188,10 @@ def _draw_radiograph(axes: Axes, drawn: DrawnScan, view: int, limits: tuple[floa
 
 
 def _draw_setup(axes: Axes, drawn: DrawnScan) -> None:
-    """Source, sample and panel seen from above in view 0, with the sense of rotation; not to scale."""
+    """Source, sample and panel seen from above in view 0, with the sense of rotation; not to scale.
+
+    As they stand, whichever side the images show: column 0 is drawn at the right where they are from behind.
+    """
     geometry = drawn.scan.geometry
     cone = geometry.beam == "cone"
     if cone:
@@ -187,19 +202,24 @@ def _draw_setup(axes: Axes, drawn: DrawnScan) -> None:
     else:
         for x in (-0.8, 0.0, 0.8):
             axes.annotate("", (x, -1.2), (x, -2.3), arrowprops={"arrowstyle": "->", "color": "0.4"})
-        axes.text(0, -2.6, "beam", ha="center")
+        axes.text(0, -2.5, "beam", ha="center")
     axes.add_patch(Rectangle((-1.5, 1.8), 3.0, 0.12, color="0.3"))
-    axes.text(-1.5, 2.05, "column 0", ha="left", fontsize=7.5)
-    axes.text(1.5, 2.05, str(geometry.shape[1] - 1), ha="right", fontsize=7.5)
+    left, right = ("column 0", str(geometry.shape[1] - 1))[:: -1 if drawn.behind else 1]
+    axes.text(-1.5, 2.05, left, ha="left", fontsize=7.5)
+    axes.text(1.5, 2.05, right, ha="right", fontsize=7.5)
+    axes.text(0, 2.05, "panel", ha="center", fontsize=7.5)
+    axes.text(0.86, 0.25, "sample", fontsize=7.5)
     axes.add_patch(Circle((0, 0), 0.8, fill=False, color="black"))
     axes.plot(0, 0, "+", color=AXIS_COLOUR, ms=8)
     axes.plot(0, -0.5, "o", color=POINT_COLOUR, ms=5)
     if drawn.moves_right is not None:
-        sign = 1 if drawn.moves_right else -1
+        sign = 1 if drawn.moves_right != drawn.behind else -1
         arrow = {"arrowstyle": "->", "color": POINT_COLOUR, "lw": 1.6, "connectionstyle": f"arc3,rad={0.3 * sign}"}
         axes.annotate("", (sign * 0.48, -0.12), (0, -0.5), arrowprops=arrow)
         axes.add_patch(Arc((0, 0), 1.0, 1.0, theta1=0, theta2=360, color=POINT_COLOUR, lw=0.6, ls=":"))
-    axes.set_title(f"{drawn.name}, from above\n{_distances(geometry)}")
+    seen = "\nimages show the panel from behind" if drawn.behind else ""
+    axes.set_title(f"{drawn.name}, from above\n{_distances(geometry)}{seen}", fontsize=8)
+    axes.text(0, -2.9, "not to scale", ha="center", fontsize=7.5, color="0.4")
     axes.set_xlim(-1.9, 1.9)
     axes.set_ylim(-2.9, 2.5)
     axes.set_aspect("equal")
@@ -207,9 +227,9 @@ def _draw_setup(axes: Axes, drawn: DrawnScan) -> None:
 
 
 def _distances(geometry: Geometry) -> str:
-    """Distances of source and panel from the axis in view 0, mm."""
+    """Distances from the source in view 0, mm, across the panel."""
     if geometry.beam == "parallel":
         return "parallel beam"
-    source = float(np.hypot(*geometry.source[0, :2]))
-    panel = float(np.hypot(*geometry.rays[0, :2])) - source
-    return f"source {source:.4g} mm, panel {panel:.4g} mm"
+    normal = geometry.normals[0] / np.linalg.norm(geometry.normals[0])
+    source, panel = abs(float(geometry.source[0] @ normal)), abs(float(geometry.rays[0] @ normal))
+    return f"source to axis {source:.4g}, to panel {panel:.4g} mm"
