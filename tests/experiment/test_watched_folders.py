@@ -59,9 +59,6 @@ def test_folders_within_the_results_are_left_out(tmp_path):
 @pytest.mark.parametrize(
     ("table", "name", "message"),
     [
-        ('folders = "steps/*"', "steps/_1", "_1 cannot be a state"),
-        ('folders = "steps/*"', "steps/series.h5", "a result file has this name"),
-        ('folders = "*/1"', "b/1", "the name '1' is given twice"),
         ('folders = ""', "b/1", "no pattern"),
         ('folders = "steps/*"\ncount = 0', "steps/1", "watch.count"),
         ('folders = "steps/*"\ngeometri = "a.csv"', "steps/1", "watch.geometri: unknown key"),
@@ -70,3 +67,21 @@ def test_folders_within_the_results_are_left_out(tmp_path):
 def test_what_cannot_be_is_named(tmp_path, table, name, message):
     with pytest.raises(InputError, match=message):
         states(tmp_path, f"[watch]\n{table}\n", "a/1", name)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "name", "message"),
+    [
+        ("steps/*", "steps/_1", "_1 cannot be a state: it names a folder"),
+        ("steps/*", "steps/series.h5", "a result file has this name"),
+        ("*/1", "b/1", "a state is called '1' already"),
+    ],
+)
+def test_a_folder_that_cannot_be_a_state_is_left_out_with_the_reason(tmp_path, pattern, name, message):
+    path = tmp_path / "experiment.toml"
+    path.write_text(f'{HEAD}[watch]\nfolders = "{pattern}"\ngeometry = "a.csv"\n')
+    for folder in ("steps/1", name):
+        (tmp_path / folder).mkdir(parents=True, exist_ok=True)
+    experiment = read_experiment(path)
+    assert len(experiment.tables.states) == 1
+    assert [message in sentence for sentence in experiment.left_out] == [True]

@@ -262,7 +262,7 @@ def test_a_fault_in_an_output_of_all_states_does_not_end_the_watch(folder, monke
     def faulty(*arguments):
         raise ZeroDivisionError("of a test")
 
-    monkeypatch.setattr(watching, "write_outputs_of_all_states", faulty)
+    monkeypatch.setattr("grainmotion.workflow.watch_outputs.write_outputs_of_all_states", faulty)
     looks = Looks(lambda: step(folder, "s1", (0.05, 0, 0)), *[nothing] * 5, lambda: step(folder, "s2", (0.1, 0, 0)))
     result = started(folder, looks, FOLDERS, until=2)
     assert list(result.motions) == ["s1", "s2"]

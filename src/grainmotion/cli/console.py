@@ -15,6 +15,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from grainmotion.cli import findings
@@ -169,7 +170,9 @@ def print_states(motions: dict[str, Motions]) -> None:
         u = np.linalg.norm(m.translations[m.ok_translation], axis=1)
         w = np.rad2deg(np.linalg.norm(m.rotations[m.ok_rotation], axis=1))
         medians = [f"{np.median(v):.4g}" if len(v) else "-" for v in (u, w)]
-        table.add_row(name, str(len(m)), str(int(m.ok.sum())), str(len(u)), str(len(w)), others or "-", *medians)
+        table.add_row(
+            escape(name), str(len(m)), str(int(m.ok.sum())), str(len(u)), str(len(w)), others or "-", *medians
+        )
     Console(width=None if sys.stdout.isatty() else 120).print(table)
     for name, m in motions.items():
         for sentence in scene_sentences(m.fit):
@@ -195,7 +198,7 @@ def print_comparisons(comparisons: dict[str, Comparison]) -> None:
     for name, c in comparisons.items():
         errors = f"{c.translation_rms_voxels:.4f}", f"{c.rotation_rms_deg:.4f}"
         good = str(int((~c.failed_translation).sum())), str(int((~c.failed_rotation).sum()))
-        table.add_row(name, str(len(c)), str(c.failures), *good, *errors)
+        table.add_row(escape(name), str(len(c)), str(c.failures), *good, *errors)
     Console(width=None if sys.stdout.isatty() else 120).print(table)
 
 

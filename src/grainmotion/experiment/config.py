@@ -114,11 +114,14 @@ class Experiment:
         Its content.
     of_folders : tuple of str
         Names of the states that ``[watch] folders`` gave.
+    left_out : tuple of str
+        Sentences on folders that match it and cannot be states.
     """
 
     path: Path
     tables: ExperimentFile
     of_folders: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
 
     @property
     def folder(self) -> Path:
@@ -186,13 +189,25 @@ def read_experiment(path: str | Path) -> Experiment:
         _check_states(tables)
         experiment = Experiment(path, tables)
         if tables.watch is not None:
-            found = [tables.watch.state(folder) for folder in watched_folders(experiment)]
-            experiment = experiment.with_states([*tables.states, *found])
-            experiment = dataclasses.replace(experiment, of_folders=tuple(state.name for state in found))
+            experiment = _with_folders(experiment, tables.watch)
             _check_states(experiment.tables)
     except InputError as error:
         raise InputError(f"{path}: {error.where}", error.fact, error.remedy) from error
     return experiment
+
+
+def _with_folders(experiment: Experiment, watched: WatchTable) -> Experiment:
+    """The experiment with a state for each folder that can be one."""
+    found, left_out = list[StateTable](), list[str]()
+    for folder in watched_folders(experiment):
+        try:
+            names = [state.name for state in (*experiment.tables.states, *found)]
+            found.append(watched.state(folder, names))
+        except InputError as error:
+            left_out.append(error.fact)
+    of_folders = tuple(state.name for state in found)
+    experiment = experiment.with_states([*experiment.tables.states, *found])
+    return dataclasses.replace(experiment, of_folders=of_folders, left_out=tuple(left_out))
 
 
 def watched_folders(experiment: Experiment) -> list[Path]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -178,8 +179,14 @@ class WatchTable(ScanTable):
         default=None, gt=0, description="radiographs of a complete state, where the geometry does not tell their number"
     )
 
-    def state(self, folder: Path) -> StateTable:
-        """The state of one folder."""
+    def state(self, folder: Path, taken: Sequence[str] = ()) -> StateTable:
+        """The state of one folder; ``taken`` are the names of others.
+
+        Raises an `InputError` that says why if the folder cannot be one.
+        """
+        if folder.name.lower() in [name.lower() for name in taken]:
+            fact = f"the folder {folder} is left out: a state is called '{folder.name}' already"
+            raise InputError("watch.folders", fact, "rename it")
         told = {name: getattr(self, name) for name in ScanTable.model_fields}
         for name in ("radiographs", "flats", "darks"):
             told[name] = None if told[name] is None else with_folder(told[name], folder)
@@ -194,5 +201,6 @@ class WatchTable(ScanTable):
         try:
             return StateTable(name=folder.name, **told)
         except ValidationError as error:
-            fact = f"the folder {folder} cannot be a state: {error.errors()[0]['msg']}"
+            reason = error.errors()[0]["msg"].removeprefix("Value error, ")
+            fact = f"the folder {folder} cannot be a state: {reason}"
             raise InputError("watch.folders", fact, "rename it, or narrow the pattern") from error

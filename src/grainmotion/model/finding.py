@@ -13,7 +13,7 @@ Check = Literal[
     "field-of-view", "file-series", "fit", "frames", "gain", "given-volume", "grain-scale", "grain-sizes",
     "hardening", "inspect", "kind", "labels", "monitor", "motors", "moving-sample", "new-grain", "offset", "opaque",
     "pixels", "reference-geometry", "saturation", "sense-of-rotation", "sign", "sizes", "start-file", "state-geometry",
-    "unlabelled", "views",
+    "unlabelled", "version", "views",
 ]  # fmt: skip
 """Names of all checks; docs/troubleshooting.md has a section on each."""
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from dataclasses import replace
+from importlib.metadata import version
 from pathlib import Path
 
 from grainmotion.diagnosis.hypotheses import OR_WRITE
@@ -28,6 +29,19 @@ def check_files(context: RunContext, *, states: bool) -> None:
     for source in (context.inputs.reference, *(context.inputs.states if states else ())):
         if source is not None:
             settle(context, source, source.findings)
+    if states:
+        remedy = "rename it, or narrow the pattern; all other folders are used"
+        left_out = context.experiment.left_out
+        context.add(Finding(Level.WARNING, "file-series", "watch.folders", fact, remedy=remedy) for fact in left_out)
+
+
+def check_version(context: RunContext) -> None:
+    """Tell that the results in the folder are of another version of the package, so that they are made again."""
+    before, now = context.cache.made_by, version("grainmotion")
+    if before not in ("", now):
+        fact = f"the results are of version {before}, and this is {now}: all of them are made again"
+        remedy = "install the former version to go on with them, or keep them and choose another folder with --out"
+        context.add([Finding(Level.NOTE, "version", str(context.folder), fact, remedy=remedy)])
 
 
 def check_radiographs(context: RunContext, *, states: bool) -> None:

@@ -41,8 +41,14 @@ class StageCache:
         self.folder = Path(folder)
         self._stages: dict[str, tuple[str, list[str]]] = {}
         self._hashes: dict[str, tuple[int, int, str]] = {}
+        self.made_by = ""  # version of the package that finished the last stage
+        self.read()
+
+    def read(self) -> None:
+        """Read which stages are done."""
         try:
             kept = json.loads((self.folder / STAGES_FILE).read_text())
+            self.made_by = str(kept.get("grainmotion", ""))
             self._stages = {n: (str(s["fingerprint"]), list(s["files"])) for n, s in kept["stages"].items()}
             self._hashes = {name: (int(s), int(t), str(h)) for name, (s, t, h) in kept["inputs"].items()}
         except (OSError, ValueError, KeyError, TypeError, AttributeError):

@@ -30,9 +30,10 @@ from grainmotion.model.motions import Motions
 from grainmotion.report.tables import scene_sentences
 from grainmotion.workflow.beam_level_stage import BEAM_LEVEL, level_reference
 from grainmotion.workflow.calibration_stage import CALIBRATION, calibrate_stage, calibration_findings
-from grainmotion.workflow.checks import check_files, check_radiographs, check_reference
+from grainmotion.workflow.checks import check_files, check_radiographs, check_reference, check_version
 from grainmotion.workflow.context import RunContext, check_inputs
 from grainmotion.workflow.exports import DEFORMED, REFERENCE_TIFFS, RESULT_STORES
+from grainmotion.workflow.folder_lock import only_process
 from grainmotion.workflow.given_checks import check_given, check_grains
 from grainmotion.workflow.log import STAGE_LOG, run_log
 from grainmotion.workflow.outputs import RESIDUALS, report_stage, write_outputs
@@ -115,9 +116,10 @@ def run(
         context = RunContext(experiment, inputs, folder, StageCache(folder), progress, cluster)
         check_files(context, states=with_states)
         check_inputs(context, states=with_states)
-        with run_log(folder, experiment, inputs, f"run until {until}{place}"):
+        with only_process(folder, context.cache), run_log(folder, experiment, inputs, f"run until {until}{place}"):
             for finding in context.findings:  # before there was a log
                 STAGE_LOG.info(finding.line)
+            check_version(context)
             check_radiographs(context, states=with_states)
             reconstruction = reconstructed(context)
             if until != "reconstruct":

@@ -17,14 +17,16 @@ from grainmotion.errors import InputError
 from grainmotion.experiment.config import Experiment
 from grainmotion.experiment.inputs import find_inputs
 from grainmotion.io.files import checked_folder
-from grainmotion.workflow.checks import check_files, check_radiographs
+from grainmotion.workflow.checks import check_files, check_radiographs, check_version
 from grainmotion.workflow.context import RunContext, check_inputs
+from grainmotion.workflow.folder_lock import only_process
 from grainmotion.workflow.given_checks import check_grains
 from grainmotion.workflow.log import STAGE_LOG, run_log
 from grainmotion.workflow.provenance import StageCache
 from grainmotion.workflow.reference_stages import segment_stage
 from grainmotion.workflow.run import check_formats, check_overwriting, reconstructed
-from grainmotion.workflow.watch_session import Say, WatchResult, WatchSession, WatchSettings
+from grainmotion.workflow.watch_outputs import Say
+from grainmotion.workflow.watch_session import WatchResult, WatchSession, WatchSettings
 from grainmotion.workflow.watched_states import WatchList
 
 
@@ -52,9 +54,10 @@ def watch(
         context = RunContext(experiment.with_states([]), inputs, folder, StageCache(folder), progress, cluster)
         check_files(context, states=False)
         check_inputs(context, states=False)
-        with run_log(folder, experiment, inputs, "watch"):
+        with only_process(folder, context.cache), run_log(folder, experiment, inputs, "watch"):
             for finding in context.findings:
                 STAGE_LOG.info(finding.line)
+            check_version(context)
             check_radiographs(context, states=False)
             reference = segment_stage(context, reconstructed(context))
             check_grains(context, reference)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import math
 import time
 import traceback
 from collections.abc import Callable, Iterator
@@ -14,30 +16,15 @@ from grainmotion.experiment.arrivals import complete_state
 from grainmotion.experiment.inputs import start_in_file
 from grainmotion.model.finding import Finding, worst_first
 from grainmotion.model.motions import Motions
-from grainmotion.report.watch_page import WatchPage, write_watch_page
 from grainmotion.workflow.checks import check_radiographs_of, settle
 from grainmotion.workflow.context import RunContext
-from grainmotion.workflow.exports import Exporter
 from grainmotion.workflow.log import STAGE_LOG
-from grainmotion.workflow.outputs import (
-    REPORT,
-    report_stage,
-    write_outputs_of_all_states,
-    write_reference_exports,
-    write_state_outputs,
-)
 from grainmotion.workflow.reference_stages import SegmentedReference
 from grainmotion.workflow.run import check_overwriting, note_motions
 from grainmotion.workflow.tracking_stage import TrackedState, track_stage
 from grainmotion.workflow.warm_up import warm_up
-from grainmotion.workflow.watched_states import DONE, Phase, WatchedState, WatchList, in_order
-
-WATCH_PAGE = "watch.html"
-IDLE_BEFORE_REPORT = 5.0
-"""Seconds without an arrival after which the report on all states is written."""
-IDLE_PER_REPORT = 3.0
-"""The same over the time that the last report took: it reads all radiographs again, and a state that arrives waits."""
-Say = Callable[[str], None]
+from grainmotion.workflow.watch_outputs import Say, Tracked, WatchOutputs
+from grainmotion.workflow.watched_states import DONE, RETRY_SECONDS, Phase, WatchedState, WatchList, in_order
 
 
 @dataclass(frozen=True)
@@ -59,7 +46,7 @@ class WatchSettings:
     stop_after: float | None = None
 
     def __post_init__(self) -> None:
-        if not self.every > 0:
+        if not 0 < self.every < math.inf:
             raise InputError("--every", f"got {self.every:g}", "give seconds between two looks, above 0")
         if self.until is not None and self.until < 1:
             raise InputError("--until", f"got {self.until}", "give a number of states, 1 or more")
@@ -91,9 +78,9 @@ class WatchSession:
         say: Say,
     ) -> None:
         self.context, self.reference, self.listed = context, reference, listed
-        self.settings, self.say, self.exporter = settings, say, Exporter(context, reference)
-        self.tracked: dict[str, tuple[str, TrackedState]] = {}  # fingerprint and motions, by name
-        self.report_is_old, self.report_seconds = False, 0.0
+        self.settings, self.say = settings, say
+        self.tracked: Tracked = {}
+        self.outputs = WatchOutputs(context, reference, listed, self.tracked, say)
         self.active_at = time.monotonic()
 
     # ------------------------------------------------------------------ the loop
@@ -103,28 +90,29 @@ class WatchSession:
         try:
             self.prepare()
             ended = self.loop()
-            self.write_report()
+            self.outputs.catch_up()
+            self.outputs.report()
         except KeyboardInterrupt:
             interrupted = True
             for state in self.listed.states:
                 if state.phase == "tracking":
                     state.phase, state.message = "complete", "interrupted; another watch or run tracks it"
         STAGE_LOG.info("watch ended: %s", ended)
-        self.write_page(ended=f"ended: {ended}")
+        self.outputs.page(ended=f"ended: {ended}")
         motions = {state.table.name: state.motions for state in self.listed.states if state.motions is not None}
         found = worst_first(self.context.findings)
-        return WatchResult(self.context.folder, motions, self.context.folder / WATCH_PAGE, ended, interrupted, found)
+        return WatchResult(self.context.folder, motions, self.outputs.page_path, ended, interrupted, found)
 
     def prepare(self) -> None:
         """Load the grains and compile kernels, before anything has arrived."""
         self.listed.look()
-        self.write_page()
-        write_reference_exports(self.context, self.exporter)
+        self.outputs.page()
+        self.outputs.of_reference()
         self.context.notify("preparing: grains and kernels")
         context = self.context
-        with self.noted("kernels were not prepared, so that the first state takes longer"):
+        with self.outputs.noted("kernels were not prepared, so that the first state takes longer"):
             warm_up(self.reference().grains, context.inputs, context.tables.track, context.tracking_backend)
-        self.say(f"watching; live page: {self.context.folder / WATCH_PAGE}")
+        self.say(f"watching; live page: {self.outputs.page_path}")
 
     def loop(self) -> str:
         """Look, track what is complete, wait; returns why it ended."""
@@ -135,16 +123,18 @@ class WatchSession:
             ready = [state for state in self.listed.states if state.settled]
             for state in ready:
                 self.read(state)
-            if ready:
-                self.track_all()
+            tracked = self.track_all() if ready else False
             if changed or ready:
+                self.outputs.page()
+            if changed or tracked:
                 self.active_at = time.monotonic()
-                self.write_page()
+            elif time.monotonic() > self.outputs.written_at + RETRY_SECONDS:
+                self.outputs.catch_up()
             if (ended := self.end()) is not None:
                 return ended
             idle = time.monotonic() - self.active_at
-            if self.report_is_old and idle > max(IDLE_BEFORE_REPORT, IDLE_PER_REPORT * self.report_seconds):
-                self.write_report()
+            if self.outputs.report_is_old and idle > self.outputs.idle_before_report:
+                self.outputs.report()
             time.sleep(max(0.0, self.settings.every - (time.monotonic() - started)))
 
     def end(self) -> str | None:
@@ -188,8 +178,9 @@ class WatchSession:
         check_radiographs_of(self.context, state.source)
         self.keep_fixes()
 
-    def track_all(self) -> None:
-        """Track the states that are complete, in order, but for those whose motions are known already."""
+    def track_all(self) -> bool:
+        """Track the states that are complete, in order, but for those whose motions are known; whether any was."""
+        before = dict(self.tracked)
         for state in self.listed.states:
             if state.source is None:
                 continue
@@ -197,16 +188,14 @@ class WatchSession:
             if kept is None or kept[0] != self.context.fingerprints.tracks[state.table.name]:
                 with self.failures(state, "error"):
                     self.track(state)
-        states = [state.table.name for state in self.listed.states if state.source is not None]
-        with self.noted("the table of all states was not written"):
-            known = {name: self.tracked[name][1] for name in states}
-            write_outputs_of_all_states(self.context, self.exporter, known)
+        self.outputs.of_all()
+        return any(before.get(name) is not tracked for name, tracked in self.tracked.items())
 
     def track(self, state: WatchedState) -> None:
         """Track one state and write what `run` writes of it."""
         context, name = self.context, state.table.name
         again, state.phase = state.motions is not None, "tracking"
-        self.write_page()
+        self.outputs.page()
         if again:  # what was noticed when it started from other motions holds no more
             context.drop_state(name)
             context.set_states(in_order(self.listed.states))
@@ -224,13 +213,12 @@ class WatchSession:
             state.tracking_seconds = now - started
             state.seconds = None if again else now - state.last_change
         note_motions(context, name, result.motions)
-        self.report_is_old = True
+        self.outputs.report_is_old = True
         self.say(state.line())
-        self.write_page()
-        assert state.source is not None
-        with self.noted(f"{name}: not all outputs were written"):
-            write_state_outputs(context, self.exporter, state.table, state.source, result)
+        self.outputs.page()
+        self.outputs.of_state(state)
         self.tracked[name] = self.tracked[name][0], TrackedState(result.motions)  # without its residual radiographs
+        assert state.source is not None
         context.forget(state.source)
 
     def keep_fixes(self) -> None:
@@ -240,7 +228,7 @@ class WatchSession:
             if state.source is not None:
                 state.source = scans[state.source.key]
 
-    # ------------------------------------------------------------------ errors and files
+    # ------------------------------------------------------------------ errors
     @contextmanager
     def failures(self, state: WatchedState, phase: Phase) -> Iterator[None]:
         """An error inside leaves the state out, with its reason, until its files change; the watch goes on."""
@@ -249,51 +237,22 @@ class WatchSession:
             return
         except GrainmotionError as error:
             state.message = " ".join(str(error).split())
+            if _of_the_drive(error.__cause__):
+                state.try_again(f"{state.message}; tried again after a while")
         except OSError as error:  # as a network drive that was away, or a full disk
             state.try_again(f"a file cannot be read or written ({error}); tried again after a while")
         except Exception as error:
             state.message = f"fault of the program ({type(error).__name__}: {error}); run.log has the details"
             STAGE_LOG.info("fault of the program:\n%s", traceback.format_exc())
+        if state.source is not None:
+            self.context.forget(state.source)
         told, state.phase, state.source, state.motions = state.phase == phase, phase, None, None
         if phase == "error" and not told:
             self.say(f"{state.table.name}: {state.message}")
         self.tracked.pop(state.table.name, None)
         self.context.set_states(in_order(self.listed.states))
 
-    @contextmanager
-    def noted(self, what: str) -> Iterator[None]:
-        """An error inside is noted on the page; the watch goes on."""
-        try:
-            yield
-        except Exception as error:
-            sentence = f"{what}: {' '.join(str(error).split())}"
-            if not isinstance(error, GrainmotionError | OSError):
-                STAGE_LOG.info("fault of the program:\n%s", traceback.format_exc())
-            if sentence not in self.listed.notes:
-                self.listed.notes.append(sentence)
-                self.say(sentence)
 
-    def motions(self) -> dict[str, Motions]:
-        """Of the states that are tracked, in order."""
-        states = [state for state in self.listed.states if state.source is not None]
-        return {state.table.name: self.tracked[state.table.name][1].motions for state in states}
-
-    def write_report(self) -> None:
-        """Write the report on all states; their radiographs are read again, and not kept."""
-        self.report_is_old, started = False, time.monotonic()
-        if self.tracked:
-            with self.noted("the report was not written"):
-                report_stage(self.context, self.reference, self.motions())
-            for source in self.context.inputs.states:
-                self.context.forget(source)
-            self.report_seconds = time.monotonic() - started
-            self.write_page()
-
-    def write_page(self, ended: str = "") -> None:
-        """Write the live page; a folder that cannot be written to does not end the watch."""
-        context, report = self.context, self.context.folder / REPORT
-        rows = [state.row() for state in self.listed.states]
-        name = REPORT if report.is_file() else None
-        page = WatchPage(context.experiment.path.name, str(context.folder), rows, self.listed.notes, name, ended)
-        with self.noted("the live page was not written"):
-            write_watch_page(context.folder / WATCH_PAGE, page)
+def _of_the_drive(error: BaseException | None) -> bool:
+    """Whether the system failed to read or write a file that is there: a full disk, or a network drive that is away."""
+    return isinstance(error, OSError) and error.errno not in (None, errno.ENOENT, errno.EINVAL)

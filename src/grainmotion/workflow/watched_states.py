@@ -65,7 +65,12 @@ class WatchedState:
         """Whether its files are all there, the same at two looks, and have not been read as they are now."""
         if not self.same or not self.seen.files or self.seen.missing or time.monotonic() < self.not_before:
             return False
-        return self.seen != self.used
+        return self.seen != self.used and not self.moved_away
+
+    @property
+    def moved_away(self) -> bool:
+        """Whether it is tracked and some of its files are gone, as to an archive, with none new or changed."""
+        return self.motions is not None and self.used is not None and self.seen.files < self.used.files
 
     def try_again(self, message: str) -> None:
         """Read it again after a while, though its files may not change."""
@@ -143,32 +148,27 @@ class WatchList:
         watched = self.experiment.tables.watch
         if watched is None:
             return False
-        names, before = list[str](), set(self.found)
+        names, notes, before = list[str](), list[str](), set(self.found)
         try:
             folders = watched_folders(self.experiment)
         except InputError as error:
-            self._note(str(error))
-            return False
+            changed, self.notes = self.notes != [str(error)], [str(error)]
+            return changed
         gone = [
             self.folders[name] for name, state in self.found.items() if state.motions is not None
         ]  # their results stay
         for folder in ordered_folders({*folders, *gone}):
             taken = [*names, *(state.table.name for state in self.listed)]
-            if folder.name.lower() in [name.lower() for name in taken]:
-                self._note(f"the folder {folder} is left out: a state is called '{folder.name}' already")
-                continue
             try:
+                table = watched.state(folder, taken)
                 if folder.name not in self.found:
-                    self.found[folder.name], self.folders[folder.name] = WatchedState(watched.state(folder)), folder
+                    self.found[folder.name], self.folders[folder.name] = WatchedState(table), folder
                 names.append(folder.name)
             except InputError as error:
-                self._note(str(error))
+                notes.append(str(error))
         self.states = [*self.listed, *(self.found[name] for name in names)]
-        return set(self.found) != before
-
-    def _note(self, sentence: str) -> None:
-        if sentence not in self.notes:
-            self.notes.append(sentence)
+        changed, self.notes = notes != self.notes, notes
+        return changed or set(self.found) != before
 
     @property
     def can_grow(self) -> bool:
