@@ -118,6 +118,21 @@ ANGLE_DESCRIPTIONS: Columns = frozen({
     "room_across_mm": ("mm", "how far the sample may move across before it leaves the panel"),
     "room_along_mm": ("mm", "the same along the axis"),
 })  # fmt: skip
+SPAM_DESCRIPTIONS: Columns = frozen({
+    "Label": ("1", "of the grain in the reference volume; 0 is the background"),
+    **{f"{axis}pos": ("voxel", f"centroid of the label along {axis.lower()}, 0 at the first voxel") for axis in "ZYX"},
+    **{f"{axis}disp": ("voxel", f"displacement along {axis.lower()} of the point by AboutBox") for axis in "ZYX"},
+    **{f"F{i}{j}": ("1", f"deformation gradient, row {i}, column {j}") for i in "zyx" for j in "zyx"},
+    "PSCC": ("1", "0"),
+    "error": ("1", "residual of the grain, line integrals"),
+    "iterations": ("1", "of the fit"),
+    "returnStatus": ("1", "2 converged, 1 translation to use, 0 not fitted, -1 not to be used, -7 no motion"),
+    **{name: ("1", "0") for name in ("deltaPhiNorm", "LabelDilate", "pixelSearchCC")},
+    **{f"sd_{axis}disp": ("voxel", f"standard deviation of the displacement along {axis.lower()}") for axis in "ZYX"},
+    **{f"sd_{axis}rot_deg": ("deg", f"standard deviation of the rotation about {axis.lower()}") for axis in "ZYX"},
+    "AboutBox": ("1", "1 for the displacement of the middle of the label's bounding box, 0 for that of its centroid"),
+    "VoxelSize_mm": ("mm", "edge of a voxel"),
+})  # fmt: skip
 _JSON_ABOUT = {"grainmotion": ("text", "version that wrote it"), "frame": ("text", "axes and signs")}
 _FINDINGS = "a list with one object a finding: check, level, where, fact, evidence, remedy, fix"
 _REFERENCE_SUMMARY = {
@@ -217,7 +232,7 @@ FILES: tuple[FileKind, ...] = (
     FileKind("STATE/grains.vtp", "grains as points for ParaView, with all columns of motions.csv", _VTK,
              note=_VTK_NOTE),
     FileKind("STATE/surfaces.vtp", "grains as surfaces for ParaView, with the same columns", _VTK, note=_VTK_NOTE),
-    FileKind("STATE/grains-ddic.tsv", "motions for spam", _SPAM,
+    FileKind("STATE/grains-ddic.tsv", "motions for spam", _SPAM, columns=SPAM_DESCRIPTIONS,
              note="**voxels**, z y x, 0-based; tab-separated; see [export](export.md#spam)"),
     FileKind("STATE/strains.csv", STRAINS_CONTENT, _MECH, columns=STRAIN_MAP_COLUMNS),
     FileKind("STATE/contacts.csv", CHANGES_CONTENT, _MECH, columns=STATE_CONTACT_COLUMNS),

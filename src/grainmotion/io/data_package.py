@@ -29,7 +29,7 @@ def write_data_package(folder: Path, paths: Iterable[Path], settings: Mapping[st
         "title": "Motions of grains from a full scan and a few radiographs of each state",
         "grainmotion": version("grainmotion"),
         "frame": SAMPLE_FRAME,
-        "units": "mm and degrees, but for motions.h5, which is in mm and radians",
+        "units": "mm and degrees; motions.h5 in mm and radians, grains-ddic.tsv in voxels",
         "settings": settings,
         "resources": _resources(folder, paths),
     }
@@ -57,8 +57,10 @@ def _resource(place: str, kind: FileKind | None) -> dict[str, object]:
     found: dict[str, object] = {"name": name, "path": place, "format": Path(place).suffix.lstrip(".")}
     if kind is not None:
         found["title"] = kind.content
-        if kind.columns and place.endswith(".csv"):
+        if kind.columns:
             found["schema"] = {"fields": _fields(kind)}
+            if place.endswith(".tsv"):
+                found["dialect"] = {"delimiter": "\t"}
     return found
 
 

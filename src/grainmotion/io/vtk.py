@@ -140,13 +140,13 @@ def write_image_vti(path: str | Path, volume: Volume, labels: NDArray[np.integer
         if labels.shape != volume.shape:
             raise InputError("labels", f"shape {labels.shape} is not the volume's {volume.shape}", "give one a voxel")
         data["label"] = labels.astype("<i4", copy=False).ravel()
-    body = VtkXml()
+    body, units = VtkXml(), {"units": ["lengths mm", "attenuation 1/mm"]}
     cell_data = body.group("CellData", data, Scalars="attenuation")
     extent = " ".join(f"0 {n}" for n in volume.shape[::-1])
     corner = " ".join(repr(float(x)) for x in volume.origin - volume.voxel_size / 2)
     spacing = " ".join([repr(volume.voxel_size)] * 3)
     image = (
-        f'<ImageData WholeExtent="{extent}" Origin="{corner}" Spacing="{spacing}">{body.field({})}'
+        f'<ImageData WholeExtent="{extent}" Origin="{corner}" Spacing="{spacing}">{body.field(units)}'
         f'<Piece Extent="{extent}">{cell_data}</Piece></ImageData>'
     )
     body.write(path, "ImageData", image)
