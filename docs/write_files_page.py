@@ -20,10 +20,10 @@ for the folder of each state. Lengths are in mm and angles in degrees in tables,
 {SAMPLE_FRAME} ([conventions](conventions.md)). Unit "1" is a number without a unit.
 
 Each file can be read without the package: tables by `pandas.read_csv`, HDF5 by `h5py`, TIFF by `tifffile`, JSON by
-`json`. Attributes of HDF5 files, the first keys of JSON files and the description of residuals.tif
-say what they hold. Tables are described by `datapackage.json`, a
-[Frictionless Data Package](https://datapackage.org) with type, unit and meaning of each column, the version and the settings of the run. In Python `Motions.to_dataframe().attrs`
-holds the same, and `grainmotion.read_results(folder)` reads a folder.
+`json`. Attributes of HDF5 files, the first keys of JSON files and the description of residuals.tif say what they hold.
+Tables are described by `datapackage.json`, a [Frictionless Data Package](https://datapackage.org) with type, unit and
+meaning of each column, the version and the settings of the run. In Python `Motions.to_dataframe().attrs` holds the
+same, and `grainmotion.read_results(folder)` reads a folder.
 
 | file | holds | written |
 |---|---|---|
