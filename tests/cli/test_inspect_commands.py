@@ -131,6 +131,14 @@ class TestInspect:
         assert "truncated or damaged TIFF" in result.stderr
         assert "not usable: " in invoke("inspect", tmp_path / "full").stdout
 
+    def test_files_of_two_images_each_are_an_error(self, tmp_path):
+        nikon_scan(tmp_path / "full", 12, 30)
+        for image in (tmp_path / "full").glob("*.tif"):
+            write_tiff(image, np.full((2, 24, 32), 50_000, np.uint16))
+        result = invoke("inspect", tmp_path / "full/full.xtekct", code=2)
+        assert "12 views, but" in result.stderr
+        assert "holds 24 radiographs" in result.stderr
+
     @pytest.mark.parametrize("suffix", [".npy", ".geom"])
     def test_vectors_of_views_are_described(self, tmp_path, suffix):
         views = Geometry.cone(np.arange(40) * 9.0, (6, 8), 0.4, source_to_axis=50.0, source_to_detector=200.0).vectors

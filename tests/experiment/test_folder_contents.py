@@ -210,3 +210,31 @@ class TestScansOfOneScanner:
         assert contents.tables == (f"scan/views{suffix}",)
         assert len(contents.images) == 1
         assert f'geometry = "scan/views{suffix}"' in draft_experiment(contents).text
+
+
+class TestTheScannersFileIsNotNamed:
+    """Users name the folder or the images; the error names the file that tells the geometry."""
+
+    @pytest.mark.parametrize("name", ["scan", "scan/*.tif"])
+    @pytest.mark.parametrize("states", ["", '[[states]]\nname = "a"\nradiographs = "b/*.tif"\ngeometry = {step = 9}\n'])
+    def test_the_scanners_file_beside_images_is_proposed(self, tmp_path, name, states):
+        images(tmp_path / "scan", 40, "a_{:04d}.tif")
+        (tmp_path / "scan/a.xtekct").write_text(NIKON.format("a", 40, 0))
+        path = tmp_path / "experiment.toml"
+        path.write_text(f'[reference]\nradiographs = "{name}"\n{states}')
+        with pytest.raises(InputError, match=r'name the scanner.s file.*radiographs = "scan/a\.xtekct"'):
+            find_inputs(read_experiment(path))
+
+    @pytest.mark.parametrize(
+        ("name", "match"),
+        [
+            ('"scan\\beads.xtekct"', "holds a control character.*write / instead of"),
+            ("'scan\\beads.xtekct'", "no such file; write / instead of"),
+        ],
+    )
+    def test_paths_of_windows(self, tmp_path, name, match):
+        path = tmp_path / "experiment.toml"
+        path.write_text(f"[reference]\nradiographs = {name}\n")
+        with pytest.raises(InputError, match=match) as caught:
+            find_inputs(read_experiment(path))
+        assert "\b" not in str(caught.value)

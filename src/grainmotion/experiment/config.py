@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Literal
@@ -21,11 +21,12 @@ from grainmotion.calibration.settings import ReferenceSettings, ScannerSettings
 from grainmotion.diagnosis.settings import CheckSettings
 from grainmotion.errors import InputError
 from grainmotion.experiment.config_errors import input_error
-from grainmotion.experiment.inherited_keys import with_inherited_keys
+from grainmotion.experiment.inherited_keys import TOLD_BY_FILES, with_inherited_keys
 from grainmotion.experiment.scan_tables import RESERVED_STATE_NAMES, ReferenceTable, StateTable, Table, WatchTable
 from grainmotion.experiment.watched_folders import matched_folders
 from grainmotion.grain_shapes.settings import DemSettings
 from grainmotion.io.files import checked_file
+from grainmotion.io.scanners.identify import scanner_files_beside
 from grainmotion.io.spam_table import About
 from grainmotion.io.text import read_text
 from grainmotion.mechanics.settings import MechanicsSettings
@@ -185,7 +186,7 @@ def read_experiment(path: str | Path) -> Experiment:
         try:
             tables = ExperimentFile.model_validate(data)
         except ValidationError as error:
-            raise input_error(error, ExperimentFile, data) from error
+            raise _with_scanners_file(input_error(error, ExperimentFile, data), data, path.parent) from error
         _check_states(tables)
         experiment = Experiment(path, tables)
         if tables.watch is not None:
@@ -218,6 +219,18 @@ def watched_folders(experiment: Experiment) -> list[Path]:
     told = {state.name for state in experiment.tables.states} - set(experiment.of_folders)
     folders = matched_folders(watched.folders, experiment.folder, experiment.output)
     return [folder for folder in folders if folder.name not in told]
+
+
+def _with_scanners_file(error: InputError, data: Mapping[str, object], folder: Path) -> InputError:
+    """The error about missing keys of a circle, with the scanner's file beside the images, which tells them."""
+    reference = data.get("reference")
+    named = reference.get("radiographs") if isinstance(reference, dict) else None
+    names = [named] if isinstance(named, str) else named if isinstance(named, list) else []
+    beside = [f for name in names if isinstance(name, str) for f in scanner_files_beside(name, folder)]
+    if not beside or not any(f"geometry.{key}: it is missing" in str(error) for key in TOLD_BY_FILES):
+        return error
+    remedy = f'name the scanner\'s file, which tells it: reference.radiographs = "{beside[0]}"; or {error.remedy}'
+    return InputError(error.where, error.fact, remedy)
 
 
 def _toml_remedy(fact: str) -> str:

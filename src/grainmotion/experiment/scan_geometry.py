@@ -21,7 +21,13 @@ from grainmotion.io.files import checked_file
 from grainmotion.io.formats import TXRM, family
 from grainmotion.io.locate import locate
 from grainmotion.io.scanners.description import ScannerFile
-from grainmotion.io.scanners.identify import is_scanner_file, is_view_file, read_scanner_file, read_views
+from grainmotion.io.scanners.identify import (
+    is_scanner_file,
+    is_view_file,
+    read_scanner_file,
+    read_views,
+    scanner_files_beside,
+)
 from grainmotion.io.scanners.joined import joined_scan
 from grainmotion.io.scanners.view_panel import Panel
 from grainmotion.io.scanners.view_tables import keys_beside_views
@@ -169,11 +175,10 @@ def _circle(sources: ScanSources, given: Circular | None, own: ScannerFile | Non
     _complete(numbers, sources, own)
     told_by_file = own is not None and (own.circle.angles_deg is not None or bool(own.circle.known))
     if given is None and not told_by_file and (own is None or told is None):
-        raise InputError(
-            f"{sources.key}.geometry",
-            "it is missing",
-            "name a file with the views, or give a table for a circular scan",
-        )
+        remedy = "name a file with the views, or give a table for a circular scan"
+        beside = [f for name in sources.table.radiographs or [] for f in scanner_files_beside(name, sources.folder)]
+        remedy += f'; or name the scanner\'s file: radiographs = "{beside[0]}"' if beside else ""
+        raise InputError(f"{sources.key}.geometry", "it is missing", remedy)
     try:
         return Circular.model_validate(numbers)
     except ValidationError as error:

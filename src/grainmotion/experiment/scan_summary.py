@@ -70,7 +70,7 @@ def summarise_file(path: Path, file: ScannerFile) -> ScanSummary:
         try:
             summary = summarise_scan(path.stem, table, path.parent)
         except InputError as error:
-            if not error.where.startswith("reference."):  # the fault of a file
+            if not error.where.startswith("reference.") or "it is missing" not in str(error):  # the fault of a file
                 facts = (("Format", file.format), *_told(file), *file.facts)
                 return ScanSummary(facts, file.findings, tuple(missing), problem=error)
             missing += str(error).splitlines()
@@ -150,12 +150,19 @@ def _same(values: Float, value: float) -> bool:
 
 def _told(file: ScannerFile) -> list[tuple[str, str]]:
     """The numbers of a file whose scan cannot be used yet."""
-    facts = [(name.replace("_", " "), str(value)) for name, value in file.circle.known.items()]
+    facts = [(name.replace("_", " "), _shown(value)) for name, value in file.circle.known.items()]
     if file.views is not None:
         return _places(file.views)
     if file.circle.angles_deg is not None:
         facts.append(("Angles", angle_sentence(file.circle.angles_deg)))
     return facts
+
+
+def _shown(value: object) -> str:
+    """A number or numbers without the sign of zero, or a word."""
+    if isinstance(value, tuple):
+        return ", ".join(map(_shown, value))
+    return f"{value + 0.0:.6g}" if isinstance(value, float) else str(value)
 
 
 def _images(source: ScanInput) -> list[tuple[str, str]]:

@@ -112,6 +112,11 @@ def _of_folder(path: Path) -> Located:
 def _not_found(path: Path) -> InputError:
     """The error about a file that is not there, with the names that are most like it."""
     remedy = "check the path; paths start at the experiment file's folder"
+    if any(ord(character) < ord(" ") for character in str(path)):
+        fact = f"no such file: {str(path)!r} holds a control character, as \\b and \\t between double quotes are"
+        return InputError(str(path.parent), fact, "write / instead of \\ between folders, on Windows too")
+    if "\\" in path.name:
+        return InputError(str(path), "no such file", "write / instead of \\ between folders")
     if path.parent.is_dir():
         names = [item.name for item in path.parent.iterdir()]
         near = difflib.get_close_matches(path.name, names, n=2, cutoff=0.7)

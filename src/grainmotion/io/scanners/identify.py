@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
-from grainmotion.io.formats import HDF5, TXRM
+from grainmotion.io.formats import HDF5, TXRM, family
 from grainmotion.io.scanners.bruker import read_bruker_scan
 from grainmotion.io.scanners.data_exchange import is_data_exchange, read_data_exchange
 from grainmotion.io.scanners.description import ScannerFile
@@ -46,6 +46,16 @@ NAMED_READERS: Mapping[str, Reader] = MappingProxyType(
 def is_scanner_file(name: str) -> bool:
     """Whether a path names a scanner's file, by its suffix or name; ``"file.h5::/path"`` names a dataset instead."""
     return "::" not in name and _reader(Path(name)) is not None
+
+
+def scanner_files_beside(name: str, folder: Path) -> list[str]:
+    """Paths from ``folder`` of scanners' files in the folder that images are, or lie in; not those that hold images."""
+    place = folder / name
+    place = place if place.is_dir() else place.parent
+    if not place.is_dir():
+        return []
+    found = [p for p in sorted(place.iterdir()) if p.is_file() and is_scanner_file(p.name) and family(p) is None]
+    return [p.relative_to(folder).as_posix() if p.is_relative_to(folder) else str(p) for p in found]
 
 
 def is_described_elsewhere(path: Path) -> bool:
