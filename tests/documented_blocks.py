@@ -3,6 +3,7 @@
 A comment on the line before a block says what a test does otherwise than the page:
 
 - ``<!-- not run: REASON -->``: the block is not run;
+- ``<!-- run with a stand-in for YADE -->``: the names of YADE are those of `yade_stand_in`;
 - ``<!-- in the test: OLD becomes NEW; ... -->``: it is run with these texts replaced, so that it takes seconds.
 """
 

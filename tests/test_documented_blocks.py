@@ -10,9 +10,9 @@ from documented_blocks import FENCE, PAGES, Block, blocks_of
 
 BLOCKS = [block for page in PAGES for block in blocks_of(page)]
 LANGUAGES = {"python", "toml", "sh", ""}
-MAX_NOT_RUN = 5
-MAX_REPLACED = 1
-MARK = re.compile(r"(not run: \S.*|in the test: .+ becomes .+|)")
+MAX_NOT_RUN = 4
+MAX_OTHERWISE = 2
+MARK = re.compile(r"(not run: \S.*|in the test: .+ becomes .+|run with a stand-in for YADE|)")
 CODE = re.compile(r"^\s*(import |from \w+ import|pip |make |python |grainmotion |\[\[?\w+\]|\w+ = )", re.MULTILINE)
 """Lines of a program, a terminal or an experiment file."""
 
@@ -31,7 +31,7 @@ def test_plain_blocks_hold_no_code():
 
 def test_few_blocks_are_not_run_as_they_stand():
     assert sum(not block.is_run for block in BLOCKS) <= MAX_NOT_RUN
-    assert sum(block.is_run and bool(block.mark) for block in BLOCKS) <= MAX_REPLACED
+    assert sum(block.is_run and bool(block.mark) for block in BLOCKS) <= MAX_OTHERWISE
 
 
 def test_no_block_is_overlooked():
