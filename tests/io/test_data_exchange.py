@@ -61,6 +61,15 @@ def test_the_file_gives_all_but_the_rows(scan, changes):
     assert misfit(source) < SAME
 
 
+def test_flats_before_and_after_the_scan(scan):
+    """As the Swiss Light Source names them."""
+    flats = {f"exchange/data_white_{when}": (np.full((2, *LAB.shape), n, np.uint16), "counts")
+             for when, n in (("pre", 40_000), ("post", 40_200))}  # fmt: skip
+    source = reference_of(scan({"exchange/data_white": None, **flats}).parent, TOML)
+    assert source.flats.info()[0][0] == 4
+    assert misfit(source) < SAME
+
+
 @pytest.mark.parametrize(
     "changes", [{"exchange/theta": (STAGE, "deg")}, {f"{DETECTOR}/objective/magnification": (10.0, "")}]
 )

@@ -130,8 +130,8 @@ def test_a_state_of_bare_images_has_the_circle_of_the_table(tmp_path, first):
     assert np.abs(ball_images(scan.geometry) - scan.read()[0].line_integrals).max() < 3e-4
 
 
-def test_a_table_of_no_circle_tells_none(tmp_path):
-    """A spiral: the source climbs by a millimetre from view to view."""
+def spiral_folder(tmp_path):
+    """A scan whose source and panel climb by a millimetre from view to view."""
     path = scan_folder(tmp_path / "scan")
     head, *rows = (path.parent / "geom.csv").read_text().split("\n", 2)
     cells = [row.split(";") for row in rows[1].strip().split("\n")]
@@ -139,7 +139,11 @@ def test_a_table_of_no_circle_tells_none(tmp_path):
         for column in (2, 5, 8, 11):
             row[column] = f"{float(row[column]) + k}"
     (path.parent / "geom.csv").write_text("\n".join([head, rows[0], *(";".join(row) for row in cells)]) + "\n")
-    file = read_scanner_file(path)
+    return path
+
+
+def test_a_table_of_no_circle_tells_none(tmp_path):
+    file = read_scanner_file(spiral_folder(tmp_path))
     assert file.views is not None
     assert file.circle.known == {}
 
@@ -171,12 +175,31 @@ def test_the_xml_as_geometry_of_images_elsewhere(tmp_path):
     assert error_of(path, radiographs=["moved/*.tif"], geometry="unireconstruction.xml") < 3e-4
 
 
-def test_keys_beside_whole_positions_are_refused(tmp_path):
+@pytest.mark.parametrize(
+    ("key", "right", "wrong"),
+    [("axis_offset", 0.5, -0.5), ("first_row", "top", "bottom"), ("detector_tilts_deg", (0, 2.0, 0), (0, -2.0, 0)),
+     ("source_to_axis", 60.0, 66.0), ("angles_deg", (-ANGLES).tolist(), ANGLES.tolist())],
+)  # fmt: skip
+def test_numbers_are_laid_over_the_circle_of_the_table(tmp_path, key, right, wrong):
     path = scan_folder(tmp_path / "scan")
+    assert error_of(path, geometry={key: right}) < 3e-4
+    assert error_of(path, geometry={key: wrong}) > 0.1
+
+
+def test_numbers_beside_a_spiral_are_refused(tmp_path):
+    path = spiral_folder(tmp_path)
     with pytest.raises(
-        InputError, match=r"reference\.geometry\.pixel_size: it has no effect beside unireconstruction\.xml"
+        InputError, match=r"geometry\.pixel_size: it has no effect beside .*whose views are on no circle"
     ):
         reference_scan(path, **WHITE, geometry={"pixel_size": 0.4})
+
+
+def test_the_assumed_turn_is_no_doubt_where_angles_are_given(tmp_path):
+    path = scan_folder(tmp_path / "scan", csv=False)
+    circle = {"pixel_size": 0.4}
+    assert any(f.check == "angle-table" for f in reference_scan(path, **WHITE, geometry=circle).findings)
+    circle["angles_deg"] = (-ANGLES).tolist()
+    assert not any(f.check == "angle-table" for f in reference_scan(path, **WHITE, geometry=circle).findings)
 
 
 def test_counts_without_flats_ask_for_the_white_level(tmp_path):

@@ -16,6 +16,7 @@ from grainmotion.diagnosis.grey_values import likely_kind
 from grainmotion.errors import InputError, InputWarning
 from grainmotion.experiment.config_errors import input_error
 from grainmotion.experiment.file_checks import axis_findings, count_mismatch, file_findings, told_angles_deg
+from grainmotion.experiment.inherited_keys import ANGLE_KEYS
 from grainmotion.experiment.overridden_numbers import overridden
 from grainmotion.experiment.recorded import (
     Told,
@@ -25,8 +26,9 @@ from grainmotion.experiment.recorded import (
 )
 from grainmotion.experiment.scan_geometry import ScanSources, find_views, recorded_levels
 from grainmotion.experiment.scan_inputs import ScanInput
-from grainmotion.experiment.scan_tables import Air, ReferenceTable, ScanTable
+from grainmotion.experiment.scan_tables import Air, Circular, ReferenceTable, ScanTable
 from grainmotion.io.hdf5 import DARK, FLAT
+from grainmotion.io.scanners.description import ScannerFile
 from grainmotion.io.stacks import Stack, find_stack
 from grainmotion.model.finding import Finding, Level
 from grainmotion.model.geometry import Geometry
@@ -164,7 +166,7 @@ def find_scan(
         saturation=table.saturation or reference.saturation,
         monitor=monitor if monitor is None or views is None else monitor[views],
         findings=(
-            *(told.findings if told else ()),
+            *_of_file_in_use(told, table),
             *recorded,
             *file_findings(key, table, stacks, angles),
             *axis_findings(f"{key}.geometry", geometry),
@@ -172,6 +174,14 @@ def find_scan(
         circle=None if circle is None else circle.table,
         facts=() if told is None else (("Format", told.format), *told.facts),
     )
+
+
+def _of_file_in_use(told: ScannerFile | None, table: ScanTable) -> tuple[Finding, ...]:
+    """Findings about a scanner's file, but those about its angles where the experiment file has others."""
+    findings = () if told is None else told.findings
+    keys = table.geometry.model_fields_set if isinstance(table.geometry, Circular) else set()
+    given = any(getattr(table.geometry, key) is not None for key in keys & set(ANGLE_KEYS))
+    return tuple(f for f in findings if not (given and f.check == "angle-table"))
 
 
 def _radiographs(sources: ScanSources) -> Stack:

@@ -125,9 +125,10 @@ def find_views(sources: ScanSources, radiographs: Stack) -> tuple[Geometry, Circ
         own = _read(path, key)
         if own.views is not None:
             return own.placed(_on_panel(own.views, shape, own)), None
-    if own is not None and own.views is not None and given is not None and not _set_keys(given).keys() & ANGLE_KEYS:
-        key = f"{sources.key}.geometry.{next(iter(_set_keys(given)), '')}".rstrip(".")
-        fact = f"it has no effect beside {own.path.name}, which holds whole positions of each view"
+    keys = set() if given is None else _set_keys(given).keys()
+    if own is not None and own.views is not None and not own.circle.known and not keys & set(ANGLE_KEYS):
+        key = f"{sources.key}.geometry.{next(iter(keys), '')}".rstrip(".")
+        fact = f"it has no effect beside {own.path.name}, whose views are on no circle"
         raise InputError(key, fact, "leave it out, or give all of a circular scan with its angles")
     circle = _circle(sources, given, own)
     try:

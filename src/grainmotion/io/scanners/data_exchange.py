@@ -52,7 +52,7 @@ def read_data_exchange(path: Path) -> ScannerFile:
         facts = [(label, text_of(file, key)) for label, key in names.items()]
         energy = number_of(file, ENERGY)
         facts += [] if energy is None else [("Energy", f"{energy:g} {unit_of(file[ENERGY])}")]
-        stacks = {key: (f"{path}::/{name}/{key}",) if key in group else () for key in ("data_white", "data_dark")}
+        stacks = {key: _beam_images(group, key, path) for key in ("data_white", "data_dark")}
     others = [other for other in groups if other != name]
     if others:
         fact = f"the frames of /{name} were read; it also holds {', '.join(others)}"
@@ -69,6 +69,11 @@ def read_data_exchange(path: Path) -> ScannerFile:
         facts=tuple((label, text) for label, text in facts if text),
         findings=tuple(findings),
     )
+
+
+def _beam_images(group: h5py.Group, key: str, path: Path) -> tuple[str, ...]:
+    """Flats or darks: those of the definition, and those before and after the scan as some beamlines write them."""
+    return tuple(f"{path}::{group.name}/{name}" for name in (key, f"{key}_pre", f"{key}_post") if name in group)
 
 
 def _one_scan(path: Path, group: str) -> str:

@@ -1,4 +1,4 @@
-"""The circle of source and panel, found in whole positions of each view: for later images with angles alone."""
+"""The circle of source and panel, found in whole positions of each view: to override numbers, or for later images."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ POINTS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, -1]])
 
 
 def circle_of_views(views: Geometry) -> CircleNumbers | None:
-    """The numbers of a circular cone-beam scan but its angles; None if the views are not on one circle about z."""
+    """The numbers of a circular cone-beam scan with its angles; None if the views are not on one circle about z."""
     source, center, u, v = views.source[0], views.detector[0], views.u[0], views.v[0]
     pitch = float(views.pixel_sizes.mean())
     directions = (u / np.linalg.norm(u), v / np.linalg.norm(v))
@@ -40,4 +40,4 @@ def circle_of_views(views: Geometry) -> CircleNumbers | None:
     departure = np.abs(circle.project_points(points) - views.project_points(points)).max()
     if mirrored or not departure <= MAX_DEPARTURE:
         return None
-    return CircleNumbers(beam="cone", pixel_size=pitch, **numbers)
+    return CircleNumbers(beam="cone", pixel_size=pitch, angles_deg=angles, **numbers)
