@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from grainmotion.diagnosis.labels import check_labels, grains_in_doubt, in_doubt, necked_labels
 from grainmotion.diagnosis.orientations import ORIENTATIONS, orientation_code, oriented
@@ -111,6 +114,23 @@ class TestPlace:
     def test_shifted_labels(self, volume, labels, shift):
         (finding,) = check_labels(volume, np.roll(labels, shift, (0, 1, 2)))
         assert "off by" in finding.fact or "shifted" in finding.fact
+
+    @pytest.mark.parametrize("blur", [0.7, 1.2])
+    def test_labels_off_by_part_of_a_voxel(self, volume, labels, blur):
+        moved = ndimage.shift(ndimage.gaussian_filter(volume.array, blur), (0, 0, 0.7), order=1)
+        (finding,) = check_labels(Volume(moved, volume.voxel_size, volume.center), labels)
+        assert finding.fact == "the labels are shifted against the volume"
+        assert re.search(r"by about \(-?0\.[01], -?0\.[01], -0\.[6-9]\) voxels", finding.evidence)
+
+    @pytest.mark.parametrize("steps", [1, 2, 3])
+    @pytest.mark.parametrize("noise", [0.0, 0.15])
+    def test_labels_that_end_within_the_grains_are_not_shifted(self, volume, labels, steps, noise):
+        """As those of a program that erodes grains to part them: no attenuation tells where the middle is."""
+        inner = np.where(ndimage.binary_erosion(labels > 0, iterations=steps), labels, 0)
+        random = np.random.default_rng(steps)
+        array = volume.array + random.normal(0, noise * volume.array.max(), volume.shape)
+        found = check_labels(Volume(array, volume.voxel_size, volume.center), inner)
+        assert not [f for f in found if "shifted" in f.fact or "do not lie" in f.fact]
 
     def test_one_label_on_air(self, volume, labels):
         labels[33:38, 2:8, 30:36] = 9

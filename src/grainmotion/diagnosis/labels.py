@@ -41,6 +41,13 @@ MIN_CORRELATION_GAIN = 0.08
 """How much better other axes or another place must match labels and volume."""
 MAX_LABEL_OFFSET = 0.5
 """Offset of the labels from the volume along an axis, voxels."""
+MIN_OFFSET_SIGNAL = 0.05
+"""Attenuation gained by moving the labels by a voxel, half of the difference to the other direction, over the step
+from air to grains at each of their faces: below it nothing is told, as labels may end within the grains.
+
+Measured on packings, sharp, blurred by 1.2 voxels and with noise of 15 %: 0.01 at most for labels eroded by 2 and 3
+voxels or dilated by 2, of which the offset is any number; 0.126 at least for labels off by 0.6 voxel.
+"""
 MAX_COARSE_VOXELS = 64
 """Voxels along the longest axis at which labels and volume are compared in all orientations."""
 
@@ -235,7 +242,7 @@ def _misplaced(volume: Volume, labels: NDArray[np.integer], where: str) -> Itera
         return [
             Finding(Level.ERROR, LABELS_CHECK, where, fact, evidence, "shift labels or volume: they are on one grid")
         ]
-    offset = _small_offset(volume.array, labels)
+    offset = _small_offset(volume.array, labels, _step(volume, labels))
     if np.abs(offset).max() > MAX_LABEL_OFFSET:
         fact = "the labels are shifted against the volume"
         evidence = f"by about ({', '.join(f'{o:.1f}' for o in offset)}) voxels (z, y, x)"
@@ -263,15 +270,17 @@ def _best_shift(array: NDArray, mask: NDArray) -> tuple[float, tuple[int, int, i
     return float(products.max()) / norm, (shift[0], shift[1], shift[2])
 
 
-def _small_offset(array: NDArray[np.floating], labels: NDArray[np.integer]) -> Float:
-    """Offset of the labels along z, y, x, voxels, from the attenuation one voxel ahead and behind."""
+def _small_offset(array: NDArray[np.floating], labels: NDArray[np.integer], step: float) -> Float:
+    """Offset of the labels along z, y, x, voxels, from the attenuation one voxel ahead and behind; 0 if untold."""
     offsets = np.zeros(3)
     mask = labels > 0
     here = float(array[mask].sum(dtype=float))
     for axis in range(3):
         ahead, behind = (_sum_at(array, mask, axis, step) for step in (-1, 1))
         bend = 2 * here - ahead - behind
-        offsets[axis] = 0.0 if bend <= 0 else float(np.clip(0.5 * (ahead - behind) / bend, -1, 1))
+        faces = np.count_nonzero(np.diff(mask, axis=axis))
+        if bend > 0 and abs(ahead - behind) / 2 > MIN_OFFSET_SIGNAL * step * faces:
+            offsets[axis] = float(np.clip(0.5 * (ahead - behind) / bend, -1, 1))
     return offsets
 
 
