@@ -21,6 +21,8 @@ GOLDEN = 180 * (np.sqrt(5) - 1)
     ("angles", "words"),
     [
         (np.arange(361.0), "361 from 0 to 360 degrees in steps of 1"),
+        ([*np.arange(0, 180.5, 0.5), 0, 90, 180], "361 from 0 to 180 degrees in steps of 0.5, then 3 more: 0, 90, 180"),
+        (np.arange(100) * 3.6 + np.tile([0, 0.01], 50), "100 from 0 to 356.41 degrees in steps of 3.6, each to 0.01"),
         (np.arange(180.0, 0, -0.5), "from 180 to 0.5 degrees in steps of -0.5"),
         (np.arange(50) * GOLDEN, "golden ratio"),
         (np.arange(50) * GOLDEN % 360, "golden ratio"),

@@ -22,6 +22,11 @@ from grainmotion.model.volume import Volume
 
 SAME_STEP_DEG = 1e-3
 """Steps between angles that differ by less are equal: files hold rounded angles."""
+MIN_REGULAR_SHARE = 0.8
+"""Views at equal steps, of all, after which the others are returns to earlier angles."""
+MAX_RETURNS_SHOWN = 4
+MAX_READOUT_SHARE = 0.2
+"""Steps of a scan that are read from an encoder differ by less, of a step."""
 BRIGHTEST_PIXELS_PERCENTILE = 99.0
 """Brightest pixels of a radiograph, which see air."""
 GOLDEN_STEP_DEG = 180 * (np.sqrt(5) - 1)
@@ -138,6 +143,16 @@ def angle_sentence(angles_deg: Float) -> str:
             return f"{count} from {angles_deg[0]:g} to {angles_deg[-1]:g} degrees in steps of {step:.6g}"
     if _same(np.mod(steps, 180), GOLDEN_STEP_DEG % 180) or _same(np.mod(-steps, 180), GOLDEN_STEP_DEG % 180):
         return f"{span}, in steps of the golden ratio"
+    usual = float(np.median(steps))
+    regular = int(np.argmax(np.append(np.abs(steps - usual) >= SAME_STEP_DEG, True))) + 1  # up to the first other step
+    if MIN_REGULAR_SHARE * count < regular < count:
+        last = ", ".join(f"{a:g}" for a in angles_deg[regular:][:MAX_RETURNS_SHOWN])
+        more = ", ..." if count - regular > MAX_RETURNS_SHOWN else ""
+        return f"{angle_sentence(angles_deg[:regular])}, then {count - regular} more: {last}{more}"
+    mean = float(np.mean(steps))
+    off = float(np.abs(steps - mean).max())
+    if off < MAX_READOUT_SHARE * abs(mean):
+        return f"{count} from {angles_deg[0]:g} to {angles_deg[-1]:g} degrees in steps of {mean:.4g}, each to {off:.1g}"
     sorted_steps = np.diff(np.unique(np.round(angles_deg % 360, 6)))
     if count > 2 and len(sorted_steps) and np.ptp(sorted_steps) < 2 * SAME_STEP_DEG:
         return f"{span}, interlaced or in several turns, {sorted_steps.mean():.6g} degrees apart when sorted"
