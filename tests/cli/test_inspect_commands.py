@@ -218,6 +218,9 @@ class TestARelativePath:
             assert "12 of 24 x 32 pixels" in text
             assert "to be given" not in text
             assert "full: row 0 is the highest row" in text  # the largest scan is drawn
+            if target == name:
+                line = "begin.xtekct: Nikon .xtekct, 4 of 24 x 32 pixels, 4 from 0 to 135 degrees in steps of 45"
+                assert f"scan: begin/{line}" in text  # and the other in one line
         assert "experiment: " in invoke("init", name).stdout
         tables = read_experiment(tmp_path / name / "experiment.toml").tables
         assert tables.reference.radiographs == ["full/full.xtekct"]

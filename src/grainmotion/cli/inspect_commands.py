@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from grainmotion.model.volume import Volume
 
 EXPERIMENT = "experiment.toml"
-MAX_SCANS_SHOWN = 3
+MAX_SCANS_SHOWN = 10
 
 Target = Annotated[
     Path, typer.Argument(metavar="FILE_OR_FOLDER", help="experiment file, scanner's file, images, or a folder of those")
@@ -145,19 +145,22 @@ def _inspect_folder(folder: Path, picture: Path | None, *, terminal: bool) -> No
         console.print_facts(f"{folder}: results of a run", describe_results(folder))
         return
     contents = folder_contents(folder)
-    drawable: list[tuple[int, FirstViews, Volume]] = []
+    largest: tuple[str, ScanSummary] | None = None  # radiographs of it alone are kept
     for name, scan in contents.scans[:MAX_SCANS_SHOWN]:
-        summary = summarise_file(folder / name, scan)
+        found = name, summarise_file(folder / name, scan)
+        if largest is None or found[1].views > largest[1].views:
+            largest, found = found, largest or found
+        if found is not largest:
+            _show_in_one_line(*found)
+    for name, scan in contents.scans[MAX_SCANS_SHOWN:]:
+        print(f"scan: {name}, {scan.format}")
+    if largest is not None:
+        name, summary = largest
         _show_scan(Path(name), summary)
         if summary.problem is not None:
             print(f"not usable: {summary.problem}")
         if summary.first_views is not None and summary.grid is not None:
-            drawable.append((summary.views, summary.first_views, summary.grid))
-    if drawable:
-        _, first, grid = max(drawable, key=lambda item: item[0])
-        _draw(folder, picture, (first,), grid, terminal=terminal)
-    for name, scan in contents.scans[MAX_SCANS_SHOWN:]:
-        print(f"scan: {name}, {scan.format}")
+            _draw(folder, picture, (summary.first_views,), summary.grid, terminal=terminal)
     reference = None if contents.scans else _reference_summary(contents)
     if reference is not None and reference.first_views is not None and reference.grid is not None:
         _show_scan(Path(reference.first_views.name), reference)
@@ -177,6 +180,18 @@ def _reference_summary(contents: FolderContents) -> ScanSummary | None:
         return summarise_scan("reference", draft.reference, contents.path)
     except InputError:
         return None
+
+
+def _show_in_one_line(name: str, summary: ScanSummary) -> None:
+    """A scan beside a larger one: its format, radiographs and angles, and what is unusual."""
+    facts = dict(summary.facts)
+    told = [facts.get("Format", ""), facts.get("Radiographs", "").split(" (")[0], facts.get("Angles", "")]
+    print(f"scan: {name}: {', '.join(text for text in told if text)}")
+    print_findings(summary.findings)
+    for line in summary.missing:
+        print(f"to be given in the experiment file: {line.strip()}")
+    if summary.problem is not None:
+        print(f"not usable: {summary.problem}")
 
 
 def _show_scan(file: Path, summary: ScanSummary) -> None:
