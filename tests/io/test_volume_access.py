@@ -40,11 +40,28 @@ class TestRoundTrip:
         inner = {"a.tif": "a_labels.tif", "a.h5": "a.h5::labels"}.get(name, f"{name}::labels/grains")
         np.testing.assert_array_equal(gm.read_labels(tmp_path / inner), LABELS)
 
-    @pytest.mark.parametrize("name", ["a.tif", "a.h5", "a.zarr"])
+    @pytest.mark.parametrize("name", ["a.tif", "a.ome.tif", "a.h5", "a.zarr"])
     def test_labels_alone(self, tmp_path, volume, name):
         gm.write_labels(tmp_path / name, LABELS, volume)
         np.testing.assert_array_equal(gm.read_labels(tmp_path / name), LABELS)
-        assert gm.read_volume(tmp_path / name).voxel_size == pytest.approx(VOXEL)
+        grid = gm.read_volume(tmp_path / name)
+        assert grid.voxel_size == pytest.approx(VOXEL)
+        assert grid.center == CENTER
+
+    @pytest.mark.parametrize("name", ["a.tif", "a.h5", "a.zarr"])
+    def test_one_slice(self, tmp_path, name):
+        slab = Volume(ARRAY[2:3], VOXEL, CENTER)
+        gm.write_volume(tmp_path / name, slab, labels=LABELS[2:3])
+        back = gm.read_volume(tmp_path / name)
+        np.testing.assert_array_equal(back.array, ARRAY[2:3])
+        assert back.center == CENTER
+
+    def test_a_name_of_ome_tiff_is_one(self, tmp_path, volume):
+        gm.write_volume(tmp_path / "a.ome.tif", volume, labels=LABELS.tolist())
+        for name, expected in (("a.ome.tif", ARRAY), ("a_labels.ome.tif", LABELS)):
+            with tifffile.TiffFile(tmp_path / name) as file:
+                assert file.is_ome
+                np.testing.assert_array_equal(file.asarray(), expected)
 
     def test_a_volume_that_was_cropped_in_fiji_has_lost_its_place(self, tmp_path, volume):
         gm.write_volume(tmp_path / "a.tif", volume)

@@ -19,6 +19,7 @@ from grainmotion.model.volume import Volume
 
 WRITTEN_FORMATS = "give a name that ends with .tif, .h5 or .zarr"
 _TIFF_NAMES, _HDF5_NAMES = (".tif", ".tiff"), (".h5", ".hdf5")
+_OME_TIFF_NAMES = (".ome.tif", ".ome.tiff")
 
 
 def read_volume(
@@ -94,9 +95,9 @@ def write_volume(path: str | Path, volume: Volume, *, labels: NDArray[np.integer
     Parameters
     ----------
     path : path
-        ``.tif`` as ImageJ reads it (OME-TIFF above 4 GB), with labels in a second file, ``NAME_labels.tif``; ``.h5``
-        with the datasets ``volume`` and ``labels``; ``.zarr`` for an OME-Zarr folder with coarser levels, labels in
-        ``labels/grains``, which needs the extra ``[zarr]``.
+        ``.tif`` as ImageJ reads it (OME-TIFF above 4 GB, and for ``.ome.tif``), with labels in a second file,
+        ``NAME_labels.tif``; ``.h5`` with the datasets ``volume`` and ``labels``; ``.zarr`` for an OME-Zarr folder with
+        coarser levels, labels in ``labels/grains``, which needs the extra ``[zarr]``.
     volume : Volume
         Attenuation, 1/mm.
     labels : (nz, ny, nx) integer array, optional
@@ -108,13 +109,15 @@ def write_volume(path: str | Path, volume: Volume, *, labels: NDArray[np.integer
         If the name has another suffix, the labels another shape, or the file cannot be written.
     """
     path = Path(path)
-    _check_shape(labels, volume)
+    labels = None if labels is None else _on_grid(labels, volume)
     name = path.name.lower()
     if name.endswith(_TIFF_NAMES):
-        write_volume_tiff(path, volume.array, volume.voxel_size, center=volume.center)
+        ome = name.endswith(_OME_TIFF_NAMES)
+        write_volume_tiff(path, volume.array, volume.voxel_size, center=volume.center, ome=ome)
         if labels is not None:
-            beside = path.with_name(f"{path.stem}_labels{path.suffix}")
-            write_volume_tiff(beside, labels, volume.voxel_size, center=volume.center)
+            ending = "".join(path.suffixes[-2:]) if ome else path.suffix
+            beside = path.with_name(f"{path.name.removesuffix(ending)}_labels{ending}")
+            write_volume_tiff(beside, labels, volume.voxel_size, center=volume.center, ome=ome)
     elif name.endswith(_HDF5_NAMES):
         write_volume_hdf5(path, volume, labels)
     elif name.endswith(".zarr"):
@@ -142,10 +145,11 @@ def write_labels(path: str | Path, labels: NDArray[np.integer], grid: Volume) ->
         If the name has another suffix, the labels another shape, or the file cannot be written.
     """
     path = Path(path)
-    _check_shape(labels, grid)
+    labels = _on_grid(labels, grid)
     name = path.name.lower()
     if name.endswith(_TIFF_NAMES):
-        write_volume_tiff(path, labels, grid.voxel_size, center=grid.center)
+        ome = name.endswith(_OME_TIFF_NAMES)
+        write_volume_tiff(path, labels, grid.voxel_size, center=grid.center, ome=ome)
     elif name.endswith(_HDF5_NAMES):
         write_volume_hdf5(path, None, labels, grid=grid)
     elif name.endswith(".zarr"):
@@ -154,6 +158,9 @@ def write_labels(path: str | Path, labels: NDArray[np.integer], grid: Volume) ->
         raise InputError(str(path), f"the format '{path.suffix}' cannot be written", WRITTEN_FORMATS)
 
 
-def _check_shape(labels: NDArray[np.integer] | None, grid: Volume) -> None:
-    if labels is not None and labels.shape != grid.shape:
+def _on_grid(labels: NDArray[np.integer], grid: Volume) -> NDArray[np.integer]:
+    """The labels, whose shape must be that of the grid."""
+    labels = np.asarray(labels)
+    if labels.shape != grid.shape:
         raise InputError("labels", f"shape {labels.shape} is not the volume's {grid.shape}", "give them on one grid")
+    return labels

@@ -51,9 +51,10 @@ def hdf5_volume(path: Path, spec: str, inner: str) -> VolumeFile:
 
 def _only_volume(file: h5py.File, path: Path) -> str:
     """The path of the only dataset that is a volume; ``volume`` in a reference.h5."""
+    own = [name for name in ("volume", "labels") if isinstance(file.get(name), h5py.Dataset)]
+    if own and _is_own(file[own[0]].attrs):  # also one slice
+        return f"/{own[0]}"
     shapes = {name: shape for name, shape in dataset_shapes(file).items() if sum(n > 1 for n in shape) >= 3}
-    if "/volume" in shapes and file["volume"].attrs.get("unit") == _OWN_UNIT:
-        return "/volume"
     if len(shapes) == 1:
         return next(iter(shapes))
     names = ", ".join(f"{name} {shape}" for name, shape in list(shapes.items())[:MAX_NAMES_LISTED])
@@ -127,10 +128,15 @@ def _by_axes(data: h5py.Dataset) -> Told | None:
 def _own_center(data: h5py.Dataset) -> tuple[float, float, float] | None:
     """The centre of the array, in files of this package."""
     for holder in (data, data.parent.get("volume")):
-        if isinstance(holder, h5py.Dataset) and "center" in holder.attrs and holder.attrs.get("unit") == _OWN_UNIT:
+        if isinstance(holder, h5py.Dataset) and "center" in holder.attrs and _is_own(holder.attrs):
             x, y, z = (float(c) for c in holder.attrs["center"])
             return x, y, z
     return None
+
+
+def _is_own(attributes: Mapping[str, object]) -> bool:
+    """Whether attributes are those of this package: of a volume, or of labels alone."""
+    return _text(attributes.get("unit", "")) == _OWN_UNIT or "center_unit" in attributes
 
 
 def _three(value: object) -> list[float]:
