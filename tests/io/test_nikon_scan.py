@@ -388,6 +388,15 @@ def test_a_file_whose_last_number_may_be_cut_is_refused(tmp_path):
     assert scan_of(folder_of(tmp_path, text + "00\n")).white_level == 58500
 
 
+@pytest.mark.parametrize("end", ["ObjectTi", "ObjectRoll"])
+def test_a_file_cut_within_its_keys_is_doubtful(tmp_path, end):
+    text = FILE[: FILE.index(end) + len(end)]
+    (finding,) = scan_of(folder_of(tmp_path, text)).findings
+    assert finding.level is Level.WARNING
+    assert "it is probably truncated" in finding.fact
+    assert scan_of(folder_of(tmp_path, FILE.rstrip("\r\n"))).findings == ()  # ends in another section
+
+
 def test_an_axis_that_was_left_to_the_reconstruction_is_doubtful(tmp_path):
     """As in scans of CT Pro before version 4: no offset, and AutomaticCentreOfRotation is 1."""
     old = {"ObjectOffsetX": None, "ObjectRoll": None, "ObjectTilt": None, "AutomaticCentreOfRotation": 1}

@@ -75,7 +75,15 @@ def read_bruker_scan(path: Path) -> ScannerFile:
         mirrored=True,
         image_shifts=shifts,
         facts=keys.facts(_SKYSCAN_FACTS),
-        findings=(*series, *sizes, *distances, *white_notes, *shift_notes, *_doubts(keys, shape)),
+        findings=(
+            *series,
+            *sizes,
+            *distances,
+            *white_notes,
+            *shift_notes,
+            *_doubts(keys, shape),
+            *keys.end_findings(ACQ),
+        ),
     )
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from grainmotion.errors import InputError
 from grainmotion.io.files import checked_file
+from grainmotion.model.finding import Finding, Level
 
 _UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 MAX_IMAGES = 1_000_000
@@ -65,22 +66,28 @@ class KeyFile:
     def read(cls, path: Path) -> KeyFile:
         """Read a file; lines that are neither a section nor a key are passed over."""
         sections: dict[str, dict[str, str]] = {}
-        section, unended = "", None
-        lines = read_any_text(path).split("\n")
-        for k, line in enumerate(lines):
-            line = line.strip()
+        section = ""
+        lines = [line.strip() for line in read_any_text(path).split("\n")]
+        for line in lines:
             if line.startswith("[") and line.endswith("]"):
                 section = line[1:-1].strip().lower()
                 sections.setdefault(section, {})
             elif "=" in line and not line.startswith((";", "#")):
                 key, _, value = line.partition("=")
                 sections.setdefault(section, {})[key.strip().lower()] = value.strip()
-                unended = (section, key.strip().lower()) if k == len(lines) - 1 else None
-        return cls(path, sections, unended)
+        last = lines[-1].partition("=")[0].strip()
+        return cls(path, sections, (section, last.lower()) if last else None)
 
     def where(self, section: str, key: str) -> str:
         """File, section and key, for messages."""
         return f"{self.path} [{section}] {key}"
+
+    def end_findings(self, section: str) -> tuple[Finding, ...]:
+        """A warning if the file ends within a line of a section after which every file of the format has others."""
+        if self.unended is None or self.unended[0] != section.lower():
+            return ()
+        fact = f"the file ends within the line '{self.unended[1][:40]}': it is probably truncated, and keys are missing"
+        return (Finding(Level.WARNING, "sizes", f"{self.path} [{section}]", fact, remedy=COPY_FROM_SCANNER),)
 
     def text(self, section: str, key: str) -> str:
         """The text of a key; empty if it is missing."""

@@ -75,7 +75,7 @@ def read_nikon_scan(path: Path) -> ScannerFile:
         mirrored=True,
         unclear=() if angles is not None else (("angles_deg", f"[{MAIN}] AngularStep is missing"),),
         facts=keys.facts(_NIKON_FACTS),
-        findings=(*findings, *notes, *found, *sizes),
+        findings=(*findings, *notes, *found, *sizes, *keys.end_findings(MAIN)),
     )
 
 
