@@ -104,7 +104,7 @@ class SegmentSettings:
     ] = ()
     bodies: Annotated[
         tuple[BodySettings, ...],
-        Field(description="what is told of bodies beside the grains, as tables `[[segment.bodies]]`"),
+        Field(description="what is known of bodies beside the grains, as tables `[[segment.bodies]]`"),
     ] = ()
     finer: Annotated[
         int, Field(ge=1, le=4, description="upsampling, by splines, of the voxels of the last stages of tracking")
