@@ -11,22 +11,16 @@ from grainmotion._typing import Beam, Float
 def project_onto_panels(vectors: Float, shape: tuple[int, int], beam: Beam, points: ArrayLike) -> Float:
     """Row and column ``(n, m, 2)`` of points ``(m, 3)`` in views ``(n, 12)``; NaN for a point behind the source."""
     points = np.asarray(points, dtype=float).reshape(-1, 3)
-    s, d, u, v = np.split(vectors, 4, axis=1)
-    if beam == "cone":
-        ray = points[None] - s[:, None]
-        start = np.broadcast_to(s[:, None], ray.shape)
-    else:
-        start = np.broadcast_to(points[None], (len(vectors), len(points), 3))
-        ray = np.broadcast_to(s[:, None], start.shape)
-    normal = np.cross(u, v)[:, None]
+    s, d, u, v = vectors.reshape(-1, 4, 1, 3).swapaxes(0, 1)
+    normal, steps = np.cross(u, v).swapaxes(1, 2), np.concatenate([v, u], axis=1)
+    # pixels of a shift in the panel's plane: its products with the dual vectors of v and u
+    dual = (np.linalg.inv(steps @ steps.swapaxes(1, 2)) @ steps).swapaxes(1, 2)
     with np.errstate(divide="ignore", invalid="ignore"):
-        t = ((d[:, None] - start) * normal).sum(-1) / (ray * normal).sum(-1)
-    if beam == "cone":
-        t = np.where(t > 0, t, np.nan)
-    hit = start + t[..., None] * ray - d[:, None]
-    gram = np.stack(
-        [np.stack([(u * u).sum(-1), (u * v).sum(-1)], -1), np.stack([(u * v).sum(-1), (v * v).sum(-1)], -1)], -2
-    )
-    right = np.stack([(hit * u[:, None]).sum(-1), (hit * v[:, None]).sum(-1)], -1)
-    cr = np.linalg.solve(gram[:, None], right[..., None])[..., 0]
-    return np.stack([cr[..., 1] + (shape[0] - 1) / 2, cr[..., 0] + (shape[1] - 1) / 2], -1)
+        if beam == "cone":
+            ray = points - s
+            t = ((d - s) @ normal) / (ray @ normal)
+            pixels = (s - d) @ dual + np.where(t > 0, t, np.nan) * (ray @ dual)
+        else:
+            t = ((d - points) @ normal) / (s @ normal)
+            pixels = (points - d) @ dual + t * (s @ dual)
+    return np.asarray(pixels + (np.array(shape) - 1) / 2)

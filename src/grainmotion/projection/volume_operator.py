@@ -89,7 +89,7 @@ class VolumeOperator:
         """A x of some views (default all) from a padded volume: line integrals ``(views, rows, columns)``."""
         vectors = self._vectors(views)
         out = np.empty((len(vectors), *self.geometry.shape), image.dtype)
-        origin, h, cone = padded_origin(self.grid), self.grid.voxel_size, self.geometry.beam == "cone"
+        origin, h, cone = self._origin, self.grid.voxel_size, self.geometry.beam == "cone"
         if self.upright:
             volume_projection_vertical.forward(image, origin, h, vectors, cone, self.radius, out)
         else:
@@ -100,11 +100,15 @@ class VolumeOperator:
         """Add Aᵀ y of some views (default all) to a padded volume; its outermost layers are undefined then."""
         vectors = self._vectors(views)
         images = np.ascontiguousarray(images, out.dtype)
-        origin, h, cone = padded_origin(self.grid), self.grid.voxel_size, self.geometry.beam == "cone"
+        origin, h, cone = self._origin, self.grid.voxel_size, self.geometry.beam == "cone"
         if self.upright:
             volume_projection_vertical.adjoint(images, origin, h, vectors, cone, self.radius, out)
         else:
             volume_projection.adjoint(images, origin, h, vectors, cone, self.projector == "exact", out)
+
+    @cached_property
+    def _origin(self) -> Float:
+        return padded_origin(self.grid)
 
     def _vectors(self, views: NDArray[np.int64] | None) -> Float:
         vectors = self.geometry.vectors if views is None else self.geometry.vectors[views]
