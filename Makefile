@@ -4,6 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 SPAM   := .venv-spam
+unexport PYTHONDONTWRITEBYTECODE  # tests start many processes that import the package: compiled modules are kept
 
 .DEFAULT_GOAL := help
 .PHONY: help install demo test test-targets test-browser test-spam test-all check format bench bench-gpu bench-history bench-compare paper accuracy clean
@@ -23,7 +24,7 @@ demo: $(STAMP)   ## run the whole job on a small simulated packing; ends by nami
 	$(BIN)/grainmotion demo demo
 
 test: $(STAMP)   ## run the fast tests
-	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile \
+	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder \
 		-m "not slow and not browser and not spam and not targets"
 
 test-targets: $(STAMP) ## compare the motions that kernels compiled for other processors give

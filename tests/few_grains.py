@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import cache
 
 import numpy as np
 
@@ -29,8 +30,12 @@ def geometry(angles_deg=ANGLES, shape=PANEL) -> Geometry:
     return Geometry.cone(angles_deg, shape, 4 * VOXEL, source_to_axis=40, source_to_detector=160)
 
 
+@cache
 def grain_set(count: int = 5, sphere: int | None = None, seed: int = 0, finer: int = 2) -> GrainSet:
-    """Convex polyhedra with soft faces and a dense corner, labels 1 … count; grain ``sphere`` is a uniform ball."""
+    """Convex polyhedra with soft faces and a dense corner, labels 1 … count; grain ``sphere`` is a uniform ball.
+
+    Tests share them and leave their arrays as they are.
+    """
     rng = np.random.default_rng(seed)
     z, y, x = np.meshgrid(*((np.arange(n) - (n - 1) / 2) * VOXEL for n in (46, 44, 52)), indexing="ij")
     volume, labels = np.zeros(x.shape, np.float32), np.zeros(x.shape, np.int32)
