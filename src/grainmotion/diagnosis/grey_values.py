@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterable
 
 import numpy as np
@@ -69,7 +70,9 @@ def _levels(images: NDArray) -> tuple[float, float, float]:
     some = images[np.unique(np.linspace(0, len(images) - 1, min(len(images), MAX_SAMPLE)).astype(int))].astype(float)
     columns = some.shape[2]
     edges = np.concatenate([some[:, :, part] for part in borders(border_width(columns))], axis=2)
-    values = [np.nanmedian(edges), np.nanmedian(some[:, *middle_of(some)]), np.nanpercentile(some, 99)]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of nothing but NaN; it is like nothing then
+        values = [np.nanmedian(edges), np.nanmedian(some[:, *middle_of(some)]), np.nanpercentile(some, 99)]
     return float(values[0]), float(values[1]), float(values[2])
 
 

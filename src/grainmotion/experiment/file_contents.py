@@ -11,7 +11,7 @@ from grainmotion.diagnosis.grey_values import likely_kind
 from grainmotion.errors import InputError
 from grainmotion.experiment.result_contents import describe_result
 from grainmotion.experiment.scan_summary import angle_sentence
-from grainmotion.experiment.volume_contents import voxel_lines
+from grainmotion.experiment.volume_contents import describe_volume, voxel_lines
 from grainmotion.io.angles import read_angles
 from grainmotion.io.files import checked_file
 from grainmotion.io.formats import HDF5, family, unreadable
@@ -46,7 +46,7 @@ def describe_file(path: Path) -> tuple[tuple[str, str], ...]:
     if family(path) == HDF5:
         return (*result, *(_hdf5(path) if not result else ()))
     if family(path) is not None:
-        return (*result, *_images(path))
+        return (*result, *_images_or_volume(path))
     for describe in (_motions, _spam, _csv_views, _angles):
         try:
             return (*result, *describe(path))
@@ -71,6 +71,17 @@ def _hdf5(path: Path) -> tuple[tuple[str, str], ...]:
     return (("HDF5 file", f"{len(lines)} datasets"), *lines[:MAX_DATASETS], *more)
 
 
+def _images_or_volume(path: Path) -> tuple[tuple[str, str], ...]:
+    """Images, or what is a volume or labels alone: an array with a channel, numbers of a colour map."""
+    try:
+        return _images(path)
+    except InputError as error:
+        try:
+            return describe_volume(path)
+        except InputError:
+            raise error from None
+
+
 def _images(path: Path) -> tuple[tuple[str, str], ...]:
     """Size, type and values of images, a volume or labels."""
     stack = find_stack(path)
@@ -83,9 +94,17 @@ def _images(path: Path) -> tuple[tuple[str, str], ...]:
     return (
         ("Images", f"{count} x {rows} x {columns} (images, rows, columns) {dtype}"),
         *voxel_lines(path),
-        ("Values", f"{some.min():g} to {some.max():g} in {len(some)} of the images"),
+        ("Values", f"{_range(some)} in {len(some)} of the images"),
         ("Looks like", kind or "unknown: neither counts, transmission, line integrals nor labels"),
     )
+
+
+def _range(images: np.ndarray) -> str:
+    """The smallest and the largest value, and how many are missing."""
+    missing = float(np.isnan(images).mean()) if images.dtype.kind == "f" else 0.0
+    if missing == 1:
+        return "NaN"
+    return f"{np.nanmin(images):g} to {np.nanmax(images):g}" + (f", {missing:.0%} NaN," if missing else "")
 
 
 def _in_patches(images: np.ndarray) -> bool:

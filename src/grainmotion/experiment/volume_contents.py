@@ -25,13 +25,14 @@ def describe_volume(path: Path) -> tuple[tuple[str, str], ...]:
     """
     volume = find_volume(path.name, path.parent)
     nz, ny, nx = volume.shape
+    as_volume = "" if volume.colour_map else f'volume = "{path.name}" or '
     megabytes = nz * ny * nx * volume.dtype.itemsize / 1e6
     return (
         ("Volume", f"{nz} x {ny} x {nx} voxels (z, y, x) {volume.dtype}, {megabytes:.4g} MB"),
         ("Voxel size", _size(volume)),
         *(("Note", note) for note in volume.notes),
         ("Values", _values(volume)),
-        ("Use", f'volume = "{path.name}" or labels = "{path.name}" in [reference]'),
+        ("Use", f'{as_volume}labels = "{path.name}" in [reference]'),
     )
 
 
