@@ -44,6 +44,8 @@ from .io.volumes.access import read_labels as read_labels
 from .io.volumes.access import read_volume as read_volume
 from .io.volumes.access import write_labels as write_labels
 from .io.volumes.access import write_volume as write_volume
+from .mechanics.body_contacts import BodyContacts as BodyContacts
+from .mechanics.body_contacts import body_contacts as body_contacts
 from .mechanics.contact_changes import ContactChanges as ContactChanges
 from .mechanics.contact_changes import contact_changes as contact_changes
 from .mechanics.contacts import Contacts as Contacts

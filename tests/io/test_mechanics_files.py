@@ -10,6 +10,7 @@ import pytest
 
 from grainmotion.io.mechanics_files import mechanics_names, write_mechanics
 from grainmotion.mechanics.columns import (
+    BODY_CONTACT_COLUMNS,
     CONTACT_COLUMNS,
     STATE_CONTACT_COLUMNS,
     STRAIN_MAP_COLUMNS,
@@ -54,6 +55,7 @@ def test_columns_are_as_described(written):
     for name, columns in (
         ("one/strains.csv", STRAIN_MAP_COLUMNS),
         ("one/contacts.csv", STATE_CONTACT_COLUMNS),
+        ("one/body_contacts.csv", BODY_CONTACT_COLUMNS),
         ("one/void_ratio.csv", VOID_COLUMNS),
         ("reference_contacts.csv", CONTACT_COLUMNS),
         ("reference_void_ratio.csv", VOID_COLUMNS),

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from grainmotion.mechanics import columns
+from grainmotion.mechanics.body_contacts import body_contacts
 from grainmotion.mechanics.contact_changes import contact_changes
 from grainmotion.mechanics.contacts import contacts
 from grainmotion.mechanics.strains import strains
@@ -23,6 +24,7 @@ def tables():
         (strains(motions).to_dataframe(), columns.STRAIN_MAP_COLUMNS),
         (after.to_dataframe(), columns.CONTACT_COLUMNS),
         (contact_changes(before, after, motions).to_dataframe(), columns.CHANGE_COLUMNS),
+        (body_contacts(grains).to_dataframe(), columns.BODY_CONTACT_COLUMNS),
         (void_ratio(grains, Volume.zeros((20, 20, 32), 1.0)).to_dataframe(), columns.VOID_COLUMNS),
         (motions.to_dataframe(), None),
     )

@@ -22,7 +22,8 @@ RESERVED_STATE_NAMES = (
     "reference.ome.zarr",
     "beam_level.json", "calibration.json", "checks.json", "checks-grains.json", "checks-volume.json", "run.log",
     "series.h5", "series.csv", "series.parquet", "watch.html", "datapackage.json",
-    "reference_contacts.csv", "reference_void_ratio.csv", "reference_mechanics.json", "dem",
+    "reference_contacts.csv", "reference_body_contacts.csv", "reference_void_ratio.csv",
+    "reference_mechanics.json", "dem",
 )  # fmt: skip
 """Names of result files and folders, which a state cannot have."""
 

@@ -13,6 +13,8 @@ from fnmatch import fnmatchcase
 from grainmotion.io.contents import ALL_HDF5, MOTION_DATASETS, REFERENCE_DATASETS
 from grainmotion.io.dem_columns import DEM_GRAIN_COLUMNS, HARMONIC_COLUMNS, LABEL, POSE_COLUMNS, SPHERE_COLUMNS
 from grainmotion.mechanics.columns import (
+    BODY_CONTACT_COLUMNS,
+    BODY_CONTACTS_CONTENT,
     CHANGES_CONTENT,
     CONTACT_COLUMNS,
     CONTACTS_CONTENT,
@@ -140,6 +142,7 @@ _REFERENCE_SUMMARY = {
     "units": ("text", "of all numbers in it"),
     "settings": ("", "the table [mechanics]"),
     "pairs": ("1", "number of pairs of each kind of contact"),
+    "contacts_with_bodies": ("1", "number of contacts with each piston, wall or other body"),
     "fabric_of_normals": ("1", "Fabric of the contact normals, see docs/mechanics.md"),
     "fabric_of_branches": ("1", "Fabric of the branch vectors"),
     "void_ratio": ("1", "mean over all cells inside, and their number"),
@@ -204,6 +207,7 @@ FILES: tuple[FileKind, ...] = (
              note="a folder; each file is told in [dem](dem.md), the units of its tables in README.txt"),
     FileKind("watch.html", "live page of `grainmotion watch`", "`grainmotion watch`", note="opens in any browser"),
     FileKind("reference_contacts.csv", CONTACTS_CONTENT, _MECH, columns=CONTACT_COLUMNS),
+    FileKind("reference_body_contacts.csv", BODY_CONTACTS_CONTENT, _MECH, columns=BODY_CONTACT_COLUMNS),
     FileKind("reference_void_ratio.csv", VOIDS_CONTENT, _MECH, columns=VOID_COLUMNS),
     FileKind("reference_mechanics.json", "contacts, fabric and void ratio of the reference as a whole", _MECH,
              items=_REFERENCE_SUMMARY),
@@ -236,6 +240,7 @@ FILES: tuple[FileKind, ...] = (
              note="**voxels**, z y x, 0-based; tab-separated; see [export](export.md#spam)"),
     FileKind("STATE/strains.csv", STRAINS_CONTENT, _MECH, columns=STRAIN_MAP_COLUMNS),
     FileKind("STATE/contacts.csv", CHANGES_CONTENT, _MECH, columns=STATE_CONTACT_COLUMNS),
+    FileKind("STATE/body_contacts.csv", BODY_CONTACTS_CONTENT, _MECH, columns=BODY_CONTACT_COLUMNS),
     FileKind("STATE/void_ratio.csv", VOIDS_CONTENT, _MECH, columns=VOID_COLUMNS),
     FileKind("STATE/mechanics.json", "strain, contacts, fabric and void ratio of the state as a whole", _MECH,
              items=_STATE_SUMMARY),

@@ -35,14 +35,18 @@ def grain_bodies(state):
                 nGP=Vector3i(*[int(n) for n in data["distance"].shape]),
                 spacing=float(data["spacing"]) * METRE,
             )
-            found[int(row["label"])] = levelSetBody(
+            options = dict(
                 grid=grid,
                 distField=(data["distance"].astype(float) * METRE).tolist(),
-                surfNodes=[Vector3(*(node * METRE)) for node in data["nodes"]],
                 center=Vector3(*[float(row[c]) * METRE for c in ("x", "y", "z")]),
                 orientation=Quaternion(*[float(row[c]) for c in ("qw", "qx", "qy", "qz")]),
                 material="grain",
             )
+            nodes = [Vector3(*(node * METRE)) for node in data["nodes"]]
+            try:
+                found[int(row["label"])] = levelSetBody(surfNodes=nodes, **options)
+            except TypeError:  # a YADE that places the nodes itself
+                found[int(row["label"])] = levelSetBody(nSurfNodes=len(nodes), **options)
     return found
 
 
@@ -78,6 +82,10 @@ ABOUT_LS_DEM = """\
 ls-dem/         morphology_LABEL.dat, and labels_, positions_ and rotations_STATE.dat with a line a grain whose
                 place in the state is a result to use.
                 Unit of length: the spacing of the grid, {spacing:g} voxels (voxel_size in grains.csv).
+                The k-th line of positions and rotations belongs to the label in the k-th line of labels_STATE.dat.
+                Codes that read Morphologies/morph_1.dat, morph_2.dat, ... take them in that order; in this folder:
+                mkdir -p InitState Morphologies; cp positions_STATE.dat rotations_STATE.dat InitState; k=0
+                while read n; do k=$((k+1)); cp morphology_$n.dat Morphologies/morph_$k.dat; done < labels_STATE.dat
                 Lines of a morphology: mass at density 1; principal moments; centre of mass in the grid;
                 number of nodes; nodes about the centre; radius; points of the grid; distances, x fastest.
                 Quaternions are (y, -x, -z, w), as the LS-DEM codes of Kawamoto et al. (2016) take them."""

@@ -1,4 +1,6 @@
-"""Files of the mechanics of a state: ``strains.csv``, ``contacts.csv``, ``void_ratio.csv`` and ``mechanics.json``.
+"""Files of the mechanics of a state, or of the reference.
+
+``strains.csv``, ``contacts.csv``, ``body_contacts.csv``, ``void_ratio.csv`` and ``mechanics.json``.
 
 The columns are those of `grainmotion.mechanics.columns`.  ``contacts.csv`` of a state joins what became of each pair
 with its gap, place and directions in the state.  ``mechanics.json`` holds the sample as a whole, with units, frame,
@@ -24,13 +26,20 @@ MECHANICS_UNITS = "mm, degrees, mm^3; strains, fabric and void ratios are number
 
 def mechanics_names(prefix: str = "", *, state: bool) -> tuple[str, ...]:
     """Names of the files, of a state or of the reference."""
-    names = ("contacts.csv", "void_ratio.csv", "mechanics.json", *(("strains.csv",) if state else ()))
+    names = (
+        "contacts.csv",
+        "body_contacts.csv",
+        "void_ratio.csv",
+        "mechanics.json",
+        *(("strains.csv",) if state else ()),
+    )
     return tuple(prefix + name for name in names)
 
 
 def write_mechanics(folder: Path, found: StateMechanics, settings: MechanicsSettings, *, prefix: str = "") -> None:
     """Write the files into a folder, their names after ``prefix``."""
     _write(folder / f"{prefix}contacts.csv", contact_table(found))
+    _write(folder / f"{prefix}body_contacts.csv", found.bodies.to_dataframe())
     _write(folder / f"{prefix}void_ratio.csv", found.voids.to_dataframe())
     if found.strains is not None:
         _write(folder / f"{prefix}strains.csv", found.strains.to_dataframe())

@@ -60,6 +60,16 @@ STATE_CONTACT_COLUMNS: Columns = frozen({
     **_PAIR, **_CHANGE, **{name: column for name, column in _CONTACT.items() if name != "gap"}
 })  # fmt: skip
 """Columns of ``contacts.csv`` of a state: `CHANGE_COLUMNS`, then those of the state's contacts."""
+BODY_CONTACTS_CONTENT = "grains that touch or nearly touch a piston, a wall or another body beside them"
+BODY_CONTACT_COLUMNS: Columns = frozen({
+    "label": ("1", "label of the grain"),
+    "body": ("text", "name of the body, as in bodies.csv"),
+    "kind": ("text", "contact, open, indeterminate, or overlap (one of the motions is wrong)"),
+    "gap": ("mm", "distance of the surfaces, negative if they overlap"),
+    "sd_gap": ("mm", "standard deviation of gap"),
+    **vector_columns("", "mm", "place of the contact in this state"),
+    **vector_columns("n", "1", "unit normal from the grain to the body"),
+})  # fmt: skip
 VOIDS_CONTENT = "space around each grain"
 VOID_COLUMNS: Columns = frozen(
     {

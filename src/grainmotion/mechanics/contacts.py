@@ -139,8 +139,7 @@ def contacts(grains: GrainSet, motions: Motions | None = None, *, tolerance: flo
     InputError
         If the tolerance is not positive, or ``motions`` names a label that is not among the grains.
     """
-    if not (np.isfinite(tolerance) and tolerance > 0):
-        raise InputError("contacts.tolerance", f"must be > 0, got {tolerance}", "give it in voxels, such as 0.7")
+    check_tolerance("contacts.tolerance", tolerance)
     placed, left_out = placed_grains(grains, motions)
     h = grains.voxel_size
     found = list(_measured(grains, placed, h * (tolerance + LISTED_GAP)))
@@ -155,7 +154,7 @@ def contacts(grains: GrainSet, motions: Motions | None = None, *, tolerance: flo
     ends = np.array([[row_of[int(a)], row_of[int(b)]] for a, b in pairs], dtype=np.int64).reshape(m, 2)
     branches = current[ends[:, 1]] - current[ends[:, 0]]
     border = np.array([grains.grains[row].touches_border for row in placed.rows], dtype=bool)
-    kinds = _kinds(gaps, sds, tolerance * h, h)
+    kinds = gap_kinds(gaps, sds, tolerance * h, h)
     return Contacts(
         pairs[order], gaps[order], sds[order], kinds[order], points[order], normals[order], branches[order], labels,
         border, left_out, tolerance * h, h,
@@ -244,7 +243,14 @@ def _inside(
     return depth, (current[first[0]] + current[second[0]]) / 2, direction
 
 
-def _kinds(gaps: Float, sds: Float, tolerance: float, voxel_size: float) -> NDArray[np.str_]:
+def check_tolerance(where: str, tolerance: float) -> None:
+    """Raise `InputError` unless a tolerance is positive."""
+    if not (np.isfinite(tolerance) and tolerance > 0):
+        raise InputError(where, f"must be > 0, got {tolerance}", "give it in voxels, such as 0.7")
+
+
+def gap_kinds(gaps: Float, sds: Float, tolerance: float, voxel_size: float) -> NDArray[np.str_]:
+    """The kind of each pair by its gap, the gap's standard deviation, the tolerance and the voxel size, mm."""
     clear = CLEAR_GAP_SDS * sds
     kinds = np.full(len(gaps), INDETERMINATE, dtype="<U13")
     kinds[gaps + clear < tolerance] = TOUCHING

@@ -74,8 +74,8 @@ def fabric(contacts: Contacts, *, directions: Directions = "normals") -> Fabric:
     """Fabric tensors, anisotropy and coordination number of the contacts of a state.
 
     Tensors as Kanatani (International Journal of Engineering Science 22, 149, 1984) defines them.  Contacts with
-    pistons and walls do not count.  Grains at the border of the field of view do not count for the coordination
-    number, but their contacts with others do.
+    pistons and walls (`body_contacts`) do not count.  Grains at the border of the field of view do not count for the
+    coordination number, but their contacts with others do.
 
     Parameters
     ----------

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from grainmotion.mechanics.body_contacts import BodyContacts, body_contacts
 from grainmotion.mechanics.contact_changes import ContactChanges, contact_changes
-from grainmotion.mechanics.contacts import Contacts, contacts
+from grainmotion.mechanics.contacts import TOUCHING, Contacts, contacts
 from grainmotion.mechanics.fabric import fabric
 from grainmotion.mechanics.finite_strain import Deformation, deviatoric_noise, propagated, standard_deviations
 from grainmotion.mechanics.settings import MechanicsSettings
@@ -23,6 +24,7 @@ class StateMechanics:
     """Contacts and void ratios of the reference or of a state; of a state strains and changes of contacts as well."""
 
     contacts: Contacts
+    bodies: BodyContacts
     voids: VoidRatios
     strains: Strains | None = None
     changes: ContactChanges | None = None
@@ -38,6 +40,10 @@ class StateMechanics:
         if self.changes is not None:
             names, counts = np.unique(self.changes.changes, return_counts=True)
             found["changes"] = dict(zip(names.tolist(), counts.tolist(), strict=True))
+        found["contacts_with_bodies"] = {
+            str(name): int(np.count_nonzero((self.bodies.bodies == name) & (self.bodies.kinds == TOUCHING)))
+            for name in np.unique(self.bodies.bodies)
+        }
         found["fabric_of_normals"] = fabric(self.contacts).to_dict()
         found["fabric_of_branches"] = fabric(self.contacts, directions="branches").to_dict()
         mean = self.voids.mean
@@ -49,7 +55,9 @@ class StateMechanics:
 def reference_mechanics(grains: GrainSet, grid: Volume, settings: MechanicsSettings) -> StateMechanics:
     """Contacts and void ratios of the reference."""
     return StateMechanics(
-        contacts(grains, tolerance=settings.tolerance), void_ratio(grains, grid, cells=settings.cells)
+        contacts(grains, tolerance=settings.tolerance),
+        body_contacts(grains, tolerance=settings.tolerance),
+        void_ratio(grains, grid, cells=settings.cells),
     )
 
 
@@ -60,6 +68,7 @@ def state_mechanics(
     after = contacts(grains, motions, tolerance=settings.tolerance)
     return StateMechanics(
         after,
+        body_contacts(grains, motions, tolerance=settings.tolerance),
         void_ratio(grains, grid, motions, cells=settings.cells),
         strains(motions, estimator=settings.estimator, reach=settings.reach),
         contact_changes(before, after, motions),

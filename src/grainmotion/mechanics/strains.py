@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 Estimator = Literal["cells", "neighbours"]
 INSIDE_OUT = "the grains around it are turned inside out (det F < 0): the motion of one of them is wrong"
+NO_VOLUME = "the grains to use are fewer than four, or all on a line or in a plane other than one z"
 DEFAULT_REACH = 2.0
 """Radius of local fits, in median distances of neighbouring centres: about the first shell of grains."""
 
@@ -189,7 +190,7 @@ def strains(motions: Motions, *, estimator: Estimator = "cells", reach: float = 
     non_affine = np.full(n, np.nan)
     if estimator == "cells":
         weights, known = cells.weights.combined(around), volumes > 0
-        absent = "no tetrahedron around it is left"
+        absent = "no tetrahedron around it is left" if len(cells.volumes) else NO_VOLUME
     else:
         planar = cells.simplices.shape[1] == 3
         fits = fit_around(points, reach * _spacing(points, cells), planar=planar)
@@ -199,7 +200,10 @@ def strains(motions: Motions, *, estimator: Estimator = "cells", reach: float = 
     gradients, of_gradients = np.full((n, 3, 3), np.nan), np.full((n, 9, 9), np.nan)
     gradients[used[known]] = weights.gradients(moved)[known]
     of_gradients[used[known]] = weights.covariances(covariances)[known]
-    reasons = [f"translation not to use: {status}" for status in motions.statuses]
+    reasons = [
+        f"translation not to use: {status}" if is_finite else "its motion or centre is NaN"
+        for status, is_finite in zip(motions.statuses, finite | ~motions.ok_translation, strict=True)
+    ]
     for row, is_known in zip(used, known, strict=True):
         reasons[row] = "" if is_known else absent
     for row in np.flatnonzero(np.isfinite(gradients[:, 0, 0]) & np.isnan(Deformation(gradients).volumetric)):
