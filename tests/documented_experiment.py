@@ -56,7 +56,8 @@ geometry = "step.csv"
 exports = ["spam", "tiff", "dem"]
 
 [dem]
-shapes = ["stl", "clump"]
+shapes = ["stl", "level-set", "clump"]
+codes = ["ls-dem"]
 spheres = 5
 """
 METAIMAGE = """ObjectType = Image

@@ -17,7 +17,7 @@ from yade_stand_in import names_of_yade, yade_module
 BLOCKS = blocks_in("python")
 EXPECTED = {
     "README.md": "len(motions) == 6 and motions.ok_translation.all()",
-    "docs/dem.md": "mesh.is_watertight and len(h.coefficients) == 169 and len(grains) == 6"
+    "docs/dem.md": "mesh.is_watertight and len(h.coefficients) == 169 and k == len(grains) == 6"
     " and len(O.bodies.clumps) == 6"
     " and abs(1e3 * O.bodies.centers() - poses.query('state == \"step-01\"')[['x', 'y', 'z']]).max(axis=None) < 0.05",
     "docs/export.md": "len(points) == len(arrows) == 6 and set(labels.flat) == set(moved.flat) == set(range(7))",
