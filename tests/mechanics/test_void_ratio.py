@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from grainmotion.errors import InputError
+from grainmotion.mechanics.radical_cells import cell_variances, radical_cells
 from grainmotion.mechanics.void_ratio import void_ratio
 from grainmotion.model.scene import Body, Scene
 from grainmotion.model.state_fit import BodyMotion
@@ -139,3 +140,51 @@ def test_one_grain_has_no_void_ratio():
         assert np.isnan(found.void_ratios).all()
         assert np.isnan(found.mean)
     assert found.cell_volumes[0] == pytest.approx(20**3)
+
+
+class TestUncertainty:
+    """Standard deviations of void ratios by the translations of the grains."""
+
+    RNG = np.random.default_rng(3)
+    PLACES = 9 * np.stack(np.meshgrid(*[[-1.0, 0, 1]] * 3), axis=-1).reshape(-1, 3) + RNG.uniform(-1, 1, (27, 3))
+    RADII = RNG.uniform(3.5, 4.5, 27)
+    GRID = Volume.zeros((50, 50, 50), 1.0)
+
+    def test_radical_cells_that_many_errors_change(self):
+        """Draws of the centres from covariances that differ in size and direction: within the scatter of 200 draws."""
+        factors = self.RNG.normal(size=(27, 3, 3)) * self.RNG.uniform(0.02, 0.06, (27, 1, 1))
+        covariances = factors @ np.swapaxes(factors, 1, 2)
+        _, inside = radical_cells(self.PLACES, self.RADII, self.GRID)
+        predicted = np.sqrt(cell_variances(self.PLACES, self.RADII, self.GRID, covariances))[inside]
+        drawn = [
+            radical_cells(self.PLACES + np.einsum("nij,nj->ni", factors, self.RNG.normal(size=(27, 3))), self.RADII,
+                          self.GRID)[0][inside]
+            for _ in range(200)
+        ]  # fmt: skip
+        assert inside.any()
+        np.testing.assert_allclose(np.std(drawn, axis=0, ddof=1) / predicted, 1, atol=4 / np.sqrt(2 * 200))
+
+    def test_set_cells_that_many_errors_change(self, cubic):
+        """The same faces bound them: within 20 % of the scatter of 30 draws, whose own is 13 %."""
+        scatter, sd = [], 0.2
+        for _ in range(30):
+            motions = known_motions(cubic.centers, self.RNG.normal(0, sd, (27, 3)), sd=sd)
+            scatter.append(void_ratio(cubic, FIELD, motions).cell_volumes[MIDDLE])
+        found = void_ratio(cubic, FIELD, known_motions(cubic.centers, np.zeros((27, 3)), sd=sd))
+        assert found.void_ratio_sds[MIDDLE] == pytest.approx(
+            np.std(scatter, ddof=1) / found.grain_volumes[MIDDLE], rel=0.4
+        )
+
+    def test_none_in_the_reference_and_none_for_cut_cells(self, cubic):
+        found = void_ratio(cubic, FIELD, cells="radical")
+        assert found.void_ratio_sds[MIDDLE] == 0
+        assert np.isnan(np.delete(found.void_ratio_sds, MIDDLE)).all()
+
+    def test_a_neighbour_without_covariance_leaves_none(self, cubic):
+        motions = known_motions(cubic.centers, np.zeros((27, 3)), sd=0.1)
+        beside = int(np.argmin(np.linalg.norm(CUBIC - [2 * RADIUS, 0, 0], axis=1)))
+        covariances = motions.covariances.copy()
+        covariances[beside] = np.nan
+        found = void_ratio(cubic, FIELD, replace(motions, covariances=covariances), cells="radical")
+        assert np.isnan(found.void_ratio_sds[MIDDLE])
+        assert np.isfinite(found.void_ratios[MIDDLE])

@@ -78,5 +78,9 @@ VOID_COLUMNS: Columns = frozen(
         "cell_volume": ("mm^3", "of its Voronoi cell in this state"),
         "inside": ("yes or no", "whether neither the border of the field nor a free surface cuts the cell"),
         "void_ratio": ("1", "(cell_volume - grain_volume)/grain_volume; empty for cells that are cut"),
+        "sd_void_ratio": (
+            "1",
+            "standard deviation of void_ratio by the translations of the grains; 0 in the reference",
+        ),
     }
 )

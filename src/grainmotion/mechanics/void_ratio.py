@@ -24,7 +24,7 @@ from grainmotion._typing import Float
 from grainmotion.analysis.deformed_volume import rebuild, typical_attenuation
 from grainmotion.errors import InputError
 from grainmotion.mechanics.columns import VOID_COLUMNS, VOIDS_CONTENT
-from grainmotion.mechanics.radical_cells import radical_cells
+from grainmotion.mechanics.radical_cells import cell_variances, radical_cells
 from grainmotion.mechanics.surfaces import is_slice, surface_of
 from grainmotion.mechanics.tetrahedra import tessellate
 from grainmotion.model.described_table import described
@@ -58,6 +58,9 @@ class VoidRatios:
         Grains that have a place in the state.
     grain_volumes, cell_volumes : (n,) arrays
         mm³.  That of a grain is of its voxels above half of its typical attenuation, the same in every state.
+    cell_volume_sds : (n,) array
+        Standard deviations of the cells' volumes by the translations of the grains around them, mm³; 0 in the
+        reference.  Those of grain volumes, the same in every state, are not in them.
     inside : (n,) bool array
         Cells that neither the border of the field nor a free surface cuts: only their void ratio is a result to use.
     cells : {"set", "radical"}
@@ -67,6 +70,7 @@ class VoidRatios:
     labels: NDArray[np.int64]
     grain_volumes: Float
     cell_volumes: Float
+    cell_volume_sds: Float
     inside: NDArray[np.bool_]
     cells: Cells
 
@@ -75,6 +79,11 @@ class VoidRatios:
         """e = (cell − grain)/grain, ``(n,)``; NaN for cells that are not inside."""
         ratios = self.cell_volumes / self.grain_volumes - 1
         return np.where(self.inside, ratios, np.nan)
+
+    @property
+    def void_ratio_sds(self) -> Float:
+        """Standard deviations of the void ratios by the translations, ``(n,)``; NaN for cells that are not inside."""
+        return np.where(self.inside, self.cell_volume_sds / self.grain_volumes, np.nan)
 
     @property
     def mean(self) -> float:
@@ -94,7 +103,7 @@ class VoidRatios:
 
         table = pd.DataFrame({
             "label": self.labels, "grain_volume": self.grain_volumes, "cell_volume": self.cell_volumes,
-            "inside": self.inside, "void_ratio": self.void_ratios,
+            "inside": self.inside, "void_ratio": self.void_ratios, "sd_void_ratio": self.void_ratio_sds,
         })  # fmt: skip
         return described(table, VOID_COLUMNS, VOIDS_CONTENT, cells=self.cells)
 
@@ -136,20 +145,23 @@ def void_ratio(grains: GrainSet, grid: Volume, motions: Motions | None = None, *
         raise InputError("motions.label", fact, "use motions of this reference")
     rows = [row_of[int(label)] for label in motions.labels]
     volumes = np.array([_grain_volume(grains.grains[row]) for row in rows])
+    shifts = recenter(motions.gradients, motions.translations, motions.centers, grains.centers[rows])
+    places, radii = grains.centers[rows] + shifts, np.cbrt(0.75 / np.pi * volumes)
     if cells == "set":
         spaces, inside = _set_cells(grains, motions, grid, volumes)
     else:
-        shifts = recenter(motions.gradients, motions.translations, motions.centers, grains.centers[rows])
-        spaces, inside = radical_cells(grains.centers[rows] + shifts, np.cbrt(0.75 / np.pi * volumes), grid)
+        spaces, inside = radical_cells(places, radii, grid)
+    variances = cell_variances(places, radii, grid, motions.covariances[:, :3, :3])
     current = motions.centers + motions.translations
     inside &= ~tessellate(current).at_hull & (spaces > 0) & (volumes > 0)
-    return VoidRatios(motions.labels, volumes, spaces, inside, cells)
+    return VoidRatios(motions.labels, volumes, spaces, np.sqrt(variances), inside, cells)
 
 
 def _usable(grains: GrainSet, motions: Motions | None) -> Motions:
     """Motions of the grains that have a place, all taken as converged; no motion for the reference."""
     if motions is None:
         motions = Motions.identity(grains.labels, grains.centers)
+        motions = replace(motions, covariances=np.zeros((len(motions), 6, 6)))
         kept = np.arange(len(motions))
     else:
         finite = np.isfinite(np.hstack([motions.translations, motions.rotations])).all(axis=1)
@@ -158,6 +170,7 @@ def _usable(grains: GrainSet, motions: Motions | None) -> Motions:
         Motions.identity(motions.labels[kept], motions.centers[kept]),
         translations=motions.translations[kept],
         rotations=motions.rotations[kept],
+        covariances=motions.covariances[kept],
         statuses=np.full(len(kept), Status.CONVERGED.value, dtype="<U20"),
         strains=None if motions.strains is None else motions.strains[kept],
         strain_covariances=None if motions.strain_covariances is None else motions.strain_covariances[kept],
