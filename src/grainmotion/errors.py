@@ -29,6 +29,10 @@ class InputError(GrainmotionError, ValueError):
     """Something that the user gave cannot be used."""
 
 
+class WriteError(InputError):
+    """A file cannot be written: a full disk, no permission, a drive that is away."""
+
+
 class InputWarning(UserWarning):
     """Something that the user gave is likely to be wrong."""
 

@@ -7,7 +7,7 @@ import shutil
 import pytest
 
 from grainmotion.cli import console
-from grainmotion.errors import InputError
+from grainmotion.errors import InputError, WriteError
 from grainmotion.experiment.config import read_experiment
 from grainmotion.io.geometry_csv import write_geometry
 from grainmotion.io.tiff import write_tiff
@@ -166,7 +166,7 @@ def test_motions_that_could_not_be_written_are_tracked_again(folder, monkeypatch
     def full_at_first(context, stage):
         calls.append(stage.name)
         if stage.name == "s1/track" and calls.count("s1/track") < 3:
-            raise InputError("motions.h5", "cannot be written", "make room") from OSError(errno.ENOSPC, "full")
+            raise WriteError("motions.h5", "cannot be written", "make room")
         return original(context, stage)
 
     monkeypatch.setattr(watch_outputs.RunContext, "complete", full_at_first)

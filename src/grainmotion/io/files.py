@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 import tempfile
@@ -9,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from grainmotion.errors import InputError
+from grainmotion.errors import InputError, WriteError
 
 
 def checked_file(path: str | Path) -> Path:
@@ -41,19 +42,20 @@ def checked_folder(path: str | Path) -> Path:
 def atomic_write(path: str | Path) -> Iterator[Path]:
     """A temporary path beside ``path``, which replaces it when the block succeeds and is removed when it fails.
 
-    So an interrupted run neither leaves half a file nor damages an older one.
+    So an interrupted run neither leaves half a file nor damages an older one.  Raises a `WriteError` if the disk is
+    full, or the folder cannot be written to.
     """
     path = Path(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
     except OSError as error:
-        fact = f"cannot be written: {error.strerror}"
-        raise InputError(str(path), fact, "choose a folder that you may write to") from error
+        raise _not_written(path, error) from error
     os.close(handle)
     temporary = Path(name)
     try:
-        yield temporary
+        with _written(path, temporary):
+            yield temporary
         mask = os.umask(0)  # the only way to read it is to set it
         os.umask(mask)
         temporary.chmod(0o666 & ~mask)
@@ -61,9 +63,29 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
             os.replace(temporary, path)
         except OSError as error:
             fact = f"cannot be replaced: {error.strerror}"
-            raise InputError(str(path), fact, "choose another file") from error
+            raise WriteError(str(path), fact, "choose another file") from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def _written(path: Path, temporary: Path) -> Iterator[None]:
+    """Tell an error of the system while a file is written; one that names another file is passed on."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is not None and not Path(os.fsdecode(error.filename)).is_relative_to(temporary):
+            raise
+        raise _not_written(path, error) from error
+
+
+def _not_written(path: Path, error: OSError) -> WriteError:
+    """The error about a file that cannot be written: libraries tell a full disk in several ways."""
+    reason = " ".join((error.strerror or str(error)).split())
+    full = error.errno in (errno.ENOSPC, errno.EDQUOT) or reason.endswith("written")  # as tifffile counts bytes
+    if full:
+        return WriteError(str(path), "cannot be written: no space left on the disk", "make room, then go on")
+    return WriteError(str(path), f"cannot be written: {reason}", "choose a folder that you may write to")
 
 
 @contextmanager
@@ -74,18 +96,18 @@ def atomic_folder(path: str | Path) -> Iterator[Path]:
         path.parent.mkdir(parents=True, exist_ok=True)
         temporary = Path(tempfile.mkdtemp(prefix=f".{path.stem}-", dir=path.parent))
     except OSError as error:
-        fact = f"cannot be written: {error.strerror}"
-        raise InputError(str(path), fact, "choose a folder that you may write to") from error
+        raise _not_written(path, error) from error
     try:
         new = temporary / "new"
-        new.mkdir()
-        yield new
+        with _written(path, temporary):
+            new.mkdir()
+            yield new
         try:
             if path.exists():
                 os.replace(path, temporary / "old")
             os.replace(new, path)
         except OSError as error:
             fact = f"cannot be replaced: {error.strerror}"
-            raise InputError(str(path), fact, "choose another folder") from error
+            raise WriteError(str(path), fact, "choose another folder") from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from grainmotion.errors import GrainmotionError, InputError
+from grainmotion.errors import GrainmotionError, InputError, WriteError
 from grainmotion.experiment.arrivals import complete_state
 from grainmotion.experiment.inputs import start_in_file
 from grainmotion.model.finding import Finding, worst_first
@@ -237,7 +237,7 @@ class WatchSession:
             return
         except GrainmotionError as error:
             state.message = " ".join(str(error).split())
-            if _of_the_drive(error.__cause__):
+            if _of_the_drive(error):
                 state.try_again(f"{state.message}; tried again after a while")
         except OSError as error:  # as a network drive that was away, or a full disk
             state.try_again(f"a file cannot be read or written ({error}); tried again after a while")
@@ -253,6 +253,8 @@ class WatchSession:
         self.context.set_states(in_order(self.listed.states))
 
 
-def _of_the_drive(error: BaseException | None) -> bool:
-    """Whether the system failed to read or write a file that is there: a full disk, or a network drive that is away."""
-    return isinstance(error, OSError) and error.errno not in (None, errno.ENOENT, errno.EINVAL)
+def _of_the_drive(error: GrainmotionError) -> bool:
+    """Whether the system failed to write a file, or to read one that is there: a full disk, a drive that is away."""
+    cause = error.__cause__
+    failed = isinstance(cause, OSError) and cause.errno not in (None, errno.ENOENT, errno.EINVAL)
+    return failed or isinstance(error, WriteError)
