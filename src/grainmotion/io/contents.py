@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from importlib.metadata import version
 
 import h5py
 
+from grainmotion import __version__
 from grainmotion.model.described_table import SAMPLE_FRAME, Columns, frozen
 
 ALL_HDF5 = frozen(
@@ -126,7 +126,7 @@ def describe_hdf5(
     file: h5py.File, content: str, datasets: Columns, settings: Mapping[str, object] | None = None
 ) -> None:
     """Give a file its content, version, frame and settings, and each dataset its ``unit`` and ``meaning``."""
-    file.attrs.update(content=content, version=version("grainmotion"), frame=SAMPLE_FRAME)
+    file.attrs.update(content=content, version=__version__, frame=SAMPLE_FRAME)
     file.attrs["settings"] = settings_text(settings)
 
     def describe(path: str, item: h5py.Group | h5py.Dataset) -> None:
@@ -144,4 +144,4 @@ def settings_text(settings: Mapping[str, object] | None) -> str:
 
 def about() -> dict[str, str]:
     """First keys of a JSON file: version and frame."""
-    return {"grainmotion": version("grainmotion"), "frame": SAMPLE_FRAME}
+    return {"grainmotion": __version__, "frame": SAMPLE_FRAME}

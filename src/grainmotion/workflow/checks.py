@@ -9,9 +9,9 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from dataclasses import replace
-from importlib.metadata import version
 from pathlib import Path
 
+from grainmotion import __version__
 from grainmotion.diagnosis.hypotheses import OR_WRITE
 from grainmotion.diagnosis.scan_geometry import check_scan
 from grainmotion.errors import InputError
@@ -37,7 +37,7 @@ def check_files(context: RunContext, *, states: bool) -> None:
 
 def check_version(context: RunContext) -> None:
     """Tell that the results in the folder are of another version of the package, so that they are made again."""
-    before, now = context.cache.made_by, version("grainmotion")
+    before, now = context.cache.made_by, __version__
     if before not in ("", now):
         fact = f"the results are of version {before}, and this is {now}: all of them are made again"
         remedy = "install the former version to go on with them, or keep them and choose another folder with --out"

@@ -11,10 +11,10 @@ import hashlib
 import json
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import Generic, TypeVar
 
+from grainmotion import __version__
 from grainmotion.io.files import atomic_write
 
 STAGES_FILE = "stages.json"
@@ -57,7 +57,7 @@ class StageCache:
     def fingerprint(self, settings: object, files: Iterable[Path] = (), upstream: Iterable[str] = ()) -> str:
         """Hash of a stage's inputs; ``settings`` must be plain data, as JSON holds it."""
         contents = [self._content(Path(f)) for f in files]
-        made_from = [version("grainmotion"), settings, contents, list(upstream)]
+        made_from = [__version__, settings, contents, list(upstream)]
         data = json.dumps(made_from, sort_keys=True, default=str).encode()
         return hashlib.blake2b(data, digest_size=16).hexdigest()
 
@@ -87,7 +87,7 @@ class StageCache:
 
     def _save(self) -> None:
         stages = {name: {"fingerprint": made, "files": files} for name, (made, files) in self._stages.items()}
-        kept = {"grainmotion": version("grainmotion"), "stages": stages, "inputs": self._hashes}
+        kept = {"grainmotion": __version__, "stages": stages, "inputs": self._hashes}
         with atomic_write(self.folder / STAGES_FILE) as temporary:
             temporary.write_text(json.dumps(kept, indent=1))
 
