@@ -59,7 +59,7 @@ def assert_no_drift(errors, first, last):
 
 
 def test_errors_do_not_grow_over_steps():
-    errors, _ = errors_by_step(12)
+    errors, _ = errors_by_step(8)
     assert_no_drift(errors, 4, 4)
 
 

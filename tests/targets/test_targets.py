@@ -30,6 +30,7 @@ KERNEL_CACHE, SOURCE = ROOT / ".targets", ROOT / "src" / "grainmotion"
 MAX_OF_SD, MAX_OF_VOXEL = 0.05, 1e-4
 SOLVER_TESTS = ("solvers/test_gauss_newton.py", "solvers/test_semidefinite.py")
 MAX_PROCESSES = 2  # processes, of one thread each
+PLANAR_SAMPLES, ALL_PLANAR_SAMPLES = 2, 4  # of the paper's Table 2; all by `make test-all`
 
 AVX2 = frozenset({"avx2", "fma", "bmi2"})
 
@@ -58,7 +59,7 @@ class Target:
         """Whether this processor has the instructions."""
         return all(binding.get_host_cpu_features().get(n) for n in self.needs)
 
-    def measured(self, folder: Path) -> Path:
+    def measured(self, folder: Path, samples: int) -> Path:
         """Run all cases, and the solver's tests if BLAS is what differs; returns the file of the motions."""
         out = folder / f"{self.variable}-{self.name}.npz"
         variables = {self.variable: self.name, "NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
@@ -74,7 +75,7 @@ class Target:
             "no:cacheprovider",
             *(str(ROOT / "tests" / name) for name in SOLVER_TESTS),
         ]
-        commands = [[str(Path(__file__).with_name("cases.py")), str(out)]]
+        commands = [[str(Path(__file__).with_name("cases.py")), str(out), str(samples)]]
         if self.variable != "NUMBA_CPU_NAME":  # the solver has no compiled kernels
             commands.append(solver)
         for command in commands:
@@ -102,12 +103,13 @@ def results(request, tmp_path_factory) -> Iterator[dict[Target, Future[Path]]]:
     """Start the targets whose tests are to run; compiled kernels of an earlier source are removed."""
     calls = [item.callspec for item in request.session.items if "results" in item.fixturenames]
     chosen = [HOST, *(call.params["target"] for call in calls)]
+    samples = ALL_PLANAR_SAMPLES if any(t.like for t in chosen) else PLANAR_SAMPLES
     folder = tmp_path_factory.mktemp("targets")
     for old in KERNEL_CACHE.glob("*"):
         if old.name != kernels():
             shutil.rmtree(old)
     with ThreadPoolExecutor(MAX_PROCESSES) as pool:
-        yield {t: pool.submit(t.measured, folder) for t in chosen if t.can_run}
+        yield {t: pool.submit(t.measured, folder, samples) for t in chosen if t.can_run}
 
 
 @pytest.mark.parametrize(
