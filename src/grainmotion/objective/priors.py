@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 
 from grainmotion._typing import Float
@@ -22,6 +23,10 @@ class MotionPrior:
 
     pose: Pose
     precisions: Float
+
+    def replaced(self, other: MotionPrior, which: NDArray[np.bool_]) -> MotionPrior:
+        """This prior with that of the grains ``which (n,)`` taken from another one about the same pose."""
+        return MotionPrior(self.pose, np.where(which[:, None, None], other.precisions, self.precisions))
 
     def departure(self, pose: Pose) -> Float:
         """(u, δ) of each grain from where it is expected, ``(n, 6)``."""

@@ -55,6 +55,10 @@ MIN_DECREASE_RATIO = 0.25
 MAX_EXTRAPOLATED_RATIO = 0.9
 """Largest ratio of a step to the one before that is extrapolated: beyond it, steps hardly shrink."""
 
+IDLE_TRIALS = 5
+"""Steps tried, some of them accepted, over which a decrease that is small on average ends the iteration whatever the
+damping: where voxels leave ripples on a flat minimum, the model predicts no step well, and damping never falls."""
+
 SIGNIFICANT_COST_CHANGE = 1e-6
 """Relative change of the cost that is significant: residuals in single precision give the cost to some 1e-7."""
 
@@ -163,7 +167,7 @@ def gauss_newton(
     """
     stopping = stopping or Stopping()
     state, current = start, problem.linearize(start)
-    costs = [current.cost]
+    costs, tried = [current.cost], [current.cost]  # after each accepted step, and the least after each step tried
     damping, growth = 1e-4, 2.0
     step = np.zeros(len(current.gradient) + len(current.border_gradient))
     previous = np.inf, np.inf  # size and predicted decrease of the step before
@@ -174,7 +178,8 @@ def gauss_newton(
         sizes, predicted = problem.step_sizes(state, proposal), predicted_decrease(current, proposal, damping)
         near = damping <= MAX_DAMPING_NEAR_MINIMUM
         far = float((sizes > stopping.straggler_distance).mean())
-        small = stopping.decrease * current.cost if near and far <= stopping.stragglers else 0.0
+        few = stopping.decrease * current.cost if far <= stopping.stragglers else 0.0
+        small = few if near else 0.0
         last = _remaining(sizes.max(), previous[0]) < stopping.step or _remaining(predicted, previous[1]) < small
         trial = None if last else problem.linearize(trial_state)
         cost = problem.cost(trial_state) if trial is None else trial.cost
@@ -194,6 +199,10 @@ def gauss_newton(
             ended = last or damping > 1e6
             settled = ended and bool(np.isfinite(current.cost))
             damping, growth = max(damping, 1e-4) * growth, growth * 2
+        tried.append(costs[-1])
+        idle = len(tried) > IDLE_TRIALS and 0 < tried[-1 - IDLE_TRIALS] - costs[-1] < IDLE_TRIALS * few
+        if idle and not ended:
+            ended, settled = True, far == 0
     return Solution(state, tuple(costs), step, settled)
 
 

@@ -7,7 +7,7 @@ each has an S of its own: cubes rotated by +a and −a about z project alike in 
 Since every view must allow an alternative, the mirror of one view is enough to find all.
 
 Each alternative is fitted alone (`alternative_fits`).  A grain moves to one that fits clearly better, or as well and is
-nearer to the expected pose; then all grains are fitted together again.
+nearer to the expected pose; then all grains are fitted together again, and those that moved are asked once more.
 """
 
 from __future__ import annotations
@@ -25,9 +25,11 @@ from grainmotion.model.motions import Motions, Status
 from grainmotion.model.pose import Pose
 from grainmotion.projection.grain_arrays import GrainArrays, planar
 from grainmotion.rotations import rotation_vector
+from grainmotion.solvers.gauss_newton import gauss_newton
 from grainmotion.tracking.alternative_fits import AlternativeFits, fit_alternatives
 from grainmotion.tracking.classification import MIN_COVERAGE
-from grainmotion.tracking.refinement import RefinedFit
+from grainmotion.tracking.multistage import MultistageFit
+from grainmotion.tracking.refinement import RefinedFit, refine_again
 from grainmotion.tracking.self_likeness import angles_between, known_symmetries
 from grainmotion.uncertainty.weak_directions import poorly_determined
 
@@ -49,27 +51,61 @@ MAX_MOVES = 2
 
 
 class Ambiguities(NamedTuple):
-    """``reasons`` of the grains, by row, that are ambiguous, and the pose to go on from if a grain should move."""
+    """``reasons`` of the grains, by row, that are ambiguous, and the pose to go on from if a grain should move.
+
+    ``better`` is whether a grain moves because that fits better, so that its neighbours may fit otherwise too.
+    """
 
     reasons: dict[int, str]
-    moved: Pose | None
+    moved: Pose | None = None
+    better: bool = False
 
 
-def find_ambiguities(
-    refined: RefinedFit, grains: GrainSet, reference: GrainArrays, expected: Pose, limits: tuple[float, float]
-) -> Ambiguities:
-    """The ambiguities of all ``grains`` after a fit; ``reference`` are these on their original voxels.
+def settle_ambiguities(
+    fit: MultistageFit, expected: Pose, refined: RefinedFit, grains: GrainSet, limits: tuple[float, float]
+) -> tuple[RefinedFit, dict[int, str]]:
+    """The fit with each grain in the one of its alternative poses that it should be in, and reasons by row of those
+    that remain ambiguous.
 
     A grain whose motion is not determined within ``limits``, the largest sd of u (mm) and of ω (rad), has none.
     """
-    problem, pose, evaluation = refined.problem, refined.solution.state, refined.evaluation
-    if planar(reference, problem.target.scan.geometry):
-        return Ambiguities({}, None)
     determined = [not poorly_determined(covariance, limits) for covariance in refined.covariances]
-    seen = evaluation.patches.seen * np.array(determined)[:, None]
-    owners, matrices, mirrored = _candidates(problem.target.scan.geometry, pose, seen, (grains, reference), expected)
+    asked, moved = np.array(determined), np.zeros(len(determined), dtype=bool)
+    reasons, settled = dict[int, str](), refined
+    for moves in range(MAX_MOVES + 1):
+        found = find_ambiguities(settled, (grains, fit.grains), expected, asked)
+        reasons = {row: reason for row, reason in reasons.items() if not asked[row]} | found.reasons
+        if found.moved is None or moves == MAX_MOVES:
+            break
+        pose, problem = settled.solution.state, replace(settled.problem, prior=settled.prior)
+        observe = fit.observer(problem.target, "alternative poses")
+        near = gauss_newton(problem, found.moved, fit.coarse_stopping(), observe)
+        settled = replace(settled, solution=near)
+        now = (found.moved.matrices != pose.matrices).any(axis=(1, 2))
+        moved |= now
+        if not found.better:  # as good a pose of one grain changes nothing for the others
+            asked = asked & now
+    if not moved.any():
+        return refined, reasons
+    problem = replace(settled.problem, prior=settled.prior)
+    observe = fit.observer(problem.target, "alternative poses")
+    settled = replace(settled, solution=gauss_newton(problem, settled.solution.state, fit.fine_stopping(), observe))
+    return refine_again(fit, expected, settled, moved), reasons
+
+
+def find_ambiguities(
+    refined: RefinedFit, references: tuple[GrainSet, GrainArrays], expected: Pose, asked: NDArray[np.bool_]
+) -> Ambiguities:
+    """The ambiguities of the grains ``asked (n,)``; ``references`` are all grains, and their original voxels."""
+    problem, pose, evaluation = refined.problem, refined.solution.state, refined.evaluation
+    geometry = problem.target.scan.geometry
+    if planar(references[1], geometry):
+        return Ambiguities({})
+    owners, matrices, mirrored = _candidates(
+        geometry, pose, evaluation.patches.seen * asked[:, None], references, expected
+    )
     if not len(owners):
-        return Ambiguities({}, None)
+        return Ambiguities({})
     fits = fit_alternatives(problem, pose, evaluation, owners, matrices)
     away = angles_between(fits.matrices, pose.matrices[owners])
     told_apart = (fits.contradicted > MIN_CONTRADICTED) & (fits.deviations > MIN_DEVIATIONS)
@@ -85,8 +121,9 @@ def find_ambiguities(
         if chosen is not None:
             translations[row], rotations[row] = own.translations[chosen], own.matrices[chosen]
         reasons[int(row)] = _reason(own.matrices, pose.matrices[row])
-    moved = pose.moved(translations, rotations) if (rotations != pose.matrices).any() else None
-    return Ambiguities(reasons, moved)
+    if not (rotations != pose.matrices).any():
+        return Ambiguities(reasons)
+    return Ambiguities(reasons, pose.moved(translations, rotations), bool(better.any()))
 
 
 def with_reasons(motions: Motions, reasons: dict[int, str]) -> Motions:

@@ -16,8 +16,8 @@ from grainmotion.model.pose import Pose
 from grainmotion.model.scan import Scan
 from grainmotion.model.starting_pose import starting_pose
 from grainmotion.objective.residual import StateProblem
-from grainmotion.solvers.gauss_newton import Solution, gauss_newton
-from grainmotion.tracking.ambiguity import MAX_MOVES, find_ambiguities, with_reasons
+from grainmotion.solvers.gauss_newton import Solution
+from grainmotion.tracking.ambiguity import settle_ambiguities, with_reasons
 from grainmotion.tracking.body_motions import fixed_note, fixed_unless_moved, with_body_edges_discounted
 from grainmotion.tracking.classification import classify
 from grainmotion.tracking.ellipsoids import Ellipsoid
@@ -141,14 +141,8 @@ def finish(job: Job, near: Approach) -> Attempt:
     fit.report("classifying the grains", fit.expected_stages)
     limits = (settings.max_sd_voxel * grains.voxel_size, float(np.deg2rad(settings.max_sd_deg)))
     refined, ambiguous = refine(fit, field_pose, problem, solution), dict[int, str]()
-    for moves in range(MAX_MOVES + 1 if settings.alternatives else 0):
-        ambiguous, moved = find_ambiguities(refined, grains, fit.grains, field_pose, limits)
-        if moved is None or moves == MAX_MOVES:
-            break
-        nearer = solution.state.moved(moved.translations, moved.matrices)
-        observe = fit.observer(problem.target, "alternative poses")
-        solution = gauss_newton(problem, nearer, fit.fine_stopping(), observe)
-        refined = refine(fit, field_pose, problem, solution)
+    if settings.alternatives:
+        refined, ambiguous = settle_ambiguities(fit, field_pose, refined, grains, limits)
     motions = classify(grains, refined, result.ambiguous, limits, tuple(fit.costs))
     motions = with_reasons(motions, ambiguous)
     if new:

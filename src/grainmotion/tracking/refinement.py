@@ -10,12 +10,14 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 
 from grainmotion._typing import Float
 from grainmotion.model.pose import Pose, ViewCorrections
 from grainmotion.objective.evaluation import Evaluation
 from grainmotion.objective.normal_matrix import PatchNormalMatrix, normal_of
+from grainmotion.objective.priors import MotionPrior
 from grainmotion.objective.residual import StateProblem
 from grainmotion.projection.grain_arrays import OUT_OF_PLANE, planar
 from grainmotion.solvers.block_cg import diagonal_blocks
@@ -42,13 +44,24 @@ REWEIGHTING_ROUNDS = 3
 
 
 @dataclass(frozen=True, eq=False)
+class Alignment:
+    """What was found out about the poses of the views; the unknowns of ``problem`` hold them if they are solved for."""
+
+    problem: StateProblem
+    misalignment: ViewMisalignment = field(default_factory=ViewMisalignment)
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
 class RefinedFit:
     """The last problem and its solution, with their uncertainty.
 
     ``covariances (n, 6, 6)`` of (u, δ), mm and radians, are from the radiographs alone, ``posterior`` are the same with
     the prior on weak directions; ``strain_covariances (n, 6, 6)`` are those of the strains, None for rigid grains;
     ``corrections_sd`` are of the views' poses, ``body_covariances (k, 6, 6)`` of the bodies' motions; ``downweighted``
-    is the share of pixels that a robust loss counted less; ``fluid_covariance`` is of a liquid's unknowns.
+    is the share of pixels that a robust loss counted less; ``fluid_covariance`` is of a liquid's unknowns.  ``prior``
+    is the one on weak directions, None if nothing is held, ``weak_numbers (n,)`` how many each grain has, and
+    ``free_cost`` the least cost without the prior; ``alignment`` is what was found out about the views.
     """
 
     problem: StateProblem
@@ -61,6 +74,10 @@ class RefinedFit:
     fluid_covariance: Float | None = None
     notes: tuple[str, ...] = ()
     body_covariances: Float = field(default_factory=lambda: np.zeros((0, 6, 6)))
+    prior: MotionPrior | None = None
+    weak_numbers: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    free_cost: float = np.inf
+    alignment: Alignment | None = None
 
     @cached_property
     def evaluation(self) -> Evaluation:
@@ -70,24 +87,56 @@ class RefinedFit:
 
 def refine(fit: MultistageFit, field_pose: Pose, problem: StateProblem, solution: Solution[Pose]) -> RefinedFit:
     """Refine a solution in which all grains are near; ``field_pose`` is where the smooth field put them."""
-    problem, solution, misalignment, notes = _align_views(fit, problem, solution)
+    alignment, solution = _align_views(fit, problem, solution)
+    return _refine_aligned(fit, field_pose, alignment.problem, solution, alignment)
+
+
+def refine_again(fit: MultistageFit, field_pose: Pose, refined: RefinedFit, moved: NDArray[np.bool_]) -> RefinedFit:
+    """The same from a refined fit of which the grains ``moved (n,)`` went to another pose and all were solved again.
+
+    The views stay aligned as they are; weak directions are held anew if those grains have more of them than before.
+    """
+    assert refined.alignment is not None
+    problem = replace(refined.problem, target=refined.alignment.problem.target, prior=refined.prior)
+    return _refine_aligned(fit, field_pose, problem, refined.solution, refined.alignment, (refined, moved))
+
+
+def _refine_aligned(
+    fit: MultistageFit,
+    field_pose: Pose,
+    problem: StateProblem,
+    solution: Solution[Pose],
+    alignment: Alignment,
+    before: tuple[RefinedFit, NDArray[np.bool_]] | None = None,
+) -> RefinedFit:
+    """Refine once the views are aligned; ``before`` is an earlier fit, and the grains that have moved since."""
     problem, solution, downweighted = _reweight(fit, problem, solution)
     if fit.settings.strain:
         problem, solution = refine_strains(fit, problem, solution)
+    prior, problem = problem.prior, replace(problem, prior=None)
     grain_covariances, strain_covariances, nuisance_covariance, hessian = _covariances(fit, problem, solution.state)
     fluid = len(problem.target.fluid_columns)
     fluid_covariance, nuisance_covariance = nuisance_covariance[:fluid, :fluid], nuisance_covariance[fluid:, fluid:]
     of_bodies = body_covariances(problem, solution.state, nuisance_covariance)
-    if misalignment.significant:
-        grain_covariances += common_motion(problem, solution.state, misalignment)
+    if alignment.misalignment.significant:
+        grain_covariances += common_motion(problem, solution.state, alignment.misalignment)
     weak, posterior = weak_directions(grain_covariances, problem.grains), grain_covariances
-    if weak.flags.any():
-        with_prior = replace(problem, prior=weak.prior(hessian, field_pose))
-        observe = fit.observer(with_prior.target, "weak directions held")
-        end = gauss_newton(with_prior, solution.state, fit.fine_stopping(), observe)
+    free_cost = min(before[0].free_cost if before else np.inf, problem.cost(solution.state))
+    numbers = weak.flags.sum(axis=1)
+    if before and prior is not None and (numbers <= before[0].weak_numbers)[before[1]].all():
+        posterior, numbers = weak.posterior(), before[0].weak_numbers
+    elif numbers.any():
+        new_prior = weak.prior(hessian, field_pose)
+        if before and prior is not None:
+            new_prior = prior.replaced(new_prior, before[1])
+        held = replace(problem, prior=new_prior)
+        observe = fit.observer(held.target, "weak directions held")
+        end = gauss_newton(held, solution.state, fit.fine_stopping(), observe)
         # if the prior raises the cost by more, the radiographs determine more than the covariances show
-        if problem.cost(end.state) < MAX_PRIOR_COST_RATIO * problem.cost(solution.state):
-            solution, posterior = end, weak.posterior()
+        if problem.cost(end.state) < MAX_PRIOR_COST_RATIO * free_cost:
+            solution, posterior, prior = end, weak.posterior(), held.prior
+        elif prior is not None:  # the earlier one still holds them
+            posterior = weak.posterior()
     corrections_sd = None
     if problem.target.nuisance.views:
         views = len(problem.target.scan)
@@ -95,27 +144,27 @@ def refine(fit: MultistageFit, field_pose: Pose, problem: StateProblem, solution
         corrections_sd = ViewCorrections.of(sd.reshape(3, views).T)
     return RefinedFit(
         problem, solution, grain_covariances, posterior, strain_covariances, corrections_sd, downweighted,
-        fluid_covariance, tuple(notes), of_bodies,
+        fluid_covariance, alignment.notes, of_bodies, prior, numbers, free_cost, alignment,
     )  # fmt: skip
 
 
 def _align_views(
     fit: MultistageFit, problem: StateProblem, solution: Solution[Pose]
-) -> tuple[StateProblem, Solution[Pose], ViewMisalignment, list[str]]:
+) -> tuple[Alignment, Solution[Pose]]:
     """Solve for the views' poses too if the settings say so, or if the views contradict each other."""
     corrections = fit.settings.view_corrections
     if corrections == "never" or planar(problem.grains, problem.target.scan.geometry):
-        return problem, solution, ViewMisalignment(), []
+        return Alignment(problem), solution
     misalignment = view_misalignment(problem, solution.state)
     if corrections != "always" and not misalignment.significant:
-        return problem, solution, misalignment, []
+        return Alignment(problem, misalignment), solution
     refusal = alignment_refusal(problem, solution.state)
     notes = [misalignment.note] * misalignment.significant + [refusal] * bool(refusal)
     if not refusal:
         problem = with_view_poses(problem, solution.state)
         observe = fit.observer(problem.target, "poses of views")
         solution = gauss_newton(problem, solution.state, fit.fine_stopping(), observe)
-    return problem, solution, misalignment, notes
+    return Alignment(problem, misalignment, tuple(notes)), solution
 
 
 def _reweight(
