@@ -121,11 +121,11 @@ def _refine_aligned(
     if alignment.misalignment.significant:
         grain_covariances += common_motion(problem, solution.state, alignment.misalignment)
     weak, posterior = weak_directions(grain_covariances, problem.grains), grain_covariances
-    free_cost = min(before[0].free_cost if before else np.inf, problem.cost(solution.state))
-    numbers = weak.flags.sum(axis=1)
+    numbers, free_cost = weak.flags.sum(axis=1), before[0].free_cost if before else np.inf
     if before and prior is not None and (numbers <= before[0].weak_numbers)[before[1]].all():
         posterior, numbers = weak.posterior(), before[0].weak_numbers
     elif numbers.any():
+        free_cost = min(free_cost, problem.cost(solution.state))
         new_prior = weak.prior(hessian, field_pose)
         if before and prior is not None:
             new_prior = prior.replaced(new_prior, before[1])
