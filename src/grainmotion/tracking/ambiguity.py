@@ -29,7 +29,7 @@ from grainmotion.solvers.gauss_newton import gauss_newton
 from grainmotion.tracking.alternative_fits import AlternativeFits, fit_alternatives
 from grainmotion.tracking.classification import MIN_COVERAGE
 from grainmotion.tracking.multistage import MultistageFit
-from grainmotion.tracking.refinement import RefinedFit, refine_again
+from grainmotion.tracking.refinement import RefinedFit
 from grainmotion.tracking.self_likeness import angles_between, known_symmetries
 from grainmotion.uncertainty.weak_directions import poorly_determined
 
@@ -63,11 +63,12 @@ class Ambiguities(NamedTuple):
 
 def settle_ambiguities(
     fit: MultistageFit, expected: Pose, refined: RefinedFit, grains: GrainSet, limits: tuple[float, float]
-) -> tuple[RefinedFit, dict[int, str]]:
-    """The fit with each grain in the one of its alternative poses that it should be in, and reasons by row of those
-    that remain ambiguous.
+) -> tuple[RefinedFit, NDArray[np.bool_], dict[int, str]]:
+    """The fit with each grain in the one of its alternative poses that it should be in, which have moved ``(n,)``, and
+    reasons by row of those that remain ambiguous.
 
-    A grain whose motion is not determined within ``limits``, the largest sd of u (mm) and of ω (rad), has none.
+    If some have moved, all grains are solved again, but the rest of the refinement is still to be done.  A grain whose
+    motion is not determined within ``limits``, the largest sd of u (mm) and of ω (rad), has none.
     """
     determined = [not poorly_determined(covariance, limits) for covariance in refined.covariances]
     asked, moved = np.array(determined), np.zeros(len(determined), dtype=bool)
@@ -86,11 +87,11 @@ def settle_ambiguities(
         if not found.better:  # as good a pose of one grain changes nothing for the others
             asked = asked & now
     if not moved.any():
-        return refined, reasons
+        return refined, moved, reasons
     problem = replace(settled.problem, prior=settled.prior)
     observe = fit.observer(problem.target, "alternative poses")
     settled = replace(settled, solution=gauss_newton(problem, settled.solution.state, fit.fine_stopping(), observe))
-    return refine_again(fit, expected, settled, moved), reasons
+    return settled, moved, reasons
 
 
 def find_ambiguities(

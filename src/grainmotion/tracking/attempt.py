@@ -33,7 +33,7 @@ from grainmotion.tracking.hardened_response import with_hardening
 from grainmotion.tracking.initial_guess import initialise, smooth_fields
 from grainmotion.tracking.missing_grains import grain_supports
 from grainmotion.tracking.multistage import MultistageFit
-from grainmotion.tracking.refinement import refine
+from grainmotion.tracking.refinement import align_views, refine
 from grainmotion.tracking.settings import TrackSettings
 from grainmotion.tracking.strain_stages import solve_strained, start_strained
 from grainmotion.uncertainty.goodness_of_fit import misregistered_grains
@@ -140,9 +140,12 @@ def finish(job: Job, near: Approach) -> Attempt:
             problem, solution = near.fluid.settle(problem, solution)
     fit.report("classifying the grains", fit.expected_stages)
     limits = (settings.max_sd_voxel * grains.voxel_size, float(np.deg2rad(settings.max_sd_deg)))
-    refined, ambiguous = refine(fit, field_pose, problem, solution), dict[int, str]()
+    alignment, solution = align_views(fit, problem, solution)
+    refined, ambiguous = refine(fit, field_pose, alignment, solution), dict[int, str]()
     if settings.alternatives:
-        refined, ambiguous = settle_ambiguities(fit, field_pose, refined, grains, limits)
+        refined, moved, ambiguous = settle_ambiguities(fit, field_pose, refined, grains, limits)
+        if moved.any():
+            refined = refine(fit, field_pose, alignment, refined.solution, refined, moved)
     motions = classify(grains, refined, result.ambiguous, limits, tuple(fit.costs))
     motions = with_reasons(motions, ambiguous)
     if new:

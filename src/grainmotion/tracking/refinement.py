@@ -61,7 +61,7 @@ class RefinedFit:
     ``corrections_sd`` are of the views' poses, ``body_covariances (k, 6, 6)`` of the bodies' motions; ``downweighted``
     is the share of pixels that a robust loss counted less; ``fluid_covariance`` is of a liquid's unknowns.  ``prior``
     is the one on weak directions, None if nothing is held, ``weak_numbers (n,)`` how many each grain has, and
-    ``free_cost`` the least cost without the prior; ``alignment`` is what was found out about the views.
+    ``free_cost`` the least cost without the prior.
     """
 
     problem: StateProblem
@@ -77,7 +77,6 @@ class RefinedFit:
     prior: MotionPrior | None = None
     weak_numbers: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     free_cost: float = np.inf
-    alignment: Alignment | None = None
 
     @cached_property
     def evaluation(self) -> Evaluation:
@@ -85,31 +84,22 @@ class RefinedFit:
         return self.problem.evaluate(self.solution.state)
 
 
-def refine(fit: MultistageFit, field_pose: Pose, problem: StateProblem, solution: Solution[Pose]) -> RefinedFit:
-    """Refine a solution in which all grains are near; ``field_pose`` is where the smooth field put them."""
-    alignment, solution = _align_views(fit, problem, solution)
-    return _refine_aligned(fit, field_pose, alignment.problem, solution, alignment)
-
-
-def refine_again(fit: MultistageFit, field_pose: Pose, refined: RefinedFit, moved: NDArray[np.bool_]) -> RefinedFit:
-    """The same from a refined fit of which the grains ``moved (n,)`` went to another pose and all were solved again.
-
-    The views stay aligned as they are; weak directions are held anew if those grains have more of them than before.
-    """
-    assert refined.alignment is not None
-    problem = replace(refined.problem, target=refined.alignment.problem.target, prior=refined.prior)
-    return _refine_aligned(fit, field_pose, problem, refined.solution, refined.alignment, (refined, moved))
-
-
-def _refine_aligned(
+def refine(
     fit: MultistageFit,
     field_pose: Pose,
-    problem: StateProblem,
-    solution: Solution[Pose],
     alignment: Alignment,
-    before: tuple[RefinedFit, NDArray[np.bool_]] | None = None,
+    solution: Solution[Pose],
+    before: RefinedFit | None = None,
+    moved: NDArray[np.bool_] | None = None,
 ) -> RefinedFit:
-    """Refine once the views are aligned; ``before`` is an earlier fit, and the grains that have moved since."""
+    """Refine a solution in which all grains are near; ``field_pose`` is where the smooth field put them.
+
+    ``before`` is an earlier refinement, after which the grains ``moved (n,)`` went to another pose and all were solved
+    again; weak directions are held anew if those grains have more of them than before.
+    """
+    problem = alignment.problem
+    if before is not None:
+        problem = replace(before.problem, target=problem.target, prior=before.prior)
     problem, solution, downweighted = _reweight(fit, problem, solution)
     if fit.settings.strain:
         problem, solution = refine_strains(fit, problem, solution)
@@ -121,14 +111,14 @@ def _refine_aligned(
     if alignment.misalignment.significant:
         grain_covariances += common_motion(problem, solution.state, alignment.misalignment)
     weak, posterior = weak_directions(grain_covariances, problem.grains), grain_covariances
-    numbers, free_cost = weak.flags.sum(axis=1), before[0].free_cost if before else np.inf
-    if before and prior is not None and (numbers <= before[0].weak_numbers)[before[1]].all():
-        posterior, numbers = weak.posterior(), before[0].weak_numbers
+    numbers, free_cost = weak.flags.sum(axis=1), before.free_cost if before else np.inf
+    if before and prior is not None and (numbers <= before.weak_numbers)[moved].all():
+        posterior, numbers = weak.posterior(), before.weak_numbers
     elif numbers.any():
         free_cost = min(free_cost, problem.cost(solution.state))
         new_prior = weak.prior(hessian, field_pose)
-        if before and prior is not None:
-            new_prior = prior.replaced(new_prior, before[1])
+        if moved is not None and prior is not None:
+            new_prior = prior.replaced(new_prior, moved)
         held = replace(problem, prior=new_prior)
         observe = fit.observer(held.target, "weak directions held")
         end = gauss_newton(held, solution.state, fit.fine_stopping(), observe)
@@ -144,11 +134,11 @@ def _refine_aligned(
         corrections_sd = ViewCorrections.of(sd.reshape(3, views).T)
     return RefinedFit(
         problem, solution, grain_covariances, posterior, strain_covariances, corrections_sd, downweighted,
-        fluid_covariance, alignment.notes, of_bodies, prior, numbers, free_cost, alignment,
+        fluid_covariance, alignment.notes, of_bodies, prior, numbers, free_cost,
     )  # fmt: skip
 
 
-def _align_views(
+def align_views(
     fit: MultistageFit, problem: StateProblem, solution: Solution[Pose]
 ) -> tuple[Alignment, Solution[Pose]]:
     """Solve for the views' poses too if the settings say so, or if the views contradict each other."""
