@@ -59,6 +59,9 @@ IDLE_TRIALS = 5
 """Steps tried, some of them accepted, over which a decrease that is small on average ends the iteration whatever the
 damping: where voxels leave ripples on a flat minimum, the model predicts no step well, and damping never falls."""
 
+MIN_STEPS_BEFORE_PAUSE = 10
+"""Accepted steps before an iteration may pause; where all unknowns are determined, 4 to 8 are enough."""
+
 SIGNIFICANT_COST_CHANGE = 1e-6
 """Relative change of the cost that is significant: residuals in single precision give the cost to some 1e-7."""
 
@@ -129,6 +132,9 @@ class Stopping:
         ``straggler_distance``.
     forcing : float
         Relative residual to which steps of large problems are solved.
+    pause : float
+        Relative decrease over `IDLE_TRIALS` steps tried below which it pauses, after `MIN_STEPS_BEFORE_PAUSE`: what
+        hardly matters may be fixed before it goes on.
     """
 
     iterations: int = 30
@@ -137,16 +143,18 @@ class Stopping:
     straggler_distance: float = np.inf
     stragglers: float = 0.0
     forcing: float = DEFAULT_FORCING
+    pause: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class Solution(Generic[State]):
-    """The state where the solver ended, the cost after each accepted step, and whether it settled."""
+    """The state where the solver ended, the cost after each accepted step, whether it settled and whether it paused."""
 
     state: State
     costs: tuple[float, ...]
     last_step: Float
     settled: bool = field(default=False)
+    paused: bool = False
 
     @property
     def iterations(self) -> int:
@@ -171,7 +179,7 @@ def gauss_newton(
     damping, growth = 1e-4, 2.0
     step = np.zeros(len(current.gradient) + len(current.border_gradient))
     previous = np.inf, np.inf  # size and predicted decrease of the step before
-    ended = settled = False
+    ended = settled = paused = False
     while len(costs) <= stopping.iterations and not ended:
         proposal = damped_step(current, damping, stopping.forcing)
         trial_state = problem.retract(state, proposal)
@@ -200,10 +208,13 @@ def gauss_newton(
             settled = ended and bool(np.isfinite(current.cost))
             damping, growth = max(damping, 1e-4) * growth, growth * 2
         tried.append(costs[-1])
-        idle = len(tried) > IDLE_TRIALS and 0 < tried[-1 - IDLE_TRIALS] - costs[-1] < IDLE_TRIALS * few
-        if idle and not ended:
-            ended, settled = True, far == 0
-    return Solution(state, tuple(costs), step, settled)
+        if len(tried) > IDLE_TRIALS and not ended:
+            gained = tried[-1 - IDLE_TRIALS] - costs[-1]
+            if 0 < gained < IDLE_TRIALS * few:
+                ended, settled = True, far == 0
+            elif len(costs) > MIN_STEPS_BEFORE_PAUSE:
+                ended = paused = gained < stopping.pause * costs[-1]
+    return Solution(state, tuple(costs), step, settled, paused)
 
 
 def _remaining(current: float, previous: float) -> float:

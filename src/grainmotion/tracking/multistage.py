@@ -37,6 +37,8 @@ LIT_SHARE = 0.05
 DECREASE_PER_UNKNOWN, DEFAULT_TOLERANCE = 3e-3, 2e-3
 """Decrease of the cost, over one unknown's share of it, that ends the last stage at the default tolerance (voxels); it
 goes with the square of the tolerance."""
+PAUSE_DECREASE = 0.01
+"""Share of the cost over several steps, below which the last stage pauses for the refinement to fix weak directions."""
 STRAGGLER_VOXELS, MAX_STRAGGLER_SHARE = 0.1, 1e-3
 """No decrease ends the last stage while more than this share of the grains moves further than these voxels; those
 that still do are reported as moving."""
@@ -178,6 +180,7 @@ class MultistageFit:
     ) -> tuple[StateProblem, Solution[Pose]]:
         """All grains free, filter by filter; gain and offset join once the filter is narrow.
 
+        The last one pauses where little is left but directions that the views hardly determine; `refine` goes on.
         ``filters`` and the ``tolerance`` (voxels) at which the last one ends are the settings' by default.
         """
         settings, model = self.settings, self.settings.response_model
@@ -190,7 +193,8 @@ class MultistageFit:
         width = filters[-1]
         problem = StateProblem(self.fine_grains, self.filtered_target(width, model))
         observe = self.observer(problem.target, f"{name}, filter {width:g}")
-        return problem, gauss_newton(problem, pose, self.fine_stopping(tolerance), observe)
+        stopping = replace(self.fine_stopping(tolerance), pause=PAUSE_DECREASE)
+        return problem, gauss_newton(problem, pose, stopping, observe)
 
 
 def lit_pixels(target: Target) -> int:

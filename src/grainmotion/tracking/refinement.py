@@ -35,7 +35,7 @@ from grainmotion.tracking.view_alignment import (
 from grainmotion.uncertainty.covariance import covariances
 from grainmotion.uncertainty.noise_model import reweighted
 from grainmotion.uncertainty.rotation_identifiability import shifts_by_rotations, unconfirmed_rotations
-from grainmotion.uncertainty.weak_directions import weak_directions
+from grainmotion.uncertainty.weak_directions import WeakDirections, weak_directions
 
 MAX_PRIOR_COST_RATIO = 1.02
 """Times the cost, up to which the prior on weak directions may leave a fit worse."""
@@ -104,19 +104,17 @@ def refine(
     if fit.settings.strain:
         problem, solution = refine_strains(fit, problem, solution)
     prior, problem = problem.prior, replace(problem, prior=None)
-    grain_covariances, strain_covariances, nuisance_covariance, hessian = _covariances(fit, problem, solution.state)
-    fluid = len(problem.target.fluid_columns)
-    fluid_covariance, nuisance_covariance = nuisance_covariance[:fluid, :fluid], nuisance_covariance[fluid:, fluid:]
-    of_bodies = body_covariances(problem, solution.state, nuisance_covariance)
-    if alignment.misalignment.significant:
-        grain_covariances += common_motion(problem, solution.state, alignment.misalignment)
-    weak, posterior = weak_directions(grain_covariances, problem.grains), grain_covariances
+    uncertain = _uncertainty(fit, alignment, problem, solution.state)
+    if solution.paused and not uncertain.weak.flags.any():
+        solution = gauss_newton(problem, solution.state, fit.fine_stopping(), fit.observer(problem.target, "the rest"))
+        uncertain = _uncertainty(fit, alignment, problem, solution.state)
+    weak, posterior = uncertain.weak, uncertain.covariances
     numbers, free_cost = weak.flags.sum(axis=1), before.free_cost if before else np.inf
     if before and prior is not None and (numbers <= before.weak_numbers)[moved].all():
         posterior, numbers = weak.posterior(), before.weak_numbers
     elif numbers.any():
         free_cost = min(free_cost, problem.cost(solution.state))
-        new_prior = weak.prior(hessian, field_pose)
+        new_prior = weak.prior(uncertain.hessian, field_pose)
         if moved is not None and prior is not None:
             new_prior = prior.replaced(new_prior, moved)
         held = replace(problem, prior=new_prior)
@@ -127,14 +125,18 @@ def refine(
             solution, posterior, prior = end, weak.posterior(), held.prior
         elif prior is not None:  # the earlier one still holds them
             posterior = weak.posterior()
+        elif solution.paused:
+            observe = fit.observer(problem.target, "the rest")
+            solution = gauss_newton(problem, solution.state, fit.fine_stopping(), observe)
     corrections_sd = None
     if problem.target.nuisance.views:
         views = len(problem.target.scan)
-        sd = np.sqrt(np.diagonal(nuisance_covariance))[: 3 * views]
+        sd = np.sqrt(np.diagonal(uncertain.nuisance))[: 3 * views]
         corrections_sd = ViewCorrections.of(sd.reshape(3, views).T)
     return RefinedFit(
-        problem, solution, grain_covariances, posterior, strain_covariances, corrections_sd, downweighted,
-        fluid_covariance, alignment.notes, of_bodies, prior, numbers, free_cost,
+        problem, solution, uncertain.covariances, posterior, uncertain.strains, corrections_sd, downweighted,
+        uncertain.fluid, alignment.notes, body_covariances(problem, solution.state, uncertain.nuisance), prior,
+        numbers, free_cost,
     )  # fmt: skip
 
 
@@ -177,10 +179,22 @@ def _reweight(
     return problem, solution, downweighted
 
 
-def _covariances(
-    fit: MultistageFit, problem: StateProblem, pose: Pose
-) -> tuple[Float, Float | None, Float, sparse.bsr_array | PatchNormalMatrix]:
-    """Covariances of motions and of strains ``(n, 6, 6)``, of liquid and nuisance unknowns ``(k, k)``, and JᵀJ."""
+@dataclass(frozen=True, eq=False)
+class _Uncertainty:
+    """Covariances of motions and of strains ``(n, 6, 6)``, of the unknowns of a liquid and of the nuisance motions
+    ``(k, k)``, the weak directions of each grain, and JᵀJ.
+    """
+
+    covariances: Float
+    strains: Float | None
+    fluid: Float
+    nuisance: Float
+    weak: WeakDirections
+    hessian: sparse.bsr_array | PatchNormalMatrix
+
+
+def _uncertainty(fit: MultistageFit, alignment: Alignment, problem: StateProblem, pose: Pose) -> _Uncertainty:
+    """How far the radiographs determine the unknowns of a problem at its solution."""
     evaluation, coarse, strains = problem.evaluate_with_derivatives(pose), fit.grains, None
     hessian = normal_of(evaluation.jacobian)
     if fit.settings.strain:
@@ -197,4 +211,7 @@ def _covariances(
         strains += strains_by_rotations(free, problem.grains, pose)
     if planar(problem.grains, problem.target.scan.geometry):
         own[:, OUT_OF_PLANE, :] = own[:, :, OUT_OF_PLANE] = 0
-    return own, strains, nuisance, hessian
+    if alignment.misalignment.significant:
+        own += common_motion(problem, pose, alignment.misalignment)
+    fluid, weak = len(problem.target.fluid_columns), weak_directions(own, problem.grains)
+    return _Uncertainty(own, strains, nuisance[:fluid, :fluid], nuisance[fluid:, fluid:], weak, hessian)
