@@ -132,9 +132,9 @@ class Stopping:
         ``straggler_distance``.
     forcing : float
         Relative residual to which steps of large problems are solved.
-    pause : float
-        Relative decrease over `IDLE_TRIALS` steps tried below which it pauses, after `MIN_STEPS_BEFORE_PAUSE`: what
-        hardly matters may be fixed before it goes on.
+    pause, pause_cost : float
+        Relative decrease over `IDLE_TRIALS` steps tried below which it pauses, after `MIN_STEPS_BEFORE_PAUSE` and at a
+        cost below ``pause_cost``: what hardly matters may be fixed before it goes on.
     """
 
     iterations: int = 30
@@ -144,6 +144,7 @@ class Stopping:
     stragglers: float = 0.0
     forcing: float = DEFAULT_FORCING
     pause: float = 0.0
+    pause_cost: float = np.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,7 +213,7 @@ def gauss_newton(
             gained = tried[-1 - IDLE_TRIALS] - costs[-1]
             if 0 < gained < IDLE_TRIALS * few:
                 ended, settled = True, far == 0
-            elif len(costs) > MIN_STEPS_BEFORE_PAUSE:
+            elif len(costs) > MIN_STEPS_BEFORE_PAUSE and costs[-1] < stopping.pause_cost:
                 ended = paused = gained < stopping.pause * costs[-1]
     return Solution(state, tuple(costs), step, settled, paused)
 

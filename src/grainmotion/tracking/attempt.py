@@ -16,7 +16,7 @@ from grainmotion.model.pose import Pose
 from grainmotion.model.scan import Scan
 from grainmotion.model.starting_pose import starting_pose
 from grainmotion.objective.residual import StateProblem
-from grainmotion.solvers.gauss_newton import Solution
+from grainmotion.solvers.gauss_newton import Solution, gauss_newton
 from grainmotion.tracking.ambiguity import settle_ambiguities, with_reasons
 from grainmotion.tracking.body_motions import fixed_note, fixed_unless_moved, with_body_edges_discounted
 from grainmotion.tracking.classification import classify
@@ -110,7 +110,7 @@ def approach(job: Job) -> Approach:
         fluid.search(fields[-1])
     pose = initialise(fit, start, fields)
     done = 1 if settings.fields and len(settings.filters) > 1 else 0  # the initial guess ends with the first filter
-    problem, solution = fit.solve_free(pose, "free", settings.filters[done:])
+    problem, solution = fit.solve_free(pose, "free", settings.filters[done:], may_pause=fluid is None)
     if fluid is not None:
         problem, solution = fluid.settle(problem, solution)
     misregistered = np.zeros(len(job.grains), dtype=bool)
@@ -118,6 +118,11 @@ def approach(job: Job) -> Approach:
         # the faces of bodies leave a residual that grains before them did not cause
         judged, at = with_body_edges_discounted(fit, problem, solution)
         misregistered = misregistered_grains(judged, at.state) & ~fit.cut
+        if misregistered.any() and solution.paused:  # they may only have been on their way
+            observe = fit.observer(problem.target, "free, to the end")
+            solution = gauss_newton(problem, solution.state, fit.fine_stopping(), observe)
+            judged, at = with_body_edges_discounted(fit, problem, solution)
+            misregistered = misregistered_grains(judged, at.state) & ~fit.cut
     return Approach(fit, start, fields, problem, solution, misregistered, fluid)
 
 

@@ -37,8 +37,9 @@ LIT_SHARE = 0.05
 DECREASE_PER_UNKNOWN, DEFAULT_TOLERANCE = 3e-3, 2e-3
 """Decrease of the cost, over one unknown's share of it, that ends the last stage at the default tolerance (voxels); it
 goes with the square of the tolerance."""
-PAUSE_DECREASE = 0.01
-"""Share of the cost over several steps, below which the last stage pauses for the refinement to fix weak directions."""
+PAUSE_DECREASE, PAUSE_RESIDUAL = 0.01, 0.05
+"""Share of the cost over several steps below which the last stage may pause, and the relative residual that it needs:
+0.004 to 0.016 where all grains fit, 0.1 where some are lost."""
 STRAGGLER_VOXELS, MAX_STRAGGLER_SHARE = 0.1, 1e-3
 """No decrease ends the last stage while more than this share of the grains moves further than these voxels; those
 that still do are reported as moving."""
@@ -176,12 +177,17 @@ class MultistageFit:
         return Stopping(self.settings.iterations, tolerance, decrease, STRAGGLER_VOXELS, MAX_STRAGGLER_SHARE)
 
     def solve_free(
-        self, pose: Pose, name: str, filters: tuple[float, ...] | None = None, tolerance: float | None = None
+        self,
+        pose: Pose,
+        name: str,
+        filters: tuple[float, ...] | None = None,
+        tolerance: float | None = None,
+        may_pause: bool = False,
     ) -> tuple[StateProblem, Solution[Pose]]:
         """All grains free, filter by filter; gain and offset join once the filter is narrow.
 
-        The last one pauses where little is left but directions that the views hardly determine; `refine` goes on.
-        ``filters`` and the ``tolerance`` (voxels) at which the last one ends are the settings' by default.
+        ``filters`` and the ``tolerance`` (voxels) at which the last one ends are the settings' by default.  It
+        ``may_pause`` where all grains fit and only directions are left that the views hardly determine (decision 0045).
         """
         settings, model = self.settings, self.settings.response_model
         filters = settings.filters if filters is None else filters
@@ -193,7 +199,10 @@ class MultistageFit:
         width = filters[-1]
         problem = StateProblem(self.fine_grains, self.filtered_target(width, model))
         observe = self.observer(problem.target, f"{name}, filter {width:g}")
-        stopping = replace(self.fine_stopping(tolerance), pause=PAUSE_DECREASE)
+        stopping = self.fine_stopping(tolerance)
+        if may_pause:
+            largest = 0.5 * PAUSE_RESIDUAL**2 * dot(problem.target.measured, problem.target.measured)
+            stopping = replace(stopping, pause=PAUSE_DECREASE, pause_cost=largest)
         return problem, gauss_newton(problem, pose, stopping, observe)
 
 

@@ -23,7 +23,7 @@ from grainmotion.model.volume import Volume
 from grainmotion.workflow.context import RunContext
 from grainmotion.workflow.reference_stages import SegmentedReference
 
-REFERENCE_TIFFS = ("reference.tif", "reference_labels.tif")
+REFERENCE_TIFFS: tuple[str, str] = ("reference.tif", "reference_labels.tif")
 REFERENCE_EXPORTS: dict[Export, tuple[str, ...]] = {
     "vtk": ("reference.vti", "reference_grains.vtp", "reference_surfaces.vtp"),
     "spam": REFERENCE_TIFFS,

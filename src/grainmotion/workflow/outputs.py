@@ -48,7 +48,8 @@ from grainmotion.workflow.provenance import Stage
 from grainmotion.workflow.reference_stages import SegmentedReference
 from grainmotion.workflow.tracking_stage import TrackedState
 
-RESIDUALS, REPORT = "residuals.tif", "report.html"
+RESIDUALS: str = "residuals.tif"
+REPORT: str = "report.html"
 RESIDUALS_ABOUT = {
     "content": "measured - simulated radiographs [view, row, column], NaN where a pixel is masked",
     "unit": "line integral, dimensionless",
