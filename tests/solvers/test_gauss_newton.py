@@ -1,7 +1,7 @@
 """Damped Gauss–Newton (`solvers.gauss_newton`) on problems whose optimum is known."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -9,7 +9,15 @@ from scipy import sparse
 from scipy.optimize import least_squares
 
 from grainmotion.solvers import block_cg
-from grainmotion.solvers.gauss_newton import Linearization, Stopping, damped_step, gauss_newton, predicted_decrease
+from grainmotion.solvers.gauss_newton import (
+    IDLE_TRIALS,
+    MIN_STEPS_BEFORE_PAUSE,
+    Linearization,
+    Stopping,
+    damped_step,
+    gauss_newton,
+    predicted_decrease,
+)
 
 Array = np.ndarray
 
@@ -176,6 +184,10 @@ class TestKnownOptima:
         np.testing.assert_allclose(solution.state[0], solution.state[1], atol=1e-6)
 
 
+SLOW = LeastSquares(lambda x: np.append(x, 1.0), lambda x: np.array([[10.0], [0.0]]))
+"""x² + 1 with derivatives that are ten times too large: steps are a tenth of what they should be."""
+
+
 class TestStopping:
     def test_iterations_are_limited(self):
         known = rosenbrock()
@@ -245,6 +257,28 @@ class TestStopping:
         known = rosenbrock()
         solution = gauss_newton(known.problem, known.start, Stopping(iterations=500, step=1e-9, decrease=1e-6))
         np.testing.assert_allclose(solution.state, known.optimum, atol=1e-4)
+
+    def test_idle_steps_settle_whatever_the_damping(self):
+        """A model that promises ten times what each step gives never counts as near a minimum."""
+        stopping = Stopping(iterations=200, step=0.0, decrease=1e-4)
+        solution = gauss_newton(SLOW, np.array([3.0]), stopping)
+        assert solution.settled
+        assert not solution.paused
+        assert solution.costs[-1 - IDLE_TRIALS] - solution.costs[-1] < IDLE_TRIALS * 1e-4 * solution.costs[-1]
+        assert solution.iterations < 60
+
+    def test_pauses_where_little_is_left_of_a_small_cost(self):
+        """Unsettled, and from there it goes on to where it would have ended."""
+        stopping = Stopping(iterations=200, step=0.0, decrease=1e-6)
+        paused = gauss_newton(SLOW, np.array([3.0]), replace(stopping, pause=0.5))
+        assert paused.paused
+        assert not paused.settled
+        assert MIN_STEPS_BEFORE_PAUSE <= paused.iterations < 30
+        assert paused.costs[-1 - IDLE_TRIALS] - paused.costs[-1] < 0.5 * paused.costs[-1]
+        assert not gauss_newton(SLOW, np.array([3.0]), replace(stopping, pause=0.5, pause_cost=0.4)).paused
+        end = gauss_newton(SLOW, paused.state, stopping)
+        assert end.settled
+        assert abs(end.state[0]) < 0.02
 
     def test_without_a_downhill_step_the_state_does_not_change(self):
         """With a gradient of the wrong sign every step is refused, and iteration ends at the start."""
