@@ -132,6 +132,20 @@ def spilled(dask_worker):
     return dask_worker.data.cumulative_metrics["disk-write", "bytes"], os.getpid()
 
 
+def test_ctrl_c_is_left_to_the_command_that_started_the_workers(tmp_path):
+    """In a terminal it reaches its workers too, which would print how they were interrupted."""
+
+    def ignores_it(cluster):
+        (answer,) = cluster.executor.client.run(lambda: signal.getsignal(signal.SIGINT) == signal.SIG_IGN).values()
+        return answer
+
+    with connect(ComputeConfig(workers=1), tmp_path / "own") as cluster:
+        assert ignores_it(cluster)
+    with scheduler() as workers, connect(ComputeConfig(workers.start().address), tmp_path / "other") as cluster:
+        assert not ignores_it(cluster)
+    assert signal.getsignal(signal.SIGINT) != signal.SIG_IGN
+
+
 @pytest.mark.slow
 def test_memory_limit_is_respected(tmp_path):
     """Data of twice the memory limit: the worker spills to disk and survives, and the result is the same."""

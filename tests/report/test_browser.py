@@ -1,16 +1,18 @@
-"""The report's page in Chromium: no script errors, sorting, enlarging images, drawing arrows."""
+"""The report's page in Chromium: no script errors, sorting, enlarging images, drawing arrows; a watch's live page."""
 
 from __future__ import annotations
 
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import example
 import pytest
 
 from grainmotion.report import write_report
+from grainmotion.report.watch_page import REFRESH_SECONDS, WatchPage, WatchRow, write_watch_page
 
 FLAGS = [
     "--headless",
@@ -111,3 +113,21 @@ class TestInChromium:
     def test_arrows_are_drawn(self, clicked_page):
         assert int(clicked_page[0]["canvas"]) >= 1
         assert clicked_page[0]["note"].startswith("arrows ×")
+
+
+@pytest.mark.browser
+def test_live_page_of_a_watch_needs_nothing_else(tmp_path):
+    """It shows names as they are, loads itself again while the watch goes on, and asks for no other file."""
+    name, reason = "load <b>2</b> & 3", "the radiographs are cut off"
+    waiting = WatchRow("load-1", "arriving", "", "2 of 4", None, "", "", float("nan"), float("nan"), "", None, None)
+    failed = replace(waiting, name=name, phase="error", message=reason)
+    page = WatchPage("experiment.toml", str(tmp_path), [waiting, failed], ["a note"])
+    write_watch_page(tmp_path / "ended.html", replace(page, ended="ended: 2 states tracked"))
+    dom, console = open_in_chromium(tmp_path / "ended.html", tmp_path / "profile")
+    assert "load &lt;b&gt;2&lt;/b&gt; &amp; 3" in dom
+    assert all(text in dom for text in (reason, "2 of 4", "a note", "ended: 2 states tracked"))
+    assert not console
+    assert not re.findall(r"(?:src|href)=|url\(|<script", dom)
+    assert "http-equiv" not in dom
+    write_watch_page(tmp_path / "watch.html", page)
+    assert f'http-equiv="refresh" content="{REFRESH_SECONDS}"' in (tmp_path / "watch.html").read_text(encoding="utf-8")

@@ -132,7 +132,7 @@ def connect(place: ComputeConfig, folder: Path) -> Iterator[ClusterConnection | 
         store = SharedStore(folder)
         stack.callback(store.close)
         _check(client, store, where)
-        prepare_workers(client)
+        prepare_workers(client, ours=place.scheduler is None)
         yield ClusterConnection(Executor(client), store)
 
 

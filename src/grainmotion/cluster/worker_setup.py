@@ -5,6 +5,8 @@ Without the sizes Dask counts records as empty, and neither spills nor places th
 
 from __future__ import annotations
 
+import signal
+import threading
 from dataclasses import fields
 from typing import TYPE_CHECKING
 
@@ -49,8 +51,12 @@ def register() -> None:
         sizeof.register(kind, size)
 
 
-def prepare_workers(client: Client) -> None:
-    """Let all workers, also those to come, know the sizes of records and their number of threads."""
+def prepare_workers(client: Client, *, ours: bool) -> None:
+    """Let all workers, also those to come, know the sizes of records and their number of threads.
+
+    ``ours`` is whether they are processes of this command: Ctrl-C then reaches them too, and is left to the command,
+    which ends them.
+    """
     from distributed import WorkerPlugin
 
     class Ready(WorkerPlugin):
@@ -59,5 +65,7 @@ def prepare_workers(client: Client) -> None:
         def setup(self, worker: Worker) -> None:
             register()
             limit_threads(worker.state.nthreads)
+            if ours and threading.current_thread() is threading.main_thread():
+                signal.signal(signal.SIGINT, signal.SIG_IGN)
 
     client.register_plugin(Ready())
