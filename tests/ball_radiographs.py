@@ -25,7 +25,7 @@ BALLS = np.array([[-8.0, -6, -9, 6], [7, -7, -8, 7], [0, 9, -6, 6], [-6, 2, 7, 7
 ATTENUATION = 0.04  # 1/pixel
 
 
-def line_integrals(angles_deg: NDArray[np.floating]) -> NDArray[np.floating]:
+def line_integrals(angles_deg: NDArray[np.floating], balls: NDArray[np.floating] = BALLS) -> NDArray[np.floating]:
     """Line integrals ``(views, rows, columns)``, averaged over 3 x 3 rays a pixel."""
     steps = (np.arange(3) - 1) / 3
     rows = (np.arange(PANEL[0])[:, None] + steps).ravel() - (PANEL[0] - 1) / 2
@@ -33,7 +33,7 @@ def line_integrals(angles_deg: NDArray[np.floating]) -> NDArray[np.floating]:
     images = []
     for angle in np.deg2rad(angles_deg):
         image = np.zeros((len(rows), len(columns)))
-        for x, y, z, radius in BALLS:
+        for x, y, z, radius in balls:
             along = columns - (x * np.cos(angle) + y * np.sin(angle))
             image += 2 * np.sqrt(np.maximum(radius**2 - along**2 - (rows[:, None] - z) ** 2, 0))
         image = np.exp(-ATTENUATION * image).reshape(PANEL[0], 3, PANEL[1], 3).mean(axis=(1, 3))

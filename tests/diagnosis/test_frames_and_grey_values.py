@@ -209,6 +209,20 @@ class TestSoundInput:
         assert scan.findings() == ()
         assert scan.read().scan.valid is None
 
+    @pytest.mark.parametrize("seed", range(3))
+    def test_rows_of_grains(self, seed):
+        """Views along the rows change several times as fast as others; one from elsewhere among them is named."""
+        places = np.stack(np.meshgrid(*3 * [6.0 * np.arange(-2, 3)], indexing="ij"), axis=-1).reshape(-1, 3)
+        places += np.random.default_rng(seed).uniform(-0.3, 0.3, places.shape)
+        angles = np.arange(240) * 1.5
+        lines = line_integrals(angles, np.column_stack([places, np.full(len(places), 2.8)]))
+        images = np.random.default_rng(seed).poisson(BEAM * np.exp(-lines)) + DARK
+        scan = measured(5).having(images=images, angles_deg=angles)
+        assert not [finding for finding in scan.findings() if finding.check == "frames"]
+        spoiled = replaced(images, 61, images[105] + 1)
+        facts = [finding.fact for finding in scan.having(images=spoiled).findings()]
+        assert any("radiograph 61 (from 0): unlike those before and after" in fact for fact in facts), facts
+
     def test_edges_of_a_dense_sample_are_no_outliers(self):
         rng = np.random.default_rng(0)
         for line in line_integrals(np.arange(20) * 18.0) * 6:

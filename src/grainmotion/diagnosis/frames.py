@@ -28,7 +28,13 @@ MIN_VIEWS_IN_ORDER = 16
 UNLIKE = 1.8
 """Difference of a view from the more similar of its neighbours over the median of all views from which it is odd.
 
-Sound scans gave up to 1.4; a radiograph of a view 60 to 120 degrees away at least 2.2."""
+Sound scans gave up to 1.4; a radiograph of a view 60 to 120 degrees away at least 2.2.  Where grains lie in rows,
+views along them differ as much."""
+UNLIKE_AROUND = 0.8
+"""The same over the difference of the views on either side of it.
+
+Along rows of grains 0.5 in steps of up to 1.5 degrees, 0.5 to 1 in steps of 3; at least 0.85 for a radiograph of
+another view, in steps of 7.5 degrees."""
 MAX_ODD_SHARE = 0.2
 """Share of odd views; if there are more, the odd thing is the scan."""
 NAMED_VIEWS = 8
@@ -156,7 +162,7 @@ def _unlike(read: ReadScan) -> Iterable[Finding]:
         return
     differences = neighbour_differences(read.blocks[lit])
     ratio = differences / max(float(np.median(differences)), 1e-12)
-    odd = ratio > UNLIKE
+    odd = (ratio > UNLIKE) & (differences > UNLIKE_AROUND * differences_around(read.blocks[lit]))
     if 0 < odd.sum() <= MAX_ODD_SHARE * len(ratio):
         yield Finding(
             Level.WARNING, "frames", read.names["radiographs"],
@@ -169,10 +175,21 @@ def _unlike(read: ReadScan) -> Iterable[Finding]:
 
 def neighbour_differences(blocks: Float) -> Float:
     """Difference of each view from the more similar of its two neighbours, but for its level."""
-    centred = blocks - np.median(blocks, axis=1, keepdims=True)
-    steps = np.sqrt(((centred[1:] - centred[:-1]) ** 2).mean(axis=1))
+    steps = _differences(blocks, 1)
     before, after = np.concatenate([[np.inf], steps]), np.concatenate([steps, [np.inf]])
     return np.minimum(before, after)
+
+
+def differences_around(blocks: Float) -> Float:
+    """Difference of the views on either side of each; of the next two for the first and the last."""
+    steps = _differences(blocks, 1)
+    return np.concatenate([steps[1:2], _differences(blocks, 2), steps[-2:-1]])
+
+
+def _differences(blocks: Float, apart: int) -> Float:
+    """Root mean square difference of views so many ``apart``, but for their levels."""
+    centred = blocks - np.median(blocks, axis=1, keepdims=True)
+    return np.asarray(np.sqrt(((centred[apart:] - centred[:-apart]) ** 2).mean(axis=1)))
 
 
 def _numbered(name: str, numbers: Iterable[int]) -> str:
