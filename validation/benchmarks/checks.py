@@ -58,7 +58,7 @@ CHECKS = {
         "workflow.reference_stages.grains_in_doubt",
     ),
     "states": ("workflow.state_checks.check_state", "tracking.track.check_state"),
-    "poses alike": ("tracking.attempt.find_ambiguities",),
+    "poses alike": ("tracking.attempt.settle_ambiguities",),
     "motions": ("tracking.track.scale_notes", "workflow.run.check_motions"),
 }
 """Functions of the package, where they are called, by what they check."""
