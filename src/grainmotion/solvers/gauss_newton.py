@@ -55,9 +55,8 @@ MIN_DECREASE_RATIO = 0.25
 MAX_EXTRAPOLATED_RATIO = 0.9
 """Largest ratio of a step to the one before that is extrapolated: beyond it, steps hardly shrink."""
 
-IDLE_TRIALS = 5
-"""Steps tried, some of them accepted, over which a decrease that is small on average ends the iteration whatever the
-damping: where voxels leave ripples on a flat minimum, the model predicts no step well, and damping never falls."""
+PAUSE_TRIALS = 5
+"""Steps tried, accepted or not, whose decrease tells whether to pause."""
 
 MIN_STEPS_BEFORE_PAUSE = 10
 """Accepted steps before an iteration may pause; where all unknowns are determined, 4 to 8 are enough."""
@@ -133,7 +132,7 @@ class Stopping:
     forcing : float
         Relative residual to which steps of large problems are solved.
     pause, pause_cost : float
-        Relative decrease over `IDLE_TRIALS` steps tried below which it pauses, after `MIN_STEPS_BEFORE_PAUSE` and at a
+        Relative decrease over `PAUSE_TRIALS` steps tried below which it pauses, after `MIN_STEPS_BEFORE_PAUSE` and at a
         cost below ``pause_cost``: what hardly matters may be fixed before it goes on.
     """
 
@@ -187,8 +186,7 @@ def gauss_newton(
         sizes, predicted = problem.step_sizes(state, proposal), predicted_decrease(current, proposal, damping)
         near = damping <= MAX_DAMPING_NEAR_MINIMUM
         far = float((sizes > stopping.straggler_distance).mean())
-        few = stopping.decrease * current.cost if far <= stopping.stragglers else 0.0
-        small = few if near else 0.0
+        small = stopping.decrease * current.cost if near and far <= stopping.stragglers else 0.0
         last = _remaining(sizes.max(), previous[0]) < stopping.step or _remaining(predicted, previous[1]) < small
         trial = None if last else problem.linearize(trial_state)
         cost = problem.cost(trial_state) if trial is None else trial.cost
@@ -209,12 +207,8 @@ def gauss_newton(
             settled = ended and bool(np.isfinite(current.cost))
             damping, growth = max(damping, 1e-4) * growth, growth * 2
         tried.append(costs[-1])
-        if len(tried) > IDLE_TRIALS and not ended:
-            gained = tried[-1 - IDLE_TRIALS] - costs[-1]
-            if 0 < gained < IDLE_TRIALS * few:
-                ended, settled = True, far == 0
-            elif len(costs) > MIN_STEPS_BEFORE_PAUSE and costs[-1] < stopping.pause_cost:
-                ended = paused = gained < stopping.pause * costs[-1]
+        if len(costs) > MIN_STEPS_BEFORE_PAUSE and not ended and costs[-1] < stopping.pause_cost:
+            ended = paused = tried[-1 - PAUSE_TRIALS] - costs[-1] < stopping.pause * costs[-1]
     return Solution(state, tuple(costs), step, settled, paused)
 
 
