@@ -106,7 +106,9 @@ def refine(
     prior, problem = problem.prior, replace(problem, prior=None)
     uncertain = _uncertainty(fit, alignment, problem, solution.state)
     if solution.paused and not uncertain.weak.flags.any():
-        solution = gauss_newton(problem, solution.state, fit.fine_stopping(), fit.observer(problem.target, "the rest"))
+        solution = gauss_newton(
+            problem, solution.state, fit.fine_stopping(), fit.observer(problem.target, "free, to the end")
+        )
         uncertain = _uncertainty(fit, alignment, problem, solution.state)
     weak, posterior = uncertain.weak, uncertain.covariances
     numbers, free_cost = weak.flags.sum(axis=1), before.free_cost if before else np.inf
@@ -126,7 +128,7 @@ def refine(
         elif prior is not None:  # the earlier one still holds them
             posterior = weak.posterior()
         elif solution.paused:
-            observe = fit.observer(problem.target, "the rest")
+            observe = fit.observer(problem.target, "free, to the end")
             solution = gauss_newton(problem, solution.state, fit.fine_stopping(), observe)
     corrections_sd = None
     if problem.target.nuisance.views:
