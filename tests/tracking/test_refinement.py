@@ -1,4 +1,4 @@
-"""Final refinement (`tracking.refinement`): robust loss and likelihood of counts."""
+"""Final refinement (`tracking.refinement`): from paused fits, with a robust loss, with the likelihood of counts."""
 
 from dataclasses import replace
 
@@ -8,11 +8,30 @@ from few_grains import VOXEL, errors, geometry, grain_set, radiographs, small_mo
 from grainmotion.model.scan import Scan
 from grainmotion.projection.grains import simulate_radiographs
 from grainmotion.rotations import rotation_matrix, rotation_vector
+from grainmotion.tracking.attempt import Job, approach, finish
 from grainmotion.tracking.track import TrackSettings, track
 
 GRAINS = grain_set()
 TRUTH = small_motions(GRAINS)
 QUICK = TrackSettings(search=False)
+
+
+class TestPausedFits:
+    def test_without_weak_directions_it_goes_on_to_the_end(self):
+        """From a pose that is off by a hundredth of a voxel, to the motions of a fit that did not pause."""
+        scan = radiographs(GRAINS, TRUTH)
+        job = Job(GRAINS, scan, None, QUICK, None, None)
+        near = approach(job)
+        settled = finish(job, near).motions
+        state = near.solution.state
+        off = state.moved(state.translations + 0.01 * VOXEL, state.matrices)
+        paused = replace(near.solution, state=off, settled=False, paused=True)
+        motions = finish(job, replace(near, solution=paused)).motions
+        assert motions.fit.costs[-1][0] == "free, to the end"
+        assert motions.statuses.tolist() == settled.statuses.tolist()
+        np.testing.assert_allclose(motions.translations, settled.translations, rtol=0, atol=2e-3 * VOXEL)
+        variances = [np.einsum("nii->ni", m.covariances) for m in (motions, settled)]
+        np.testing.assert_allclose(variances[0], variances[1], rtol=0.02)
 
 
 class TestHuber:
