@@ -1,12 +1,14 @@
 """New grains (`tracking.new_grains`): counted, placed, and no disturbance of the others."""
 
+from unittest import mock
+
 import numpy as np
 import pytest
 
 from few_grains import grain_set, radiographs, small_motions
 from grainmotion.model.geometry import Geometry
 from grainmotion.tracking.ellipsoids import Ellipsoid, Usual, ellipsoid_images
-from grainmotion.tracking.leftover import Leftover
+from grainmotion.tracking.leftover import MIN_LIMIT, Leftover
 from grainmotion.tracking.track import track
 from grainmotion.tracking.unexplained import grid_around
 
@@ -43,6 +45,16 @@ def test_ellipsoids_are_counted(centers):
 
 def test_small_things_are_no_grains():
     assert ellipsoids_in([(0.3, -0.4, 0.5)], (0.25, 0.25, 0.25)) == []
+
+
+def test_evenly_grey_radiographs_hold_no_grains():
+    """They could be filled with ever more; of a sample of two grains it is no more that is looked for."""
+    grey = np.full((3, 60, 60), 0.3)
+    left = Leftover(grey, GEOMETRY, np.ones_like(grey), USUAL, grains=2)
+    grid = grid_around(np.array([[-2.0, -2, -2], [2.0, 2, 2]]), USUAL.radius)
+    with mock.patch.object(Leftover, "fitted", autospec=True, side_effect=Leftover.fitted) as fitted:
+        assert left.ellipsoids(grid) == []
+    assert 1 < fitted.call_count <= MIN_LIMIT + 2
 
 
 def test_a_new_grain_is_counted_and_disturbs_no_other():

@@ -27,8 +27,9 @@ from grainmotion.tracking.unexplained import grid_around, least_over_views
 
 MIN_SHARE = 0.45
 """Unexplained line integrals, over those of a usual grain under the same filter, from which an ellipsoid is tried."""
-MAX_ELLIPSOIDS = 30
-"""Ellipsoids at most."""
+MAX_ELLIPSOIDS, MIN_LIMIT = 30, 6
+"""Ellipsoids at most; fewer where there are fewer grains, but never less than the second.  Where more seem to be there,
+it is no grains that the radiographs hold: evenly grey ones took as many as were allowed, and minutes."""
 RADIUS_PIXELS = 5.0
 """Least radius of a grain in coarse pixels."""
 MIN_MASS = 0.35
@@ -75,18 +76,21 @@ def beside_pose(
     evaluation = StateProblem(fit.grains, replace(target, sigma=0.0, response_model=IDENTITY_RESPONSE)).evaluate(pose)
     factor = max(1, int(usual.radius / target.scan.geometry.pixel_at(fit.grains.centers.mean(axis=0)) / RADIUS_PIXELS))
     coarse = coarsened(replace(target, scan=replace(target.scan, line_integrals=evaluation.raw_residual)), factor)
-    left = Leftover(coarse.scan.line_integrals, coarse.scan.geometry, coarse.valid, usual)
+    left = Leftover(coarse.scan.line_integrals, coarse.scan.geometry, coarse.valid, usual, len(fit.grains))
     return tuple(left.ellipsoids(grid_around(places, usual.radius), known))
 
 
 @dataclass(frozen=True, eq=False)
 class Leftover:
-    """What radiographs hold beside the grains: ``images (views, rows, columns)``, and what is expected of a grain."""
+    """What radiographs hold beside so many ``grains``: ``images (views, rows, columns)``, and what one is expected to
+    be like.
+    """
 
     images: Image
     geometry: Geometry
     valid: Image
     usual: Usual
+    grains: int = MAX_ELLIPSOIDS
 
     def fitted(self, found: list[Ellipsoid], beside: Image | float = 0.0) -> list[Ellipsoid]:
         """Ellipsoids fitted together, beside a further image."""
@@ -97,7 +101,10 @@ class Leftover:
         return self.images - self.valid * ellipsoid_images(found, self.geometry)
 
     def ellipsoids(self, grid: Float, known: tuple[Ellipsoid, ...] = ()) -> list[Ellipsoid]:
-        """Ellipsoids one after the other, at those of the points ``grid (k, 3)`` where all views leave most."""
+        """Ellipsoids one after the other, at those of the points ``grid (k, 3)`` where all views leave most.
+
+        Those ``known`` alone if more than there were grains seem to be there.
+        """
         middle, found = grid.mean(axis=0), self.fitted(list(known))
         found = [one for one in found if one.mass > MIN_MASS * self._ball(middle).mass]
         peak = float(
@@ -105,7 +112,10 @@ class Leftover:
                 ellipsoid_images([self._ball(middle)], self.geometry), self.geometry, middle[None], self.usual.radius
             )[0]
         )
+        limit = max(self.grains, MIN_LIMIT)
         for _ in range(MAX_ELLIPSOIDS):
+            if len(found) > limit:
+                return list(known)
             least = least_over_views(self.beside(found), self.geometry, grid, self.usual.radius)
             best = int(np.argmax(least))
             if least[best] < MIN_SHARE * peak:
