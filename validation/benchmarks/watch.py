@@ -50,6 +50,8 @@ N_GRAINS, WALL_BAR = 100, 15.0
 """Grains of a packing, and seconds for a state of so many on two idle cores."""
 VOXEL, MARGIN = 0.1, 8
 """mm; voxels between the packing and the border of the field."""
+WIDTHS_TO_SOURCE = 5
+"""Distance of the source from the axis in widths of the field."""
 CENTRAL_LINE_INTEGRAL, PHOTONS = 1.5, 1e5
 """Line integral through the middle of a packing; photons a pixel detects without it."""
 SHIFT, TURN_DEG = 2.0, 4.0
@@ -113,15 +115,23 @@ def packing(kind: Kind, n: int, seed: int) -> tuple[Sample, tuple[int, int]]:
     middle = np.array([0.0, 0.0, (low + high) / 2])
     particles = [Particle(p.shape.moved(np.eye(3), -middle), attenuation) for p in settled.particles]
     wide = 2 * np.linalg.norm(outlines[:, :2], axis=1).max()
-    rows = int((high - low) / VOXEL) + 2 * MARGIN
-    return Sample(tuple(particles)), (rows, int(wide / VOXEL) + 2 * MARGIN)
+    columns = int(wide / VOXEL) + 2 * MARGIN
+    distance = WIDTHS_TO_SOURCE * VOXEL * columns
+    nearest = 1.0 if kind.tall else distance / (distance - wide / 2)  # what lies nearer to the source looks taller
+    rows = int(nearest * (high - low) / VOXEL) + 2 * MARGIN
+    return Sample(tuple(particles)), (rows, columns)
+
+
+def scanner_of(panel: tuple[int, int]) -> Scanner:
+    """The scanner whose panel has these rows and columns, a voxel wide each at the axis."""
+    distance = WIDTHS_TO_SOURCE * VOXEL * panel[1]
+    return Scanner(panel, 4 * VOXEL, distance, 4 * distance, panel[1])
 
 
 def write_experiment(folder: Path, kind: Kind, n: int, seed: int) -> None:
     """The experiment, its truth, and the radiographs of its state in a folder from which they will arrive."""
     sample, panel = packing(kind, n, seed)
-    distance = 5 * VOXEL * panel[1]
-    scanner = Scanner(panel, 4 * VOXEL, distance, 4 * distance, panel[1])
+    scanner = scanner_of(panel)
     physics = Physics(photons=PHOTONS, counts_per_photon=40_000 / PHOTONS, dark=100, dark_noise=2, subsamples=2)
     truth = motion_fields.random(sample, SHIFT * VOXEL, TURN_DEG, seed + 1)
     views = scanner.geometry(LATER_ANGLES_DEG[VIEWS])
