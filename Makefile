@@ -7,7 +7,7 @@ SPAM   := .venv-spam
 unexport PYTHONDONTWRITEBYTECODE  # tests start many processes that import the package: compiled modules are kept
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-targets test-browser test-spam test-all check docs format bench bench-gpu bench-history bench-compare paper accuracy clean
+.PHONY: help install demo test test-targets test-browser test-spam test-all check docs format bench bench-gpu bench-history bench-compare paper accuracy clean vendor-three
 
 help:            ## list the targets
 	@grep -hE '^[a-z-]+: .*##|^[a-z-]+:  *##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -77,6 +77,20 @@ bench-history: $(STAMP) ## time kernels and stages and keep the CPU times in val
 
 bench-compare: $(STAMP) ## compare the kept CPU times
 	$(BIN)/pytest-benchmark --storage=$(HISTORY) compare --group-by=name --columns=min,median --sort=name
+
+THREE_VERSION   := 0.187.0
+ESBUILD_VERSION := 0.28.2
+VENDOR := src/grainmotion/report/assets/vendor
+
+vendor-three:    ## rebuild the report's bundle of three.js (needs node and npm)
+	mkdir -p build/three
+	cp $(VENDOR)/three_entry.js build/three
+	cd build/three && npm install --silent --no-save --no-package-lock \
+		three@$(THREE_VERSION) esbuild@$(ESBUILD_VERSION)
+	cd build/three && node_modules/.bin/esbuild three_entry.js --bundle --minify --format=iife \
+		--global-name=THREE --target=es2022 --legal-comments=none --outfile=bundle.js
+	{ echo "/*! three.js $(THREE_VERSION), https://threejs.org"; echo; cat build/three/node_modules/three/LICENSE; \
+		echo "*/"; cat build/three/bundle.js; } > $(VENDOR)/three.min.js
 
 paper: $(STAMP)  ## rerun every result of the paper and write docs/paper.md (long)
 	$(BIN)/python -m validation.paper
