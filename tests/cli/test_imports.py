@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-SLOW_LIBRARIES = ("numba", "scipy", "skimage", "pandas", "h5py", "matplotlib", "plotly", "jinja2", "dask", "tifffile")
+SLOW_LIBRARIES = ("numba", "scipy", "skimage", "pandas", "h5py", "matplotlib", "jinja2", "dask", "tifffile")
 HELP_CODE = """
 from typer.testing import CliRunner
 from grainmotion.cli.app import app
@@ -25,4 +25,4 @@ def test_a_public_name_loads_its_own_module_only():
     code = "import sys, grainmotion\ngrainmotion.Geometry\nprint(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout.split()
     assert "grainmotion.model.geometry" in loaded
-    assert not {"numba", "skimage", "plotly", "matplotlib"} & set(loaded)
+    assert not {"numba", "skimage", "matplotlib"} & set(loaded)

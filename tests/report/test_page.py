@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
 
 import example
 import numpy as np
-import plotly.graph_objects
 import pytest
 
 from grainmotion.model.finding import Finding, Level
-from grainmotion.model.motion_table import MOTION_COLUMNS, OK_COLUMNS
 from grainmotion.model.motions import Motions, Status
 from grainmotion.report import ReportData, StateReport, write_report
 
@@ -80,66 +77,15 @@ def write_and_parse(tmp_path, data: ReportData) -> Page:
 
 
 class TestContent:
-    def test_table_has_all_columns_of_motions_csv_and_the_reasons(self, page):
-        grains = [table for table in page.tables if "label" in table[min(1, len(table) - 1)]]
-        assert len(grains) == 2
-        assert tuple(grains[0][1]) == (*MOTION_COLUMNS, *OK_COLUMNS, "reason")
-        motions = example.motions()
-        expected = motions.to_table()
-        assert len(grains[0]) == 2 + len(expected)
-        for row, (_, grain), reason in zip(grains[0][2:], expected.iterrows(), motions.reasons):
-            values = dict(zip(grains[0][1], row))
-            assert values["reason"] == reason
-            assert values["status"] == grain["status"]
-            assert [values[name] for name in OK_COLUMNS] == ["yes" if grain[name] else "no" for name in OK_COLUMNS]
-            for name in set(MOTION_COLUMNS) - {"status"}:
-                if np.isnan(grain[name]):
-                    assert values[name] == "–"
-                else:
-                    assert float(values[name].replace("−", "-")) == pytest.approx(grain[name], rel=0.05, abs=6e-4)
-
-    def test_headings_have_units(self, page):
-        grains = next(table for table in page.tables if "label" in table[min(1, len(table) - 1)])
-        assert "translation (mm)" in grains[0]
-        assert "rotation vector (°)" in grains[0]
-
     def test_counts_by_status(self, page):
-        header, *rows = page.tables[0]
+        header, *rows = page.tables[-1]
         assert [header[i].replace("- ", "-") for i in range(2, 2 + len(Status))] == [s.value for s in Status]
         assert rows[0][:8] == ["step-01", "6", "2", "1", "1", "1", "1", "0"]
-
-    def test_three_images_for_each_view(self, page):
-        alts = [a["alt"] or "" for t, a in page.elements if t == "img"]
-        for kind in ("measured", "simulated", "residual"):
-            assert sum(alt.startswith(f"{kind}, ") for alt in alts) == 4
-
-    def test_convergence_curves(self, page):
-        assert page.count("svg") == 3
-        assert sum("Convergence of the fit" in word for word in page.words) == 2
-
-    def test_grains_that_need_attention_are_listed_with_reasons(self, page):
-        text = "".join(page.words)
-        assert "Grains to look at:" in text
-        assert f"not-converged grain 11: not-converged, because {example.MARKUP}" in text
 
     def test_versions_and_citation(self, page):
         text = "".join(page.words)
         assert "10.1007/s11340-017-0263-5" in text
         assert "numba" in text
-
-    def test_arrows_are_valid_plotly_figures(self, page):
-        scenes = json.loads(page.scripts[0])
-        assert len(scenes) == 2
-        for scene in scenes:
-            for figure in scene["arrows"].values():
-                plotly.graph_objects.Figure(data=figure["data"] + scene["grains"], layout=figure["layout"])
-        arrows = scenes[0]["arrows"]["Displacement u (mm)"]
-        factor = float(arrows["note"].split("×")[1])
-        motions = example.motions()
-        tips = np.array([arrows["data"][1][axis] for axis in "xyz"]).T
-        finite = np.isfinite(motions.translations).all(axis=1)
-        expected = motions.centers[finite] + factor * motions.translations[finite]
-        np.testing.assert_allclose(tips, expected, rtol=1e-4, atol=1e-4)
 
 
 class TestSafety:
@@ -175,16 +121,6 @@ class TestSafety:
         assert list(tmp_path.iterdir()) == [path]
 
 
-class TestSize:
-    def test_large_radiographs_and_many_grains_stay_below_ten_megabytes(self, tmp_path):
-        states = tuple(replace(example.state(f"s{i}", n=2600, shape=(4, 600, 500)), comparison=()) for i in range(2))
-        page = write_and_parse(tmp_path, ReportData("large", states=states))
-        assert (tmp_path / "report.html").stat().st_size < 10e6
-        text = "".join(page.words)
-        assert "averaged over 3 × 3 pixels" in text
-        assert "2500 of 2600 grains" in text
-
-
 class TestMissingData:
     def test_report_without_states(self, tmp_path):
         assert "No later state" in "".join(write_and_parse(tmp_path, ReportData("reference only")).words)
@@ -193,19 +129,13 @@ class TestMissingData:
         nothing = Motions.identity(np.zeros(0, int), np.zeros((0, 3)))
         images = np.full((1, 4, 5), np.nan)
         page = write_and_parse(tmp_path, ReportData("x", states=(StateReport("s", images, images, nothing, 0.1),)))
-        assert "view 0" in "".join(page.words)
+        assert page.tables[-1][1][1] == "0"
 
     def test_grains_that_were_not_fitted(self, tmp_path):
         still = Motions.identity(np.arange(1, 4), np.eye(3))
         images = np.zeros((1, 4, 5))
         page = write_and_parse(tmp_path, ReportData("x", states=(StateReport("s", images, images, still, 0.1),)))
-        assert page.tables[0][1][1:7] == ["3", "0", "0", "0", "0", "3"]
-
-    @pytest.mark.parametrize("costs", [(("a", 0.0),), (("a", float("nan")), ("b", 0.1)), (("a", 0.11), ("a", 0.1))])
-    def test_convergence_curves_of_unusual_costs(self, tmp_path, costs):
-        motions = example.motions()
-        state = replace(example.state("s"), motions=replace(motions, fit=replace(motions.fit, costs=costs)))
-        assert write_and_parse(tmp_path, ReportData("x", states=(state,))).count("svg") == 1
+        assert page.tables[-1][1][1:7] == ["3", "0", "0", "0", "0", "3"]
 
 
 class TestFindings:
@@ -217,13 +147,12 @@ class TestFindings:
 
     def test_are_the_first_section_worst_first(self, tmp_path):
         page = write_and_parse(tmp_path, replace(example.data(), findings=self.FOUND))
-        assert [a["id"] for t, a in page.elements if t == "section"][:2] == ["findings", "summary"]
+        assert next(a["id"] for t, a in page.elements if t == "section") == "findings"
         assert [a.get("class") for t, a in page.elements if t == "li"][:3] == ["error", "warning", "note"]
         text = " ".join("".join(page.words).split())
         assert f"error states.a: 6 of 6 fail {example.MARKUP} (gain 0.8)" in text
         assert "What to do: check them" in text
-        assert page.count("a", href="#findings") == 1
         assert page.count("img", src="x") == 0
 
     def test_no_block_without_findings(self, page):
-        assert page.count("section", id="findings") == page.count("a", href="#findings") == 0
+        assert page.count("section", id="findings") == 0

@@ -35,17 +35,6 @@ class TestNumbers:
         assert tables.length_decimals(voxel_size) == decimals
 
 
-def test_strains_are_columns_of_the_grains_where_they_were_measured():
-    images = np.zeros((1, 2, 2))
-    strained = replace(
-        motions(), strains=np.full((6, 6), -0.0123), strain_covariances=np.tile(4e-6 * np.eye(6), (6, 1, 1))
-    )
-    table = tables.grain_table(StateReport("soft", images, images, strained, 0.1), 10)
-    assert [columns[0] for _, columns in table.groups][-3:] == ["exx", "sd_exx", "reason"]
-    assert table.rows[0][2][-12:] == ("−0.0123",) * 6 + ("0.0020",) * 6
-    assert tables.grain_table(StateReport("rigid", images, images, motions(), 0.1), 10).groups == tables.COLUMN_GROUPS
-
-
 def test_bodies_have_motions_with_standard_deviations():
     images, covariance = np.zeros((1, 2, 2)), np.diag([0.01, 0.01, 0.02, *np.deg2rad([0.1, 0.1, 104.0])]) ** 2
     moved = BodyMotion(

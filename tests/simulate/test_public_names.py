@@ -7,7 +7,7 @@ import pytest
 
 from grainmotion import simulate
 
-HEAVY = ("plotly", "matplotlib", "pandas", "h5py", "skimage", "dask")
+HEAVY = ("matplotlib", "pandas", "h5py", "skimage", "dask")
 
 
 def test_every_public_name_exists():

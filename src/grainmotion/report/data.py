@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from grainmotion.errors import InputError
 from grainmotion.model.finding import Finding
+from grainmotion.model.geometry import Geometry
 from grainmotion.model.motions import Motions
 from grainmotion.model.volume import Volume
 
@@ -34,6 +35,8 @@ class StateReport:
     views: tuple[str, ...] = ()  # captions, such as angles; numbered if not given
     comparison: Rows = ()  # with another measurement or with the truth
     first_row: Literal["bottom", "top"] = "bottom"
+    geometry: Geometry | None = None  # of the radiographs, for the grains' shadows
+    time: float | None = None  # of the state, in the unit of the experiment file
 
     def __post_init__(self) -> None:
         where = f"report of state '{self.name}'"
@@ -49,10 +52,25 @@ class StateReport:
         views = tuple(str(v) for v in self.views) or tuple(f"view {i}" for i in range(len(measured)))
         if len(views) != len(measured):
             raise InputError(where, f"{len(views)} captions for {len(measured)} views", "give one a view")
+        if self.geometry is not None and (len(self.geometry), *self.geometry.shape) != measured.shape:
+            seen = (len(self.geometry), *self.geometry.shape)
+            raise InputError(where, f"geometry of {seen}, radiographs {measured.shape}", "give that of these views")
         object.__setattr__(self, "measured", measured)
         object.__setattr__(self, "simulated", simulated)
         object.__setattr__(self, "residual", residual)
         object.__setattr__(self, "views", views)
+
+
+@dataclass(frozen=True)
+class RunRecord:
+    """What made the results: enough to make them again."""
+
+    command: str  # what a shell runs to make the results again
+    settings: str  # TOML, those that differ from the defaults
+    versions: Rows = ()  # program and version
+    machine: str = ""
+    folder: str = ""  # of the results
+    inputs: Rows = ()  # key of the experiment file, and the files
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +84,7 @@ class ReportData:
     labels: NDArray[np.integer] | None = None  # its labels, 0 for no grain
     states: tuple[StateReport, ...] = ()  # in loading order
     findings: tuple[Finding, ...] = ()  # of checks of the input and of the results
+    run: RunRecord | None = None  # None where no experiment file made the results
 
     def __post_init__(self) -> None:
         if self.labels is not None and (self.volume is None or self.labels.shape != self.volume.shape):

@@ -27,7 +27,7 @@ from grainmotion.model.geometry import Geometry
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.report import images
-from grainmotion.report.curves import LINE_COLOURS
+from grainmotion.report.figure_colours import LINE_COLOURS
 
 if TYPE_CHECKING:
     from matplotlib.typing import RcKeyType

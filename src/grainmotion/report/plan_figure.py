@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, MaxNLocator, MultipleLocator
 
 from grainmotion.planning.plan import Plan
-from grainmotion.report.curves import LINE_COLOURS
+from grainmotion.report.figure_colours import LINE_COLOURS
 
 if TYPE_CHECKING:
     from matplotlib.typing import RcKeyType

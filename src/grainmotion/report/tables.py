@@ -8,41 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from grainmotion.model.fluid import FluidFit
-from grainmotion.model.motion_table import MOTION_COLUMNS, OK_COLUMNS, STRAIN_COLUMNS
-from grainmotion.model.motions import Motions, Status
+from grainmotion.model.motions import Status
 from grainmotion.model.state_fit import StateFit
 from grainmotion.report.data import Rows, StateReport
-
-STATUS_COLOURS = {
-    Status.CONVERGED.value: "#2a9d68",
-    Status.POORLY_DETERMINED.value: "#d99a1c",
-    Status.AMBIGUOUS.value: "#2f8fc4",
-    Status.NOT_CONVERGED.value: "#d1453b",
-    Status.LEFT_FIELD.value: "#7b6fd0",
-    Status.NOT_FITTED.value: "#8b929c",
-    Status.ABSENT.value: "#a7926f",
-    Status.CUT.value: "#4fb0ae",
-    Status.BROKEN.value: "#a3286a",
-    Status.DEFORMED.value: "#c77fb5",
-}
-
-COLUMN_GROUPS = (
-    ("", ("label", "status")),
-    ("centre in the reference state (mm)", ("x", "y", "z")),
-    ("translation (mm)", ("ux", "uy", "uz")),
-    ("rotation vector (°)", ("wx", "wy", "wz")),
-    ("standard deviation of u (mm)", ("sd_ux", "sd_uy", "sd_uz")),
-    ("standard deviation of ω (°)", ("sd_wx", "sd_wy", "sd_wz")),
-    ("fit", ("residual", "iterations")),
-    ("to use", OK_COLUMNS),
-    ("", ("reason",)),
-)
-"""Headings with the columns of motions.csv under them, and the reason."""
-STRAIN_GROUPS = (
-    ("strain in the frame of the reference", STRAIN_COLUMNS[:6]),
-    ("standard deviation of the strain", STRAIN_COLUMNS[6:]),
-)
-"""The same of strains, where they were measured; they come before the reason."""
 
 
 def number(value: float, decimals: int) -> str:
@@ -78,28 +46,6 @@ class SummaryRow:
     counts: tuple[tuple[str, int], ...]
     to_use: tuple[int, int]
     values: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Attention:
-    """Grains that did not converge, all for one reason."""
-
-    status: str
-    grains: str
-    reason: str
-
-
-@dataclass(frozen=True)
-class GrainTable:
-    """The columns of ``motions.csv`` and the reasons.
-
-    ``groups`` are headings with the columns under them, ``rows`` label, status, the other values and the reason of
-    each grain shown, ``total`` the number of all grains.
-    """
-
-    groups: tuple[tuple[str, tuple[str, ...]], ...]
-    rows: tuple[tuple[str, str, tuple[str, ...], str], ...]
-    total: int
 
 
 def summary_row(state: StateReport) -> SummaryRow:
@@ -237,45 +183,6 @@ def piece_rows(state: StateReport) -> list[tuple[str, str, list[str]]]:
     return rows
 
 
-def attention_groups(motions: Motions) -> list[Attention]:
-    """The grains that did not converge, by status and reason."""
-    groups: dict[tuple[str, str], list[int]] = {}
-    for label, status, reason in zip(motions.labels, motions.statuses, motions.reasons):
-        if status != Status.CONVERGED.value:
-            groups.setdefault((str(status), reason), []).append(int(label))
-    return [Attention(status, _enumerate(labels), reason) for (status, reason), labels in groups.items()]
-
-
-def grain_table(state: StateReport, max_rows: int) -> GrainTable:
-    """The table of at most ``max_rows`` grains, those that did not converge first if there are more."""
-    motions, table = state.motions, state.motions.to_table()
-    order = np.arange(len(table))
-    if len(table) > max_rows:
-        order = np.argsort(motions.ok, kind="stable")[:max_rows]
-    decimals = length_decimals(state.voxel_size)
-    groups = (*COLUMN_GROUPS[:-1], *(STRAIN_GROUPS if motions.strains is not None else ()), COLUMN_GROUPS[-1])
-    names = [name for _, columns in groups for name in columns][2:-1]
-    values = [_column(table[name].to_numpy()[order], name, decimals) for name in names]
-    labels, statuses = (table[name].to_numpy()[order] for name in MOTION_COLUMNS[:2])
-    reasons = [motions.reasons[i] for i in order]
-    rows = tuple(zip(map(str, labels), map(str, statuses), zip(*values), reasons))
-    return GrainTable(groups, rows, len(table))
-
-
-def _column(values: np.ndarray, name: str, decimals: int) -> list[str]:
-    if name == "iterations":
-        return [str(int(v)) for v in values]
-    if name in OK_COLUMNS:
-        return ["yes" if v else "no" for v in values]
-    if name.startswith("sd_"):
-        return [significant(v, 2) for v in values]
-    if name == "residual":
-        return [significant(v) for v in values]
-    if name in STRAIN_COLUMNS:
-        return [number(v, 4) for v in values]
-    return [number(v, 3 if name.startswith("w") else decimals) for v in values]
-
-
 def _with_sd(value: float, sd: float) -> str:
     """A value to the second digit of its standard deviation, with that; to five digits where it has none."""
     if not (math.isfinite(sd) and sd > 0):
@@ -286,9 +193,3 @@ def _with_sd(value: float, sd: float) -> str:
 def _median(values: np.ndarray) -> float:
     values = values[np.isfinite(values)]
     return float(np.median(values)) if values.size else math.nan
-
-
-def _enumerate(labels: list[int], max_labels: int = 40) -> str:
-    """The labels as text, or the first of them and the number of the others."""
-    more = f" and {len(labels) - max_labels} more" if len(labels) > max_labels else ""
-    return f"grain{'s' * (len(labels) != 1)} {', '.join(map(str, labels[:max_labels]))}{more}"

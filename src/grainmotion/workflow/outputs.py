@@ -233,6 +233,8 @@ def _state_report(results: Results, name: str, comparison: Rows) -> StateReport:
         views=tuple(f"view {k}, {angle:.1f}°" for k, angle in enumerate(scan.geometry.azimuths_deg)),
         comparison=comparison,
         first_row="bottom" if upright else "top",
+        geometry=scan.geometry,
+        time=next((table.time for table in results.experiment.tables.states if table.name == name), None),
     )
 
 
