@@ -56,6 +56,9 @@ docs: $(STAMP)   ## build the documentation site, docs/_build/html/index.html; a
 	$(BIN)/python -m sphinx -q -W --keep-going -n -c docs . docs/_build/html
 	$(BIN)/python docs/check_links.py docs/_build/html
 
+release-check: check docs ## check that a release can be published: build, install and use it on every Python here
+	$(BIN)/python release/check.py
+
 format: $(STAMP) ## format the code
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .

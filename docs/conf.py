@@ -24,6 +24,8 @@ include_patterns = [
     "README.md",
     "CONTRIBUTING.md",
     "CHANGELOG.md",
+    "SECURITY.md",
+    "release/**.md",
     "docs/**.md",
     "docs/api/generated/**.rst",
     "examples/**.md",
