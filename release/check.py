@@ -44,7 +44,7 @@ wrong: int = motions
 """
 
 
-class NotReleasable(Exception):
+class ReleaseError(Exception):
     """What stands in the way of a release."""
 
 
@@ -57,7 +57,7 @@ def main() -> int:
     try:
         with tempfile.TemporaryDirectory(prefix="grainmotion-release-") as name:
             check(Path(name), options)
-    except NotReleasable as error:
+    except ReleaseError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
     return 0
@@ -99,7 +99,7 @@ def one_version() -> str:
         "CHANGELOG.md": dated.group(1) if dated else None,
     }
     if len(set(found.values())) > 1:
-        raise NotReleasable(f"versions differ: {found}; write one version, with its date in the changelog")
+        raise ReleaseError(f"versions differ: {found}; write one version, with its date in the changelog")
     return str(project["version"])
 
 
@@ -118,13 +118,11 @@ def contents(wheel: Path) -> None:
         held = {name for name in archive.namelist() if ".dist-info/" not in name}
         licensed = [name for name in archive.namelist() if name.endswith("LICENSE")]
     if held != wanted:
-        raise NotReleasable(
-            f"{wheel.name}: missing {sorted(wanted - held)}, not of the package {sorted(held - wanted)}"
-        )
+        raise ReleaseError(f"{wheel.name}: missing {sorted(wanted - held)}, not of the package {sorted(held - wanted)}")
     if "grainmotion/py.typed" not in held or not licensed:
-        raise NotReleasable(f"{wheel.name}: py.typed or LICENSE is missing")
+        raise ReleaseError(f"{wheel.name}: py.typed or LICENSE is missing")
     if wheel.stat().st_size > MAX_WHEEL_MB * 1e6:
-        raise NotReleasable(f"{wheel.name}: larger than {MAX_WHEEL_MB} MB; what has grown?")
+        raise ReleaseError(f"{wheel.name}: larger than {MAX_WHEEL_MB} MB; what has grown?")
 
 
 def use(environment: Path, folder: Path, about: str = "newest dependencies") -> None:
@@ -142,11 +140,11 @@ def use(environment: Path, folder: Path, about: str = "newest dependencies") -> 
         cwd=folder,
     )
     if 'expression has type "Motions"' not in typed.stdout or "Found 1 error" not in typed.stdout:
-        raise NotReleasable(f"{version}, {about}: mypy does not see the package's types:\n{typed.stdout}")
+        raise ReleaseError(f"{version}, {about}: mypy does not see the package's types:\n{typed.stdout}")
     demo = folder / f"demo-{environment.name}"
     run([environment / "bin" / "grainmotion", "demo", demo, "--quiet"], cwd=folder)
     if not (demo / "results" / "report.html").exists():
-        raise NotReleasable(f"{version}, {about}: the demo wrote no report")
+        raise ReleaseError(f"{version}, {about}: the demo wrote no report")
     say(f"{version}, {about}: installs, imports, is typed, and the demo finds the motions")
 
 
@@ -179,7 +177,7 @@ def run(command: list[object], cwd: Path | None = None) -> str:
     done = subprocess.run([str(part) for part in command], capture_output=True, text=True, cwd=cwd)
     if done.returncode:
         text = f"{done.stdout}\n{done.stderr}".strip()
-        raise NotReleasable(f"`{' '.join(map(str, command))}` ended with {done.returncode}:\n{text[-3000:]}")
+        raise ReleaseError(f"`{' '.join(map(str, command))}` ended with {done.returncode}:\n{text[-3000:]}")
     return done.stdout
 
 

@@ -15,7 +15,7 @@ def test_another_version_is_named(tmp_path, monkeypatch):
         (tmp_path / name).write_text((check.ROOT / name).read_text())
     (tmp_path / "CITATION.cff").write_text("cff-version: 1.2.0\nversion: 0.0.9\n")
     monkeypatch.setattr(check, "ROOT", tmp_path)
-    with pytest.raises(check.NotReleasable, match=r"CITATION\.cff': '0\.0\.9'"):
+    with pytest.raises(check.ReleaseError, match=r"CITATION\.cff': '0\.0\.9'"):
         check.one_version()
 
 
@@ -30,7 +30,7 @@ def test_a_file_too_many_or_too_few_in_the_wheel_is_named(tmp_path):
         archive.writestr("grainmotion/__init__.py", "")
         archive.writestr("tests/test_model.py", "")
     with pytest.raises(
-        check.NotReleasable, match=r"grainmotion/py\.typed.*not of the package \['tests/test_model\.py'\]"
+        check.ReleaseError, match=r"grainmotion/py\.typed.*not of the package \['tests/test_model\.py'\]"
     ):
         check.contents(wheel)
 
