@@ -13,13 +13,17 @@ from markupsafe import Markup
 
 from grainmotion.io.files import atomic_write
 from grainmotion.model.finding import worst_first
+from grainmotion.model.motions import Status
 from grainmotion.report import images, tables
 from grainmotion.report.data import ReportData
 from grainmotion.report.page_data import page_data
 from grainmotion.report.page_templates import page_templates
 
-STYLES = ("theme.css", "page.css")
-SCRIPTS = ("decode.js", "dom.js", "colours.js", "app.js", "start.js")
+STYLES = ("theme.css", "page.css", "panel.css", "table.css", "print.css")
+SCRIPTS = (
+    "decode.js", "dom.js", "numbers.js", "colours.js", "app.js", "chart.js", "header.js", "panel.js", "attention.js",
+    "table_rows.js", "table.js", "fit.js", "start.js",
+)  # fmt: skip
 """Files of ``assets/`` in the order in which the page holds them."""
 PACKAGES = ("grainmotion", "numpy", "scipy", "numba", "scikit-image", "matplotlib")
 
@@ -47,17 +51,19 @@ def write_report(path: str | Path, data: ReportData) -> None:
 
 def _context(data: ReportData) -> dict[str, object]:
     """Values of the templates by name."""
+    summary = [tables.summary_row(state) for state in data.states]
+    versions = data.run.versions if data.run is not None else tuple((name, _version(name)) for name in PACKAGES)
     return {
         "title": data.title,
         "written": datetime.now().astimezone().strftime("%Y-%m-%d %H:%M"),
         "findings": worst_first(data.findings),
-        "summary": [tables.summary_row(state) for state in data.states],
+        "summary": summary,
+        "statuses": [s.value for s in Status if any(dict(row.counts)[s.value] for row in summary)],
         "reference": _reference(data),
+        "run": data.run,
         "data": page_data(data),
         "version": _version("grainmotion"),
-        "versions": {name: _version(name) for name in PACKAGES},
-        "python": platform.python_version(),
-        "system": platform.system(),
+        "versions": (*versions, ("Python", platform.python_version())) if data.run is None else versions,
         "styles": [_asset(name) for name in STYLES],
         "scripts": [_asset(name) for name in SCRIPTS],
     }

@@ -51,6 +51,7 @@ def page_data(data: ReportData) -> dict[str, object]:
         "surfaces": None,
         "statuses": status_records(),
         "quantities": quantity_records(any(state.motions.strains is not None for state in data.states)),
+        "reconstruction_errors": [float(e) if np.isfinite(e) else None for e in data.reconstruction_errors],
         "states": [_state(state, rows, budget) for state in data.states],
     }
 

@@ -2,8 +2,8 @@
 // Mounts the components on the page, in the order of the page.
 (() => {
   const PLACES = [
-    ["header", "header"], ["findings", "attention"], ["viewer", "viewer"], ["panel", "grain-panel"],
-    ["shadows", "shadows"], ["table", "grain-table"], ["radiographs", "radiographs"], ["fit", "fit"],
+    ["header", "header"], ["viewer", "viewer"], ["panel", "grain-panel"], ["shadows", "shadows"],
+    ["attention", "attention"], ["table", "grain-table"], ["radiographs", "radiographs"], ["fit", "fit"],
     ["reference", "reconstruction-curve"],
   ];
   for (const [name, id] of PLACES) {
