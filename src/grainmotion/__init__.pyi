@@ -1,5 +1,7 @@
+from . import plot as plot
 from . import simulate as simulate
 from .analysis.deformed_volume import rebuild as rebuild
+from .analysis.residual_images import residual_images as residual_images
 from .analysis.validation import Comparison as Comparison
 from .analysis.validation import compare as compare
 from .backends.device import Device as Device

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Image, Projector
 from grainmotion.model.detector_response import Response
 from grainmotion.model.grains import GrainSet
@@ -16,10 +17,25 @@ from grainmotion.objective.nuisance_motions import corrected_geometry
 from grainmotion.projection.grains import simulate_radiographs
 
 
+@checked_arguments
 def residual_images(grains: GrainSet, motions: Motions, scan: Scan, *, projector: Projector = "trilinear") -> Image:
-    """Measured − m(simulated) of each view ``(views, rows, columns)``, line integrals; NaN where a pixel is masked.
+    """Measured − m(simulated) of each view, with m the fitted gain, offset and hardening.
 
-    Grains with unknown motions are left out of what is simulated.
+    Parameters
+    ----------
+    grains : GrainSet
+        The grains of the reference.
+    motions : Motions
+        Of the state, with its fit.  Grains with unknown motions are left out of what is simulated.
+    scan : Scan
+        Radiographs of the state, as they were given to `track`.
+    projector : {"trilinear", "exact"}
+        As in `track`.
+
+    Returns
+    -------
+    (views, rows, columns) array
+        Line integrals, dimensionless; NaN where a pixel is masked.
     """
     scan, fit, views = grains.scene.hardening.apply(scan), motions.fit, len(scan)
     nuisance = NuisanceMotion.still(views)

@@ -101,7 +101,9 @@ class Motions:
         }  # fmt: skip
         if self.strains is not None:
             shapes |= {"strains": (n, 6), "strain_covariances": (n, 6, 6)}
+        object.__setattr__(self, "labels", np.asarray(self.labels))
         for name, shape in shapes.items():
+            object.__setattr__(self, name, np.asarray(getattr(self, name)))  # lists would not compare by element
             if np.shape(getattr(self, name)) != shape:
                 raise InputError(f"motions.{name}", f"shape {np.shape(getattr(self, name))}", f"give {shape}")
         if len(self.reasons) != n:

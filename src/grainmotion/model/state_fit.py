@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -152,6 +153,27 @@ class StateFit:
     appeared: tuple[NewGrain, ...] = ()
     pieces: tuple[PieceMotion, ...] = ()
     start_residuals: tuple[float, ...] = ()
+
+    def of_views(self, views: Sequence[int]) -> StateFit:
+        """The same fit for some of its views.
+
+        Parameters
+        ----------
+        views : sequence of int
+            Which, in the order of the radiographs.
+
+        Returns
+        -------
+        StateFit
+            With the response and the corrections of these views; all else is of the state as a whole.
+        """
+        rows = list(views)
+        response = self.response and Response(self.response.polynomial[rows], self.response.background[rows])
+        moved, sd = (
+            known and ViewCorrections.of(known.columns[rows])
+            for known in (self.view_corrections, self.view_corrections_sd)
+        )
+        return replace(self, response=response, view_corrections=moved, view_corrections_sd=sd)
 
     @property
     def best_start(self) -> int:

@@ -26,8 +26,8 @@ from grainmotion.io.files import atomic_write
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
+from grainmotion.plot.canvas import LINE_COLOURS
 from grainmotion.report import images
-from grainmotion.report.figure_colours import LINE_COLOURS
 
 if TYPE_CHECKING:
     from matplotlib.typing import RcKeyType

@@ -1,0 +1,16 @@
+from .arrows import motions as motions
+from .arrows import motions_3d as motions_3d
+from .errors_of_motions import comparison as comparison
+from .fits import convergence as convergence
+from .fits import gains as gains
+from .fits import view_corrections as view_corrections
+from .maps import grain_map as grain_map
+from .maps import sd_ellipses as sd_ellipses
+from .plans import plan_pairs as plan_pairs
+from .plans import plan_precision as plan_precision
+from .radiographs import radiograph as radiograph
+from .radiographs import residual as residual
+from .radiographs import simulated as simulated
+from .scan_drawing import geometry as geometry
+from .slices import volume_slice as volume_slice
+from .states import history as history

@@ -1,0 +1,92 @@
+"""What all figures share: new axes where none are given, planes of the sample frame, colours and colour bars."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Literal, cast
+
+import numpy as np
+
+from grainmotion._typing import Float
+from grainmotion.errors import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.cm import ScalarMappable
+    from mpl_toolkits.mplot3d.axes3d import Axes3D
+
+Plane = Literal["xy", "xz", "yz"]
+PLANES: Mapping[str, tuple[int, int]] = MappingProxyType({"xy": (0, 1), "xz": (0, 2), "yz": (1, 2)})
+"""Planes of the sample frame, and which of x, y, z run to the right and upwards in them."""
+LINE_COLOURS = ("#2f7ed8", "#d9722e", "#2a9d68", "#b8478f", "#8a6d1f", "#5b6ee1", "#c0392b", "#16909b")
+SEQUENTIAL, DIVERGING, GREYS = "viridis", "RdBu_r", "gray"
+"""Colour maps of amounts, of values of both signs, and of attenuation."""
+UNUSED_COLOUR = "0.6"
+"""Colour of grains without a result to use."""
+TEXT_SIZE = 8.0
+"""Of notes inside axes, points."""
+
+
+def axes_of(ax: Axes | None, size: tuple[float, float] = (6.0, 4.5)) -> Axes:
+    """The axes that are given, or those of a new figure of ``size`` inches."""
+    if ax is not None:
+        return ax
+    import matplotlib.pyplot as plt  # so that a notebook shows the new figure
+
+    return plt.subplots(figsize=size, layout="compressed")[1]  # a colour bar gets the height of equally scaled axes
+
+
+def axes_3d_of(ax: Axes3D | None, size: tuple[float, float] = (6.5, 5.5)) -> Axes3D:
+    """The axes in three dimensions that are given, or those of a new figure."""
+    if ax is None:
+        import matplotlib.pyplot as plt
+
+        figure = plt.figure(figsize=size, layout="constrained")
+        return cast("Axes3D", figure.add_subplot(projection="3d"))
+    if getattr(ax, "name", "") != "3d":
+        remedy = 'make them by figure.add_subplot(projection="3d"), or leave ax out'
+        raise InputError("ax", "the axes have two dimensions, the figure has three", remedy)
+    return ax
+
+
+def plane_axes(plane: str) -> tuple[int, int]:
+    """Which of x, y, z run to the right and upwards in a plane."""
+    if plane not in PLANES:
+        raise InputError("plane", f"'{plane}' is unknown", f"use {', '.join(PLANES)}")
+    return PLANES[plane]
+
+
+def frame_plane(ax: Axes, plane: str, points: Float, around: float = 0.0) -> None:
+    """Equal scales, names of the axes, and limits with room ``around`` points ``(n, 2)`` of a plane, mm."""
+    ax.set_aspect("equal")
+    ax.set_xlabel(f"{plane[0]} (mm)")
+    ax.set_ylabel(f"{plane[1]} (mm)")
+    points = points[np.isfinite(points).all(axis=1)]
+    if len(points):
+        low, high = points.min(axis=0), points.max(axis=0)
+        room = max(around, 0.12 * float((high - low).max())) or 1.0
+        ax.set_xlim(low[0] - room, high[0] + room)
+        ax.set_ylim(low[1] - room, high[1] + room)
+
+
+def colour_bar(ax: Axes, drawn: ScalarMappable, label: str) -> None:
+    """A colour bar beside the axes."""
+    figure = ax.get_figure(root=True)
+    assert figure is not None  # axes are made by a figure
+    figure.colorbar(drawn, ax=ax, label=label, fraction=0.046, pad=0.03, aspect=26)
+
+
+def note(ax: Axes, text: str) -> None:
+    """A small note under the upper edge of the axes, at the left."""
+    if text:
+        box = {"facecolor": "white", "alpha": 0.75, "edgecolor": "none", "pad": 1.5}
+        ax.text(0.02, 0.98, text, transform=ax.transAxes, va="top", fontsize=TEXT_SIZE, bbox=box, zorder=10)
+
+
+def round_factor(wanted: float) -> float:
+    """The largest of 1, 2, 3, 4, 5, 6, 8 times a power of ten that is not above ``wanted``."""
+    if not (np.isfinite(wanted) and wanted > 0):
+        return 1.0
+    power = 10.0 ** np.floor(np.log10(wanted))
+    return float(power * max(m for m in (1, 2, 3, 4, 5, 6, 8) if m * power <= wanted * (1 + 1e-9)))
