@@ -67,7 +67,6 @@ class RunRecord:
 
     command: str  # what a shell runs to make the results again
     settings: str  # TOML, those that differ from the defaults
-    versions: Rows = ()  # program and version
     machine: str = ""
     folder: str = ""  # of the results
     inputs: Rows = ()  # key of the experiment file, and the files

@@ -21,8 +21,8 @@ from grainmotion.report.page_templates import page_templates
 
 STYLES = ("theme.css", "page.css", "panel.css", "table.css", "print.css")
 SCRIPTS = (
-    "decode.js", "dom.js", "numbers.js", "colours.js", "app.js", "chart.js", "header.js", "panel.js", "attention.js",
-    "table_rows.js", "table.js", "fit.js", "start.js",
+    "decode.js", "dom.js", "numbers.js", "colours.js", "app.js", "chart.js", "header.js", "panel.js", "history.js",
+    "attention.js", "table_rows.js", "table.js", "fit.js", "start.js",
 )  # fmt: skip
 """Files of ``assets/`` in the order in which the page holds them."""
 PACKAGES = ("grainmotion", "numpy", "scipy", "numba", "scikit-image", "matplotlib")
@@ -52,7 +52,6 @@ def write_report(path: str | Path, data: ReportData) -> None:
 def _context(data: ReportData) -> dict[str, object]:
     """Values of the templates by name."""
     summary = [tables.summary_row(state) for state in data.states]
-    versions = data.run.versions if data.run is not None else tuple((name, _version(name)) for name in PACKAGES)
     return {
         "title": data.title,
         "written": datetime.now().astimezone().strftime("%Y-%m-%d %H:%M"),
@@ -63,7 +62,7 @@ def _context(data: ReportData) -> dict[str, object]:
         "run": data.run,
         "data": page_data(data),
         "version": _version("grainmotion"),
-        "versions": (*versions, ("Python", platform.python_version())) if data.run is None else versions,
+        "versions": [*((name, _version(name)) for name in PACKAGES), ("Python", platform.python_version())],
         "styles": [_asset(name) for name in STYLES],
         "scripts": [_asset(name) for name in SCRIPTS],
     }

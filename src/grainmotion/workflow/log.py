@@ -100,9 +100,9 @@ def _head(folder: Path, experiment: Experiment, inputs: Inputs, call: str) -> It
     yield f"results: {folder.absolute()}"
     versions = (f"{name} {_version(name)}" for name in LOGGED_PACKAGES)
     yield f"versions: Python {platform.python_version()}, {', '.join(versions)}"
-    yield f"machine: {platform.platform()}, {_processor()}, {len(_cores())} cores"
+    yield f"machine: {machine()}"
     yield "inputs:"
-    for name, stack in _stacks(inputs):
+    for name, stack in input_stacks(inputs):
         files = len(set(stack.files))
         yield f"  {name}: {stack.spec}, {files} file{'s' * (files != 1)}"
     for scan in inputs.states if inputs.reference is None else (inputs.reference, *inputs.states):
@@ -112,7 +112,7 @@ def _head(folder: Path, experiment: Experiment, inputs: Inputs, call: str) -> It
     yield from (f"  {line}" for line in toml_lines(changed_settings(experiment)))
 
 
-def _stacks(inputs: Inputs) -> Iterator[tuple[str, Stack | VolumeFile]]:
+def input_stacks(inputs: Inputs) -> Iterator[tuple[str, Stack | VolumeFile]]:
     """The stacks of images by the key that names them."""
     for name, file in (("reference.volume", inputs.volume), ("reference.labels", inputs.labels)):
         if file is not None:
@@ -153,6 +153,11 @@ def _version(package: str) -> str:
         return metadata.version(package)
     except metadata.PackageNotFoundError:
         return "missing"
+
+
+def machine() -> str:
+    """Operating system, processor and number of cores."""
+    return f"{platform.platform()}, {_processor()}, {len(_cores())} cores"
 
 
 def _processor() -> str:

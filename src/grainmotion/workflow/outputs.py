@@ -46,6 +46,7 @@ from grainmotion.workflow.exports import (
 from grainmotion.workflow.mechanics_stage import MECHANICS, write_mechanics_files
 from grainmotion.workflow.provenance import Stage
 from grainmotion.workflow.reference_stages import SegmentedReference
+from grainmotion.workflow.run_record import run_record
 from grainmotion.workflow.tracking_stage import TrackedState
 
 RESIDUALS: str = "residuals.tif"
@@ -212,6 +213,7 @@ def write_report(results: Results, comparisons: Mapping[str, Rows] | None = None
         labels=reference.labels,
         states=tuple(_state_report(results, name, comparisons.get(name, ())) for name in results.motions),
         findings=results.findings,
+        run=run_record(experiment, results.inputs, results.folder),
     )
     report.write_report(results.folder / REPORT, data)
 

@@ -4,8 +4,8 @@
   const gm = (window.gm ??= {});
   const { el } = gm;
 
-  const merit = (value, unit, caption) =>
-    el("div", { class: "figure-of-merit" }, el("b", {}, value, unit ? el("small", {}, ` ${unit}`) : null), el("span", {}, caption));
+  const merit = (value, unit, ...captions) => el("div", { class: "figure-of-merit" },
+    el("b", {}, value, unit ? el("small", {}, ` ${unit}`) : null), captions.filter(Boolean).map((caption) => el("span", {}, caption)));
 
   const figures = async (place, app) => {
     const index = app.state, { data } = app;
@@ -15,17 +15,17 @@
     if (index !== app.state) return;
     const total = data.states[index].grains, voxel = data.voxel_size;
     const usable = (flags) => `${gm.count(flags, 1)}`;
-    const share = (flags) => (total ? ` of ${total}, ${Math.floor((100 * gm.count(flags, 1)) / total)} %` : "");
+    const share = (flags) => (total ? `${Math.floor((100 * gm.count(flags, 1)) / total)} % of ${total}` : "");
     const displacement = gm.median(u), deviation = gm.median(sdU);
-    const voxels = (length) => (Number.isFinite(length) && voxel ? `, ${gm.significant(length / voxel, 2)} voxel` : "");
+    const voxels = (length) => (Number.isFinite(length) && voxel ? `${gm.significant(length / voxel, 2)} voxel` : "");
     place.replaceChildren(
       merit(String(total), "", total === 1 ? "grain" : "grains"),
-      merit(usable(translation), share(translation), "translations to use"),
-      merit(usable(rotation), share(rotation), "rotations to use"),
-      merit(gm.significant(displacement), "mm", `median displacement${voxels(displacement)}`),
+      merit(usable(translation), "", "translations to use", share(translation)),
+      merit(usable(rotation), "", "rotations to use", share(rotation)),
+      merit(gm.significant(displacement), "mm", "median displacement", voxels(displacement)),
       merit(gm.significant(gm.median(w)), "°", "median rotation"),
-      merit(gm.significant(deviation, 2), "mm", `median sd of a translation${voxels(deviation)}`),
-      merit(gm.significant(gm.median(sdW), 2), "°", "median sd of a rotation"),
+      merit(gm.significant(deviation, 2), "mm", "median sd, translation", voxels(deviation)),
+      merit(gm.significant(gm.median(sdW), 2), "°", "median sd, rotation"),
     );
   };
 

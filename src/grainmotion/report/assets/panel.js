@@ -1,5 +1,5 @@
 "use strict";
-// The chosen grain: its motion with standard deviations, status, reason, weak directions, and its history over states.
+// The chosen grain: its motion with standard deviations, status, reason and weak directions.
 (() => {
   const gm = (window.gm ??= {});
   const { el } = gm;
@@ -35,10 +35,11 @@
     ];
   };
 
-  const direction = (vector) => {
-    const k = vector.map(Math.abs).indexOf(Math.max(...vector.map(Math.abs)));
-    const along = Math.abs(vector[k]) > 0.9 ? `${AXES[k]}` : `(${vector.map((c) => gm.fixed(c, 2)).join(", ")})`;
-    return Math.abs(vector[k]) > 0.985 ? along : `${Math.abs(vector[k]) > 0.9 ? "nearly " : ""}${along}`;
+  /** "along x", "nearly along x" or "along (0.61, −0.79, 0.05)". */
+  const direction = (word, vector) => {
+    const sizes = vector.map(Math.abs), most = Math.max(...sizes), axis = AXES[sizes.indexOf(most)];
+    if (most > 0.985) return `${word} ${axis}`;
+    return most > 0.9 ? `nearly ${word} ${axis}` : `${word} (${vector.map((c) => gm.fixed(c, 2)).join(", ")})`;
   };
 
   const weakSentences = async (app, index, row) => {
@@ -49,9 +50,9 @@
       const deviation = `${gm.significant(sd[row], 2)} ${unit}`.replace(" °", "°");
       const ratio = sd[row] / least[row];
       if (!(ratio > 1.5)) return `${name} is known about equally well in all directions: sd ${deviation}.`;
-      const where = direction([...d.subarray(3 * row, 3 * row + 3)]);
+      const where = direction(word, [...d.subarray(3 * row, 3 * row + 3)]);
       const times = ratio < 1000 ? `${gm.significant(ratio, 2)} times` : "more than 1000 times";
-      return `${name} is known least ${word} ${where}: sd ${deviation}, ${times} that of the best direction.`;
+      return `${name} is known least ${where}: sd ${deviation}, ${times} that of the best direction.`;
     }));
     const known = sentences.filter(Boolean);
     return known.length ? el("ul", { class: "weak" }, known.map((sentence) => el("li", {}, sentence))) : null;
@@ -74,21 +75,6 @@
       }
     }
     return el("dl", { class: "facts" }, rows.map(([name, value]) => el("div", {}, el("dt", {}, name), el("dd", {}, value))));
-  };
-
-  const history = async (app, row) => {
-    const { states } = app.data;
-    if (states.length < 2) return null;
-    const line = async (key) => Promise.all(states.map(async (_, i) => (await app.column(i, key))[row]));
-    const charts = await Promise.all([["u", "Displacement over states", "mm"], ["w", "Rotation vector over states", "degrees"]].map(
-      async ([letter, title, unit]) => {
-        const series = await Promise.all(AXES.map(async (a) => ({ name: a, values: await line(letter + a), sd: await line(`sd_${letter}${a}`) })));
-        return [el("h4", {}, `${title} (${unit})`), gm.chart({
-          title: `${title} of grain ${app.grain}`, series, x: states.map((_, i) => i + 1), xTitle: "state", yTitle: unit, height: 165,
-          now: app.state + 1, ticks: states.map((_, i) => [i + 1, String(i + 1)]), hints: states.map(({ name }) => name), onpick: app.setState,
-        })];
-      }));
-    return charts;
   };
 
   const choose = (app) => {
@@ -118,13 +104,13 @@
     if (index < 0) return [head(app, null), el("p", { class: "quiet" }, "There is no later state yet.")];
     const [status, reasons] = await Promise.all([app.status(index), app.reasons(index)]);
     const record = app.data.statuses[status[row]];
-    if (!record) return [head(app, null), el("p", {}, "This state does not have the grain."), await history(app, row)];
+    if (!record) return [head(app, null), el("p", {}, "This state does not have the grain.")];
     const reason = reasons[row] || (record.name === "converged" ? "" : record.meaning);
-    const [motion, sentences, more, past] = await Promise.all([
-      motionTable(app, index, row), weakSentences(app, index, row), facts(app, index, row), history(app, row),
+    const [motion, sentences, more] = await Promise.all([
+      motionTable(app, index, row), weakSentences(app, index, row), facts(app, index, row),
     ]);
     return [head(app, record), reason ? el("p", { class: "panel-reason", style: `--dot: ${record.colour}` }, reason) : null,
-      motion, sentences ? [el("h4", {}, "Weak directions"), sentences] : null, past, el("h4", {}, "More"), more];
+      motion, sentences ? [el("h4", {}, "Weak directions"), sentences] : null, el("h4", {}, "More"), more];
   };
 
   gm.panel = {

@@ -2,7 +2,7 @@
 // Mounts the components on the page, in the order of the page.
 (() => {
   const PLACES = [
-    ["header", "header"], ["viewer", "viewer"], ["panel", "grain-panel"], ["shadows", "shadows"],
+    ["header", "header"], ["viewer", "viewer"], ["panel", "grain-panel"], ["shadows", "shadows"], ["history", "history"],
     ["attention", "attention"], ["table", "grain-table"], ["radiographs", "radiographs"], ["fit", "fit"],
     ["reference", "reconstruction-curve"],
   ];
