@@ -33,6 +33,7 @@ MAX_PROCESSES = 2  # processes, of one thread each
 PLANAR_SAMPLES, ALL_PLANAR_SAMPLES = 1, 4  # of Table 2; all by `make test-all`: the second is searched for a minute
 
 AVX2 = frozenset({"avx2", "fma", "bmi2"})
+AVX512 = AVX2 | {"avx512f", "avx512vl", "avx512bw", "avx512dq"}
 
 
 @cache
@@ -46,7 +47,8 @@ def kernels() -> str:
 class Target:
     """A processor for which kernels are compiled, or whose BLAS kernels are used; ``needs`` are its instructions.
 
-    ``like`` another one are those with the same instructions or BLAS kernels: only `make test-all` tests them.
+    ``like`` another one are those with the same instructions or BLAS kernels, or with the host's where they run at
+    all: only `make test-all` tests them.
     """
 
     name: str
@@ -91,10 +93,10 @@ TARGETS = (
     Target("generic"),
     Target("haswell", needs=AVX2),
     Target("znver3", needs=AVX2 | {"sse4a", "vaes"}, like="haswell"),
-    Target("skylake-avx512", needs=AVX2 | {"avx512f", "avx512vl", "avx512bw", "avx512dq"}),
+    Target("skylake-avx512", needs=AVX512, like="host"),
     Target("Haswell", "OPENBLAS_CORETYPE", AVX2),
     Target("Zen", "OPENBLAS_CORETYPE", AVX2, like="Haswell"),
-    Target("SkylakeX", "OPENBLAS_CORETYPE", AVX2 | {"avx512f", "avx512vl", "avx512bw", "avx512dq"}),
+    Target("SkylakeX", "OPENBLAS_CORETYPE", AVX512, like="host"),
 )
 
 
