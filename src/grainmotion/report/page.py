@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import platform
 from collections.abc import Mapping
 from datetime import datetime
@@ -18,6 +19,7 @@ from grainmotion.report import images, tables
 from grainmotion.report.data import ReportData
 from grainmotion.report.page_data import page_data
 from grainmotion.report.page_templates import page_templates
+from grainmotion.report.states_in_detail import states_in_detail
 
 STYLES = ("theme.css", "page.css", "panel.css", "table.css", "print.css")
 SCRIPTS = (
@@ -51,6 +53,8 @@ def write_report(path: str | Path, data: ReportData) -> None:
 
 def _context(data: ReportData) -> dict[str, object]:
     """Values of the templates by name."""
+    shown = states_in_detail(data)
+    held = dataclasses.replace(data, states=tuple(data.states[k] for k in shown))
     summary = [tables.summary_row(state) for state in data.states]
     return {
         "title": data.title,
@@ -60,7 +64,8 @@ def _context(data: ReportData) -> dict[str, object]:
         "statuses": [s.value for s in Status if any(dict(row.counts)[s.value] for row in summary)],
         "reference": _reference(data),
         "run": data.run,
-        "data": page_data(data),
+        "shown": {k: place for place, k in enumerate(shown)},
+        "data": page_data(held) | {"state_numbers": [k + 1 for k in shown], "state_count": len(data.states)},
         "version": _version("grainmotion"),
         "versions": [*((name, _version(name)) for name in PACKAGES), ("Python", platform.python_version())],
         "styles": [_asset(name) for name in STYLES],

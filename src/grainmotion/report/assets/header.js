@@ -56,7 +56,7 @@
       slider.value = app.state;
       slider.setAttribute("aria-valuetext", state.name);
       name.textContent = name.title = state.name;
-      count.textContent = `${app.state + 1} of ${states.length}${state.time === null ? "" : `, time ${state.time}`}`;
+      count.textContent = `${app.data.state_numbers[app.state]} of ${app.data.state_count}${state.time === null ? "" : `, time ${state.time}`}`;
       back.disabled = app.state === 0;
       forth.disabled = app.state === last;
     };

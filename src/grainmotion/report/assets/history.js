@@ -6,12 +6,12 @@
   const LINES = [["u", "Translation", "mm"], ["w", "Rotation vector", "degrees"]];
 
   const chart = async (app, row, [letter, title, unit]) => {
-    const { states } = app.data;
+    const { states, state_numbers: numbers } = app.data;
     const line = (key) => Promise.all(states.map(async (_, i) => (await app.column(i, key))[row]));
     const series = await Promise.all([..."xyz"].map(async (a) => ({ name: a, values: await line(letter + a), sd: await line(`sd_${letter}${a}`) })));
     return [el("h4", {}, `${title} (${unit})`), gm.chart({
-      title: `${title} of grain ${app.grain} over states`, series, x: states.map((_, i) => i + 1), xTitle: "state", yTitle: unit, height: 180,
-      now: app.state + 1, ticks: states.map((_, i) => [i + 1, String(i + 1)]), hints: states.map(({ name }) => name), onpick: app.setState,
+      title: `${title} of grain ${app.grain} over states`, series, x: numbers, xTitle: "state", yTitle: unit, height: 180,
+      now: numbers[app.state], ticks: numbers.map((number) => [number, String(number)]), hints: states.map(({ name }) => name), onpick: app.setState,
     })];
   };
 
