@@ -1,6 +1,6 @@
 """Check that everything public has a numpydoc docstring: ``python docs/check_docstrings.py``, part of `make check`.
 
-Public is what `grainmotion`, `grainmotion.simulate` and `grainmotion.plot` export, and the public methods of exported
+Public is what `grainmotion` and its `simulate`, `plot` and `viewer` export, and the public methods of exported
 classes.  A function with parameters documents each of them; one that returns something says what; one that raises an
 error of the package itself says when.  A frozen record documents its fields as attributes.
 """
@@ -25,8 +25,8 @@ CHECKS = {"GL08", "PR01", "PR02", "PR07", "RT01", "RT03", "YD01", "SS03"}
 
 def public() -> Iterator[tuple[str, Any]]:
     """Name and object of every public function, class and method."""
-    for module in (grainmotion, grainmotion.simulate, grainmotion.plot):
-        for name in sorted(set(module.__all__) - {"simulate", "plot"}):
+    for module in (grainmotion, grainmotion.simulate, grainmotion.plot, grainmotion.viewer):
+        for name in sorted(set(module.__all__) - {"simulate", "plot", "viewer"}):
             item = getattr(module, name)
             if not (inspect.isclass(item) or inspect.isfunction(item)):
                 continue

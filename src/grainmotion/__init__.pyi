@@ -1,5 +1,6 @@
 from . import plot as plot
 from . import simulate as simulate
+from . import viewer as viewer
 from .analysis.deformed_volume import rebuild as rebuild
 from .analysis.residual_images import residual_images as residual_images
 from .analysis.validation import Comparison as Comparison

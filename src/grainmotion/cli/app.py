@@ -28,6 +28,7 @@ from grainmotion.cli.options import (
     command,
 )
 from grainmotion.cli.stages import finish, prepared, read
+from grainmotion.cli.view_command import view
 from grainmotion.cli.watch_command import watch
 from grainmotion.errors import InputError
 
@@ -141,6 +142,7 @@ app.add_typer(export_app, name="export")
 
 
 add_command(watch)
+add_command(view)
 add_command(inspect)
 add_command(init)
 

@@ -1,0 +1,33 @@
+"""`grainmotion view`: the results of a run in windows of napari."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from grainmotion.cli.options import Out
+from grainmotion.cli.stages import read
+
+Place = Annotated[Path, typer.Argument(metavar="FILE", help="experiment file (TOML), or a folder of results")]
+Value = Annotated[
+    str, typer.Option("--value", help="colour of the grains: u, w, sd_u, sd_w, status, residual, uz, ...")
+]
+
+
+def view(place: Place, *, value: Value = "u", out: Out = None) -> None:
+    """Show grains, tracks, displacements and residual radiographs in napari (an extra: grainmotion[viewer]).
+
+    Example: grainmotion view experiment.toml --value status
+    """
+    import grainmotion as gm
+
+    folder = place if place.is_dir() else out or read(place).output
+    results = gm.read_results(folder)
+    gm.viewer.open(results, value=value)
+    if gm.viewer.residual_layers(results):
+        gm.viewer.open_residuals(results)
+    import napari
+
+    napari.run()
