@@ -74,7 +74,7 @@
     } }, "Download CSV");
     const head = el("thead"), body = el("tbody"), group = el("colgroup");
     const table = el("table", { "aria-label": "Grains" }, group, head, body);
-    const port = el("div", { class: "grain-window card", tabindex: 0, role: "region", "aria-label": "Table of grains", onscroll: () => fill() }, table);
+    const port = el("div", { class: "grain-window card", tabindex: 0, role: "region", "aria-label": "Rows of the table", onscroll: () => fill() }, table);
     place.append(el("div", { class: "table-tools" }, search, chips), el("div", { class: "table-tools" }, sets, count, save), port);
 
     const visible = () => columns.filter(({ set }) => !set || shown.has(set));
