@@ -56,7 +56,7 @@ def test_table_2_is_exact_and_never_wrong_yet_converged(seeds):
 @pytest.mark.parametrize(
     ("seeds", "rotations_deg", "directions_deg", "fewest"),
     [
-        (range(1), [-90.0, 80.0], [135.0], 1),
+        (range(1), [80.0], [135.0], 1),
         pytest.param(range(10), [-90.0, -60.0, 45.0, 80.0], [0.0, 135.0], 7, marks=pytest.mark.slow),
     ],
 )
