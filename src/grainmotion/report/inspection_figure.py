@@ -27,7 +27,7 @@ from grainmotion.model.geometry import Geometry
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.plot.canvas import LINE_COLOURS
-from grainmotion.report import images
+from grainmotion.report.grey_scale import grey_scale
 
 if TYPE_CHECKING:
     from matplotlib.typing import RcKeyType
@@ -149,7 +149,7 @@ def inspection_figure(scans: Sequence[FirstViews], grid: Volume) -> Figure:
         FigureCanvasAgg(figure)
         for d, axes in zip(drawn, figure.subplots(len(drawn), columns, squeeze=False)):
             _draw_setup(axes[0], d)
-            scale = images.grey_scale(d.scan.line_integrals)
+            scale = grey_scale(d.scan.line_integrals)
             for view, panel in enumerate(axes[1:]):
                 if view < len(d.scan):
                     _draw_radiograph(panel, d, view, (scale.low, scale.high))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import platform
-from collections.abc import Mapping
 from datetime import datetime
 from importlib import metadata, resources
 from pathlib import Path
@@ -15,16 +14,18 @@ from markupsafe import Markup
 from grainmotion.io.files import atomic_write
 from grainmotion.model.finding import worst_first
 from grainmotion.model.motions import Status
-from grainmotion.report import images, tables
+from grainmotion.report import tables
 from grainmotion.report.data import ReportData
 from grainmotion.report.page_data import page_data
 from grainmotion.report.page_templates import page_templates
 from grainmotion.report.states_in_detail import states_in_detail
 
-STYLES = ("theme.css", "page.css", "panel.css", "table.css", "print.css")
+STYLES = ("theme.css", "page.css", "panel.css", "table.css", "radiographs.css", "print.css")
 SCRIPTS = (
     "decode.js", "dom.js", "numbers.js", "colours.js", "app.js", "chart.js", "header.js", "panel.js", "history.js",
-    "attention.js", "table_rows.js", "table.js", "fit.js", "start.js",
+    "attention.js", "table_rows.js", "table.js", "projection.js", "footprints.js", "radiograph_images.js",
+    "pan_zoom.js", "radiograph_panes.js", "radiograph_levels.js", "radiographs.js", "shadows.js", "slices.js",
+    "fit.js", "start.js",
 )  # fmt: skip
 """Files of ``assets/`` in the order in which the page holds them."""
 PACKAGES = ("grainmotion", "numpy", "scipy", "numba", "scikit-image", "matplotlib")
@@ -62,7 +63,8 @@ def _context(data: ReportData) -> dict[str, object]:
         "findings": worst_first(data.findings),
         "summary": summary,
         "statuses": [s.value for s in Status if any(dict(row.counts)[s.value] for row in summary)],
-        "reference": _reference(data),
+        "facts": data.facts,
+        "has_slices": data.volume is not None,
         "run": data.run,
         "shown": {k: place for place, k in enumerate(shown)},
         "data": page_data(held) | {"state_numbers": [k + 1 for k in shown], "state_count": len(data.states)},
@@ -73,19 +75,11 @@ def _context(data: ReportData) -> dict[str, object]:
     }
 
 
-def _reference(data: ReportData) -> Mapping[str, object]:
-    if data.volume is None:
-        return {"facts": data.facts, "slices": ()}
-    scale = images.grey_scale(data.volume.array)
-    slices = images.central_slices(data.volume, data.labels, scale)
-    return {"facts": data.facts, "slices": slices, "scale": scale}
-
-
 def _environment() -> Environment:
     """The templates of the report, with its filters."""
     environment = page_templates()
     environment.policies["json.dumps_kwargs"] = {"ensure_ascii": False, "allow_nan": False, "separators": (",", ":")}
-    environment.filters |= {"significant": tables.significant, "palette_png": images.palette_png}
+    environment.filters |= {"significant": tables.significant}
     return environment
 
 

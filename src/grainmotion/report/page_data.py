@@ -12,9 +12,10 @@ from grainmotion.report.embedding import Embedded, embed, embed_json, rounded
 from grainmotion.report.fit_record import fit_record
 from grainmotion.report.grain_rows import GrainRows, grain_rows
 from grainmotion.report.quantities import quantity_records
+from grainmotion.report.radiographs import radiograph_records
+from grainmotion.report.slices import slice_records
 from grainmotion.report.statuses import status_records
 from grainmotion.report.tables import length_decimals
-from grainmotion.report.view_records import ImageBudget, view_records
 from grainmotion.report.weak_directions import weak_directions
 
 NO_STATUS = 255  # of a grain that a state does not have
@@ -33,11 +34,11 @@ def page_data(data: ReportData) -> dict[str, object]:
     -------
     dict
         ``title``, ``voxel_size`` (mm or None), ``grains`` (labels, centres, diameters), ``surfaces``, ``statuses``,
-        ``quantities`` and ``states``.  Rows of every state are those of ``grains.labels``, NaN where a state lacks a
-        grain.
+        ``quantities``, ``slices`` of the reference and ``states``.  Rows of every state are those of ``grains.labels``,
+        NaN where a state lacks a grain.
     """
     rows = grain_rows(data)
-    budget = ImageBudget.of(data.states)
+    views = radiograph_records(data.states)
     voxel_size = _voxel_size(data)
     return {
         "title": data.title,
@@ -52,7 +53,8 @@ def page_data(data: ReportData) -> dict[str, object]:
         "statuses": status_records(),
         "quantities": quantity_records(any(state.motions.strains is not None for state in data.states)),
         "reconstruction_errors": [float(e) if np.isfinite(e) else None for e in data.reconstruction_errors],
-        "states": [_state(state, rows, budget) for state in data.states],
+        "slices": None if data.volume is None else slice_records(data.volume, data.labels, rows.labels),
+        "states": [_state(state, rows) | {"views": views[k]} for k, state in enumerate(data.states)],
     }
 
 
@@ -62,7 +64,7 @@ def _voxel_size(data: ReportData) -> float | None:
     return data.states[0].voxel_size if data.states else None
 
 
-def _state(state: StateReport, rows: GrainRows, budget: ImageBudget) -> dict[str, object]:
+def _state(state: StateReport, rows: GrainRows) -> dict[str, object]:
     motions = state.motions
     order = {status.value: k for k, status in enumerate(Status)}
     statuses = np.array([order[str(status)] for status in motions.statuses], dtype=np.uint8)
@@ -80,7 +82,6 @@ def _state(state: StateReport, rows: GrainRows, budget: ImageBudget) -> dict[str
         "reasons": _reasons(motions, rows),
         "weak": weak_directions(covariances),
         "fit": embed_json(fit_record(state)),
-        "views": view_records(state, budget),
     }
 
 

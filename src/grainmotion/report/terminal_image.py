@@ -6,7 +6,7 @@ import numpy as np
 
 from grainmotion.experiment.inspection import FirstViews
 from grainmotion.model.volume import Volume
-from grainmotion.report import images
+from grainmotion.report.grey_scale import grey_scale
 from grainmotion.report.inspection_figure import DrawnScan
 
 SHADES = " .:-=+*#%@"
@@ -44,7 +44,7 @@ def terminal_radiograph(first: FirstViews, grid: Volume, *, width: int = 72) -> 
     sums = np.zeros((high, wide))
     np.add.at(sums, (row_of[:, None], column_of[None, :]), np.nan_to_num(image))
     means = sums / (np.bincount(row_of, minlength=high)[:, None] * np.bincount(column_of, minlength=wide)[None, :])
-    scale = images.grey_scale(drawn.scan.line_integrals)
+    scale = grey_scale(drawn.scan.line_integrals)
     shade = np.clip((means - scale.low) / max(scale.high - scale.low, 1e-12), 0, 1)
     picture = np.array(list(SHADES))[(shade * (len(SHADES) - 1)).round().astype(int)]
     point, top, bottom = drawn.points[0]

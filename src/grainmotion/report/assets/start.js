@@ -4,7 +4,7 @@
   const PLACES = [
     ["header", "header"], ["viewer", "viewer"], ["panel", "grain-panel"], ["shadows", "shadows"], ["history", "history"],
     ["attention", "attention"], ["table", "grain-table"], ["radiographs", "radiographs"], ["fit", "fit"],
-    ["reference", "reconstruction-curve"],
+    ["reference", "reconstruction-curve"], ["slices", "slices"],
   ];
   for (const [name, id] of PLACES) {
     const place = document.getElementById(id);
