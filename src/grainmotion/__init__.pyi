@@ -65,10 +65,10 @@ from .model.field_of_view import FieldOfView as FieldOfView
 from .model.finding import Finding as Finding
 from .model.finding import Level as Level
 from .model.geometry import Geometry as Geometry
+from .model.grain_motion import GrainMotion as GrainMotion
 from .model.grains import Grain as Grain
 from .model.grains import GrainSet as GrainSet
 from .model.motions import Motions as Motions
-from .model.motions import Status as Status
 from .model.scan import Scan as Scan
 from .model.scan import normalize_air as normalize_air
 from .model.scan import snr as snr
@@ -76,6 +76,7 @@ from .model.scene import Body as Body
 from .model.scene import Freedom as Freedom
 from .model.scene import Scene as Scene
 from .model.state_fit import StateFit as StateFit
+from .model.status import Status as Status
 from .model.volume import Volume as Volume
 from .planning.plan import Plan as Plan
 from .planning.plan import PlanSettings as PlanSettings
@@ -102,6 +103,7 @@ from .tracking.track import PAPER as PAPER
 from .tracking.track import TrackSettings as TrackSettings
 from .tracking.track import track as track
 from .workflow.reference import Reference as Reference
+from .workflow.run import RunResult as RunResult
 from .workflow.run import run as run
 
 __version__: str

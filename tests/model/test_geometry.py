@@ -298,7 +298,7 @@ class TestSelection:
         np.testing.assert_array_equal(geometry[1:3].vectors, geometry.vectors[1:3])
         np.testing.assert_array_equal(geometry[-1].vectors, geometry.vectors[3:])
         assert len(geometry[np.array([True, False, True, False])]) == 2
-        assert "2 views of 40 x 60" in repr(geometry[:2])
+        assert "2 views of 40 × 60" in repr(geometry[:2])
 
     def test_views_cannot_be_changed(self):
         geometry = circular()

@@ -41,3 +41,15 @@ def test_different_voxel_sizes_are_refused():
 def test_a_repeated_label_is_refused():
     with pytest.raises(InputError, match="label 4 is there twice"):
         GrainSet((grain(4), grain(4)))
+
+
+def test_grains_by_label_and_in_order():
+    grains = GrainSet((grain(2), grain(3), grain(5), grain(4)))
+    assert [grain.label for grain in grains] == grains.labels.tolist()
+    assert grains[3] is grains.grains[1]
+    assert grains[[4, 2]].labels.tolist() == [4, 2]
+    assert grains[grains.labels[:2]].scene is grains.scene
+    assert 5 in grains
+    assert 6 not in grains
+    with pytest.raises(InputError, match="no grain 7"):
+        grains[7]

@@ -33,7 +33,7 @@ class TestArray:
         assert isinstance(volume.voxel_size, float)
 
     def test_repr(self):
-        assert repr(Volume.zeros((2, 3, 4), 0.5)) == "<Volume (2, 3, 4) voxel_size=0.5 center=(0.0, 0.0, 0.0)>"
+        assert repr(Volume.zeros((2, 3, 4), 0.5)) == "<Volume: 2 × 3 × 4 voxels (z, y, x) of 0.5 mm>"
 
 
 @pytest.mark.parametrize(

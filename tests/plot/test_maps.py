@@ -10,7 +10,7 @@ from matplotlib.colors import to_rgba
 
 from grainmotion import plot
 from grainmotion.errors import InputError
-from grainmotion.model.status_colours import STATUS_COLOURS
+from grainmotion.model.status import STATUS_COLOURS
 
 
 def points(ax) -> list[PathCollection]:

@@ -17,11 +17,12 @@ from scipy.spatial.distance import cdist
 from grainmotion._arguments import checked_arguments
 from grainmotion.errors import InputError
 from grainmotion.model.motions import Motions
+from grainmotion.model.summary import Summarised, Summary
 from grainmotion.rotations import recenter, rotation_vector
 
 
-@dataclass(frozen=True, eq=False)
-class Comparison:
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison(Summarised):
     """Errors of n true grains; rows follow the truth.
 
     Attributes
@@ -83,6 +84,22 @@ class Comparison:
     def translation_rms_voxels(self) -> float:
         """`translation_rms` in voxels; NaN without a voxel size."""
         return self.translation_rms / self.voxel_size if self.voxel_size else float("nan")
+
+    def _summary(self) -> Summary:
+        n = len(self)
+        voxels = f" ({self.translation_rms_voxels:.3g} voxel)" if self.voxel_size else ""
+        good = [n - int(failed.sum()) for failed in (self.failed_translation, self.failed_rotation)]
+        rows = (
+            ("translation rms", f"{self.translation_rms:.4g} mm{voxels}, {good[0]} of {n} grains"),
+            ("rotation rms", f"{self.rotation_rms_deg:.4g}°, {good[1]} of {n} grains"),
+            ("failed", f"{self.failures}, {self.missing} of them without a measured grain"),
+            ("spurious", str(len(self.spurious))),
+        )
+        return Summary(
+            f"Comparison of {n} grains",
+            f"rms {self.translation_rms:.3g} mm, {self.rotation_rms_deg:.3g}°; {self.failures} failed",
+            rows,
+        )
 
 
 @checked_arguments

@@ -12,6 +12,7 @@ from typing_extensions import deprecated
 
 from grainmotion.errors import InputError
 from grainmotion.model.geometry import Geometry
+from grainmotion.model.summary import Summarised, Summary
 from grainmotion.rotations import rotation_matrix
 
 Parameter = Literal["shift_u", "shift_v", "turn", "pitch", "yaw", "axis_offset", "axis_tilt"]
@@ -78,8 +79,8 @@ class Correction:
         return f"{self.name} {amount:.4f} ± {sd:.4f} {self.unit}"
 
 
-@dataclass(frozen=True, config={"arbitrary_types_allowed": True})
-class Calibration:
+@dataclass(frozen=True, repr=False, config={"arbitrary_types_allowed": True})
+class Calibration(Summarised):
     """Corrections of a scan's geometry, estimated from the scan itself.
 
     Attributes
@@ -167,6 +168,11 @@ class Calibration:
     def __str__(self) -> str:
         before, after = self.residuals
         return f"{', '.join(map(str, self.corrections))}; residual {before:.4f} → {after:.4f}"
+
+    def _summary(self) -> Summary:
+        rows = [("corrections", ", ".join(map(str, self.corrections)) or "none")]
+        rows += [("residual", f"{self.residuals[0]:.4g} before, {self.residuals[1]:.4g} after")]
+        return Summary("Calibration", "; ".join(value for _, value in rows), tuple(rows))
 
 
 def in_table_unit(name: str, amount: float) -> float:

@@ -13,6 +13,7 @@ from grainmotion.calibration.corrections import DEFAULT_PARAMETERS, Calibration
 from grainmotion.calibration.settings import ReferenceSettings
 from grainmotion.errors import InputError
 from grainmotion.model.scan import Scan
+from grainmotion.model.summary import Summarised, Summary
 from grainmotion.model.volume import Volume
 from grainmotion.preprocessing.beam_hardening import Hardening, HardeningSettings, calibrate_hardening
 from grainmotion.reconstruction.fit import fitted_volume
@@ -21,8 +22,8 @@ from grainmotion.segmentation.segment import segment
 HARDENING_ROUNDS = ("hardening", "hardening, once more")  # the first template is of a volume not yet corrected
 
 
-@dataclass(frozen=True, eq=False)
-class ScannerCalibration:
+@dataclass(frozen=True, eq=False, repr=False)
+class ScannerCalibration(Summarised):
     """Corrections of a scanner, estimated from its reference scan.
 
     Attributes
@@ -52,6 +53,12 @@ class ScannerCalibration:
         if self.calibration is not None:
             scan = replace(scan, geometry=self.calibration.apply(scan.geometry))
         return scan if self.hardening is None else self.hardening.apply(scan)
+
+    def _summary(self) -> Summary:
+        corrections = () if self.calibration is None else self.calibration.corrections
+        found = ", ".join(map(str, corrections)) or "as given"
+        rows = (("geometry", found), ("beam hardening", "as it is" if self.hardening is None else "undone by a curve"))
+        return Summary("ScannerCalibration", ", ".join(f"{name} {value}" for name, value in rows), rows)
 
 
 def calibrate_scanner(

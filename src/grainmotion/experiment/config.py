@@ -30,6 +30,7 @@ from grainmotion.io.scanners.identify import scanner_files_beside
 from grainmotion.io.spam_table import About
 from grainmotion.io.text import read_text
 from grainmotion.mechanics.settings import MechanicsSettings
+from grainmotion.model.summary import Summarised, Summary, names_text, shape_text, value_text
 from grainmotion.planning.plan import PlanSettings
 from grainmotion.reconstruction.reconstruct import ReconstructSettings
 from grainmotion.reconstruction.settings import Outline
@@ -103,8 +104,8 @@ class ExperimentFile(Table):
     dem: DemSettings = Field(default_factory=DemSettings)
 
 
-@dataclasses.dataclass(frozen=True)
-class Experiment:
+@dataclasses.dataclass(frozen=True, repr=False)
+class Experiment(Summarised):
     """A valid experiment file.
 
     Attributes
@@ -155,6 +156,18 @@ class Experiment:
         track = dataclasses.replace(self.tables.track, device=device)
         tables = self.tables.model_copy(update={"reconstruct": reconstruct, "track": track})
         return dataclasses.replace(self, tables=tables)
+
+    def _summary(self) -> Summary:
+        states = [state.name for state in self.tables.states]
+        rows = [("file", str(self.path)), ("states", names_text(states) or "none"), ("results", str(self.output))]
+        reference, volume = self.tables.reference, self.tables.volume
+        rows += [
+            ("reference", value_text(reference.volume if reference.radiographs is None else reference.radiographs))
+        ]
+        if volume.shape is not None and volume.voxel_size is not None:
+            rows.append(("volume", f"{shape_text(volume.shape)} voxels (z, y, x) of {volume.voxel_size:.5g} mm"))
+        rows += [("left out", sentence) for sentence in self.left_out]
+        return Summary("Experiment", f"{self.path}; states {names_text(states) or 'none'}", tuple(rows))
 
 
 def read_experiment(path: str | Path) -> Experiment:

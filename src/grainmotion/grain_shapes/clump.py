@@ -24,6 +24,7 @@ from grainmotion.errors import InputError
 from grainmotion.grain_shapes.level_set import LONGEST_EDGE, LevelSet, level_set
 from grainmotion.grain_shapes.mass_properties import MassProperties, mass_properties
 from grainmotion.grain_shapes.triangle_mesh import Surface, subdivided
+from grainmotion.model.summary import Summarised
 
 HELD_SLOPE = 0.8
 """Rise of the depth towards a neighbour, over its distance, from which the neighbour's sphere holds that of a point."""
@@ -41,8 +42,8 @@ CHORDS = 160
 ClumpFit = Literal["inside", "volume"]
 
 
-@dataclass(frozen=True, eq=False)
-class Clump:
+@dataclass(frozen=True, eq=False, repr=False)
+class Clump(Summarised):
     """Overlapping spheres in place of a grain.
 
     Attributes

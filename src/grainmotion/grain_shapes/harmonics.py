@@ -19,14 +19,15 @@ from grainmotion._typing import Float
 from grainmotion.errors import InputError
 from grainmotion.grain_shapes.mass_properties import mass_properties
 from grainmotion.grain_shapes.triangle_mesh import Surface
+from grainmotion.model.summary import Summarised
 
 MAX_OVERHANG = 0.005
 """Share of all directions in which a star-shaped surface may be seen more than once: steps of voxels."""
 MAX_DEGREE = 40
 
 
-@dataclass(frozen=True, eq=False)
-class Harmonics:
+@dataclass(frozen=True, eq=False, repr=False)
+class Harmonics(Summarised):
     """Expansion of a surface in real spherical harmonics.
 
     Attributes

@@ -19,6 +19,7 @@ from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Float
 from grainmotion.errors import InputError
 from grainmotion.grain_shapes.triangle_mesh import Surface, subdivided
+from grainmotion.model.summary import Summarised
 
 LONGEST_EDGE = 2.0
 """Longest edge of a triangle, over the spacing of the grid."""
@@ -32,8 +33,8 @@ OFF_GRID = np.array([0.3713e-6, 0.6187e-6])
 """Shift of the grid along x and y for the sign, over the spacing: no line meets an edge of a symmetric mesh."""
 
 
-@dataclass(frozen=True, eq=False)
-class LevelSet:
+@dataclass(frozen=True, eq=False, repr=False)
+class LevelSet(Summarised):
     """Signed distance to a surface at the points of a regular grid.
 
     Attributes

@@ -13,10 +13,11 @@ import numpy as np
 
 from grainmotion._typing import Float
 from grainmotion.grain_shapes.triangle_mesh import Surface
+from grainmotion.model.summary import Summarised
 
 
-@dataclass(frozen=True, eq=False)
-class MassProperties:
+@dataclass(frozen=True, eq=False, repr=False)
+class MassProperties(Summarised):
     """Mass properties of a solid of density 1 per mm³.
 
     Attributes

@@ -60,7 +60,7 @@ MIN_SURFACE_VOXELS = 8
 Source = Literal["attenuation", "labels"]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class GrainSurface(Surface):
     """The closed surface of one grain in the reference state, mm, sample frame.
 

@@ -11,12 +11,13 @@ from scipy.sparse.csgraph import connected_components
 
 from grainmotion._typing import Float
 from grainmotion.errors import InputError
+from grainmotion.model.summary import Summarised
 
 MAX_SUBDIVISIONS = 8  # of triangles that are much longer than what they are compared with
 
 
-@dataclass(frozen=True, eq=False)
-class Surface:
+@dataclass(frozen=True, eq=False, repr=False)
+class Surface(Summarised):
     """A closed surface of triangles that face outwards.
 
     Attributes

@@ -40,6 +40,8 @@ from grainmotion.model.motions import Motions
 from grainmotion.model.pose import ViewCorrections
 from grainmotion.model.scene import Body, Freedom, Scene, first_voxel
 from grainmotion.model.state_fit import StateFit
+from grainmotion.model.summary import Summarised, Summary, shape_text
+from grainmotion.model.thumbnails import grey_picture
 from grainmotion.model.volume import Volume
 from grainmotion.segmentation.phases import Phase
 
@@ -65,8 +67,8 @@ _OPTIONAL = {
 """Arrays of `StateFit` that may be missing, and their units."""
 
 
-@dataclass(frozen=True, eq=False)
-class StoredReference:
+@dataclass(frozen=True, eq=False, repr=False)
+class StoredReference(Summarised):
     """The reference state: its volume (1/mm) and the labels of its grains."""
 
     volume: Volume
@@ -78,6 +80,15 @@ class StoredReference:
     phases: tuple[
         Phase, ...
     ] = ()  # air, liquid, grains, bodies, as segmentation found them; empty if labels were given
+
+    def _summary(self) -> Summary:
+        rows = [("volume", f"{shape_text(self.volume.shape)} voxels of {self.volume.voxel_size:.5g} mm")]
+        rows += [
+            ("labels", "none yet" if self.labels is None else f"{shape_text(self.labels.shape)} {self.labels.dtype}")
+        ]
+        rows += [("residual", f"{self.residuals[-1]:.3g} after {len(self.residuals)} sweeps")] if self.residuals else []
+        middle = self.volume.array[self.volume.shape[0] // 2]
+        return Summary("StoredReference", rows[0][1], tuple(rows), grey_picture(middle, upwards=True))
 
 
 def write_reference(

@@ -15,18 +15,21 @@ from numpy.typing import NDArray
 from grainmotion._arguments import checked_arguments
 from grainmotion.errors import InputError
 from grainmotion.io.results import StoredReference, read_motions_h5, read_reference
+from grainmotion.io.series_files import read_series
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions
+from grainmotion.model.summary import Summarised, Summary, counted_rows, names_text
 from grainmotion.model.volume import Volume
 from grainmotion.segmentation.extraction import extract_grains
 from grainmotion.segmentation.segment import Segmentation
 from grainmotion.segmentation.settings import SegmentSettings
+from grainmotion.sequences.series import Series
 
-_REFERENCE, _MOTIONS, _STAGES = "reference.h5", "motions.h5", "stages.json"
+_REFERENCE, _MOTIONS, _SERIES_OF_RUN, _STAGES = "reference.h5", "motions.h5", "series.h5", "stages.json"
 
 
-@dataclass(frozen=True, eq=False)
-class ResultsFolder:
+@dataclass(frozen=True, eq=False, repr=False)
+class ResultsFolder(Summarised):
     """Results of a run.  The reference is read, and its grains are extracted, when they are first asked for.
 
     Attributes
@@ -62,6 +65,25 @@ class ResultsFolder:
         """The grains with their own voxels, extracted as the run did, by the settings that ``reference.h5`` tells."""
         segmentation = Segmentation(self.labels, self.reference.threshold, self.reference.border)
         return extract_grains(self.volume, segmentation, _segment_settings(self.folder / _REFERENCE))
+
+    @cached_property
+    def series(self) -> Series:
+        """The motions of all states in loading order, with their times where the run was told them."""
+        path = self.folder / _SERIES_OF_RUN
+        stored = read_series(path) if path.is_file() else None
+        times = {} if stored is None else dict(zip(stored.states, stored.times.tolist(), strict=True))
+        return Series.of(self.motions, times)
+
+    def _summary(self) -> Summary:
+        return results_summary("Results", self.folder, self.motions)
+
+
+def results_summary(
+    title: str, folder: Path, motions: Mapping[str, Motions], more: tuple[tuple[str, str], ...] = ()
+) -> Summary:
+    """What the results of a run show of themselves: their folder, and the grains of each state by status."""
+    rows = (("folder", str(folder)), *counted_rows({name: state.status_counts for name, state in motions.items()}))
+    return Summary(title, f"{folder}; states {names_text(list(motions)) or 'none'}", (*rows, *more))
 
 
 @checked_arguments

@@ -31,14 +31,15 @@ from grainmotion.model.grains import Grain, GrainSet
 from grainmotion.model.motions import Motions
 from grainmotion.model.scene import Body
 from grainmotion.model.state_fit import BodyMotion
+from grainmotion.model.summary import Summarised
 from grainmotion.rotations import skew_matrix
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
-@dataclass(frozen=True, eq=False)
-class BodyContacts:
+@dataclass(frozen=True, eq=False, repr=False)
+class BodyContacts(Summarised):
     """Grains that touch or nearly touch a body beside them, in one state.
 
     Attributes

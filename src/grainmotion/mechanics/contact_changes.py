@@ -25,6 +25,7 @@ from grainmotion.mechanics.columns import CHANGE_COLUMNS, CHANGES_CONTENT
 from grainmotion.mechanics.contacts import INDETERMINATE, OPEN, OVERLAP, TOUCHING, Contacts
 from grainmotion.model.described_table import described
 from grainmotion.model.motions import Motions
+from grainmotion.model.summary import Summarised
 from grainmotion.rotations import apply_motion, rotation_matrix, rotation_vector, skew_matrix
 
 if TYPE_CHECKING:
@@ -33,8 +34,8 @@ if TYPE_CHECKING:
 KEPT, GAINED, LOST, UNKNOWN = "kept", "gained", "lost", "unknown"
 
 
-@dataclass(frozen=True, eq=False)
-class ContactChanges:
+@dataclass(frozen=True, eq=False, repr=False)
+class ContactChanges(Summarised):
     """Pairs near each other in the reference or in the state, and what happened between them.
 
     Attributes

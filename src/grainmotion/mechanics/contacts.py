@@ -29,6 +29,7 @@ from grainmotion.mechanics.surfaces import Surface, SurfaceCache
 from grainmotion.model.described_table import described
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions
+from grainmotion.model.summary import Summarised, Summary
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -48,8 +49,8 @@ MAX_OVERLAP = 1.0
 """Overlap of two grains that the voxels explain, voxels; beyond it, one of their motions is wrong."""
 
 
-@dataclass(frozen=True, eq=False)
-class Contacts:
+@dataclass(frozen=True, eq=False, repr=False)
+class Contacts(Summarised):
     """Pairs of grains that touch or nearly touch, in one state.
 
     Attributes
@@ -113,6 +114,14 @@ class Contacts:
         for name, vectors in (("", self.points), ("n", self.normals), ("branch_", self.branches)):
             columns |= {f"{name}{axis}": c for axis, c in zip("xyz", vectors.T, strict=True)}
         return described(pd.DataFrame(columns), CONTACT_COLUMNS, CONTACTS_CONTENT, tolerance=self.tolerance)
+
+    def _summary(self) -> Summary:
+        kinds, counts = np.unique(self.kinds, return_counts=True)
+        rows = [(str(kind), str(count)) for kind, count in zip(kinds, counts, strict=True)]
+        line = ", ".join(f"{count} {kind}" for kind, count in rows)
+        rows += [("tolerance", f"{self.tolerance:.4g} mm"), ("grains", str(len(self.labels)))]
+        rows += [("left out", str(len(self.left_out)))] if self.left_out else []
+        return Summary(f"Contacts: {len(self)} pairs of {len(self.labels)} grains", line, tuple(rows))
 
 
 @checked_arguments

@@ -11,12 +11,13 @@ from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Float
 from grainmotion.errors import InputError
 from grainmotion.mechanics.contacts import INDETERMINATE, TOUCHING, Contacts
+from grainmotion.model.summary import Summarised
 
 Directions = Literal["normals", "branches"]
 
 
-@dataclass(frozen=True, eq=False)
-class Fabric:
+@dataclass(frozen=True, eq=False, repr=False)
+class Fabric(Summarised):
     """Directions and number of the contacts of one state.
 
     Attributes

@@ -23,14 +23,15 @@ from numpy.typing import NDArray
 
 from grainmotion._typing import Float
 from grainmotion.model.strain import components
+from grainmotion.model.summary import Summarised
 from grainmotion.rotations import rotation_vector
 
 STRAIN_STEP = 1e-6
 """Step of central differences by components of F: rounding and curvature both stay below 1e-9."""
 
 
-@dataclass(frozen=True, eq=False)
-class Deformation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Deformation(Summarised):
     """Deformation gradients and what follows from them; a gradient that is NaN or not invertible gives NaN.
 
     Attributes

@@ -19,6 +19,7 @@ from grainmotion.mechanics.tetrahedra import Tessellation, tessellate
 from grainmotion.model.described_table import described
 from grainmotion.model.motions import Motions
 from grainmotion.model.strain import STRAIN_NAMES
+from grainmotion.model.summary import Summarised, Summary
 from grainmotion.rotations import rotation_matrix, rotation_vector
 
 if TYPE_CHECKING:
@@ -31,8 +32,8 @@ DEFAULT_REACH = 2.0
 """Radius of local fits, in median distances of neighbouring centres: about the first shell of grains."""
 
 
-@dataclass(frozen=True, eq=False)
-class Strains:
+@dataclass(frozen=True, eq=False, repr=False)
+class Strains(Summarised):
     """Deformation of the sample at each of n grains, and their own rotations against it.
 
     Attributes
@@ -147,6 +148,15 @@ class Strains:
         columns |= {"cell_volume": self.volumes, "at_hull": self.at_hull, "non_affine": self.non_affine}
         columns |= {"reason": list(self.reasons)}
         return described(pd.DataFrame(columns), STRAIN_MAP_COLUMNS, STRAINS_CONTENT, estimator=self.estimator)
+
+    def _summary(self) -> Summary:
+        known = int(np.isfinite(self.gradients).all(axis=(1, 2)).sum())
+        small = Deformation(self.mean_gradient[None])
+        rows = (
+            ("F is known", f"of {known} of {len(self)} grains, by {self.estimator}"),
+            ("whole sample", f"volumetric {small.volumetric[0]:.4g}, deviatoric {small.deviatoric[0]:.4g}"),
+        )
+        return Summary(f"Strains at {len(self)} grains", f"{known} known; {rows[1][1]}", rows)
 
 
 @checked_arguments

@@ -31,6 +31,7 @@ from grainmotion.model.described_table import described
 from grainmotion.model.grains import Grain, GrainSet
 from grainmotion.model.motions import Motions, Status
 from grainmotion.model.scene import Scene
+from grainmotion.model.summary import Summarised, Summary
 from grainmotion.model.volume import Volume
 from grainmotion.rotations import recenter
 
@@ -48,8 +49,8 @@ NEAR_A_FACE = 2.5
 """Difference of the distances to two grains, voxels, below which the face between their cells may cross a voxel."""
 
 
-@dataclass(frozen=True, eq=False)
-class VoidRatios:
+@dataclass(frozen=True, eq=False, repr=False)
+class VoidRatios(Summarised):
     """Cell and void ratio of each of n grains, in one state.
 
     Attributes
@@ -106,6 +107,13 @@ class VoidRatios:
             "inside": self.inside, "void_ratio": self.void_ratios, "sd_void_ratio": self.void_ratio_sds,
         })  # fmt: skip
         return described(table, VOID_COLUMNS, VOIDS_CONTENT, cells=self.cells)
+
+    def _summary(self) -> Summary:
+        rows = (
+            ("mean void ratio", f"{self.mean:.4g}"),
+            ("cells", f"{self.cells}, {int(self.inside.sum())} of {len(self.labels)} inside"),
+        )
+        return Summary("VoidRatios", f"mean {self.mean:.4g}, {rows[1][1]}", rows)
 
 
 @checked_arguments

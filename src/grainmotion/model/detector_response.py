@@ -14,14 +14,15 @@ from numpy.typing import NDArray
 
 from grainmotion._typing import Image
 from grainmotion.errors import InputError
+from grainmotion.model.summary import Summarised
 
 Trend = Literal["none", "constant", "linear", "quadratic"]
 TREND_TERMS: dict[Trend, int] = {"none": 0, "constant": 1, "linear": 3, "quadratic": 6}
 """Number of terms of each background: 1; 1, x, y; 1, x, y, x², xy, y²."""
 
 
-@dataclass(frozen=True, eq=False)
-class Response:
+@dataclass(frozen=True, eq=False, repr=False)
+class Response(Summarised):
     """m = Σₖ polynomial[v, k − 1] pᵏ + Σⱼ background[v, j] φⱼ(x, y), for the line integral p of view v.
 
     x and y run over the panel's columns and rows from −1 to 1, and φ = 1, x, y, x², xy, y².

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from grainmotion._typing import Float
 from grainmotion.errors import InputError
 from grainmotion.model.geometry import Geometry
+from grainmotion.model.summary import Summarised
 from grainmotion.model.view_shifts import ViewShifts
 
 MAX_FIELD_VIEWS = 48
@@ -18,8 +19,8 @@ POINTS_TOGETHER = 20_000
 """Points that are projected at once, to bound the memory."""
 
 
-@dataclass(frozen=True, eq=False)
-class FieldOfView:
+@dataclass(frozen=True, eq=False, repr=False)
+class FieldOfView(Summarised):
     """What the reference scan saw of the sample.
 
     Attributes

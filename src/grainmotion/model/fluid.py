@@ -17,14 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion.errors import InputError
+from grainmotion.model.summary import Summarised
 from grainmotion.model.volume import Volume
 
 NO_ATTENUATION = 1e-12
 """1/mm: attenuation of a liquid that is gone."""
 
 
-@dataclass(frozen=True, eq=False)
-class Fluid:
+@dataclass(frozen=True, eq=False, repr=False)
+class Fluid(Summarised):
     """A liquid between the grains.
 
     Attributes

@@ -30,12 +30,14 @@ from grainmotion._typing import Beam, Float
 from grainmotion.errors import InputError
 from grainmotion.model.astra_geometry import ASTRA_TYPES, AstraGeometry, astra_geometry, views_of_astra
 from grainmotion.model.detector_alignment import DetectorAlignment, circular_views
+from grainmotion.model.geometry_summary import views_summary
 from grainmotion.model.panel_projection import project_onto_panels
+from grainmotion.model.summary import Summarised, Summary
 from grainmotion.model.view_checks import VIEW_COLUMNS, check_views
 
 
-@dataclass(frozen=True, eq=False)
-class Geometry:
+@dataclass(frozen=True, eq=False, repr=False)
+class Geometry(Summarised):
     """The views of a scan.
 
     Attributes
@@ -150,9 +152,6 @@ class Geometry:
         """The geometry of the selected views, in the given order."""
         index = [int(views)] if isinstance(views, int | np.integer) else views
         return Geometry(self.vectors[index], self.shape, self.beam)
-
-    def __repr__(self) -> str:
-        return f"<Geometry {self.beam}, {len(self)} views of {self.shape[0]} x {self.shape[1]} pixels>"
 
     @property
     def source(self) -> Float:
@@ -316,3 +315,6 @@ class Geometry:
             If it is of another type.
         """
         return cls(*views_of_astra(geometry))
+
+    def _summary(self) -> Summary:
+        return views_summary(self.vectors, self.shape, self.beam, self.azimuths_deg)

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from typing import overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion.errors import InputError
 from grainmotion.model.scene import Scene
+from grainmotion.model.summary import Summarised, Summary, names_text, shape_text, vector_text
+from grainmotion.model.thumbnails import LINE, circles_picture, grey_picture
 from grainmotion.model.volume import Volume
 
 
-@dataclass(frozen=True, eq=False)
-class Grain:
+@dataclass(frozen=True, eq=False, repr=False)
+class Grain(Summarised):
     """One grain in the reference state.
 
     Attributes
@@ -37,9 +40,19 @@ class Grain:
     touches_border: bool = False
     fine: Volume | None = None
 
+    def _summary(self) -> Summary:
+        box = f"{shape_text(self.volume.shape)} voxels of {self.volume.voxel_size:.5g} mm"
+        rows = [("centre", f"{vector_text(self.center)} mm"), ("voxels (z, y, x)", box)]
+        rows += [] if self.fine is None else [("finer voxels", f"{shape_text(self.fine.shape)}")]
+        rows += [("at the border", "yes: it may be incomplete")] if self.touches_border else []
+        middle = self.volume.array[:, self.volume.shape[1] // 2]
+        return Summary(
+            f"Grain {self.label}", f"centre {rows[0][1]}, {box}", tuple(rows), grey_picture(middle, upwards=True)
+        )
 
-@dataclass(frozen=True, eq=False)
-class GrainSet:
+
+@dataclass(frozen=True, eq=False, repr=False)
+class GrainSet(Summarised):
     """The grains of a sample, and everything else that attenuates.
 
     Attributes
@@ -70,6 +83,29 @@ class GrainSet:
 
     def __len__(self) -> int:
         return len(self.grains)
+
+    def __iter__(self) -> Iterator[Grain]:
+        return iter(self.grains)
+
+    def __contains__(self, label: object) -> bool:
+        return any(grain.label == label for grain in self.grains)
+
+    @overload
+    def __getitem__(self, label: int) -> Grain: ...
+
+    @overload
+    def __getitem__(self, label: Sequence[int] | NDArray[np.integer]) -> GrainSet: ...
+
+    def __getitem__(self, label: int | Sequence[int] | NDArray[np.integer]) -> Grain | GrainSet:
+        """The grain of a label, or a set of the grains of several labels, in their order and in the same scene."""
+        by_label = {grain.label: grain for grain in self.grains}
+        wanted = [int(label)] if isinstance(label, int | np.integer) else [int(one) for one in label]
+        for one in wanted:
+            if one not in by_label:
+                raise InputError("grains", f"there is no grain {one}", "give one of grains.labels")
+        if isinstance(label, int | np.integer):
+            return by_label[wanted[0]]
+        return replace(self, grains=tuple(by_label[one] for one in wanted))
 
     def without(self, rows: Collection[int]) -> GrainSet:
         """The same sample without some of its grains.
@@ -121,3 +157,14 @@ class GrainSet:
     def voxel_size(self) -> float:
         """Edge of a voxel, mm."""
         return self.grains[0].volume.voxel_size
+
+    def _summary(self) -> Summary:
+        names = names_text([str(grain.label) for grain in self.grains])
+        cut, scene = int(self.cut.sum()), self.scene
+        rows = [("labels", names), ("voxel", f"{self.voxel_size:.5g} mm")]
+        rows += [("cut by the field of view", str(cut))] if cut else []
+        rows += [("beside them", ", ".join(body.name for body in scene.bodies))] if scene.bodies else []
+        rows += [("fluid", f"{scene.fluid.attenuation:.4g} 1/mm")] if scene.fluid is not None else []
+        radii = np.array([sum(grain.volume.shape) for grain in self.grains]) * self.voxel_size / 6
+        picture = circles_picture(self.centers[:, [0, 2]], 0.75 * radii, [LINE] * len(self))
+        return Summary(f"GrainSet of {len(self)} grains", f"voxel {self.voxel_size:.5g} mm", tuple(rows), picture)

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from enum import StrEnum
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion.errors import InputError
+from grainmotion.model.grain_motion import GrainMotion
 from grainmotion.model.motion_table import OK_COLUMNS, fields_from_table, table_from_fields
 from grainmotion.model.state_fit import StateFit
+from grainmotion.model.status import STATUS_COLOURS, Status, status_counts
 from grainmotion.model.strain import stretches
+from grainmotion.model.summary import Summarised, Summary
+from grainmotion.model.thumbnails import arrows_picture
 from grainmotion.rotations import rotation_matrix
 
 if TYPE_CHECKING:
@@ -21,29 +25,14 @@ if TYPE_CHECKING:
 Value = TypeVar("Value", bound=np.generic)
 
 
-class Status(StrEnum):
-    """Outcome of the fit of a grain; `Motions.reasons` gives cause and remedy."""
-
-    CONVERGED = "converged"
-    NOT_CONVERGED = "not-converged"
-    POORLY_DETERMINED = "poorly-determined"
-    LEFT_FIELD = "left-field"
-    NOT_FITTED = "not-fitted"
-    AMBIGUOUS = "ambiguous"
-    ABSENT = "absent"
-    CUT = "cut"
-    BROKEN = "broken"
-    DEFORMED = "deformed"
-
-
 PARTIAL = (Status.CUT.value, Status.DEFORMED.value, Status.BROKEN.value)
 """Statuses of grains whose translation or rotation may be a result to use; the classification says which."""
 POORLY_DETERMINED_REASON = "poorly determined: "
 """Beginning of the reason of a poorly determined grain; what is not determined follows, up to a semicolon."""
 
 
-@dataclass(frozen=True, eq=False)
-class Motions:
+@dataclass(frozen=True, eq=False, repr=False)
+class Motions(Summarised):
     """Motion of each of n grains from the reference state to one later state.
 
     Attributes
@@ -133,6 +122,28 @@ class Motions:
 
     def __len__(self) -> int:
         return len(self.labels)
+
+    def __iter__(self) -> Iterator[GrainMotion]:
+        return (self._row(row) for row in range(len(self)))
+
+    def __contains__(self, label: object) -> bool:
+        return label in self.labels.tolist()
+
+    def __getitem__(self, label: int) -> GrainMotion:
+        """The motion of one grain, by its label."""
+        rows = np.flatnonzero(self.labels == label)
+        if not len(rows):
+            fact, remedy = f"there is no grain {label}", "give one of motions.labels; all are motions.to_table()"
+            raise InputError("motions", fact, remedy)
+        return self._row(int(rows[0]))
+
+    def _row(self, row: int) -> GrainMotion:
+        return GrainMotion(
+            int(self.labels[row]), str(self.statuses[row]), self.centers[row], self.translations[row],
+            self.rotations[row], self.covariances[row], float(self.residuals[row]), self.reasons[row],
+            bool(self.ok_translation[row]), bool(self.ok_rotation[row]),
+            None if self.strains is None else self.strains[row],
+        )  # fmt: skip
 
     @classmethod
     def identity(cls, labels: NDArray[np.int64], centers: NDArray[np.float64]) -> Motions:
@@ -280,3 +291,25 @@ class Motions:
             If a column is missing, naming ``where``.
         """
         return cls(**fields_from_table(table, where))
+
+    def _summary(self) -> Summary:
+        u, degrees = (
+            np.linalg.norm(v[ok], axis=1)
+            for v, ok in ((self.translations, self.ok_translation), (np.rad2deg(self.rotations), self.ok_rotation))
+        )
+        rows = [("results to use", self.counts)]
+        rows += [("|u|", f"median {np.median(u):.3g}, up to {u.max():.3g} mm")] if len(u) else []
+        rows += [("|ω|", f"median {np.median(degrees):.3g}, up to {degrees.max():.3g}°")] if len(degrees) else []
+        rows += [("strain", "of each grain, too")] if self.strains is not None else []
+        rows += [("note", note) for note in self.fit.notes[:3]]
+        picture = arrows_picture(
+            self.centers[:, [0, 2]], np.where(self.ok_translation[:, None], self.translations, np.nan)[:, [0, 2]],
+            [STATUS_COLOURS[str(status)] for status in self.statuses],
+        )  # fmt: skip
+        title = f"Motions of {len(self)} grains"
+        return Summary(title, f"|u| {rows[1][1]}" if len(u) else "", tuple(rows), picture, self.status_counts)
+
+    @property
+    def status_counts(self) -> dict[str, int]:
+        """Number of grains of each status that occurs."""
+        return status_counts(self.statuses)

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from grainmotion._typing import Float
+from grainmotion.model.summary import Summarised
 
 
-@dataclass(frozen=True, eq=False)
-class ViewCorrections:
+@dataclass(frozen=True, eq=False, repr=False)
+class ViewCorrections(Summarised):
     """Departure of each view from its geometry, or its standard deviations.
 
     Attributes

@@ -11,10 +11,12 @@ from grainmotion._arguments import check_argument, checked_arguments
 from grainmotion.errors import InputError
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.precision import precision_of
+from grainmotion.model.summary import Summarised, Summary, shape_text, size_text
+from grainmotion.model.thumbnails import grey_picture
 
 
-@dataclass(frozen=True, eq=False)
-class Scan:
+@dataclass(frozen=True, eq=False, repr=False)
+class Scan(Summarised):
     """Radiographs as line integrals −ln((I − dark)/(flat − dark)), with the geometry of their views.
 
     Attributes
@@ -113,8 +115,15 @@ class Scan:
                 levels[view] = np.median(image[good])
         return levels
 
-    def __repr__(self) -> str:
-        return f"<Scan of {len(self)} {self.geometry.beam}-beam radiographs, {self.geometry.shape}>"
+    def _summary(self) -> Summary:
+        geometry, images = self.geometry, self.line_integrals
+        rows = [
+            ("radiographs", f"{len(self)} of {shape_text(geometry.shape)} pixels, {geometry.beam} beam"),
+            ("line integrals", f"{images.dtype}, {size_text(images.nbytes)}, dimensionless"),
+            ("masked pixels", "none" if self.valid is None else "dead, saturated or dark ones, see valid"),
+        ]
+        upwards = float(geometry.v[0, 2]) >= 0
+        return Summary("Scan", rows[0][1], tuple(rows), grey_picture(images[0], upwards=upwards))
 
 
 def air_levels(

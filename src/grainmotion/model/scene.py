@@ -17,6 +17,7 @@ from grainmotion.errors import InputError
 from grainmotion.model.field_of_view import FieldOfView
 from grainmotion.model.fluid import Fluid
 from grainmotion.model.hardening import LINEAR, Hardening
+from grainmotion.model.summary import Summarised, Summary
 from grainmotion.model.symmetry import symmetry_axis
 from grainmotion.model.volume import Volume
 
@@ -131,8 +132,8 @@ NO_MOTION, RIGID_MOTION = Freedom(), Freedom.of("free")
 """No motion, and any motion of a rigid body."""
 
 
-@dataclass(frozen=True, eq=False)
-class Body:
+@dataclass(frozen=True, eq=False, repr=False)
+class Body(Summarised):
     """A body beside the grains, such as a piston or a container's wall.
 
     Attributes
@@ -168,8 +169,8 @@ class Body:
         return symmetry_axis(self.volume)
 
 
-@dataclass(frozen=True, eq=False)
-class Scene:
+@dataclass(frozen=True, eq=False, repr=False)
+class Scene(Summarised):
     """Everything that attenuates beside the grains.
 
     Attributes
@@ -216,6 +217,13 @@ class Scene:
     def bodies_volume(self) -> Volume | None:
         """The sum of all bodies on the smallest grid that holds them; None without bodies."""
         return _sum([body.volume for body in self.bodies])
+
+    def _summary(self) -> Summary:
+        bodies = ", ".join(f"{body.name} ({body.freedom.text})" for body in self.bodies) or "none"
+        rows = [("bodies", bodies), ("fluid", "none" if self.fluid is None else f"{self.fluid.attenuation:.4g} 1/mm")]
+        if self.field is not None:
+            rows.append(("field of view", "holds the whole sample" if self.field.holds_all else "cuts the sample"))
+        return Summary("Scene", ", ".join(f"{name}: {value}" for name, value in rows), tuple(rows))
 
 
 def _sum(volumes: list[Volume]) -> Volume | None:

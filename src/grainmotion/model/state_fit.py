@@ -13,11 +13,13 @@ from grainmotion._typing import Float
 from grainmotion.model.detector_response import Response
 from grainmotion.model.fluid import FluidFit
 from grainmotion.model.pose import ViewCorrections
+from grainmotion.model.summary import Summarised, Summary, value_text
+from grainmotion.model.thumbnails import curve_picture
 from grainmotion.rotations import rotation_matrix
 
 
-@dataclass(frozen=True, eq=False)
-class BodyMotion:
+@dataclass(frozen=True, eq=False, repr=False)
+class BodyMotion(Summarised):
     """Motion of one body beside the grains, such as a piston, from the reference state to a later one.
 
     Attributes
@@ -49,8 +51,8 @@ class BodyMotion:
         return rotation_matrix(self.rotation)
 
 
-@dataclass(frozen=True, eq=False)
-class NewGrain:
+@dataclass(frozen=True, eq=False, repr=False)
+class NewGrain(Summarised):
     """A grain of a state that the reference does not have, as an ellipsoid.
 
     Attributes
@@ -70,8 +72,8 @@ class NewGrain:
     attenuation: float
 
 
-@dataclass(frozen=True, eq=False)
-class PieceMotion:
+@dataclass(frozen=True, eq=False, repr=False)
+class PieceMotion(Summarised):
     """Motion of one piece of a grain that broke, from the reference state to a later one.
 
     Attributes
@@ -107,8 +109,8 @@ class PieceMotion:
         return rotation_matrix(self.rotation)
 
 
-@dataclass(frozen=True, eq=False)
-class StateFit:
+@dataclass(frozen=True, eq=False, repr=False)
+class StateFit(Summarised):
     """How the fit of one state went as a whole.
 
     Attributes
@@ -199,3 +201,18 @@ class StateFit:
     def corrections_sd(self) -> Float | None:
         """Columns of `view_corrections_sd`, pixels, pixels and radians, ``(views, 3)``."""
         return None if self.view_corrections_sd is None else self.view_corrections_sd.columns
+
+    def _summary(self) -> Summary:
+        rows = [("gain, offset", f"{self.gain:.5g}, {self.offset:.3g}")]
+        if self.costs:
+            stage, cost = self.costs[-1]
+            rows.append(("convergence", f"{len(self.costs)} iterations, residual {cost:.3g} in '{stage}'"))
+        rows += [("views", "shifts and angles were estimated")] if self.view_corrections is not None else []
+        moved = [body.name for body in self.bodies if body.moved]
+        rows += [("bodies", f"{len(self.bodies)}, moved: {', '.join(moved) or 'none'}")] if self.bodies else []
+        rows += [("fluid", value_text(self.fluid))] if self.fluid is not None else []
+        rows += [("appeared", f"{len(self.appeared)} grains")] if self.appeared else []
+        rows += [("broken", f"{len(self.pieces)} pieces")] if self.pieces else []
+        rows += [("note", note) for note in self.notes]
+        line = ", ".join(f"{name} {value}" for name, value in rows[:2])
+        return Summary("StateFit", line, tuple(rows), curve_picture(np.array([cost for _, cost in self.costs])))

@@ -13,13 +13,15 @@ from grainmotion.model.described_table import SAMPLE_FRAME
 from grainmotion.model.field_of_view import FieldOfView
 from grainmotion.model.hardening import LINEAR, Hardening
 from grainmotion.model.precision import precision_of
+from grainmotion.model.summary import Summarised, Summary, shape_text, size_text, vector_text
+from grainmotion.model.thumbnails import grey_picture
 
 if TYPE_CHECKING:
     import xarray as xr
 
 
-@dataclass(frozen=True, eq=False)
-class Volume:
+@dataclass(frozen=True, eq=False, repr=False)
+class Volume(Summarised):
     """Attenuation per unit length on a grid of cubic voxels.
 
     Attributes
@@ -146,5 +148,13 @@ class Volume:
         about = {"units": "1/mm", "long_name": "attenuation", "voxel_size": self.voxel_size, "frame": SAMPLE_FRAME}
         return xr.DataArray(self.array, coordinates, ("z", "y", "x"), name="attenuation", attrs=about)
 
-    def __repr__(self) -> str:
-        return f"<Volume {self.shape} voxel_size={self.voxel_size} center={self.center}>"
+    def _summary(self) -> Summary:
+        size = " × ".join(f"{n * self.voxel_size:.4g}" for n in self.shape)
+        rows = (
+            ("voxels (z, y, x)", f"{shape_text(self.shape)} of {self.voxel_size:.5g} mm: {size} mm"),
+            ("centre (x, y, z)", f"{vector_text(np.array(self.center))} mm"),
+            ("array", f"{self.array.dtype}, {size_text(self.array.nbytes)}, attenuation in 1/mm"),
+        )
+        line = f"{shape_text(self.shape)} voxels (z, y, x) of {self.voxel_size:.5g} mm"
+        line += f", centre {rows[1][1]}" if any(self.center) else ""
+        return Summary("Volume", line, rows, grey_picture(self.array[self.shape[0] // 2], upwards=True))

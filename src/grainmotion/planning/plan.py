@@ -20,6 +20,7 @@ from grainmotion._typing import Float, Progress
 from grainmotion.errors import InputError
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.grains import GrainSet
+from grainmotion.model.summary import Summarised, Summary, names_text
 from grainmotion.planning.candidates import even_set
 from grainmotion.planning.capture_range import Capture, expected_capture, room
 from grainmotion.planning.fisher_information import Candidates
@@ -33,8 +34,8 @@ PLAN_COLUMNS = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True, eq=False)
-class ViewSet:
+@dataclass(frozen=True, eq=False, repr=False)
+class ViewSet(Summarised):
     """A set of views, and the precision and capture range to expect from it.
 
     Attributes
@@ -87,8 +88,8 @@ class ViewSet:
         return np.asarray(np.rad2deg(np.sqrt(np.mean(self.sd[:, 3:] ** 2, axis=1))))
 
 
-@dataclass(frozen=True, eq=False)
-class Plan:
+@dataclass(frozen=True, eq=False, repr=False)
+class Plan(Summarised):
     """Result of `plan`.
 
     Attributes
@@ -183,6 +184,15 @@ class Plan:
                 }
             )
         return pd.DataFrame(rows)
+
+    def _summary(self) -> Summary:
+        rows = []
+        for s in self.sets:
+            angles = ", ".join(f"{angle:.4g}°" for angle in s.angles_deg)
+            sd = f"sd {np.median(s.sd_translation) / self.voxel_size:.2g} voxel, {np.median(s.sd_rotation_deg):.2g}°"
+            rows.append((f"{len(s)} views, {s.kind}", f"{angles}: {sd}"))
+        title = f"Plan for {len(self.labels)} grains from {len(self.angles_deg)} candidate views"
+        return Summary(title, names_text([name for name, _ in rows]), tuple(rows))
 
 
 @checked_arguments

@@ -12,7 +12,7 @@ from grainmotion._typing import Float
 from grainmotion.errors import InputError
 from grainmotion.model.motion_table import MOTION_DESCRIPTIONS
 from grainmotion.model.motions import Motions
-from grainmotion.model.status_colours import STATUS_COLOURS
+from grainmotion.model.status import STATUS_COLOURS
 from grainmotion.plot.canvas import (
     DIVERGING,
     SEQUENTIAL,

@@ -6,6 +6,8 @@ from pydantic.dataclasses import dataclass
 
 from grainmotion._typing import Progress
 from grainmotion.model.scan import Scan
+from grainmotion.model.summary import Summarised, Summary, shape_text
+from grainmotion.model.thumbnails import grey_picture
 from grainmotion.model.volume import Volume
 from grainmotion.reconstruction.coarse_start import started
 from grainmotion.reconstruction.grid_growth import FittedGrid, fitted_grid, growth_views
@@ -15,8 +17,8 @@ from grainmotion.reconstruction.settings import ReconstructSettings
 from grainmotion.reconstruction.system import Iterate
 
 
-@dataclass(frozen=True, config={"arbitrary_types_allowed": True})
-class Reconstruction:
+@dataclass(frozen=True, repr=False, config={"arbitrary_types_allowed": True})
+class Reconstruction(Summarised):
     """A reconstructed volume and its residuals.
 
     Attributes
@@ -32,6 +34,13 @@ class Reconstruction:
     volume: Volume
     residuals: tuple[float, ...]
     notes: tuple[str, ...] = ()
+
+    def _summary(self) -> Summary:
+        rows = [("volume", f"{shape_text(self.volume.shape)} voxels of {self.volume.voxel_size:.5g} mm")]
+        rows += [("residual", f"{self.residuals[-1]:.3g} after {len(self.residuals)} sweeps")] if self.residuals else []
+        rows += [("note", note) for note in self.notes]
+        slice_ = grey_picture(self.volume.array[self.volume.shape[0] // 2], upwards=True)
+        return Summary("Reconstruction", ", ".join(value for _, value in rows[:2]), tuple(rows), slice_)
 
 
 def fitted_volume(

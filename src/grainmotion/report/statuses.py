@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from grainmotion.model.motions import Status
-from grainmotion.model.status_colours import STATUS_COLOURS
+from grainmotion.model.status import STATUS_COLOURS
 
 STATUS_MEANINGS = {
     Status.CONVERGED.value: "translation and rotation are results to use",

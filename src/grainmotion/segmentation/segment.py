@@ -16,6 +16,8 @@ from skimage.filters import threshold_otsu
 from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Progress
 from grainmotion.errors import InputError
+from grainmotion.model.summary import Summarised, Summary, names_text, shape_text
+from grainmotion.model.thumbnails import grey_picture, thinned_image
 from grainmotion.model.volume import Volume
 from grainmotion.segmentation.border import beyond_field, border_labels, cut_labels
 from grainmotion.segmentation.by_level import Pieces
@@ -35,8 +37,8 @@ MIN_SOLID_SHARE = 1e-4
 PROGRESS_STEPS = 4
 
 
-@dataclass(frozen=True, config={"arbitrary_types_allowed": True})
-class Segmentation:
+@dataclass(frozen=True, repr=False, config={"arbitrary_types_allowed": True})
+class Segmentation(Summarised):
     """Labels of the grains of a volume.
 
     Attributes
@@ -76,6 +78,17 @@ class Segmentation:
             If they are not integers from 0 on in three dimensions.
         """
         return cls(checked_labels(labels).astype(np.int32, copy=False), float("nan"), border_labels(labels))
+
+    def _summary(self) -> Summary:
+        rows = [("labels", f"{shape_text(self.labels.shape)} voxels (z, y, x)")]
+        rows += [("threshold", f"{self.threshold:.4g} 1/mm")] if np.isfinite(self.threshold) else []
+        rows += [("at the border", names_text([str(label) for label in self.border]))] if self.border else []
+        rows += [
+            (f"phase: {p.kind}", f"{p.attenuation:.4g} 1/mm, {100 * p.share:.3g} % of the voxels") for p in self.phases
+        ]
+        thinned = thinned_image(self.labels[self.labels.shape[0] // 2])
+        picture = grey_picture(np.where(thinned > 0, 1 + thinned * 7 % 10, 0), upwards=True)
+        return Summary("Segmentation", ", ".join(f"{name} {value}" for name, value in rows[:2]), tuple(rows), picture)
 
 
 @checked_arguments

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from grainmotion._typing import Float
 from grainmotion.errors import InputError
 from grainmotion.model.motions import Motions
+from grainmotion.model.summary import Summarised, Summary, counted_rows, names_text
 from grainmotion.rotations import rotation_matrix
 from grainmotion.sequences.extrapolation import rotation_steps
 from grainmotion.sequences.table import SeriesFields, series_table
@@ -21,8 +22,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-@dataclass(frozen=True, eq=False)
-class Series:
+@dataclass(frozen=True, eq=False, repr=False)
+class Series(Summarised):
     """Motions of the same n grains in s states, in loading order.
 
     Cumulative motions are those from the reference, as tracked.  An increment is the motion from the state before, of
@@ -186,6 +187,13 @@ class Series:
                 self.paths, self.rotation_paths,
             )
         )  # fmt: skip
+
+    def _summary(self) -> Summary:
+        named = {}
+        for name, motions, time in zip(self.states, self.motions, self.times, strict=True):
+            named[name + (f" at {time:.6g} s" if np.isfinite(time) else "")] = motions.status_counts
+        title = f"Series of {len(self)} state{'s' if len(self) > 1 else ''} of {len(self.labels)} grains"
+        return Summary(title, names_text(self.states), counted_rows(named))
 
 
 _Step = Callable[[Float, Float], Float]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from grainmotion._typing import Float
 from grainmotion.errors import InputError
 from grainmotion.model.motions import Motions
-from grainmotion.model.status_colours import STATUS_COLOURS
+from grainmotion.model.status import STATUS_COLOURS
 
 STATUS = "status"
 TRANSLATION_VALUES, ROTATION_VALUES = ("u", "ux", "uy", "uz"), ("w", "wx", "wy", "wz")

@@ -14,6 +14,8 @@ from grainmotion.calibration.scanner import ScannerCalibration, calibrate_scanne
 from grainmotion.calibration.settings import ReferenceSettings
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.scan import Scan
+from grainmotion.model.summary import Summarised, Summary, names_text, shape_text
+from grainmotion.model.thumbnails import grey_picture
 from grainmotion.model.volume import Volume
 from grainmotion.reconstruction.reconstruct import reconstruct
 from grainmotion.segmentation.border import cut_labels
@@ -21,8 +23,8 @@ from grainmotion.segmentation.extraction import extract_grains
 from grainmotion.segmentation.segment import Segmentation, segment
 
 
-@dataclass(frozen=True, eq=False)
-class Reference:
+@dataclass(frozen=True, eq=False, repr=False)
+class Reference(Summarised):
     """The reference state: its volume, labels and grains, and the calibration of the scanner.
 
     Attributes
@@ -115,3 +117,13 @@ class Reference:
             With the corrected geometry and linearised line integrals, for `track`.
         """
         return self.scanner.apply(scan)
+
+    def _summary(self) -> Summary:
+        volume, n = self.volume, len(self.grains)
+        rows = [("volume", f"{shape_text(volume.shape)} voxels of {volume.voxel_size:.5g} mm"), ("grains", str(n))]
+        rows += [("labels", names_text([str(label) for label in self.grains.labels]))]
+        rows += [("residual", f"{self.residuals[-1]:.3g} after {len(self.residuals)} sweeps")] if self.residuals else []
+        if self.scanner.calibration is not None:
+            rows.append(("calibration", ", ".join(map(str, self.scanner.calibration.corrections)) or "none needed"))
+        line = f"{n} grains in {rows[0][1]}"
+        return Summary("Reference", line, tuple(rows), grey_picture(volume.array[volume.shape[0] // 2], upwards=True))

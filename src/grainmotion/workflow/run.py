@@ -12,8 +12,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 from grainmotion._arguments import check_argument
 from grainmotion._typing import Progress
@@ -24,10 +28,15 @@ from grainmotion.experiment.config import Experiment
 from grainmotion.experiment.inputs import Inputs, find_inputs
 from grainmotion.io.files import checked_folder
 from grainmotion.io.results import StoredReference
+from grainmotion.io.results_folder import ResultsFolder, results_summary
 from grainmotion.io.series_files import check_parquet
 from grainmotion.model.finding import Finding, worst_first
+from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions
+from grainmotion.model.summary import MAX_ITEMS, Summarised, Summary, names_text
+from grainmotion.model.volume import Volume
 from grainmotion.report.tables import scene_sentences
+from grainmotion.sequences.series import Series
 from grainmotion.workflow.beam_level_stage import BEAM_LEVEL, level_reference
 from grainmotion.workflow.calibration_stage import CALIBRATION, calibrate_stage, calibration_findings
 from grainmotion.workflow.checks import check_files, check_radiographs, check_reference, check_version
@@ -57,16 +66,66 @@ RESULT_FILES = {
 """Names of results that an input in the same folder could also have."""
 
 
-@dataclass(frozen=True, eq=False)
-class RunResult:
-    """Results of a run."""
+@dataclass(frozen=True, eq=False, repr=False)
+class RunResult(Summarised):
+    """Results of a run; what is not listed here is read from the folder when it is first asked for.
+
+    Attributes
+    ----------
+    folder : Path
+        Where they are.
+    motions : dict of str to Motions
+        Motions of each state by its name, in loading order.
+    done, reused : tuple of str
+        Stages that this run did, in order, and those that an earlier run had done.
+    report : Path, optional
+        The page on all states.
+    findings : tuple of Finding
+        Of all checks, the worst first.
+    """
 
     folder: Path
-    motions: dict[str, Motions]  # by the name of the state
-    done: tuple[str, ...]  # stages that this run did, in order
-    reused: tuple[str, ...]  # stages that an earlier run had done
-    report: Path | None = None  # the page on all states
-    findings: tuple[Finding, ...] = ()  # of all checks, the worst first
+    motions: dict[str, Motions]
+    done: tuple[str, ...]
+    reused: tuple[str, ...]
+    report: Path | None = None
+    findings: tuple[Finding, ...] = ()
+
+    @cached_property
+    def results(self) -> ResultsFolder:
+        """The folder of the results; what is asked of it is read then."""
+        return ResultsFolder(self.folder, self.motions)
+
+    @property
+    def reference(self) -> StoredReference:
+        """The reference as stored in ``reference.h5``, read when it is first asked for."""
+        return self.results.reference
+
+    @property
+    def volume(self) -> Volume:
+        """The volume of the reference, 1/mm."""
+        return self.results.volume
+
+    @property
+    def labels(self) -> NDArray[np.int32]:
+        """Labels of its grains ``(nz, ny, nx)``, 0 for none."""
+        return self.results.labels
+
+    @property
+    def grains(self) -> GrainSet:
+        """The grains with their own voxels, as they were tracked."""
+        return self.results.grains
+
+    @property
+    def series(self) -> Series:
+        """The motions of all states in loading order."""
+        return self.results.series
+
+    def _summary(self) -> Summary:
+        rows = [("done", names_text(self.done) or "nothing"), ("reused", names_text(self.reused) or "nothing")]
+        rows += [("report", str(self.report))] if self.report is not None else []
+        rows += [(finding.level, finding.line) for finding in self.findings[:MAX_ITEMS]]
+        return results_summary("RunResult", self.folder, self.motions, tuple(rows))
 
 
 def run(
