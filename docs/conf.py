@@ -42,10 +42,11 @@ extensions = [
     "sphinx_copybutton",
     "sphinx_design",
     "settings_fields",
+    "documented_constants",
     "literal_names",
     "folder_toctrees",
 ]
-templates_path = ["_templates"]
+templates_path = [str(HERE / "_templates")]  # absolute: one extension looks from here, another from the source
 
 folder_toctrees = {
     "docs/decisions/README": "[0-9]*",
@@ -70,10 +71,16 @@ nb_execution_show_tb = True
 nb_merge_streams = True
 
 # API
-autosummary_generate = True
-autodoc_default_options = {"members": True, "member-order": "bysource"}
+autosummary_generate = [path.relative_to(HERE.parent).as_posix() for path in sorted(HERE.glob("api/*.md"))]
+autosummary_filename_map = {  # `Plan` and `plan` are one file where the file system does not tell cases apart
+    f"{module.__name__}.{name}": f"{module.__name__}.{name}-class"
+    for module in (grainmotion, grainmotion.simulate)
+    for name in module.__all__
+    if name != name.lower() and name.lower() in module.__all__
+}
+autodoc_member_order = "bysource"
+autodoc_preserve_defaults = True
 autodoc_typehints = "none"  # numpydoc's sections tell the types in words, with shapes and units
-autodoc_class_signature = "mixed"
 numpydoc_show_class_members = False  # the page of a class describes its methods themselves
 default_role = "name"
 

@@ -10,10 +10,7 @@ from sphinx.roles import XRefRole
 
 
 class NameRole(XRefRole):
-    """As ``:py:obj:``, but a name that no page describes is code and no warning."""
-
-    def __init__(self) -> None:
-        super().__init__(warn_dangling=False, innernodeclass=nodes.literal)
+    """As ``:py:obj:``, for all text in single back-ticks of docstrings."""
 
     def process_link(
         self, env: BuildEnvironment, refnode: nodes.Element, has_explicit_title: bool, title: str, target: str
@@ -21,20 +18,29 @@ class NameRole(XRefRole):
         """Resolve from the documented module and class, as Python's own roles do."""
         refnode["py:module"] = env.ref_context.get("py:module", "grainmotion")
         refnode["py:class"] = env.ref_context.get("py:class")
-        refnode["reftype"] = "obj"
-        refnode["refdomain"] = "py"
-        refnode["refspecific"] = True
+        refnode["reftype"], refnode["refdomain"] = "obj", "py"
+        refnode["refspecific"], refnode["is_name"] = "." in target, True
         return title, target.removesuffix("()")
 
 
 def resolve(
-    app: Sphinx, env: BuildEnvironment, node: addnodes.pending_xref, contnode: nodes.Element
+    app: Sphinx, env: BuildEnvironment, node: addnodes.pending_xref, text: nodes.Element
 ) -> nodes.Element | None:
-    """A name that nothing describes stays what it is."""
-    return contnode if "refname_only" in node else None
+    """A field links to its class; what no page describes, such as a command or a key, is code and no warning."""
+    if not node.get("is_name"):
+        return None
+    owner, _, field = node["reftarget"].rpartition(".")
+    if owner and field:
+        domain = env.get_domain("py")
+        page = str(node.get("refdoc"))
+        found = domain.resolve_xref(env, page, app.builder, "class", owner, node, text)
+        if found is not None:
+            return found
+    return text
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
     """Register the role ``name``."""
     app.add_role("name", NameRole())
+    app.connect("missing-reference", resolve)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
