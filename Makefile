@@ -102,4 +102,4 @@ accuracy: $(STAMP) ## measure errors, bounds, uncertainties and hard cases and w
 	$(BIN)/python -m validation.accuracy
 
 clean:           ## remove the environments and caches
-	rm -rf $(VENV) $(SPAM) .venv-bench .venv-diffdrr .targets .paper .accuracy docs/_build docs/api/generated .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) $(SPAM) .venv-bench .venv-diffdrr .targets .paper .accuracy docs/_build .pytest_cache .mypy_cache .ruff_cache

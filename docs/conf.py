@@ -27,7 +27,6 @@ include_patterns = [
     "SECURITY.md",
     "release/**.md",
     "docs/**.md",
-    "docs/api/generated/**.rst",
     "examples/**.md",
     "examples/notebooks/*.ipynb",
     "validation/**.md",
@@ -45,8 +44,9 @@ extensions = [
     "documented_constants",
     "literal_names",
     "folder_toctrees",
+    "api_tables",
 ]
-templates_path = [str(HERE / "_templates")]  # absolute: one extension looks from here, another from the source
+templates_path = ["_templates"]
 
 folder_toctrees = {
     "docs/decisions/README": "[0-9]*",
@@ -71,18 +71,14 @@ nb_execution_show_tb = True
 nb_merge_streams = True
 
 # API
-autosummary_generate = [path.relative_to(HERE.parent).as_posix() for path in sorted(HERE.glob("api/*.md"))]
-autosummary_filename_map = {  # `Plan` and `plan` are one file where the file system does not tell cases apart
-    f"{module.__name__}.{name}": f"{module.__name__}.{name}-class"
-    for module in (grainmotion, grainmotion.simulate)
-    for name in module.__all__
-    if name != name.lower() and name.lower() in module.__all__
-}
+autosummary_generate = False  # pages of tasks hold the descriptions themselves
 autodoc_member_order = "bysource"
 autodoc_preserve_defaults = True
 autodoc_typehints = "none"  # numpydoc's sections tell the types in words, with shapes and units
 numpydoc_show_class_members = False  # the page of a class describes its methods themselves
 default_role = "name"
+
+toc_object_entries_show_parents = "hide"
 
 # Look
 html_theme = "furo"

@@ -19,7 +19,9 @@ class NameRole(XRefRole):
         refnode["py:module"] = env.ref_context.get("py:module", "grainmotion")
         refnode["py:class"] = env.ref_context.get("py:class")
         refnode["reftype"], refnode["refdomain"] = "obj", "py"
-        refnode["refspecific"], refnode["is_name"] = "." in target, True
+        refnode["is_name"] = True
+        if "." in target:  # also of any class: `Motions.fit`
+            refnode["refspecific"] = True
         return title, target.removesuffix("()")
 
 

@@ -35,7 +35,7 @@ def line_integrals(
     geometry : Geometry
         The views.
     subsamples : int
-        Rays along each side of a pixel, so that a pixel averages ``subsamples``² rays.
+        Rays along each side of a pixel, so that a pixel averages ``subsamples`` squared rays.
     averaging : {"intensity", "line-integral"}
         What a pixel averages over its area.  A detector averages intensities.
     spectrum : sequence of (weight, ratio)

@@ -65,7 +65,7 @@ def attenuation_volume(sample: Sample, grid: Volume, samples: int = 3) -> Volume
     grid : Volume
         The voxel grid; its values are not used.
     samples : int
-        Sampling points along each side of a voxel, ``samples``³ in all.
+        Sampling points along each side of a voxel, ``samples`` cubed in all.
 
     Returns
     -------
