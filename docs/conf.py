@@ -45,6 +45,7 @@ extensions = [
     "literal_names",
     "folder_toctrees",
     "api_tables",
+    "mathml",
 ]
 templates_path = ["_templates"]
 

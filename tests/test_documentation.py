@@ -119,10 +119,17 @@ def test_names_are_resolved(name, expected):
     assert exists(name) is expected
 
 
-def test_architecture_names_what_exists():
-    names = [name for name in backticked(ROOT / "docs" / "architecture.md") if not NOT_CODE.search(name)]
-    assert len(names) > 50
+@pytest.mark.parametrize(("page", "least"), [("architecture.md", 50), ("method.md", 30)])
+def test_pages_name_code_that_exists(page, least):
+    names = [name for name in backticked(ROOT / "docs" / page) if not NOT_CODE.search(name)]
+    assert len(names) > least
     assert [name for name in dict.fromkeys(names) if not exists(name)] == []
+
+
+def test_reliability_names_tests_that_exist():
+    names = [name for name in backticked(ROOT / "docs" / "reliability.md") if name.startswith("tests/")]
+    assert len(names) > 5
+    assert [name for name in names if not (ROOT / name).exists()] == []
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())

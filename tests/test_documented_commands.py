@@ -75,8 +75,11 @@ def check_pip(words: list[str]) -> None:
 
 
 def check_python(words: list[str]) -> None:
-    """The module or script exists, and paths of tests do."""
-    if words[0] == "-m":
+    """The module or script exists, and paths of tests do; code in the command is Python."""
+    if words[0] == "-c":
+        compile(words[1], "-c", "exec")
+        assert len(words) == 2
+    elif words[0] == "-m":
         assert find_spec(words[1]) is not None, words[1]
         assert [word for word in words[2:] if word.startswith("tests/") and not (ROOT / word).exists()] == []
     else:
@@ -164,6 +167,7 @@ def test_help_of_each_command_has_an_example(name):
         "make tea",
         "python -m validation.nothing",
         "python nothing.py",
+        "python -c 'import'",
         "dask worker tcp://a:1 --threads 3",
         "nvidia-smi -r",
         "rm -r results",

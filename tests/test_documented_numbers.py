@@ -87,3 +87,26 @@ def test_laboratory_samples_are_those_of_the_page():
     assert f"reached by {reached} of {len(measured)}" in README
     assert re.search(r"There were no lies", section)
     assert "none confidently wrong" in README
+
+
+def test_scale_quotes_the_benchmark_of_many_grains():
+    page = rows((ROOT / "docs" / "scale.md").read_text(encoding="utf-8"))
+    head = next(row for row in page if row[0] == "grains")
+    measured = next(row for row in result("many_grains") if row[:2] == ["grains", "panel"])
+    columns = [measured.index(name) for name in head]
+    for grains in ("15", "200", "1,000", "10,000"):
+        told = next(row for row in page if row[0] == grains)
+        assert told == [next(row for row in result("many_grains") if row[0] == grains)[k] for k in columns]
+
+
+def test_reliability_quotes_the_headlines_of_accuracy():
+    page = (ROOT / "docs" / "reliability.md").read_text(encoding="utf-8")
+    accuracy = (ROOT / "docs" / "accuracy.md").read_text(encoding="utf-8")
+    named = re.search(r"(\d+ of \d+) wrong inputs of (\d+) kinds named, (\d+) silent; (\d+ of \d+) right", accuracy)
+    assert named
+    assert f"**{named[1]} were named.** In {named[3]} a wrong motion" in page
+    assert f"with {named[2]} kinds of plausible mistakes" in page
+    assert f"**{named[4]} right experiments" in page
+    inside = re.search(r"([\d.]+)% of (\d+) errors within 1.96", accuracy)
+    assert inside
+    assert f"{inside[1]} % of {inside[2]} errors within 1.96" in page
