@@ -17,7 +17,7 @@ def run_record(experiment: Experiment, inputs: Inputs, folder: Path) -> RunRecor
     stacks = ((name, stack.spec, len(set(stack.files))) for name, stack in input_stacks(inputs))
     return RunRecord(
         command=reproducing_command(experiment, folder),
-        settings="\n".join(toml_lines(changed_settings(experiment))),
+        settings="\n".join(toml_lines(changed_settings(experiment))).replace("\n[", "\n\n["),
         machine=machine(),
         folder=str(folder.absolute()),
         inputs=tuple((name, f"{spec}, {files} file{'s' * (files != 1)}") for name, spec, files in stacks),

@@ -3,6 +3,7 @@
 (() => {
   const gm = (window.gm ??= {});
   const { svg } = gm;
+  const COLOURS = 5; // --series-1 to --series-5 in theme.css
   const DASHES = ["", "6 3", "2 3"]; // series differ without colour too
   const MARGIN = { left: 58, right: 14, top: 12, bottom: 34 };
 
@@ -75,7 +76,7 @@
     parts.push(svg("text", { x: MARGIN.left + inner / 2, y: height - 3, "text-anchor": "middle" }, spec.xTitle));
     parts.push(svg("text", { x: 12, y: MARGIN.top + tall / 2, "text-anchor": "middle", transform: `rotate(-90 12 ${MARGIN.top + tall / 2})` }, spec.yTitle));
     spec.series.forEach(({ values, sd, part, at = 0 }, k) => {
-      const colour = `var(--series-${(k % 3) + 1})`, points = values.map((value, i) => [x(spec.x[at + i]), y(value)]);
+      const colour = `var(--series-${(k % COLOURS) + 1})`, points = values.map((value, i) => [x(spec.x[at + i]), y(value)]);
       if (sd) {
         const up = values.map((v, i) => [x(spec.x[i]), y(v + sd[i])]).filter(([, b]) => Number.isFinite(b));
         const down = values.map((v, i) => [x(spec.x[i]), y(v - sd[i])]).filter(([, b]) => Number.isFinite(b)).reverse();
@@ -103,7 +104,7 @@
     const drawing = gm.el("div");
     const key = spec.series.length > 1 ? gm.el("div", { class: "key quiet" }, spec.series.map(({ name, part }, k) =>
       gm.el("span", {}, svg("svg", { width: 26, height: 10, "aria-hidden": "true" }, svg("line", {
-        x1: 1, x2: 25, y1: 5, y2: 5, style: `stroke: var(--series-${(k % 3) + 1}); stroke-width: 2`, "stroke-dasharray": part ? "" : DASHES[k % 3],
+        x1: 1, x2: 25, y1: 5, y2: 5, style: `stroke: var(--series-${(k % COLOURS) + 1}); stroke-width: 2`, "stroke-dasharray": part ? "" : DASHES[k % 3],
       })), ` ${name}`))) : null;
     const whole = gm.el("div", { class: "chart-box" }, key, drawing);
     new ResizeObserver(([{ contentRect }]) => {
