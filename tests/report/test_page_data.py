@@ -89,3 +89,10 @@ def test_weakest_direction_is_that_of_the_largest_variance():
     assert abs(direction[0] @ turn[:, 1]) == pytest.approx(1)
     assert (largest[0], least[0]) == (pytest.approx(2), pytest.approx(0.5))
     assert np.isnan([*direction[1], largest[1], least[1]]).all()
+
+
+def test_directions_that_are_fixed_do_not_count():
+    direction, largest, least = weakest(np.stack([np.diag([4.0, 0.0, 1.0]), np.zeros((3, 3))]))
+    np.testing.assert_allclose(direction[0], [1, 0, 0])
+    assert (largest[0], least[0], largest[1]) == (2, 1, 0)
+    assert np.isnan(least[1])

@@ -142,7 +142,10 @@ def correction_rows(fit: StateFit, views: tuple[str, ...]) -> list[tuple[str, li
     sd = np.full_like(values, np.nan) if deviations is None else deviations.columns
     units = np.array([1.0, 1.0, np.rad2deg(1.0)])
     pairs = zip(views, values * units, sd * units, strict=True)
-    return [(view, [f"{v:.4f} ± {d:.4f}" for v, d in zip(value, deviation)]) for view, value, deviation in pairs]
+    return [
+        (view, [f"{number(v, 4)} ± {number(d, 4)}" for v, d in zip(value, deviation)])
+        for view, value, deviation in pairs
+    ]
 
 
 def body_rows(state: StateReport) -> list[tuple[str, str, list[str]]]:

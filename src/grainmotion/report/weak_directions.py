@@ -8,12 +8,13 @@ from grainmotion._typing import Float
 from grainmotion.report.embedding import Embedded, embed, rounded
 
 DIRECTION_SCALE = 127  # of components as int8
+FIXED = 1e-6  # standard deviation over the largest below which a direction is fixed
 
 
 def weakest(covariances: Float) -> tuple[Float, Float, Float]:
     """Directions ``(n, 3)`` of the largest standard deviation of 3 × 3 covariances, it, and the smallest one.
 
-    NaN where a covariance is not finite.
+    NaN where a covariance is not finite.  Directions in which nothing may move, as in planar samples, do not count.
     """
     n = len(covariances)
     directions, largest, smallest = np.full((n, 3), np.nan), np.full(n, np.nan), np.full(n, np.nan)
@@ -23,7 +24,9 @@ def weakest(covariances: Float) -> tuple[Float, Float, Float]:
     weak = vectors[:, :, -1]
     leading = np.take_along_axis(weak, np.abs(weak).argmax(axis=1)[:, None], axis=1)
     directions[finite] = weak * np.sign(leading)
-    largest[finite], smallest[finite] = sd[:, -1], sd[:, 0]
+    largest[finite] = sd[:, -1]
+    smallest[finite] = np.where(sd > FIXED * sd[:, -1:], sd, np.inf).min(axis=1, initial=np.inf)
+    smallest[~np.isfinite(smallest)] = np.nan
     return directions, largest, smallest
 
 

@@ -46,7 +46,7 @@
     const kinds = [["translation", "Translation", "along", "mm"], ["rotation", "Rotation", "about", "°"]];
     const sentences = await Promise.all(kinds.map(async ([part, name, word, unit]) => {
       const { direction: d, sd, least } = await app.weak(index, part);
-      if (!Number.isFinite(sd[row])) return null;
+      if (!(sd[row] > 0)) return null;
       const deviation = `${gm.significant(sd[row], 2)} ${unit}`.replace(" °", "°");
       const ratio = sd[row] / least[row];
       if (!(ratio > 1.5)) return `${name} is known about equally well in all directions: sd ${deviation}.`;

@@ -10,37 +10,54 @@
     { name: "components", title: "Components", on: true },
     { name: "deviations", title: "All standard deviations", on: false },
     { name: "place", title: "Places", on: false },
-    { name: "strain", title: "Strain", on: true },
+    { name: "strain", title: "Components of strain", on: false },
     { name: "reason", title: "Reasons", on: false },
   ];
+
+  const PADDING = 13; // of a cell, left and right together, pixels
+  let digit = 8; // width of a digit in the table's type, pixels
+
+  const measureDigit = (element) => {
+    const context = document.createElement("canvas").getContext("2d"), { fontSize, fontFamily } = getComputedStyle(element);
+    context.font = `${0.83 * parseFloat(fontSize)}px ${fontFamily}`;
+    return context.measureText("0").width;
+  };
+
+  /** Width in which the longest number of a column and its heading fit: a number that is cut off would mislead. */
+  const widthOf = (head, column, text) => {
+    let longest = head.length + 2; // and the arrow of the order
+    for (let row = 0; row < column.length; row++) longest = Math.max(longest, text(row).length);
+    return Math.ceil(PADDING + digit * longest);
+  };
 
   /** Columns: key, heads of two rows, width in pixels, the set that shows it, and how a cell is made. */
   const columnsOf = (app, tables) => {
     const { labels } = app.data.grains, columns = [
-      { key: "label", head: "Grain", group: "", width: 74, value: (row) => labels[row], text: (row) => String(labels[row]), class: "first" },
-      { key: "status", head: "Status", group: "", width: 158, value: (row) => app.data.statuses[tables.status[row]].title, cell: (row) => statusCell(app, tables.status[row]), class: "text" },
+      { key: "label", head: "Grain", group: "", width: 62, value: (row) => labels[row], text: (row) => String(labels[row]), class: "first" },
+      { key: "status", head: "Status", group: "", width: 40 + 15 * digit, value: (row) => app.data.statuses[tables.status[row]].title, cell: (row) => statusCell(app, tables.status[row]), class: "text" },
     ];
-    const add = (key, head, group, set, width = 84) => {
+    const add = (key, head, group, set) => {
       const quantity = app.quantity(key), column = tables.columns.get(key);
-      columns.push({ key, head, group, set, width, title: quantity.title, value: (row) => column[row], text: (row) => gm.quantityText(quantity, column[row], app.data.length_decimals) });
+      const text = (row) => gm.quantityText(quantity, column[row], app.data.length_decimals);
+      columns.push({ key, head, group, set, width: widthOf(head, column, text), title: quantity.title, value: (row) => column[row], text });
     };
     "xyz".split("").forEach((a, k) => columns.push({
-      key: a, head: a, group: "Centre (mm)", set: "place", width: 84, value: (row) => tables.centers[3 * row + k],
+      key: a, head: a, group: "Centre (mm)", set: "place", width: 14 + 9 * digit, value: (row) => tables.centers[3 * row + k],
       text: (row) => gm.fixed(tables.centers[3 * row + k], app.data.length_decimals),
     }));
     for (const [letter, group, head] of [["u", "Translation (mm)", "|u|"], ["w", "Rotation (°)", "|ω|"]]) {
       add(letter, head, group, null);
       for (const a of "xyz") add(letter + a, a, group, "components");
-      add(`sd_${letter}`, "sd", group, null, 74);
-      for (const a of "xyz") add(`sd_${letter}${a}`, `sd ${a}`, group, "deviations", 74);
+      add(`sd_${letter}`, "sd", group, null);
+      for (const a of "xyz") add(`sd_${letter}${a}`, `sd ${a}`, group, "deviations");
       const ok = tables.ok[letter];
-      columns.push({ key: `ok_${letter}`, head: "use", group, width: 58, value: (row) => ok[row], text: (row) => (ok[row] ? "yes" : "no"), title: "Whether it is a result to use" });
+      columns.push({ key: `ok_${letter}`, head: "use", group, width: 44, value: (row) => ok[row], text: (row) => (ok[row] ? "yes" : "no"), title: "Whether it is a result to use" });
     }
-    add("residual", "residual", "Fit", null, 88);
-    add("iterations", "iterations", "Fit", "deviations", 92);
+    add("residual", "residual", "Fit", null);
+    add("iterations", "iterations", "Fit", "deviations");
     if (app.quantity("exx")) {
-      add("volume_strain", "volume", "Strain", "strain");
-      for (const name of ["exx", "eyy", "ezz", "eyz", "exz", "exy"]) add(name, name.slice(1), "Strain", "strain", 76);
+      add("volume_strain", "volume", "Strain", null);
+      for (const name of ["exx", "eyy", "ezz", "eyz", "exz", "exy"]) add(name, name.slice(1), "Strain", "strain");
     }
     columns.push({ key: "reason", head: "Reason", group: "", set: "reason", width: 420, class: "text", value: (row) => tables.reasons[row] || NaN, text: (row) => tables.reasons[row] ?? "" });
     return columns;
@@ -77,6 +94,7 @@
     const port = el("div", { class: "grain-window card", tabindex: 0, role: "region", "aria-label": "Rows of the table", onscroll: () => fill() }, table);
     place.append(el("div", { class: "table-tools" }, search, chips), el("div", { class: "table-tools" }, sets, count, save), port);
 
+    digit = measureDigit(port);
     const visible = () => columns.filter(({ set }) => !set || shown.has(set));
 
     const drawHead = () => {
