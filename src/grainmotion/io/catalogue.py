@@ -193,11 +193,9 @@ FILES: tuple[FileKind, ...] = (
                     "stages": ("text", "fingerprint and files of each stage"),
                     "inputs": ("text", "size, time and hash of each input file")}),
     FileKind("run.log", "what each run did, with times, versions and findings", note="text"),
-    FileKind(
-        "report.html", "the report on all states",
-        note="one page that opens in any browser, also without network: findings, grains in 3-D and as a table (CSV), "
-        "radiographs, fit, settings, and the command that makes the results again",
-    ),  # fmt: skip
+    FileKind("report.html", "the report on all states",
+             note="one page that opens in any browser, also without network: findings, grains in 3-D and as a table "
+             "(CSV), radiographs, fit, settings, and the command that makes the results again"),
     FileKind("reference.vti", "volume (1/mm) and labels for ParaView", _VTK, note=_VTK_NOTE),
     FileKind("reference_grains.vtp", "grains of the reference as points for ParaView", _VTK, note=_VTK_NOTE),
     FileKind("reference_surfaces.vtp", "grains of the reference as surfaces for ParaView", _VTK, note=_VTK_NOTE),
