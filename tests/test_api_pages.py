@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 from collections import Counter
 from pathlib import Path
@@ -12,7 +13,8 @@ import grainmotion
 
 PAGES = Path(__file__).parents[1] / "docs" / "api"
 TABLE = re.compile(r"^```\{api\} (\S+)\n((?:\w+\n)+)```$", re.MULTILINE)
-MODULES = [grainmotion, grainmotion.plot, grainmotion.simulate]
+PARTS = (getattr(grainmotion, name) for name in grainmotion.__all__)
+MODULES = [grainmotion, *(part for part in PARTS if inspect.ismodule(part))]
 
 
 def listed() -> Counter[str]:
