@@ -31,8 +31,8 @@ def resolve(
     """A field links to its class; what no page describes, such as a command or a key, is code and no warning."""
     if not node.get("is_name"):
         return None
-    owner, _, field = node["reftarget"].rpartition(".")
-    if owner and field:
+    owner, _, _ = node["reftarget"].rpartition(".")
+    if owner[:1].isupper():
         domain = env.get_domain("py")
         page = str(node.get("refdoc"))
         found = domain.resolve_xref(env, page, app.builder, "class", owner, node, text)
