@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from grainmotion._typing import Float
 from grainmotion.model.finding import Finding, Level
+from grainmotion.model.geometry import Geometry
 from grainmotion.model.motions import Motions, Status
 from grainmotion.model.state_fit import StateFit
 from grainmotion.model.volume import Volume
@@ -83,8 +84,8 @@ def many_grains_report(n: int, states: int = 3, across: int | None = None, views
     reports = []
     for k in range(states):
         moved = motions(packed, (k + 1) / states, seed=k + 1)
-        measured, simulated = _radiographs(packed, moved, views, seed=k)
-        reports.append(StateReport(f"load-{k + 1:02d}", measured, simulated, moved, VOXEL_SIZE))
+        measured, simulated, geometry = _radiographs(packed, moved, views, seed=k)
+        reports.append(StateReport(f"load-{k + 1:02d}", measured, simulated, moved, VOXEL_SIZE, geometry=geometry))
     return ReportData(
         title=f"{n} stones under load",
         facts=(("Grains", str(n)), ("Voxel size", f"{VOXEL_SIZE} mm")),
@@ -140,7 +141,7 @@ def _covariances(statuses: NDArray[np.str_], radius: float, rng: np.random.Gener
     return np.asarray(out)
 
 
-def _radiographs(packed: Packing, moved: Motions, views: int, seed: int) -> tuple[Float, Float]:
+def _radiographs(packed: Packing, moved: Motions, views: int, seed: int) -> tuple[Float, Float, Geometry]:
     """Parallel views of balls at the moved places, with noise and without ``(views, rows, columns)``."""
     rng, pixel = np.random.default_rng(seed), VOXEL_SIZE * max(1, round(packed.radius / VOXEL_SIZE / 8))
     places = packed.centers + np.nan_to_num(moved.translations)
@@ -149,10 +150,16 @@ def _radiographs(packed: Packing, moved: Motions, views: int, seed: int) -> tupl
     columns = int(2 * np.hypot(places[:, 0], places[:, 1]).max() / pixel) + 4 * half
     v, u = np.mgrid[-half : half + 1, -half : half + 1]
     chord = 2 * np.sqrt(np.maximum(packed.radius**2 - (u**2 + v**2) * pixel**2, 0)) * 0.5
-    images = np.zeros((views, rows, columns))
-    for image, angle in zip(images, np.pi * np.arange(views) / views):
+    images, angles = np.zeros((views, rows, columns)), np.pi * np.arange(views) / views
+    for image, angle in zip(images, angles):
         across = places[:, 0] * np.cos(angle) + places[:, 1] * np.sin(angle)
         column = np.round(across / pixel).astype(int) + columns // 2
         row = np.round((places[:, 2] - places[:, 2].min()) / pixel).astype(int) + 2 * half
         np.add.at(image, (row[:, None, None] + v, column[:, None, None] + u), chord)
-    return images + rng.normal(0, 0.01 * images.max(), images.shape), images
+    sides, up = np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1), np.array([0.0, 0.0, 1.0])
+    beams = np.stack([-np.sin(angles), np.cos(angles), 0 * angles], axis=1)
+    lowest = places[:, 2].min() + ((rows - 1) / 2 - 2 * half) * pixel
+    middles = sides * ((columns - 1) / 2 - columns // 2) * pixel + up * lowest
+    vectors = np.hstack([beams, middles, sides * pixel, np.tile(up * pixel, (views, 1))])
+    geometry = Geometry(vectors, (rows, columns), "parallel")
+    return images + rng.normal(0, 0.01 * images.max(), images.shape), images, geometry

@@ -9,10 +9,12 @@ import numpy as np
 from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Image, Projector
 from grainmotion.model.detector_response import Response
+from grainmotion.model.geometry import Geometry
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions
 from grainmotion.model.pose import NuisanceMotion
 from grainmotion.model.scan import Scan
+from grainmotion.model.state_fit import StateFit
 from grainmotion.objective.nuisance_motions import corrected_geometry
 from grainmotion.projection.grains import simulate_radiographs
 
@@ -38,13 +40,30 @@ def residual_images(grains: GrainSet, motions: Motions, scan: Scan, *, projector
         Line integrals, dimensionless; NaN where a pixel is masked.
     """
     scan, fit, views = grains.scene.hardening.apply(scan), motions.fit, len(scan)
-    nuisance = NuisanceMotion.still(views)
-    if fit.view_corrections is not None:
-        nuisance = replace(nuisance, views=fit.view_corrections)
-    geometry = corrected_geometry(scan.geometry, nuisance)
+    geometry = fitted_geometry(scan.geometry, fit)
     simulated = simulate_radiographs(grains, motions, geometry, projector=projector)
     response = fit.response or Response(np.full((views, 1), fit.gain), np.full((views, 1), fit.offset))
     residual = scan.line_integrals - response.apply(simulated)
     if scan.valid is not None:
         residual[~scan.valid] = np.nan
     return residual
+
+
+def fitted_geometry(geometry: Geometry, fit: StateFit) -> Geometry:
+    """The views of a state with the corrections that its fit found.
+
+    Parameters
+    ----------
+    geometry : Geometry
+        As it was given to `track`.
+    fit : StateFit
+        What was fitted beside the motions.
+
+    Returns
+    -------
+    Geometry
+        Views in which the grains appear where their motions say.
+    """
+    if fit.view_corrections is None:
+        return geometry
+    return corrected_geometry(geometry, replace(NuisanceMotion.still(len(geometry)), views=fit.view_corrections))

@@ -96,7 +96,7 @@ def _choice(shape: tuple[int, ...], axis: int) -> tuple[list[int], int]:
     """Which slices across an axis are shown, and over how many voxels they are averaged."""
     count, pixels = shape[axis], math.prod(shape) // shape[axis]
     share = SLICE_PIXELS / len(SLICE_AXES)
-    number = min(count, int(np.clip(share // pixels, FEWEST_SLICES, MOST_SLICES)) // 2 * 2 + 1)
+    number = min(count, (int(np.clip(share // pixels, FEWEST_SLICES, MOST_SLICES)) - 1) // 2 * 2 + 1)
     edge = max(1, math.ceil(math.sqrt(pixels * number / share)))
     places = np.linspace(0, count, 2 * number + 1)[1::2]  # the middles of equal parts
     return sorted({int(place) for place in places}), edge

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from grainmotion import report
-from grainmotion.analysis.residual_images import residual_images
+from grainmotion.analysis.residual_images import fitted_geometry, residual_images
 from grainmotion.calibration.scanner import ScannerCalibration
 from grainmotion.experiment.config import Experiment, Export
 from grainmotion.experiment.inputs import Inputs
@@ -235,7 +235,7 @@ def _state_report(results: Results, name: str, comparison: Rows) -> StateReport:
         views=tuple(f"view {k}, {angle:.1f}°" for k, angle in enumerate(scan.geometry.azimuths_deg)),
         comparison=comparison,
         first_row="bottom" if upright else "top",
-        geometry=scan.geometry,
+        geometry=fitted_geometry(scan.geometry, results.motions[name].fit),
         time=next((table.time for table in results.experiment.tables.states if table.name == name), None),
     )
 

@@ -35,6 +35,7 @@
     images.simulated = Float32Array.from(s, (k) => values.simulated[k]);
     images.residual = Float32Array.from(residual, (k) => values.residual[k]);
     images.measured = images.simulated.map((value, k) => value + images.residual[k]);
+    images.masked = images.measured.some(Number.isNaN);
     return images;
   }
 
@@ -85,7 +86,7 @@
   gm.radiographImages = {
     KINDS, addRows, paint, hatch, scales,
 
-    /** Promise of { width, height, measured, simulated, residual } (Float32Arrays, NaN where masked), made once. */
+    /** Promise of { width, height, measured, simulated, residual (Float32Arrays, NaN where masked), masked }, made once. */
     of(view) {
       if (!decoded.has(view)) decoded.set(view, read(view));
       return decoded.get(view);

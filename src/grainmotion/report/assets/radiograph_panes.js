@@ -6,8 +6,8 @@
   const SELECTED = "#ffd000"; // seen on grey as well as on blue and red
 
   /**
-   * `shown` is what to draw, and may change between calls of `draw`: { view, painted: {kind: canvas}, outline, label,
-   * mode: "wipe" or "side", left, right } with kinds of image; `clicked` and `pointed` get points of the picture.
+   * `shown` is what to draw, and may change between calls of `draw`: { view, painted: {kind: canvas}, masked (whether
+   * some pixels are), outline, label, mode: "wipe" or "side", left, right } with kinds of image; `clicked` and `pointed` get points of the picture.
    */
   gm.radiographPanes = (shown, { clicked, pointed }) => {
     let divider = 0.5, panes = [];
@@ -103,7 +103,7 @@
       context.beginPath();
       context.rect(x, y, columns * scale, rows * scale);
       context.clip();
-      gm.radiographImages.hatch(context, ...size());
+      if (shown.masked) gm.radiographImages.hatch(context, ...size());
       context.imageSmoothingEnabled = scale * k < CRISP;
       context.imageSmoothingQuality = "high";
       context.drawImage(image, x, y, image.width * k * scale, image.height * k * scale);

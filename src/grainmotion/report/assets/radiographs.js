@@ -72,6 +72,7 @@
       images = read;
       footprints = prints;
       shown.view = view;
+      shown.masked = images.masked;
       repaint();
       outlineSelected();
       note.textContent = noteOn(view);
@@ -86,8 +87,9 @@
       const misfit = view.percent === null ? "" : `, ${gm.significant(view.percent)} % of the measured one`;
       const fit = view.rms === null ? "" : ` Residual ${gm.significant(view.rms)} (root mean square)${misfit}.`;
       const places = view.geometry ? "" : " This report does not know the views' geometry, so grains are not marked.";
+      const hatched = images.masked ? " Hatched pixels were left out of the fit." : "";
       const size = `${view.rows} × ${view.columns} pixels`;
-      return `${view.caption}: ${size}, ${gm.radiographImages.averaging(view)}, z up.${fit} Hatched pixels were left out of the fit.${places}`;
+      return `${view.caption}: ${size}, ${gm.radiographImages.averaging(view)}, z up.${fit}${hatched}${places}`;
     }
 
     function outlineSelected() {
@@ -122,7 +124,7 @@
       canvas.height = Math.max(1, Math.round((canvas.width * view.rows) / view.columns));
       const context = canvas.getContext("2d");
       context.imageSmoothingQuality = "high";
-      gm.radiographImages.hatch(context, canvas.width, canvas.height);
+      if (read.masked) gm.radiographImages.hatch(context, canvas.width, canvas.height);
       context.drawImage(image, 0, 0, canvas.width, canvas.height);
     }
 

@@ -17,26 +17,39 @@
     return { left: left - margin, top: top - margin, width: right - left + 2 * margin, height: bottom - top + 2 * margin };
   }
 
-  /** Lowest and highest value of two images in a part of the panel. */
-  function range(images, part, view) {
+  /** Blocks of an image that hold a part of the panel, and where their first pixel lies: { values, width, height, x, y }. */
+  function cut(values, images, part, binning) {
+    const clip = (at, most) => Math.min(Math.max(Math.floor(at / binning), 0), most);
+    const left = clip(part.left, images.width - 1), right = clip(part.left + part.width, images.width - 1) + 1;
+    const top = clip(part.top, images.height - 1), bottom = clip(part.top + part.height, images.height - 1) + 1;
+    const width = right - left, height = bottom - top, taken = new Float32Array(width * height);
+    for (let k = 0; k < height; k++) {
+      const start = (top + k) * images.width + left;
+      taken.set(values.subarray(start, start + width), k * width);
+    }
+    return { values: taken, width, height, x: left * binning, y: top * binning };
+  }
+
+  /** Lowest and highest value of the measured and the simulated image in a part of the panel. */
+  function range(images, part, binning) {
     let low = Infinity, high = -Infinity;
-    const k = view.binning, clip = (x, n) => Math.min(Math.max(Math.floor(x / k), 0), n);
-    for (let i = clip(part.top, images.height); i < clip(part.top + part.height + k, images.height); i++) {
-      for (let j = clip(part.left, images.width); j < clip(part.left + part.width + k, images.width); j++) {
-        const at = i * images.width + j;
-        for (const value of [images.measured[at], images.simulated[at]]) {
-          if (value < low) low = value;
-          if (value > high) high = value;
-        }
+    for (const kind of ["measured", "simulated"]) {
+      for (const value of cut(images[kind], images, part, binning).values) {
+        if (value < low) low = value;
+        if (value > high) high = value;
       }
     }
     return high > low ? [low, high] : [0, 1];
   }
 
-  function crop(picture, part, outline, view, description) {
+  function crop(kind, images, ends, { part, outline, view, label }) {
+    const taken = cut(images[kind], images, part, view.binning);
+    const { map } = gm.radiographImages.KINDS[kind];
+    const picture = gm.radiographImages.paint(taken.values, taken.width, taken.height, map, ...ends);
     const ratio = Math.min(2, window.devicePixelRatio || 1), scale = (WIDTH * ratio) / Math.max(part.width, part.height);
     const canvas = gm.el("canvas", {
-      width: Math.round(part.width * scale), height: Math.round(part.height * scale), role: "img", "aria-label": description,
+      width: Math.round(part.width * scale), height: Math.round(part.height * scale), role: "img",
+      "aria-label": `${kind} shadow of grain ${label}, ${view.caption}`,
     });
     const context = canvas.getContext("2d"), k = view.binning;
     const place = ([x, y]) => [(x + 0.5 - part.left) * scale, (y + 0.5 - part.top) * scale];
@@ -46,7 +59,8 @@
     context.clip();
     gm.radiographImages.hatch(context, canvas.width, canvas.height);
     context.imageSmoothingEnabled = false;
-    context.drawImage(picture, ...place([-0.5, -0.5]), picture.width * k * scale, picture.height * k * scale);
+    const corner = place([taken.x - 0.5, taken.y - 0.5]);
+    context.drawImage(picture, ...corner, picture.width * k * scale, picture.height * k * scale);
     context.restore();
     gm.footprints.draw(context, outline, place, SELECTED);
     return canvas;
@@ -56,14 +70,12 @@
     const part = outline.length > 2 ? around(outline, view) : null;
     const caption = gm.el("h4", {}, view.caption);
     if (!part) return gm.el("div", { class: "shadow" }, caption, gm.el("p", { class: "quiet" }, "not on the panel"));
-    const images = await gm.radiographImages.of(view), [low, high] = range(images, part, view);
+    const images = await gm.radiographImages.of(view), [low, high] = range(images, part, view.binning);
     const across = Math.min(part.width, part.height) / (1 + 2 * MARGIN) / view.binning;
     const coarse = across < COARSE && view.binning > 1;
     const cuts = KINDS.map((kind) => {
       const ends = gm.radiographImages.ends(kind, { low, high, limit });
-      const { map } = gm.radiographImages.KINDS[kind];
-      const picture = gm.radiographImages.paint(images[kind], images.width, images.height, map, ...ends);
-      return crop(picture, part, outline, view, `${kind} shadow of grain ${label}, ${view.caption}`);
+      return crop(kind, images, ends, { part, outline, view, label });
     });
     const text = coarse ? `Coarse: ${gm.radiographImages.averaging(view)}.` : null;
     return gm.el("div", { class: "shadow" }, caption, gm.el("div", { class: "cuts" }, cuts), text && gm.el("p", { class: "quiet" }, text));

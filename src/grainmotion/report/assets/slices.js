@@ -38,32 +38,46 @@
       return row ? app.data.grains.labels[row - 1] : null;
     };
 
+    const stroke = (context, ends, scale, style, thickness) => {
+      context.beginPath();
+      for (let k = 0; k < ends.length; k += 4) {
+        context.moveTo(ends[k] * scale, ends[k + 1] * scale);
+        context.lineTo(ends[k + 2] * scale, ends[k + 3] * scale);
+      }
+      context.strokeStyle = style;
+      context.lineWidth = thickness;
+      context.lineCap = "round";
+      context.stroke();
+    };
+
+    const here = () => [current * area, (current + 1) * area];
+    let drawn = null, drawnAs = ""; // the slice with its outlines, kept while only the other planes move
+
+    const slice = (size, scale, ratio, outlined) => {
+      const as = [current, ...size, outlined].join();
+      if (as === drawnAs) return drawn;
+      drawnAs = as;
+      drawn = gm.el("canvas", { width: size[0], height: size[1] });
+      const context = drawn.getContext("2d");
+      const image = gm.radiographImages.paint(grey.subarray(...here()), width, height, "grey", 0, levels - 1);
+      context.imageSmoothingEnabled = scale < 3;
+      context.drawImage(image, 0, 0, width * scale, height * scale);
+      if (outlined && rows) stroke(context, borders(rows.subarray(...here()), width, height), scale, OUTLINE, 1.6 * ratio);
+      return drawn;
+    };
+
     const draw = (cross, outlined) => {
       const ratio = window.devicePixelRatio || 1, shown = canvas.clientWidth || 300;
       const scale = (shown * ratio * record.pixel) / record.size[0]; // canvas pixels a pixel of the slice
       canvas.width = Math.round(shown * ratio);
       canvas.height = Math.round((canvas.width * record.size[1]) / record.size[0]);
-      const context = canvas.getContext("2d"), part = [current * area, (current + 1) * area];
-      const image = gm.radiographImages.paint(grey.subarray(...part), width, height, "grey", 0, levels - 1);
-      context.imageSmoothingEnabled = scale < 3;
-      context.drawImage(image, 0, 0, width * scale, height * scale);
-      const stroke = (ends, style, thickness) => {
-        context.beginPath();
-        for (let k = 0; k < ends.length; k += 4) {
-          context.moveTo(ends[k] * scale, ends[k + 1] * scale);
-          context.lineTo(ends[k + 2] * scale, ends[k + 3] * scale);
-        }
-        context.strokeStyle = style;
-        context.lineWidth = thickness * ratio;
-        context.lineCap = "round";
-        context.stroke();
-      };
+      const context = canvas.getContext("2d");
+      context.drawImage(slice([canvas.width, canvas.height], scale, ratio, outlined), 0, 0);
       const x = (cross[across] - record.left) / record.pixel, y = (record.top - cross[up]) / record.pixel;
-      stroke([x, 0, x, height, 0, y, width, y], CROSS, 1);
-      if (rows) {
-        const here = rows.subarray(...part);
-        if (outlined) stroke(borders(here, width, height), OUTLINE, 1.6);
-        if (app.grain !== null) stroke(borders(here, width, height, app.row(app.grain) + 1), SELECTED, 2.5);
+      stroke(context, [x, 0, x, height, 0, y, width, y], scale, CROSS, ratio);
+      if (rows && app.grain !== null) {
+        const ends = borders(rows.subarray(...here()), width, height, app.row(app.grain) + 1);
+        stroke(context, ends, scale, SELECTED, 2.5 * ratio);
       }
       slider.value = current;
       const place = `${axis} = ${gm.significant(positions[current])} mm`;
