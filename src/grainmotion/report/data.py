@@ -12,6 +12,7 @@ from grainmotion.errors import InputError
 from grainmotion.model.finding import Finding
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.motions import Motions
+from grainmotion.model.scene import Body
 from grainmotion.model.volume import Volume
 
 Rows = tuple[tuple[str, str], ...]
@@ -82,6 +83,7 @@ class ReportData:
     volume: Volume | None = None  # the reference volume, of which the page shows the central slices
     labels: NDArray[np.integer] | None = None  # its labels, 0 for no grain
     states: tuple[StateReport, ...] = ()  # in loading order
+    bodies: tuple[Body, ...] = ()  # beside the grains in the reference: pistons, a wall
     findings: tuple[Finding, ...] = ()  # of checks of the input and of the results
     run: RunRecord | None = None  # None where no experiment file made the results
 

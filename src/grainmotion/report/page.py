@@ -20,12 +20,14 @@ from grainmotion.report.page_data import page_data
 from grainmotion.report.page_templates import page_templates
 from grainmotion.report.states_in_detail import states_in_detail
 
-STYLES = ("theme.css", "page.css", "panel.css", "table.css", "radiographs.css", "print.css")
+STYLES = ("theme.css", "page.css", "panel.css", "table.css", "radiographs.css", "viewer.css", "print.css")
 SCRIPTS = (
     "decode.js", "dom.js", "numbers.js", "colours.js", "app.js", "chart.js", "header.js", "panel.js", "history.js",
     "attention.js", "table_rows.js", "table.js", "projection.js", "footprints.js", "radiograph_images.js",
     "pan_zoom.js", "radiograph_panes.js", "radiograph_levels.js", "radiographs.js", "shadows.js", "slices.js",
-    "fit.js", "start.js",
+    "fit.js", "vendor/three.min.js", "viewer_shapes.js", "viewer_motion.js", "viewer_scale.js", "viewer_grains.js",
+    "viewer_overlays.js", "viewer_camera.js", "viewer_panel.js", "viewer_legend.js", "viewer_canvas.js", "viewer.js",
+    "start.js",
 )  # fmt: skip
 """Files of ``assets/`` in the order in which the page holds them."""
 PACKAGES = ("grainmotion", "numpy", "scipy", "numba", "scikit-image", "matplotlib")

@@ -13,8 +13,10 @@ from grainmotion.report.fit_record import fit_record
 from grainmotion.report.grain_rows import GrainRows, grain_rows
 from grainmotion.report.quantities import quantity_records
 from grainmotion.report.radiographs import radiograph_records
+from grainmotion.report.scene_record import scene_record
 from grainmotion.report.slices import slice_records
 from grainmotion.report.statuses import status_records
+from grainmotion.report.surfaces import surface_record
 from grainmotion.report.tables import length_decimals
 from grainmotion.report.weak_directions import weak_directions
 
@@ -33,9 +35,9 @@ def page_data(data: ReportData) -> dict[str, object]:
     Returns
     -------
     dict
-        ``title``, ``voxel_size`` (mm or None), ``grains`` (labels, centres, diameters), ``surfaces``, ``statuses``,
-        ``quantities``, ``slices`` of the reference and ``states``.  Rows of every state are those of ``grains.labels``,
-        NaN where a state lacks a grain.
+        ``title``, ``voxel_size`` (mm or None), ``grains`` (labels, centres, diameters), ``surfaces``, ``scene``,
+        ``statuses``, ``quantities``, ``slices`` of the reference and ``states``.  Rows of every state are those of
+        ``grains.labels``, NaN where a state lacks a grain.
     """
     rows = grain_rows(data)
     views = radiograph_records(data.states)
@@ -49,13 +51,21 @@ def page_data(data: ReportData) -> dict[str, object]:
             "centers": embed(rows.centers),
             "diameters": None if rows.diameters is None else embed(rows.diameters),
         },
-        "surfaces": None,
+        "surfaces": _surfaces(data, rows),
+        "scene": scene_record(data),
         "statuses": status_records(),
         "quantities": quantity_records(any(state.motions.strains is not None for state in data.states)),
         "reconstruction_errors": [float(e) if np.isfinite(e) else None for e in data.reconstruction_errors],
         "slices": None if data.volume is None else slice_records(data.volume, data.labels, rows.labels),
         "states": [_state(state, rows) | {"views": views[k]} for k, state in enumerate(data.states)],
     }
+
+
+def _surfaces(data: ReportData, rows: GrainRows) -> dict[str, object] | None:
+    """Shapes of the grains; None without labels, where the page draws balls."""
+    if data.labels is None or data.volume is None:
+        return None
+    return surface_record(data.labels, data.volume, rows.labels, rows.centers)
 
 
 def _voxel_size(data: ReportData) -> float | None:

@@ -33,9 +33,9 @@ MARCHED_SHARE = 2.0
 """Triangles of marching cubes over those that are kept."""
 TRIANGLES_A_CELL = 6.6
 """Triangles that marching cubes makes of a ball of d cells, over d²: measured on balls of 8 to 30 cells."""
-SMOOTHING = 0.7
+CELL_SIGMA = 0.7
 """Width of the Gaussian filter, cells."""
-STEPS = 2047
+COORDINATE_STEPS = 2047
 """Steps of a coordinate from the grain's centre to its farthest vertex."""
 
 
@@ -65,7 +65,9 @@ class GrainMeshes:
         """Vertices relative to the centre, mm, and triangles of one grain."""
         v, t = (int(counts[:row].sum()) for counts in (self.vertex_counts, self.triangle_counts))
         vertices = self.vertices[v : v + int(self.vertex_counts[row])]
-        return vertices * float(self.scales[row]), self.triangles[t : t + int(self.triangle_counts[row])]
+        return np.asarray(vertices * float(self.scales[row]), dtype=float), self.triangles[
+            t : t + int(self.triangle_counts[row])
+        ]
 
 
 def surface_record(
@@ -108,9 +110,7 @@ def triangle_budget(count: int) -> int:
     return int(np.clip(MAX_TRIANGLES // max(1, count), *GRAIN_TRIANGLES))
 
 
-def grain_meshes(
-    labels: NDArray[np.integer], grid: Volume, grains: NDArray[np.integer], centers: Float
-) -> GrainMeshes:
+def grain_meshes(labels: NDArray[np.integer], grid: Volume, grains: NDArray[np.integer], centers: Float) -> GrainMeshes:
     """Surfaces of the grains of these labels; arguments as of `surface_record`."""
     budget = triangle_budget(len(grains))
     vertices, triangles = [np.zeros((0, 3), np.int16)], [np.zeros((0, 3), np.uint16)]
@@ -122,7 +122,7 @@ def grain_meshes(
             continue
         places, faces = _by_first_use(*marched)
         offsets = grid.origin + grid.voxel_size * (first + places) - centers[row]
-        scales[row] = max(float(np.abs(offsets).max()), 1e-12) / STEPS
+        scales[row] = max(float(np.abs(offsets).max()), 1e-12) / COORDINATE_STEPS
         vertices.append(np.round(offsets / float(scales[row])).astype(np.int16))
         triangles.append(faces.astype(np.uint16))
         counts[:, row] = len(places), len(faces)
@@ -158,7 +158,7 @@ def _surface(mask: NDArray[np.bool_], budget: int) -> tuple[Float, NDArray[np.in
     blocks = [max(1, round(n / cells)) if n > 2 else 1 for n in mask.shape]
     share = _block_means(mask, blocks)
     margin = 3
-    field = ndimage.gaussian_filter(np.pad(share, margin), SMOOTHING, truncate=3)
+    field = ndimage.gaussian_filter(np.pad(share, margin), CELL_SIGMA, truncate=3)
     inside = min(max(1, round(float(share.sum()))), field.size - 1)
     level = float(np.partition(field.ravel(), -inside)[-inside])  # as many cells above it as the grain fills
     level = min(max(level, 1e-3), 0.999 * float(field.max()))

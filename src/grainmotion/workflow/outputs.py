@@ -211,6 +211,7 @@ def write_report(results: Results, comparisons: Mapping[str, Rows] | None = None
         reconstruction_errors=reference.residuals,
         volume=reference.volume,
         labels=reference.labels,
+        bodies=() if reference.scene is None else reference.scene.bodies,
         states=tuple(_state_report(results, name, comparisons.get(name, ())) for name in results.motions),
         findings=results.findings,
         run=run_record(experiment, results.inputs, results.folder),

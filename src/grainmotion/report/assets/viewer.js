@@ -1,0 +1,213 @@
+"use strict";
+// The 3-D viewer: all grains, coloured and moved; a click chooses one.
+(() => {
+  const gm = (window.gm ??= {});
+  const { el } = gm;
+  const MOTION = ["ux", "uy", "uz", "wx", "wy", "wz"];
+  const NO_STATUS = 255;
+  const WEAK_COLOUR = [236, 112, 20]; // of weak directions: stands out from the maps and from both themes
+  const LOST = "This browser draws no 3-D graphics at present (WebGL is off, or was lost). All numbers are in the table "
+    + "below, and choosing a grain there works as ever. To see the grains here, switch hardware acceleration on in the "
+    + "browser's settings, or open the page in another browser, and load it again.";
+
+  const wide = (centers, radii) => {
+    const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
+    radii.forEach((radius, i) => {
+      for (let k = 0; k < 3; k++) {
+        if (!Number.isFinite(centers[3 * i + k])) continue;
+        low[k] = Math.min(low[k], centers[3 * i + k] - radius);
+        high[k] = Math.max(high[k], centers[3 * i + k] + radius);
+      }
+    });
+    return low[0] <= high[0] ? { low, high } : { low: [-1, -1, -1], high: [1, 1, 1] };
+  };
+
+  const cssColour = (element, name) => {
+    const text = getComputedStyle(element).getPropertyValue(name).trim();
+    return /^#[0-9a-f]{6}$/i.test(text) ? gm.colours.rgb(text) : [90, 140, 220];
+  };
+
+  /** Mount the viewer in an element; a promise that is settled once the grains are there. */
+  const mount = async (element, app) => {
+    const stage = el("div", { class: "viewer-stage" });
+    const tip = el("div", { class: "viewer-tip", hidden: true }), triad = gm.viewerCamera.triad();
+    element.replaceChildren(stage);
+    let canvas;
+    const handlers = { draw() {}, pick: () => -1, choose() {}, hover() {}, step() {} };
+    try {
+      canvas = gm.viewerCanvas.create(stage, handlers);
+    } catch {
+      element.replaceChildren(el("p", { class: "viewer-lost", role: "status" }, LOST));
+      return;
+    }
+    const lost = el("p", { class: "viewer-lost", role: "status", hidden: true }, LOST);
+    canvas.canvas.addEventListener("webglcontextlost", () => { lost.hidden = false; });
+    canvas.canvas.addEventListener("webglcontextrestored", () => { lost.hidden = true; canvas.request(); });
+    const { renderer, view } = canvas;
+    const { data } = app, labels = data.grains.labels;
+    const settings = {
+      colour: data.states.length ? "u" : "status", arrows: "none", share: 1, magnification: 1, relative: false,
+      cutAxis: "", cutPlace: 0.5, cutThickness: 1,
+    };
+    const hidden = new Set(), ranges = new Map(); // numbers of hidden statuses; [low, high] given by the user
+
+    const [centers, shapes] = await Promise.all([gm.decode(data.grains.centers), gm.viewerShapes.load(data)]);
+    const grains = gm.viewerGrains.create(shapes, centers);
+    const { low, high } = wide(centers, shapes.radii);
+    const middle = low.map((v, k) => (v + high[k]) / 2), size = Math.hypot(...high.map((v, k) => v - low[k]));
+    const overlays = gm.viewerOverlays.create(grains, data.scene, size);
+    const scene = new THREE.Scene();
+    scene.add(grains.group, overlays.group);
+    view.frame(middle, size / 2);
+
+    let values = null, colours = null, numbers = null, moved = null, range = [0, 1], hovered = -1, turn = 0;
+    const row = () => (app.grain === null ? -1 : app.row(app.grain));
+    const quantity = () => app.quantity(settings.colour);
+    const legend = gm.viewerLegend.create((own) => {
+      if (own) ranges.set(settings.colour, own);
+      else ranges.delete(settings.colour);
+      refresh("colour");
+    });
+    const told = el("p", { class: "quiet viewer-note", "aria-live": "polite" });
+
+    const loadMotion = async () => {
+      const columns = app.state < 0 ? MOTION.map(() => new Float32Array(labels.length)) :
+        await Promise.all(MOTION.map((key) => app.column(app.state, key)));
+      numbers = app.state < 0 ? new Uint8Array(labels.length).fill(NO_STATUS) : await app.status(app.state);
+      moved = gm.viewerMotion.motions(centers, columns, settings.relative);
+    };
+    const loadColours = async () => {
+      const { key, kind } = quantity(), theme = app.theme;
+      values = app.state < 0 ? new Float32Array(labels.length).fill(NaN) : await app.column(app.state, key);
+      if (kind === "categorical") {
+        colours = gm.viewerScale.statusColours(numbers, data.statuses, theme);
+        return;
+      }
+      const all = await Promise.all(data.states.map((_, index) => app.column(index, key)));
+      range = ranges.get(key) ?? gm.viewerScale.robustRange(all, kind);
+      colours = gm.viewerScale.colours(values, gm.colours.map(gm.viewerLegend.mapName(quantity())), range, theme);
+    };
+    const place = () => {
+      grains.hidden.forEach((_, i) => { grains.hidden[i] = hidden.has(numbers[i]) ? 1 : 0; });
+      grains.setPoses(moved, settings.share * settings.magnification);
+    };
+    const mark = async () => {
+      const now = row();
+      grains.mark(now, hovered);
+      const state = app.state;
+      const parts = now < 0 || state < 0 ? null : { translation: await app.weak(state, "translation"), rotation: await app.weak(state, "rotation") };
+      if (now !== row() || state !== app.state) return;
+      overlays.showWeak(now < 0 ? 0 : now, parts, WEAK_COLOUR);
+      canvas.request();
+    };
+    const cut = () => {
+      const k = "xyz".indexOf(settings.cutAxis);
+      if (!settings.cutAxis) { grains.cut(null); return; }
+      const length = high[k] - low[k], edge = low[k] + settings.cutPlace * length;
+      const far = settings.cutThickness >= 1 ? Infinity : edge + settings.cutThickness * length;
+      grains.cut([0, 1, 2].map((j) => (j === k ? 1 : 0)), edge, Math.min(far, 1e9));
+    };
+    const arrows = () => {
+      const vectors = { none: null, u: moved.shifts, w: moved.turns }[settings.arrows];
+      const shown = labels.map((_, i) => i).filter((i) => moved.known[i] && !grains.hidden[i]);
+      const factor = overlays.showArrows(vectors, shown, colours);
+      grains.uniforms.size.value = vectors ? 0.4 : 1; // grains give way to their arrows
+      return vectors ? factor : null;
+    };
+    const tell = (factor) => {
+      const sentences = [];
+      if (settings.magnification > 1) sentences.push(`Translations and rotations are magnified ${settings.magnification} times${settings.share === 1 ? "" : " at the state"}; each grain turns about its own centre.`);
+      if (settings.relative) sentences.push("Motions are relative to the sample: the rigid motion that fits all grains' centres best is taken off.");
+      if (factor !== null) sentences.push(settings.arrows === "u"
+        ? `Arrows are ${gm.significant(factor, 1)} times as long as the displacements; grains are drawn at 40 % of their size.`
+        : `Arrows are rotation vectors, ${gm.significant(factor * Math.PI / 180, 2)} mm for each degree; grains are drawn at 40 % of their size.`);
+      const unknown = moved.known.filter((known) => !known).length;
+      if (unknown && app.state >= 0) sentences.push(`${unknown} ${unknown === 1 ? "grain has" : "grains have"} no measured motion and ${unknown === 1 ? "is" : "are"} drawn moved with the sample as a whole.`);
+      const text = sentences.join(" ");
+      if (told.textContent !== text) told.textContent = text;
+    };
+
+    /** Bring what is drawn up to date after a change; each part includes those that follow from it. */
+    const refresh = async (what) => {
+      const own = ++turn;
+      if (["all", "state", "relative"].includes(what)) await loadMotion();
+      if (["all", "state", "colour"].includes(what)) await loadColours();
+      if (own !== turn) return what === "motion" ? undefined : refresh("all"); // something else changed meanwhile
+      if (what !== "cut") place();
+      cut();
+      grains.setColours(colours);
+      const factor = arrows();
+      legend.update(quantity(), range, ranges.has(settings.colour));
+      statuses.update(numbers);
+      statuses.element.hidden = app.state < 0;
+      tell(factor);
+      await mark();
+      canvas.request();
+    };
+
+    handlers.draw = () => {
+      triad.update(view.camera);
+      renderer.render(scene, view.camera);
+    };
+    handlers.pick = (x, y) => grains.pick(renderer, view.camera, x, y);
+    handlers.choose = (at) => app.setGrain(at < 0 ? null : labels[at]);
+    handlers.step = (by) => {
+      const shown = labels.map((_, i) => i).filter((i) => !grains.hidden[i]);
+      if (!shown.length) return;
+      const at = shown.indexOf(row());
+      app.setGrain(labels[shown[at < 0 ? (by > 0 ? 0 : shown.length - 1) : (at + by + shown.length) % shown.length]]);
+    };
+    handlers.hover = (at, x, y) => {
+      if (at !== hovered) {
+        hovered = at;
+        grains.mark(row(), hovered);
+        canvas.canvas.style.cursor = at < 0 ? "" : "pointer";
+        canvas.request();
+      }
+      tip.hidden = at < 0;
+      if (at < 0) return;
+      const { kind, title, unit } = quantity();
+      const text = kind === "categorical" ? data.statuses[numbers[at]]?.title ?? "no status"
+        : `${title}: ${gm.quantityText(quantity(), values[at], data.length_decimals)}${unit ? ` ${unit}` : ""}`;
+      tip.replaceChildren(el("b", {}, `Grain ${labels[at]}`), el("br"), text);
+      tip.style.left = `${Math.min(x + 14, stage.clientWidth - tip.offsetWidth - 6)}px`;
+      tip.style.top = `${y > 70 ? y - tip.offsetHeight - 10 : y + 18}px`;
+    };
+    const save = () => {
+      handlers.draw();
+      const picture = el("canvas", {}), { width, height } = canvas.canvas;
+      Object.assign(picture, { width, height });
+      const context = picture.getContext("2d"), style = getComputedStyle(element);
+      context.fillStyle = style.getPropertyValue("--panel");
+      context.fillRect(0, 0, width, height);
+      context.drawImage(canvas.canvas, 0, 0);
+      gm.viewerLegend.paint(context, height, quantity(), range, style.getPropertyValue("--ink"));
+      picture.toBlob((blob) => {
+        const link = el("a", { href: URL.createObjectURL(blob), download: `grains-${data.states[app.state]?.name ?? "reference"}-${settings.colour}.png` });
+        link.click();
+        setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
+      }, "image/png");
+    };
+
+    const statuses = gm.viewerPanel.statusButtons(data.statuses, hidden, () => refresh("motion"));
+    const panel = gm.viewerPanel.create(app, settings, refresh, { view: view.view, save });
+    const theme = () => {
+      const [accent, line] = ["--accent", "--quiet"].map((name) => cssColour(element, name));
+      grains.uniforms.accent.value.set(...accent.map((c) => (c / 255) ** 2.2));
+      overlays.setTheme(...[line, accent].map((colour) => new THREE.Color(...colour.map((c) => (c / 255) ** 2.2))));
+    };
+    stage.append(triad.element, legend.element, tip, lost);
+    element.replaceChildren(panel.top, stage, panel.bottom, statuses.element, told);
+    theme();
+    app.on("state", () => refresh("state"));
+    app.on("grain", mark);
+    app.on("theme", () => { theme(); refresh("colour"); });
+    await refresh("all");
+    view.resize(stage.clientWidth, stage.clientHeight);
+    view.view("default");
+    gm.viewer.shown = { grains, view, canvas, settings, scene }; // for tests and measurements
+    element.dataset.drawn = "yes";
+  };
+
+  gm.viewer = { mount };
+})();

@@ -1,0 +1,26 @@
+"""What is outlined beside the grains in 3-D: the field of view and the bodies of the reference."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from grainmotion._typing import Float
+from grainmotion.model.volume import Volume
+from grainmotion.report.data import ReportData
+
+
+def scene_record(data: ReportData) -> dict[str, object]:
+    """For the page: ``box``, lowest and highest corner of the reference volume (mm, x y z) or None, and ``bodies``."""
+    bodies = [
+        {"name": body.name, "kind": body.kind, **dict(zip(("low", "high"), _corners(body.volume), strict=True))}
+        for body in data.bodies
+        if body.kind != "rest"
+    ]
+    return {"box": None if data.volume is None else list(_corners(data.volume)), "bodies": bodies}
+
+
+def _corners(volume: Volume) -> tuple[list[float], list[float]]:
+    """Lowest and highest corner of a volume, at the faces of its outer voxels, mm, x y z."""
+    half: Float = np.array(volume.shape[::-1]) * volume.voxel_size / 2
+    low, high = np.asarray(volume.center) - half, np.asarray(volume.center) + half
+    return [round(float(v), 6) for v in low], [round(float(v), 6) for v in high]
