@@ -12,17 +12,21 @@
   /** The legend: { element, update(quantity, range, isOwn) }; `changed(range)` gets [low, high], or null for automatic. */
   const create = (changed) => {
     const title = el("div", { class: "viewer-legend-title" }), bar = el("div", { class: "viewer-legend-bar" });
-    const field = (label) => el("input", { type: "text", inputmode: "decimal", "aria-label": label, onchange: () => edited() });
+    const field = (label) => el("input", { type: "text", inputmode: "decimal", "aria-label": label, onchange: (event) => edited(event.target) });
     const low = field("Lowest value of the colours"), high = field("Highest value of the colours");
     const automatic = el("button", { type: "button", class: "link", onclick: () => changed(null) }, "automatic range");
     const note = el("div", { class: "quiet" });
     const element = el("div", { class: "viewer-legend" }, title, bar, el("div", { class: "viewer-legend-ends" }, low, high), automatic, note);
     let shown = [0, 1];
-    const edited = () => {
-      const range = [low, high].map((input) => Number(input.value.replaceAll("−", "-").replace(",", ".")));
-      const valid = range.every(Number.isFinite) && range[0] < range[1];
-      if (valid) changed(range);
-      else [low.value, high.value] = shown.map(editable);
+    const edited = (input) => {
+      const range = [low, high].map(({ value }) => (value.trim() ? Number(value.replaceAll("−", "-").replace(",", ".")) : NaN));
+      if (!range.every(Number.isFinite)) {
+        [low.value, high.value] = shown.map(editable);
+        return;
+      }
+      const width = shown[1] - shown[0]; // the other end gives way to the one that was edited
+      if (range[0] >= range[1]) range[input === low ? 1 : 0] = input === low ? range[0] + width : range[1] - width;
+      changed(range);
     };
     const update = (quantity, range, isOwn) => {
       const name = mapName(quantity);
