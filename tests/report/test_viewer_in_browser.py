@@ -247,7 +247,11 @@ class TestOtherPages:
         context = chromium.new_context()
         try:
             page = context.new_page()
-            page.add_init_script("HTMLCanvasElement.prototype.getContext = () => null")
+            page.add_init_script(
+                "const given = HTMLCanvasElement.prototype.getContext;"
+                "HTMLCanvasElement.prototype.getContext = function (kind, ...rest) {"
+                "  return kind.startsWith('webgl') ? null : given.call(this, kind, ...rest); };"
+            )
             page.goto(path.as_uri())
             expect(page.locator("#viewer .viewer-lost")).to_contain_text("no 3-D graphics")
             page.evaluate("gm.app.setGrain(7)")
