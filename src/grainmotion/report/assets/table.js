@@ -4,7 +4,7 @@
   const gm = (window.gm ??= {});
   const { el } = gm;
   const ROW = 32; // pixels, as in table.css
-  const AHEAD = 12; // rows beyond those in sight
+  const AHEAD = 20; // rows beyond those in sight
   const PRINTED = 500; // rows on paper
   const SETS = [
     { name: "components", title: "Components", on: true },
@@ -133,11 +133,12 @@
         visible().map((column) => el("td", { class: column.class, title: column.key === "reason" ? column.text(row) : null }, column.cell ? column.cell(row) : column.text(row))));
     };
 
-    let drawn = [-1, -1];
+    let drawn = [0, -1];
+    /** Draw the rows in sight and some beyond, where those in sight are not all there yet. */
     const fill = (anew = false) => {
-      const first = whole ? 0 : Math.max(0, Math.floor(port.scrollTop / ROW) - AHEAD);
-      const last = whole ? Math.min(rows.length, PRINTED) : Math.min(rows.length, Math.ceil((port.scrollTop + port.clientHeight) / ROW) + AHEAD);
-      if (!anew && first === drawn[0] && last === drawn[1]) return;
+      const top = Math.floor(port.scrollTop / ROW), bottom = Math.min(rows.length, Math.ceil((port.scrollTop + port.clientHeight) / ROW));
+      if (!anew && top >= drawn[0] && bottom <= drawn[1]) return;
+      const first = whole ? 0 : Math.max(0, top - AHEAD), last = Math.min(rows.length, whole ? PRINTED : bottom + AHEAD);
       drawn = [first, last];
       const space = (height) => (height > 0 ? el("tr", { class: "space", "aria-hidden": "true" }, el("td", { colspan: visible().length, style: `height: ${height}px` })) : null);
       const list = rows.slice(first, last).map((row, k) => rowElement(row, first + k));
