@@ -24,8 +24,8 @@ def parallel(panel=None):
 UPRIGHT_PANELS = {
     "cone": cone(),
     "parallel": parallel(),
-    "panel beside the axis": cone(DetectorAlignment(offset=(0.9, -0.6), axis_offset=0.13)),
-    "panel rotated about z": cone(DetectorAlignment(tilts_deg=(0, 0, 9))),
+    "panel beside the axis": cone(DetectorAlignment(detector_offset=(0.9, -0.6), axis_offset=0.13)),
+    "panel rotated about z": cone(DetectorAlignment(detector_tilts_deg=(0, 0, 9))),
     "first row on top": cone(DetectorAlignment(first_row="top")),
 }
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import inspect
 import os
+import warnings
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import ParamSpec, TypeVar
@@ -47,6 +48,26 @@ MAKE: Mapping[str, str] = MappingProxyType({
 
 PLAIN = (np.ndarray, list, tuple, dict, str, os.PathLike, int, float)
 """What users give in place of a record."""
+
+
+def renamed_arguments(**names: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Let a function take arguments under their former names too, ``former="present"``, with a `DeprecationWarning`."""
+
+    def decorate(function: Callable[P, R]) -> Callable[P, R]:
+        @functools.wraps(function)
+        def renamed(*args: P.args, **kwargs: P.kwargs) -> R:
+            for former in set(names) & set(kwargs):
+                present, where = names[former], function.__qualname__.removesuffix(".__init__")
+                if present in kwargs:
+                    fact = f"got {present} and its former name {former}"
+                    raise InputError(f"{where}({former})", fact, f"give {present} alone")
+                warnings.warn(f"{former} of {where} is now {present}", DeprecationWarning, stacklevel=2)
+                kwargs[present] = kwargs.pop(former)
+            return function(*args, **kwargs)
+
+        return renamed
+
+    return decorate
 
 
 ARRAY_TYPES = ("NDArray", "Image", "ArrayLike")

@@ -40,7 +40,7 @@ GEOMETRIES = {
     "cone": Geometry.cone(np.arange(0, 360, 20), (50, 40), 0.2, source_to_axis=8, source_to_detector=16),
     "tilted": Geometry.cone(
         np.arange(0, 360, 20), (50, 40), 0.2, source_to_axis=8, source_to_detector=16,
-        panel=DetectorAlignment(tilts_deg=(3.0, 2.0, 4.0), offset=(0.3, -0.5)),
+        panel=DetectorAlignment(detector_tilts_deg=(3.0, 2.0, 4.0), detector_offset=(0.3, -0.5)),
     ),
     "parallel, upside down": Geometry.parallel(
         np.arange(0, 180, 10), (50, 40), 0.1, panel=DetectorAlignment(first_row="top")
@@ -129,7 +129,7 @@ def test_same_bits_with_every_geometry(tmp_path, store, monkeypatch, geometry, m
 def test_same_bits_with_a_coarse_start_in_pieces(tmp_path, store, monkeypatch):
     """A distant tilted detector with an odd number of pixels."""
     monkeypatch.setattr(slabs, "SLAB_PLANES", 20)
-    panel = DetectorAlignment(tilts_deg=(1.0, 0.5, 0.5), offset=(0.3, -0.5))
+    panel = DetectorAlignment(detector_tilts_deg=(1.0, 0.5, 0.5), detector_offset=(0.3, -0.5))
     far = {"source_to_axis": 600, "source_to_detector": 1200, "panel": panel}
     geometry = Geometry.cone(np.arange(0, 360, 10), (165, 61), 0.2, **far)
     np.save(tmp_path / "scan.npy", np.random.default_rng(0).random((36, 165, 61), np.float32))

@@ -10,7 +10,7 @@ from grainmotion.errors import InputError
 from grainmotion.model.detector_alignment import DetectorAlignment
 from grainmotion.model.geometry import Geometry
 
-PANEL = DetectorAlignment(offset=(0.3, -0.2), axis_offset=0.1)
+PANEL = DetectorAlignment(detector_offset=(0.3, -0.2), axis_offset=0.1)
 
 
 def cone(angles: np.ndarray, panel: DetectorAlignment = PANEL) -> Geometry:

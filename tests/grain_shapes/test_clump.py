@@ -17,7 +17,7 @@ def oval():
 
 def test_spheres_inside_fill_more_and_more(oval):
     solid, surface = oval
-    found = [clump(surface, H, spheres=k, fit="inside") for k in (1, 4, 16, 64)]
+    found = [clump(surface, H, spheres=k, clump_fit="inside") for k in (1, 4, 16, 64)]
     errors = [c.volume_error for c in found]
     assert errors == sorted(errors)
     assert errors[0] < -0.3
@@ -29,7 +29,7 @@ def test_spheres_inside_fill_more_and_more(oval):
 
 
 def test_the_told_empty_share_ends_the_choice(oval):
-    found = clump(oval[1], H, spheres=500, max_volume_error=0.15, fit="inside")
+    found = clump(oval[1], H, spheres=500, max_volume_error=0.15, clump_fit="inside")
     assert -0.18 < found.volume_error < -0.12
     assert len(found) < 30
 

@@ -12,7 +12,9 @@ from grainmotion.model.geometry import Geometry
 
 @pytest.fixture
 def geometry():
-    panel = DetectorAlignment(offset=(0.3, -0.2), tilts_deg=(1.0, 2.0, 3.0), axis_offset=0.1, axis_tilt_deg=(0.5, 0.0))
+    panel = DetectorAlignment(
+        detector_offset=(0.3, -0.2), detector_tilts_deg=(1.0, 2.0, 3.0), axis_offset=0.1, axis_tilt_deg=(0.5, 0.0)
+    )
     angles = [0.0, 33.3, 121.7]
     return Geometry.cone(angles, (20, 30), 0.127, source_to_axis=100, source_to_detector=400, panel=panel)
 

@@ -33,8 +33,8 @@ def test_rays_are_those_of_the_vectors(flipped, quarter_turns):
     setup, frame = setup_of(3, flipped=flipped, quarter_turns=quarter_turns)
     numbers, mirrored = circle_numbers("a.file", setup)
     panel = DetectorAlignment(
-        offset=numbers["detector_offset"],
-        tilts_deg=numbers["detector_tilts_deg"],
+        detector_offset=numbers["detector_offset"],
+        detector_tilts_deg=numbers["detector_tilts_deg"],
         axis_offset=numbers["axis_offset"],
         first_row=numbers["first_row"],
     )

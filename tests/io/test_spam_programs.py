@@ -240,7 +240,7 @@ class TestDdic:
         scan = Scan(simulate_radiographs(grains, motions, views), views)
         start = read_ddic_tsv(correlated / "first-ddic.tsv", GRID, labels)
         settings = TrackSettings(search=False, fields=False)
-        found = track(grains, scan, start=start, settings=settings)
+        found = track(grains, scan, initial=start, settings=settings)
         errors = np.abs(found.translations - motions.translations) / GRID.voxel_size
         assert errors.max() < 0.02
         assert np.rad2deg(np.abs(found.rotations - motions.rotations)).max() < 0.2

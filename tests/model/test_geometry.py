@@ -79,11 +79,13 @@ class TestDetectorAlignment:
 
     @pytest.mark.parametrize("beam", BEAMS)
     def test_offset_moves_features_to_lower_columns_and_rows(self, beam):
-        moved = projected(circular(beam, panel=DetectorAlignment(offset=(1.5, -2.0))), [0, 0, 0]) - MIDDLE
+        moved = projected(circular(beam, panel=DetectorAlignment(detector_offset=(1.5, -2.0))), [0, 0, 0]) - MIDDLE
         np.testing.assert_allclose(moved, [2.0 / PIXEL, -1.5 / PIXEL], atol=1e-12)
 
     def test_offset_follows_the_rows_when_they_run_down(self):
-        moved = projected(circular(panel=DetectorAlignment(offset=(0, 2.0), first_row="top")), [0, 0, 0]) - MIDDLE
+        moved = (
+            projected(circular(panel=DetectorAlignment(detector_offset=(0, 2.0), first_row="top")), [0, 0, 0]) - MIDDLE
+        )
         np.testing.assert_allclose(moved, [-2.0 / PIXEL, 0], atol=1e-12)
 
     @pytest.mark.parametrize("beam", BEAMS)
@@ -95,7 +97,7 @@ class TestDetectorAlignment:
 
     def test_pitch_brings_the_upper_edge_nearer_to_the_source(self):
         """A positive rotation about x tips z towards −y: features above the centre approach it."""
-        geometry = circular(panel=DetectorAlignment(tilts_deg=(10.0, 0, 0)))
+        geometry = circular(panel=DetectorAlignment(detector_tilts_deg=(10.0, 0, 0)))
         upper, lower = geometry.pixel_positions(0)[[-1, 0], 30]
         assert upper[1] < lower[1]  # row 39 is the upper one; it is nearer to the source
         above, below = projected(geometry, [0, 0, 2]) - MIDDLE, MIDDLE - projected(geometry, [0, 0, -2])
@@ -103,14 +105,14 @@ class TestDetectorAlignment:
 
     def test_in_plane_rotation(self):
         """A positive rotation about the beam (+y) moves +x to −z: features to the right appear higher."""
-        geometry = circular(panel=DetectorAlignment(tilts_deg=(0, 5.0, 0)))
+        geometry = circular(panel=DetectorAlignment(detector_tilts_deg=(0, 5.0, 0)))
         assert geometry.vectors[0, 8] < 0
         right = projected(geometry, [2, 0, 0]) - MIDDLE
         angle = np.deg2rad(5)
         np.testing.assert_allclose(right, 2 * MAGNIFICATION / PIXEL * np.array([np.sin(angle), np.cos(angle)]))
 
     def test_yaw_takes_the_right_columns_away_from_the_source(self):
-        geometry = circular(panel=DetectorAlignment(tilts_deg=(0, 0, 10.0)))
+        geometry = circular(panel=DetectorAlignment(detector_tilts_deg=(0, 0, 10.0)))
         left, right = geometry.pixel_positions(0)[20, [0, -1]]
         assert right[1] > left[1]
         to_the_right, to_the_left = projected(geometry, [2, 0, 0]) - MIDDLE, MIDDLE - projected(geometry, [-2, 0, 0])
@@ -148,7 +150,11 @@ class TestMisalignedByHand:
     """All misalignments at once, against a ray–plane intersection in the laboratory frame."""
 
     PANEL = DetectorAlignment(
-        offset=(1.3, -0.8), tilts_deg=(2.0, -3.0, 5.0), axis_offset=0.6, axis_tilt_deg=(1.5, -2.5), first_row="top"
+        detector_offset=(1.3, -0.8),
+        detector_tilts_deg=(2.0, -3.0, 5.0),
+        axis_offset=0.6,
+        axis_tilt_deg=(1.5, -2.5),
+        first_row="top",
     )
 
     @staticmethod
@@ -376,14 +382,16 @@ class TestRefused:
         with pytest.raises(InputError):
             circular(beam, [])
 
-    @pytest.mark.parametrize("field", [{"offset": (np.nan, 0)}, {"axis_offset": np.inf}, {"tilts_deg": (0, np.nan, 0)}])
+    @pytest.mark.parametrize(
+        "field", [{"detector_offset": (np.nan, 0)}, {"axis_offset": np.inf}, {"detector_tilts_deg": (0, np.nan, 0)}]
+    )
     def test_alignment_with_nan(self, field):
         with pytest.raises(InputError, match="NaN"):
             circular(panel=DetectorAlignment(**field))
 
     def test_panel_parallel_to_the_rays(self):
         with pytest.raises(InputError, match="the rays run inside the panel's plane"):
-            circular(panel=DetectorAlignment(tilts_deg=(0, 0, 90.0)))
+            circular(panel=DetectorAlignment(detector_tilts_deg=(0, 0, 90.0)))
 
 
 class TestWindowAndBinning:
@@ -392,14 +400,16 @@ class TestWindowAndBinning:
     @pytest.mark.parametrize("beam", BEAMS)
     @pytest.mark.parametrize(("first", "shape"), [((3, 5), (10, 11)), ((-4, -7), (51, 80))], ids=["cut", "widened"])
     def test_pixels_of_a_window_are_counted_from_its_first(self, beam, first, shape):
-        whole = circular(beam, [10.0, 80.0], panel=DetectorAlignment(offset=(0.4, -0.2), tilts_deg=(1.0, 2.0, 3.0)))
+        whole = circular(
+            beam, [10.0, 80.0], panel=DetectorAlignment(detector_offset=(0.4, -0.2), detector_tilts_deg=(1.0, 2.0, 3.0))
+        )
         part = whole.window(first, shape)
         assert part.shape == shape
         np.testing.assert_allclose(part.project_points(self.POINTS), whole.project_points(self.POINTS) - first)
 
     @pytest.mark.parametrize("beam", BEAMS)
     def test_a_binned_pixel_is_at_the_mean_of_its_pixels(self, beam):
-        whole = circular(beam, [10.0, 80.0], panel=DetectorAlignment(offset=(0.4, -0.2)))
+        whole = circular(beam, [10.0, 80.0], panel=DetectorAlignment(detector_offset=(0.4, -0.2)))
         binned = whole.binned(4)
         assert binned.shape == (10, 15)
         np.testing.assert_allclose(binned.project_points(self.POINTS), (whole.project_points(self.POINTS) - 1.5) / 4)

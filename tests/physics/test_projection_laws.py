@@ -25,7 +25,11 @@ from scenes import one_body
 
 PANEL = (13, 16)
 TILTED = DetectorAlignment(
-    offset=(0.2, -0.1), tilts_deg=(8, -5, 11), axis_offset=0.15, axis_tilt_deg=(4, -3), first_row="top"
+    detector_offset=(0.2, -0.1),
+    detector_tilts_deg=(8, -5, 11),
+    axis_offset=0.15,
+    axis_tilt_deg=(4, -3),
+    first_row="top",
 )
 PROJECTORS = ("trilinear", "exact")
 

@@ -30,8 +30,8 @@ class TestProjectorChoice:
     @pytest.mark.parametrize(
         "panel",
         [
-            DetectorAlignment(tilts_deg=(0.1, 0, 0)),
-            DetectorAlignment(tilts_deg=(0, 0.1, 0)),
+            DetectorAlignment(detector_tilts_deg=(0.1, 0, 0)),
+            DetectorAlignment(detector_tilts_deg=(0, 0.1, 0)),
             DetectorAlignment(axis_tilt_deg=(0.1, 0)),
         ],
     )
@@ -52,7 +52,7 @@ class TestProjectorChoice:
         assert not VolumeOperator(near, volume()).upright
 
     def test_unpadding_inverts_padding(self):
-        for geometry in (cone(), cone(DetectorAlignment(tilts_deg=(1, 0, 0)))):
+        for geometry in (cone(), cone(DetectorAlignment(detector_tilts_deg=(1, 0, 0)))):
             operator = VolumeOperator(geometry, volume())
             padded = operator.padded(operator.grid.array)
             assert padded.shape == operator.empty().shape

@@ -22,7 +22,7 @@ GEOMETRIES = {
     "cone": Geometry.cone(ANGLES, (84, 40), 0.2, source_to_axis=60, source_to_detector=120),
     "tilted": Geometry.cone(
         ANGLES, (85, 41), 0.2, source_to_axis=60, source_to_detector=120,
-        panel=DetectorAlignment(tilts_deg=(1.0, 0.5, 0.5), offset=(0.3, -0.5)),
+        panel=DetectorAlignment(detector_tilts_deg=(1.0, 0.5, 0.5), detector_offset=(0.3, -0.5)),
     ),
     "parallel, upside down": Geometry.parallel(ANGLES, (85, 40), 0.1, panel=DetectorAlignment(first_row="top")),
 }  # fmt: skip

@@ -29,7 +29,9 @@ def views(beam, count=40):
     angles = np.arange(count) * 360 / count
     if beam == "parallel":
         return Geometry.parallel(angles / 2, PANEL, VOXEL)
-    panel = DetectorAlignment(offset=(0.3, -0.2), tilts_deg=(2, -1, 3), axis_offset=0.1, axis_tilt_deg=(1, 0.5))
+    panel = DetectorAlignment(
+        detector_offset=(0.3, -0.2), detector_tilts_deg=(2, -1, 3), axis_offset=0.1, axis_tilt_deg=(1, 0.5)
+    )
     return Geometry.cone(angles, PANEL, 4 * VOXEL, source_to_axis=40, source_to_detector=160, panel=panel)
 
 

@@ -17,7 +17,7 @@ from grainmotion.rotations import rotation_matrix
 
 VOXEL = 0.1  # mm
 PANEL = (56, 70)
-TILTED = DetectorAlignment(offset=(0.3, -0.2), tilts_deg=(1.0, 2.0, -3.0))
+TILTED = DetectorAlignment(detector_offset=(0.3, -0.2), detector_tilts_deg=(1.0, 2.0, -3.0))
 LABELS = (3, 5, 9)
 
 

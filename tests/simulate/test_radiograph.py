@@ -21,7 +21,7 @@ from grainmotion.simulate import (
     transmission,
 )
 
-PANEL = DetectorAlignment(offset=(1.0, -2.0), tilts_deg=(3, -2, 4), axis_offset=0.4, first_row="top")
+PANEL = DetectorAlignment(detector_offset=(1.0, -2.0), detector_tilts_deg=(3, -2, 4), axis_offset=0.4, first_row="top")
 CONE = Geometry.cone([0, 33, 200], (72, 64), 0.5, source_to_axis=60, source_to_detector=200, panel=PANEL)
 PARALLEL = Geometry.parallel([0, 33, 200], (72, 64), 0.15, panel=PANEL)
 BEAMS = pytest.mark.parametrize("geometry", [CONE, PARALLEL], ids=["cone", "parallel"])
@@ -92,7 +92,7 @@ def test_axis_aligned_box_edge_on_loses_no_ray():
 
 @pytest.mark.parametrize("angle", [0.0, 21.0, 90.0, 233.0])
 def test_mass_is_conserved_in_every_parallel_view(angle):
-    geometry = Geometry.parallel([angle], (100, 100), 0.1, panel=DetectorAlignment(tilts_deg=(0, 0, 25)))
+    geometry = Geometry.parallel([angle], (100, 100), 0.1, panel=DetectorAlignment(detector_tilts_deg=(0, 0, 25)))
     s, u, v = (geometry.vectors[0, i : i + 3] for i in (0, 6, 9))
     pixel_area = abs(s @ np.cross(u, v))  # of a pixel, across the beam
     for particle in (

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from grainmotion._arguments import checked_arguments
+from grainmotion._arguments import checked_arguments, renamed_arguments
 from grainmotion.diagnosis.coarse_likeness import Fit, Likeness
 from grainmotion.diagnosis.hypotheses import HYPOTHESES, OR_WRITE, stage_angles_deg
 from grainmotion.diagnosis.state_hypotheses import (
@@ -79,11 +79,12 @@ class Trial:
     fit: Fit
 
 
+@renamed_arguments(start="initial")
 @checked_arguments
 def check_state(
     grains: GrainSet,
     scan: Scan,
-    start: Motions | None = None,
+    initial: Motions | None = None,
     *,
     where: str = "scan",
     names: Sequence[str] = (),
@@ -100,7 +101,7 @@ def check_state(
         The grains of the reference state.
     scan : Scan
         Radiographs of the later state, as for `track`.
-    start : Motions, optional
+    initial : Motions, optional
         Motions from which tracking starts; none is no motion.
     where : str
         What the findings are about, such as the key of the state.
@@ -113,7 +114,7 @@ def check_state(
         Empty if the state fits.  A finding of level "error" means that tracking would fail.
     """
     words, count = ViewNames(where, tuple(names)), len(scan)
-    likeness = Likeness.of(grains, starting_pose(grains, start), scan)
+    likeness = Likeness.of(grains, starting_pose(grains, initial), scan)
     blank = blank_views(likeness, scan)
     findings = words.blank([int(k) for k in np.flatnonzero(blank)], count)
     kept = [int(k) for k in np.flatnonzero(~blank)]

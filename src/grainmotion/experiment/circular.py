@@ -19,8 +19,8 @@ def circular_geometry(table: Circular, beam: Beam, shape: tuple[int, int], angle
     if unknown or table.pixel_size is None or table.first_row is None:
         raise together([InputError(f"geometry.{name}", "it is missing", NEEDED[name]) for name in unknown])
     panel = DetectorAlignment(
-        offset=table.detector_offset,
-        tilts_deg=table.detector_tilts_deg,
+        detector_offset=table.detector_offset,
+        detector_tilts_deg=table.detector_tilts_deg,
         axis_offset=table.axis_offset,
         axis_tilt_deg=table.axis_tilt_deg,
         first_row=table.first_row,

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.spatial import cKDTree
 
-from grainmotion._arguments import checked_arguments
+from grainmotion._arguments import checked_arguments, renamed_arguments
 from grainmotion._typing import Float
 from grainmotion.errors import InputError
 from grainmotion.grain_shapes.level_set import LONGEST_EDGE, LevelSet, level_set
@@ -82,9 +82,15 @@ class Clump(Summarised):
         return float(self.grain.volume / (4 / 3 * np.pi * (self.radii**3).sum()))
 
 
+@renamed_arguments(fit="clump_fit")
 @checked_arguments
 def clump(
-    surface: Surface, spacing: float, *, spheres: int = 20, max_volume_error: float = 0.0, fit: ClumpFit = "volume"
+    surface: Surface,
+    spacing: float,
+    *,
+    spheres: int = 20,
+    max_volume_error: float = 0.0,
+    clump_fit: ClumpFit = "volume",
 ) -> Clump:
     """Fill a grain with overlapping spheres.
 
@@ -98,7 +104,7 @@ def clump(
         Largest number of spheres.
     max_volume_error : float
         Stop earlier where the empty share of the volume is less than this.
-    fit : {"inside", "volume"}
+    clump_fit : {"inside", "volume"}
         Spheres that touch the surface from inside, or all radii enlarged by the same length until the union has the
         volume of the grain.
 
@@ -116,9 +122,9 @@ def clump(
         raise InputError("clump.spheres", f"must be at least 1, got {spheres}", "give 5 to 100")
     if not 0 <= max_volume_error < 1:
         raise InputError("clump.max_volume_error", f"must be 0 to 1, got {max_volume_error}", "give 0.05, say")
-    if fit not in get_args(ClumpFit):
-        raise InputError("clump.fit", f"unknown fit '{fit}'", "give 'inside' or 'volume'")
-    return clump_of(surface, level_set(surface, spacing, margin=2), spheres, max_volume_error, fit)
+    if clump_fit not in get_args(ClumpFit):
+        raise InputError("clump.clump_fit", f"unknown fit '{clump_fit}'", "give 'inside' or 'volume'")
+    return clump_of(surface, level_set(surface, spacing, margin=2), spheres, max_volume_error, clump_fit)
 
 
 def clump_of(surface: Surface, field: LevelSet, spheres: int, max_volume_error: float, fit: ClumpFit) -> Clump:

@@ -25,11 +25,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from typing_extensions import Unpack
 
 from grainmotion._typing import Beam, Float
 from grainmotion.errors import InputError
 from grainmotion.model.astra_geometry import ASTRA_TYPES, AstraGeometry, astra_geometry, views_of_astra
-from grainmotion.model.detector_alignment import DetectorAlignment, circular_views
+from grainmotion.model.detector_alignment import AlignmentKeys, DetectorAlignment, circular_views, panel_of
 from grainmotion.model.geometry_summary import views_summary
 from grainmotion.model.panel_projection import project_onto_panels
 from grainmotion.model.summary import Summarised, Summary
@@ -84,6 +85,7 @@ class Geometry(Summarised):
         source_to_axis: float,
         source_to_detector: float,
         panel: DetectorAlignment | None = None,
+        **alignment: Unpack[AlignmentKeys],
     ) -> Geometry:
         """A circular cone-beam scan.
 
@@ -99,6 +101,10 @@ class Geometry(Summarised):
             Distances from the source to the rotation axis and to the panel, mm.
         panel : DetectorAlignment, optional
             Departures from a perfect set-up.
+        **alignment : float or str
+            Or these departures by themselves, as keys of the experiment file: ``first_row`` ("bottom" or "top", where
+            row 0 lies), ``detector_offset``, ``detector_tilts_deg``, ``axis_offset``, ``axis_tilt_deg``; their meaning
+            is that of the fields of `DetectorAlignment`.
 
         Returns
         -------
@@ -108,8 +114,9 @@ class Geometry(Summarised):
         Raises
         ------
         InputError
-            If the axis does not lie between source and detector, or a number is not finite.
+            If the axis does not lie between source and detector, a number is not finite, or a keyword is unknown.
         """
+        panel = panel_of("Geometry.cone", panel, alignment)
         if not 0 < source_to_axis < source_to_detector:
             raise InputError(
                 "geometry.source_to_axis",
@@ -122,7 +129,13 @@ class Geometry(Summarised):
 
     @classmethod
     def parallel(
-        cls, angles_deg: ArrayLike, shape: tuple[int, int], pixel_size: float, *, panel: DetectorAlignment | None = None
+        cls,
+        angles_deg: ArrayLike,
+        shape: tuple[int, int],
+        pixel_size: float,
+        *,
+        panel: DetectorAlignment | None = None,
+        **alignment: Unpack[AlignmentKeys],
     ) -> Geometry:
         """A circular parallel-beam scan; the panel's centre lies on the axis, as its distance does not matter.
 
@@ -136,12 +149,22 @@ class Geometry(Summarised):
             Edge of a pixel, mm.
         panel : DetectorAlignment, optional
             Departures from a perfect set-up.
+        **alignment : float or str
+            Or these departures by themselves, as keys of the experiment file: ``first_row`` ("bottom" or "top", where
+            row 0 lies), ``detector_offset``, ``detector_tilts_deg``, ``axis_offset``, ``axis_tilt_deg``; their meaning
+            is that of the fields of `DetectorAlignment`.
 
         Returns
         -------
         Geometry
             One view an angle.
+
+        Raises
+        ------
+        InputError
+            If a number is not finite, or a keyword is unknown.
         """
+        panel = panel_of("Geometry.parallel", panel, alignment)
         start = np.array([0.0, 1.0, 0.0])
         return cls(circular_views(start, np.zeros(3), angles_deg, pixel_size, panel, cone=False), shape, "parallel")
 

@@ -15,7 +15,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from grainmotion._arguments import checked_arguments
+from grainmotion._arguments import checked_arguments, renamed_arguments
 from grainmotion._typing import Float, Progress
 from grainmotion.errors import InputError
 from grainmotion.model.geometry import Geometry
@@ -195,9 +195,10 @@ class Plan(Summarised):
         return Summary(title, names_text([name for name, _ in rows]), tuple(rows))
 
 
+@renamed_arguments(views="geometry")
 @checked_arguments
 def plan(
-    grains: GrainSet, views: Geometry, settings: PlanSettings | None = None, *, progress: Progress | None = None
+    grains: GrainSet, geometry: Geometry, settings: PlanSettings | None = None, *, progress: Progress | None = None
 ) -> Plan:
     """Predict the precision of each grain's motion, choose the angles of the views, and give the capture range.
 
@@ -208,7 +209,7 @@ def plan(
     ----------
     grains : GrainSet
         The grains of the reference state.
-    views : Geometry
+    geometry : Geometry
         The candidate views, from which sets are chosen; for a circular scan those at
         `planning.candidates.candidate_angles`.
     settings : PlanSettings, optional
@@ -228,11 +229,11 @@ def plan(
     """
     settings = settings or PlanSettings()
     counts = sorted(set(settings.views))
-    if counts[-1] > len(views):
-        fact = f"{counts[-1]} views wanted of {len(views)} candidates"
+    if counts[-1] > len(geometry):
+        fact = f"{counts[-1]} views wanted of {len(geometry)} candidates"
         raise InputError("plan.views", fact, "ask for fewer views, or give a smaller plan.step_deg")
     with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small
-        return _plan(Candidates(grains, views, settings), counts, progress)
+        return _plan(Candidates(grains, geometry, settings), counts, progress)
 
 
 def _plan(candidates: Candidates, counts: list[int], progress: Progress | None) -> Plan:

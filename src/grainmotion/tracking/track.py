@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from grainmotion._arguments import checked_arguments
+from grainmotion._arguments import checked_arguments, renamed_arguments
 from grainmotion._typing import Image, Progress
 from grainmotion.backends.base import PatchBackend
 from grainmotion.backends.device import Device
@@ -52,11 +52,12 @@ EXPLAINED = (Status.ABSENT.value, Status.BROKEN.value)
 """Statuses that say why a grain has no motion as a whole."""
 
 
+@renamed_arguments(start="initial")
 @checked_arguments
 def track(
     grains: GrainSet,
     scan: Scan,
-    start: Motions | Sequence[Motions | None] | None = None,
+    initial: Motions | Sequence[Motions | None] | None = None,
     settings: TrackSettings | None = None,
     *,
     progress: Progress | None = None,
@@ -74,7 +75,7 @@ def track(
     scan : Scan
         A few radiographs of the later state ``(views, rows, columns)``, as line integrals.  They are linearised as the
         reference scan was, see `Scene.hardening`.
-    start : Motions, or a sequence of them, optional
+    initial : Motions, or a sequence of them, optional
         Motions to start from, as of the state before; none is no motion.  Grains in it without a
         finite motion start as the others moved on average.  Of several, as the state before and `extrapolate`, the one
         that fits the radiographs best is taken; ``Motions.fit.start_residuals`` tells how well each did.
@@ -96,7 +97,7 @@ def track(
     InputError
         If a start has no row for a grain, or an empty sequence of starts is given.
     """
-    return track_with_residual(grains, scan, start, settings, progress=progress, device=device)[0]
+    return track_with_residual(grains, scan, initial, settings, progress=progress, device=device)[0]
 
 
 def track_with_residual(

@@ -25,15 +25,19 @@ def circle_of_views(views: Geometry) -> CircleNumbers | None:
         setup = RigidSetup(source, center, *directions, np.array([0.0, 0.0, 1.0]))
         numbers, mirrored = circle_numbers("views", setup)
         panel = DetectorAlignment(
-            offset=numbers["detector_offset"],
-            tilts_deg=numbers["detector_tilts_deg"],
+            detector_offset=numbers["detector_offset"],
+            detector_tilts_deg=numbers["detector_tilts_deg"],
             axis_offset=numbers["axis_offset"],
             first_row=numbers["first_row"],
         )
-        distances = {name: numbers[name] for name in ("source_to_axis", "source_to_detector")}
-        at_zero = Geometry.cone([0.0], views.shape, pitch, panel=panel, **distances)
+        to_axis, to_panel = numbers["source_to_axis"], numbers["source_to_detector"]
+        at_zero = Geometry.cone(
+            [0.0], views.shape, pitch, source_to_axis=to_axis, source_to_detector=to_panel, panel=panel
+        )
         angles = views.azimuths_deg - at_zero.azimuths_deg
-        circle = Geometry.cone(angles, views.shape, pitch, panel=panel, **distances)
+        circle = Geometry.cone(
+            angles, views.shape, pitch, source_to_axis=to_axis, source_to_detector=to_panel, panel=panel
+        )
     except InputError:
         return None
     points = POINTS * views.pixel_at((0, 0, 0)) * views.shape[1] / 4
