@@ -35,8 +35,8 @@ from .grain_shapes.surface import GrainSurface as GrainSurface
 from .grain_shapes.surface import grain_surface as grain_surface
 from .grain_shapes.surface import label_surface as label_surface
 from .grain_shapes.triangle_mesh import Surface as Surface
-from .io.motions_csv import read_motions as read_motions
-from .io.motions_csv import write_motions as write_motions
+from .io.motion_files import read_motions as read_motions
+from .io.motion_files import write_motions as write_motions
 from .io.results_folder import ResultsFolder as ResultsFolder
 from .io.results_folder import read_results as read_results
 from .io.series_files import read_series as read_series
