@@ -34,5 +34,5 @@ def test_other_formats_are_refused(tmp_path):
     with pytest.raises(InputError, match=r"use \.csv"):
         gm.write_motions(tmp_path / "m.xlsx", motions())
     (tmp_path / "broken.h5").write_text("no HDF5")
-    with pytest.raises(InputError, match="broken.h5"):
+    with pytest.raises(InputError, match=r"broken\.h5"):
         gm.read_motions(tmp_path / "broken.h5")

@@ -11,7 +11,7 @@ from grainmotion.io.results import read_motions_h5, write_motions_h5
 from grainmotion.model.motions import Motions
 
 _HDF5_SUFFIXES = (".h5", ".hdf5")
-_TABLE_SUFFIXES = (".csv", ".txt", "")
+_CSV_SUFFIXES = (".csv", ".txt", "")
 
 
 def read_motions(path: str | Path) -> Motions:
@@ -71,7 +71,7 @@ def write_motions(path: str | Path, motions: Motions) -> None:
     suffix = Path(path).suffix.lower()
     if suffix in _HDF5_SUFFIXES:
         write_motions_h5(path, motions)
-    elif suffix in _TABLE_SUFFIXES:
+    elif suffix in _CSV_SUFFIXES:
         motions_csv.write_motions(path, motions)
     else:
         raise InputError(str(path), f"'{suffix}' is no format of motions", "use .csv for a table, .h5 for everything")
