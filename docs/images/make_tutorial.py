@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
+from io import BytesIO
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from PIL import Image
+from playwright.sync_api import sync_playwright
 
 import grainmotion as gm
 
@@ -16,6 +20,8 @@ FOLDER = Path(__file__).with_name("tutorial")
 STATE = "shear-band-4"
 ENLARGEMENT = 4
 """Of displacements in the picture of arrows."""
+CHOSEN = 13
+"""Label of the grain that is chosen in the report: it is in the middle of the band."""
 CONTRAST = 10
 """Of the residual radiograph over that of the measured one."""
 
@@ -37,6 +43,23 @@ def draw(folder: Path) -> None:
     for name, figure in pictures.items():
         figure.savefig(FOLDER / f"{name}.png")
         plt.close(figure)
+    if shutil.which("chromium"):
+        _report(folder / "results" / "report.html")
+
+
+def _report(page: Path) -> None:
+    """The report's grains in 3-D, of the state with 4 radiographs, with one grain chosen."""
+    with sync_playwright() as playwright:
+        arguments = ["--no-sandbox", "--enable-unsafe-swiftshader"]
+        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=arguments)
+        tab = browser.new_page(viewport={"width": 1250, "height": 1000})
+        tab.goto(page.resolve().as_uri())
+        tab.wait_for_selector("#viewer canvas")
+        tab.evaluate(f"gm.app.setState(0); gm.app.setGrain({CHOSEN})")
+        tab.wait_for_timeout(5000)  # drawing without a graphics card takes its time
+        image = Image.open(BytesIO(tab.locator("#explore .explorer").first.screenshot()))
+        browser.close()
+    image.convert("RGB").save(FOLDER / "report.jpg", quality=88, optimize=True)
 
 
 def _scan(folder: Path, name: str) -> gm.Scan:
