@@ -113,7 +113,7 @@ def test_any_number_of_grains_takes_less_than_six_megabytes():
     record = surface_record(packed.labels, packed.volume, np.arange(1, 101), packed.centers)
     triangles = json.loads(json.dumps(record))["triangles"]["shape"][0]
     assert record["kind"] == "meshes"
-    assert triangle_budget(5000) == 120
+    assert triangle_budget(5000) == 90
     assert len(json.dumps(record)) / triangles * surfaces.MAX_TRIANGLES < 6e6
 
 

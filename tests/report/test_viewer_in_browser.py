@@ -278,3 +278,12 @@ class TestOtherPages:
         write_report(tmp_path / "empty.html", empty)
         with clean(chromium, tmp_path / "empty.html") as page:
             expect(page.locator("#viewer[data-drawn=yes]")).to_be_visible()
+
+
+def test_slow_machines_draw_fewer_triangles_while_the_view_turns(page):
+    page.evaluate(f"{SHOWN}.grains.setCoarse(true); {SHOWN}.canvas.request()")
+    page.wait_for_timeout(200)
+    assert page.evaluate(f"{SHOWN}.canvas.renderer.info.render.triangles") < 60 * COUNT
+    row = nearest_row(page)
+    page.mouse.click(*seen_at(page, row))
+    assert page.evaluate("gm.app.grain") == row + 1

@@ -23,10 +23,10 @@ from grainmotion._typing import Float
 from grainmotion.model.volume import Volume
 from grainmotion.report.embedding import embed
 
-MAX_TRIANGLES = 600_000
-"""Triangles of all grains: some 3 MB on the page, and half of what integrated graphics draw in a thirtieth of a second
-at a tenth of their peak rate."""
-GRAIN_TRIANGLES = (80, 1600)
+MAX_TRIANGLES = 450_000
+"""Triangles of all grains: 2.4 MB on the page; integrated graphics draw them many times in a thirtieth of a second
+(validation/benchmarks/results/report_frames.md)."""
+GRAIN_TRIANGLES = (60, 1600)
 """Fewest triangles with which a grain keeps its shape, and most that are worth it on a screen."""
 MAX_MESHES = MAX_TRIANGLES // GRAIN_TRIANGLES[0]
 MARCHED_SHARE = 2.0

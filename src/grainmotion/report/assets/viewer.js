@@ -33,7 +33,7 @@
     const tip = el("div", { class: "viewer-tip", hidden: true }), triad = gm.viewerCamera.triad();
     element.replaceChildren(stage);
     let canvas;
-    const handlers = { draw() {}, pick: () => -1, choose() {}, hover() {}, step() {} };
+    const handlers = { draw() {}, pick: () => -1, choose() {}, hover() {}, step() {}, coarse() {} };
     try {
       canvas = gm.viewerCanvas.create(stage, handlers);
     } catch {
@@ -149,7 +149,8 @@
       triad.update(view.camera);
       renderer.render(scene, view.camera);
     };
-    handlers.pick = (x, y) => grains.pick(renderer, view.camera, x, y);
+    handlers.pick = (x, y, coarsely) => grains.pick(renderer, view.camera, x, y, coarsely);
+    handlers.coarse = grains.setCoarse;
     handlers.choose = (at) => app.setGrain(at < 0 ? null : labels[at]);
     handlers.step = (by) => {
       const shown = labels.map((_, i) => i).filter((i) => !grains.hidden[i]);

@@ -7,19 +7,19 @@
     + "previous and next grain, a click chooses a grain, Escape lets go of it, 0 resets the view.";
   const CLICK_SLACK = 4; // pixels by which the mouse may move in a click
   const TURN = 6, ZOOM = 1.15; // degrees and factor of a key
-  const SLOW = 60; // ms between frames from which fewer pixels are drawn while the view turns
+  const SLOW = 60; // ms between frames from which fewer pixels and triangles are drawn while the view turns
   const MAX_RATIO = 2; // of pixels drawn to CSS pixels
 
   /**
    * A canvas in `element`: { canvas, renderer, view, request, onDraw }.  `handlers`: pick(x, y) gives a row, choose(row),
-   * hover(row, x, y), step(±1), draw() draws the scene.  Throws where there is no WebGL.
+   * hover(row, x, y), step(±1), draw() draws the scene, coarse(yes) with few or all triangles.  Throws where there is no WebGL.
    */
   const create = (element, handlers) => {
     const canvas = el("canvas", { tabindex: 0, role: "img", "aria-label": `Grains in 3-D. ${HELP}`, "aria-keyshortcuts": "ArrowLeft ArrowRight ArrowUp ArrowDown + - [ ] 0 Escape" });
     const renderer = new THREE.WebGLRenderer({ canvas, antialias: true, alpha: true, powerPreference: "high-performance" });
     renderer.setClearColor(0x000000, 0);
     element.append(canvas);
-    let requested = false, coarse = false, last = 0, slow = 0, frames = 0;
+    let requested = false, coarse = false, isSlow = false, last = 0, slow = 0, frames = 0;
     const view = gm.viewerCamera.create(canvas, () => request());
     const ratio = () => Math.min(window.devicePixelRatio || 1, MAX_RATIO) * (coarse ? 0.6 : 1);
 
@@ -37,25 +37,31 @@
       requestAnimationFrame((now) => {
         requested = false;
         frames++;
+        if (turning && isSlow && !coarse) setCoarse(true);
         handlers.draw();
         if (turning) adapt(now);
       });
     };
-    /** Where frames come slowly while the view turns, draw fewer pixels till it rests. */
+    const setCoarse = (value) => {
+      coarse = value;
+      slow = 0;
+      handlers.coarse(value);
+      resize();
+    };
+    /** Where frames come slowly while the view turns, draw less till it rests, and from then on whenever it turns. */
     const adapt = (now) => {
       const interval = now - last;
       last = now;
-      if (coarse || interval > 1000) return;
+      if (coarse) return;
       slow = interval > SLOW ? slow + 1 : 0;
-      if (slow < 4) return;
-      coarse = true;
-      resize();
+      isSlow ||= slow >= 3;
     };
-    const rest = () => {
-      slow = 0;
-      if (!coarse) return;
-      coarse = false;
-      resize();
+    const rest = () => { if (coarse) setCoarse(false); };
+    /** Row of the grain at a point; on slow machines by few triangles while the pointer only passes. */
+    const pick = (x, y, passing) => {
+      const start = performance.now(), row = handlers.pick(x, y, passing && isSlow);
+      if (performance.now() - start > SLOW) isSlow = true;
+      return row;
     };
 
     let turning = false, pressed = null, hovering = null;
@@ -74,7 +80,7 @@
       turning = false;
       rest();
       if (pressed && Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) <= CLICK_SLACK) {
-        handlers.choose(handlers.pick(...place(event)));
+        handlers.choose(pick(...place(event), false));
       }
       pressed = null;
     });
@@ -85,7 +91,7 @@
       hovering = place(event);
       if (waiting) return;
       requestAnimationFrame(() => {
-        if (hovering && !turning) handlers.hover(handlers.pick(...hovering), ...hovering);
+        if (hovering && !turning) handlers.hover(pick(...hovering, true), ...hovering);
         hovering = null;
       });
     });

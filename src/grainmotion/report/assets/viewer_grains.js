@@ -3,6 +3,7 @@
 (() => {
   const gm = (window.gm ??= {});
   const GRAINS_A_ROW = 256, TEXELS = 3; // of a grain: place and scale; rotation; colour and mark
+  const MANY_GRAINS = 1500; // from which a slow machine draws even fewer triangles a grain
   const SELECTED = 1, HOVERED = 0.5;
 
   const VERTEX = `
@@ -82,7 +83,29 @@
     return geometry;
   };
 
-  /** The grains as an object of the scene: { group, setPoses, setColours, setHidden, mark, cut, pick, ... }. */
+  /**
+   * Corners of few triangles a grain on the same vertices, for slow machines while the view turns: vertices are merged
+   * by their direction from the centre, 14 or 26 of them (faces, corners and edges of a cube).
+   */
+  const coarseIndex = ({ positions, owners, index, scales }) => {
+    const finest = scales.length <= MANY_GRAINS, first = new Map(), merged = new Uint32Array(owners.length);
+    for (let i = 0; i < owners.length; i++) {
+      const p = [positions[4 * i], positions[4 * i + 1], positions[4 * i + 2]];
+      const top = Math.max(...p.map(Math.abs)) || 1, length = Math.hypot(...p) || 1;
+      const flat = finest ? 0.5 : top > 0.8 * length ? 0.999 : 0; // share of the largest component that counts as none
+      const bin = p.reduce((sum, v) => 3 * sum + (v > flat * top ? 2 : v < -flat * top ? 0 : 1), 27 * owners[i]);
+      if (!first.has(bin)) first.set(bin, i);
+      merged[i] = first.get(bin);
+    }
+    const kept = [];
+    for (let t = 0; t < index.length; t += 3) {
+      const [a, b, c] = [merged[index[t]], merged[index[t + 1]], merged[index[t + 2]]];
+      if (a !== b && b !== c && c !== a) kept.push(a, b, c);
+    }
+    return Uint32Array.from(kept);
+  };
+
+  /** The grains as an object of the scene: { group, setPoses, setColours, mark, cut, pick, ... }. */
   const create = (shapes, centers) => {
     const n = shapes.scales.length, width = TEXELS * GRAINS_A_ROW, height = Math.max(1, Math.ceil(n / GRAINS_A_ROW));
     const texels = new Float32Array(4 * width * height);
@@ -97,7 +120,7 @@
       new THREE.ShaderMaterial({ glslVersion: THREE.GLSL3, vertexShader: VERTEX, fragmentShader, uniforms, ...options });
     const drawn = material(FRAGMENT), ids = material(ID_FRAGMENT, {});
     const ghostly = material(GHOST_FRAGMENT, { transparent: true, depthTest: false, depthWrite: false });
-    const mesh = new THREE.Mesh(geometryOf(shapes), drawn), ghost = new THREE.Mesh(new THREE.BufferGeometry(), ghostly);
+    const all = geometryOf(shapes), mesh = new THREE.Mesh(all, drawn), ghost = new THREE.Mesh(new THREE.BufferGeometry(), ghostly);
     for (const [name, attribute] of Object.entries(mesh.geometry.attributes)) ghost.geometry.setAttribute(name, attribute);
     ghost.geometry.setIndex(mesh.geometry.index);
     mesh.frustumCulled = ghost.frustumCulled = false;
@@ -106,6 +129,7 @@
     const group = new THREE.Group();
     group.add(mesh, ghost);
     const target = new THREE.WebGLRenderTarget(1, 1), pixel = new Uint8Array(4), pickScene = new THREE.Scene();
+    let few = null;
     const at = (row) => 4 * (TEXELS * (row % GRAINS_A_ROW) + width * Math.floor(row / GRAINS_A_ROW));
 
     const setPoses = ({ shifts, turns }, factor) => {
@@ -144,11 +168,21 @@
         one.needsUpdate = true;
       }
     };
+    /** Draw few triangles a grain, or all of them again. */
+    const setCoarse = (coarse) => {
+      if (coarse && !few) {
+        few = new THREE.BufferGeometry();
+        for (const [name, attribute] of Object.entries(all.attributes)) few.setAttribute(name, attribute);
+        few.setIndex(new THREE.BufferAttribute(coarseIndex(shapes), 1));
+      }
+      mesh.geometry = coarse ? few : all;
+    };
     /** Row of the grain drawn at a pixel (CSS pixels of the canvas); −1 for none. */
-    const pick = (renderer, camera, x, y) => {
+    const pick = (renderer, camera, x, y, coarsely) => {
       const { clientWidth: w, clientHeight: h } = renderer.domElement;
       camera.setViewOffset(w, h, x, y, 1, 1);
       mesh.material = ids;
+      if (coarsely) setCoarse(true);
       pickScene.add(mesh);
       renderer.setRenderTarget(target);
       renderer.clear();
@@ -156,12 +190,13 @@
       renderer.readRenderTargetPixels(target, 0, 0, 1, 1, pixel);
       renderer.setRenderTarget(null);
       mesh.material = drawn;
+      if (coarsely) setCoarse(false);
       group.add(mesh);
       camera.clearViewOffset();
       return pixel[0] + 256 * pixel[1] + 65536 * pixel[2] - 1;
     };
     return {
-      group, mesh, uniforms, places, hidden, setPoses, setColours, mark, cut, pick, count: n, radii: shapes.radii,
+      group, mesh, uniforms, places, hidden, setPoses, setColours, mark, cut, pick, setCoarse, count: n, radii: shapes.radii,
       triangles: shapes.index.length / 3,
     };
   };
