@@ -110,3 +110,8 @@ def test_reliability_quotes_the_headlines_of_accuracy():
     inside = re.search(r"([\d.]+)% of (\d+) errors within 1.96", accuracy)
     assert inside
     assert f"{inside[1]} % of {inside[2]} errors within 1.96" in page
+    alarms = accuracy[accuracy.index("### False alarms") :]
+    counts = [(int(a), int(b)) for a, b in re.findall(r"^\| \*.* \| (\d+), (\d+) \|", alarms, re.MULTILINE)]
+    assert len(counts) > 20
+    right, wrong = (sum(column) for column in zip(*counts, strict=True))
+    assert f"{wrong} of {right} converged grains were wrong" in page
