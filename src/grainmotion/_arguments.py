@@ -33,6 +33,8 @@ MAKE: Mapping[str, str] = MappingProxyType({
     "Series": "give gm.Series.of(motions), a mapping from the names of states to their motions, in loading order",
     "Plan": "give gm.plan(grains, views)",
     "Comparison": "give gm.compare(measured, truth)",
+    "Contacts": "give gm.contacts(grains), or gm.contacts(grains, motions) of a state",
+    "Strains": "give gm.strains(motions)",
     "Experiment": 'give gm.read_experiment("experiment.toml")',
     "TrackSettings": "give gm.TrackSettings(key=value)",
     "SegmentSettings": "give gm.SegmentSettings(key=value)",

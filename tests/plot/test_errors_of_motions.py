@@ -32,7 +32,7 @@ def test_failed_grains_are_hollow_and_counted():
     ax = plot.comparison(compare(measured(), truth(), 0.1))
     hollow = [line for line in ax.lines if line.get_markerfacecolor() == "none"]
     assert [len(line.get_xdata()) for line in hollow] == [1, 1, 1]
-    assert "1 failed" in ax.texts[0].get_text()
+    assert "1 failed" in ax.get_title()
 
 
 def test_rotations_are_in_degrees_and_unknown_voxels_in_mm():

@@ -10,6 +10,8 @@ from matplotlib.colors import to_rgba
 
 from grainmotion import plot
 from grainmotion.errors import InputError
+from grainmotion.mechanics.strains import strains
+from grainmotion.model.motions import Motions
 from grainmotion.model.status import STATUS_COLOURS
 
 
@@ -65,10 +67,25 @@ def test_far_larger_ellipses_are_drawn_smaller_and_dashed():
     drawn = [c for c in ax.collections if isinstance(c, EllipseCollection)]
     assert [len(c.get_offsets()) for c in drawn] == [3, 1]
     assert drawn[1].get_widths()[0] == pytest.approx(4 * drawn[0].get_widths()[0])
-    assert "1 that are larger than drawn" in ax.texts[0].get_text()
+    assert "1 larger than drawn" in ax.get_title()
 
 
 def test_unknown_standard_deviations_are_marked():
     ax = plot.sd_ellipses(replace(moved(), covariances=np.full((4, 6, 6), np.nan)), rotation=True)
     assert len(ax.lines[0].get_xdata()) == 4
-    assert "4 without sd" in ax.texts[0].get_text()
+    assert "4 without sd" in ax.get_title()
+
+
+def test_strains_are_drawn_by_their_columns():
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]])
+    motions = replace(
+        Motions.identity(np.arange(1, 6), corners), translations=0.1 * corners, statuses=["converged"] * 5
+    )
+    found = strains(motions)
+    assert found.volumetric == pytest.approx(1.1**3 - 1)
+    drawn = points(plot.grain_map(found, "volumetric"))[-1]
+    assert np.asarray(drawn.get_array()) == pytest.approx(found.volumetric)
+    with pytest.raises(InputError, match="strains do not hold"):
+        plot.grain_map(found, "volumetric", moved=True)
+    with pytest.raises(InputError, match="use one of label"):
+        plot.grain_map(found)

@@ -80,6 +80,22 @@ class TestResults:
             assert all("rotation about" in r and "translation" not in r for r in result.motions[name].reasons)
             np.testing.assert_array_equal(result.motions[name].labels, motions.labels)
 
+    def test_what_a_run_made_is_read_when_asked_for(self, finished, monkeypatch):
+        path, _ = finished
+        again = workflow.run(read_experiment(path))
+        read = []
+        monkeypatch.setattr(
+            "grainmotion.io.results_folder.read_reference", lambda file: read.append(file) or read_reference(file)
+        )
+        assert "states one, two" in repr(again)
+        assert again.series.states == ("one", "two")
+        assert again.series["one"].fit is again.motions["one"].fit
+        assert read == []
+        assert again.grains.labels.tolist() == again.motions["one"].labels.tolist()
+        assert again.volume.shape == again.labels.shape
+        assert again.reference is again.results.reference
+        assert len(read) == 1
+
     def test_motions_h5_agrees_with_motions_csv(self, finished):
         path, result = finished
         full = read_motions_h5(path.parent / "results" / "one" / "motions.h5")

@@ -20,7 +20,7 @@ from grainmotion._typing import Float, Progress
 from grainmotion.errors import InputError
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.grains import GrainSet
-from grainmotion.model.summary import Summarised, Summary, names_text
+from grainmotion.model.summary import Summarised, Summary
 from grainmotion.planning.candidates import even_set
 from grainmotion.planning.capture_range import Capture, expected_capture, room
 from grainmotion.planning.fisher_information import Candidates
@@ -192,7 +192,8 @@ class Plan(Summarised):
             sd = f"sd {np.median(s.sd_translation) / self.voxel_size:.2g} voxel, {np.median(s.sd_rotation_deg):.2g}°"
             rows.append((f"{len(s)} views, {s.kind}", f"{angles}: {sd}"))
         title = f"Plan for {len(self.labels)} grains from {len(self.angles_deg)} candidate views"
-        return Summary(title, names_text([name for name, _ in rows]), tuple(rows))
+        counts = ", ".join(str(count) for count in sorted({len(s) for s in self.sets}))
+        return Summary(title, f"sets of {counts} views", tuple(rows))
 
 
 @renamed_arguments(views="geometry")

@@ -6,6 +6,7 @@ from .fits import gains as gains
 from .fits import view_corrections as view_corrections
 from .maps import grain_map as grain_map
 from .maps import sd_ellipses as sd_ellipses
+from .networks import contact_network as contact_network
 from .plans import plan_pairs as plan_pairs
 from .plans import plan_precision as plan_precision
 from .radiographs import radiograph as radiograph

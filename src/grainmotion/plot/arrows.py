@@ -180,4 +180,4 @@ def arrow_scale(centers: Float, lengths: Float) -> float:
 def scale_note(quantity: Quantity, factor: float, without: int) -> str:
     """How long arrows are, and how many grains have none."""
     text = f"arrows: {factor:g} mm for 1°" if quantity == "rotation" else f"arrows × {factor:g}"
-    return f"{text}; {without} grains without a result" if without else text
+    return f"{text}; ×: {without} without a result" if without else text

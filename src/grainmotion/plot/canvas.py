@@ -78,10 +78,9 @@ def colour_bar(ax: Axes, drawn: ScalarMappable, label: str) -> None:
 
 
 def note(ax: Axes, text: str) -> None:
-    """A small note under the upper edge of the axes, at the left."""
+    """What a reader must know of the figure, as its title until the user sets another."""
     if text:
-        box = {"facecolor": "white", "alpha": 0.75, "edgecolor": "none", "pad": 1.5}
-        ax.text(0.02, 0.98, text, transform=ax.transAxes, va="top", fontsize=TEXT_SIZE, bbox=box, zorder=10)
+        ax.set_title(text, fontsize="medium")
 
 
 def round_factor(wanted: float) -> float:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Float
 from grainmotion.errors import InputError
-from grainmotion.model.motion_table import MOTION_DESCRIPTIONS
+from grainmotion.mechanics.strains import Strains
 from grainmotion.model.motions import Motions
 from grainmotion.model.status import STATUS_COLOURS
 from grainmotion.plot.canvas import (
@@ -32,17 +32,19 @@ if TYPE_CHECKING:
 
 LENGTH_COLUMNS = {"u": ("ux", "uy", "uz"), "w": ("wx", "wy", "wz")}
 """Lengths of vectors that can be drawn beside the columns of the table."""
+TEXT_COLUMNS = ("status", "reason")
+"""Columns of a table that hold no numbers."""
 MARKER_SIZE = 150.0
 """Area of a point, points²; less where there are many grains."""
-ELLIPSE_SHARE = 0.4
-"""Of the distance between neighbouring centres, for the radius of an ellipse."""
+ELLIPSE_SHARE = 0.3
+"""Of the distance between neighbouring centres, for the radius of an ellipse; neighbours may lie behind each other."""
 LARGEST_ELLIPSE = 4.0
 """Radius of the largest ellipse that is drawn, over the usual one."""
 
 
 @checked_arguments
 def grain_map(
-    motions: Motions,
+    motions: Motions | Strains,
     values: str | ArrayLike = "status",
     *,
     label: str | None = None,
@@ -54,18 +56,19 @@ def grain_map(
 
     Parameters
     ----------
-    motions : Motions
+    motions : Motions or Strains
         Of one state.
     values : str or (n,) array
-        A column of ``motions.to_table()``, such as "uz", "sd_wx", "residual" or "status"; "u" or "w", the length of
-        the translation (mm) or the angle of the rotation (degrees); or one number a grain.  Translations and rotations
-        that are no results to use are grey, as NaN is.
+        A column of ``motions.to_dataframe()``, such as "uz", "sd_wx", "residual" or "status"; "u" or "w", the length
+        of the translation (mm) or the angle of the rotation (degrees); of strains "volumetric", "deviatoric" and the
+        others of ``strains.to_dataframe()``; or one number a grain.  Translations and rotations that are no results to
+        use are grey, as NaN is.
     label : str, optional
         Text of the colour bar; the name of the column with its unit unless given.
     plane : {"xz", "yz", "xy"}
         The plane of the figure, the first to the right.
     moved : bool
-        Draw the centres where they are in the state, not where they were in the reference.
+        Draw the centres where they are in the state, not where they were in the reference; not of strains.
     ax : Axes, optional
         Where to draw; a new figure unless given.
 
@@ -77,7 +80,7 @@ def grain_map(
     Raises
     ------
     InputError
-        If there is no such column, or the array has not one number a grain.
+        If there is no such column, the array has not one number a grain, or strains are to be drawn at moved centres.
 
     Examples
     --------
@@ -87,11 +90,15 @@ def grain_map(
     >>> ax = gm.plot.grain_map(grains, grains.centers[:, 2], label="height (mm)", plane="xy")
     """
     right, up = plane_axes(plane)
-    centers = motions.centers + (np.nan_to_num(motions.translations) if moved else 0.0)
+    centers = motions.centers
+    if moved and isinstance(motions, Strains):
+        raise InputError("moved", "strains do not hold where the grains are", "give motions, and the strain as values")
+    if moved and isinstance(motions, Motions):
+        centers = centers + np.nan_to_num(motions.translations)
     points = centers[:, [right, up]]
     ax = axes_of(ax)
     size = MARKER_SIZE * min(1.0, 40 / max(1, len(motions))) + 6
-    if isinstance(values, str) and values == "status":
+    if isinstance(motions, Motions) and isinstance(values, str) and values == "status":
         for status, colour in STATUS_COLOURS.items():
             rows = motions.statuses == status
             if rows.any():
@@ -106,7 +113,7 @@ def grain_map(
         drawn = ax.scatter(points[known, 0], points[known, 1], s=size, c=numbers[known], edgecolor="0.3", lw=0.4)
         _set_colours(drawn, numbers[known])
         colour_bar(ax, drawn, name if label is None else label)
-        note(ax, f"{(~known).sum()} grains without a value" if not known.all() else "")
+        note(ax, f"×: {(~known).sum()} without a value" if not known.all() else "")
     frame_plane(ax, plane, points)
     return ax
 
@@ -164,7 +171,7 @@ def sd_ellipses(
     radii, angles = _ellipses(motions, axes, rotation=rotation)
     known = np.isfinite(radii).all(axis=1)
     usual = float(np.median(radii[known, 0])) if known.any() else 0.0
-    factor = _ellipse_scale(points, usual) if scale is None else scale
+    factor = _ellipse_scale(motions.centers, usual) if scale is None else scale
     larger = known & (radii[:, 0] > LARGEST_ELLIPSE * usual) & (scale is None)
     shrunk = np.where(larger, LARGEST_ELLIPSE * usual / np.maximum(radii[:, 0], 1e-300), 1.0)[:, None] * radii
     ax = axes_of(ax)
@@ -184,32 +191,33 @@ def sd_ellipses(
                 colour_bar(ax, drawn, f"largest sd in the plane ({'°' if rotation else 'mm'})")
     frame_plane(ax, plane, points, around=1.1 * factor * float(np.nanmax(shrunk, initial=0.0)))
     text = f"1 sd: {factor:g} mm for 1°" if rotation else f"1 sd × {factor:g}"
-    text += f"; dashed: {larger.sum()} that are larger than drawn" if larger.any() else ""
-    note(ax, text + (f"; {(~known).sum()} without sd" if not known.all() else ""))
+    text += f"; dashed: {larger.sum()} larger than drawn" if larger.any() else ""
+    note(ax, text + (f"; ×: {(~known).sum()} without sd" if not known.all() else ""))
     return ax
 
 
-def _values(motions: Motions, values: str | ArrayLike) -> tuple[Float, str]:
+def _values(motions: Motions | Strains, values: str | ArrayLike) -> tuple[Float, str]:
     """One number a grain and its name; NaN for motions that are no results to use."""
     if not isinstance(values, str):
         numbers = np.asarray(values, dtype=float)
         if numbers.shape != (len(motions),):
             raise InputError("values", f"shape {numbers.shape}", f"give one number for each of {len(motions)} grains")
         return numbers, ""
-    table = motions.to_table()
-    if values in LENGTH_COLUMNS:
+    table = motions.to_dataframe()
+    if values in LENGTH_COLUMNS and isinstance(motions, Motions):
         numbers = np.linalg.norm(table[list(LENGTH_COLUMNS[values])].to_numpy(float), axis=1)
         unit, name = ("mm", "|u|") if values == "u" else ("°", "|ω|")
-    elif values in table.columns and values != "reason":
+    elif values in table.columns and values not in TEXT_COLUMNS:
         numbers = table[values].to_numpy(float)
-        unit, name = MOTION_DESCRIPTIONS[values][0].replace("deg", "°"), values
+        unit, name = table.attrs["units"][values].replace("deg", "°"), values
     else:
-        columns = [name for name in table.columns if name != "reason"]
-        raise InputError("values", f"there is no column '{values}'", f"use one of {', '.join((*columns, 'u', 'w'))}")
-    if values in ("u", "ux", "uy", "uz"):
-        numbers = np.where(motions.ok_translation, numbers, np.nan)
-    if values in ("w", "wx", "wy", "wz"):
-        numbers = np.where(motions.ok_rotation, numbers, np.nan)
+        names = [*(column for column in table.columns if column not in TEXT_COLUMNS)]
+        names += ["status", *LENGTH_COLUMNS] if isinstance(motions, Motions) else []
+        raise InputError("values", f"there is no column '{values}' of numbers", f"use one of {', '.join(names)}")
+    if isinstance(motions, Motions):
+        for part, columns in (("u", motions.ok_translation), ("w", motions.ok_rotation)):
+            if values in (part, *LENGTH_COLUMNS[part]):
+                numbers = np.where(columns, numbers, np.nan)
     return numbers, name if unit in ("1", "yes or no") else f"{name} ({unit})"
 
 
@@ -234,12 +242,12 @@ def _ellipses(motions: Motions, axes: tuple[int, int], *, rotation: bool) -> tup
     return radii, angles
 
 
-def _ellipse_scale(points: Float, usual: float) -> float:
+def _ellipse_scale(centers: Float, usual: float) -> float:
     """Round factor by which the usual ellipse nearly fills the distance between neighbouring centres."""
-    if len(points) < 2 or usual <= 0:
+    if len(centers) < 2 or usual <= 0:
         return 1.0
     from scipy.spatial import cKDTree
 
-    distances, _ = cKDTree(points).query(points, k=[2])
+    distances, _ = cKDTree(centers).query(centers, k=[2])
     apart = float(np.median(distances))
     return round_factor(ELLIPSE_SHARE * apart / usual)

@@ -85,7 +85,7 @@ def history(series: Series, value: str = "u", *, labels: Sequence[int] | None = 
 
 def _draw_range(ax: Axes, places: Float, values: Float) -> None:
     """Median over the grains, the range of 80 % of them, and thin lines of all."""
-    lines = ax.plot(places, values, color="0.6", lw=0.5, alpha=0.5, zorder=1)
+    lines = ax.plot(places, values, color="0.6", lw=0.5, alpha=max(0.08, min(0.5, 30 / values.shape[1])), zorder=1)
     lines[0].set_label("each grain")
     known = np.isfinite(values).any(axis=1)
     low, middle, high = np.nanquantile(values[known], [0.1, 0.5, 0.9], axis=1)
