@@ -81,7 +81,7 @@ def _state(state: StateReport, rows: GrainRows) -> dict[str, object]:
     covariances = rows.spread(motions.labels, motions.covariances, np.nan)
     return {
         "name": state.name,
-        "time": state.time,
+        "time": state.time if state.time is not None and np.isfinite(state.time) else None,
         "grains": len(motions),
         "columns": {name: embed(rows.spread(motions.labels, c, np.nan)) for name, c in _columns(motions).items()},
         "status": embed(rows.spread(motions.labels, statuses, NO_STATUS)),
