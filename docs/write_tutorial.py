@@ -69,7 +69,7 @@ def run_command(words: list[str]) -> str:
     result = CliRunner().invoke(app, words[1:])
     if result.exit_code:
         raise RuntimeError(f"{shlex.join(words)} ended with {result.exit_code}:\n{result.output}") from result.exception
-    return result.stdout
+    return result.output  # as a terminal shows it: progress, then results
 
 
 def without_trailing_spaces(text: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 import shlex
 import tomllib
@@ -38,11 +39,20 @@ def inline_commands() -> list[tuple[str, str]]:
     ]
 
 
+def ended(_context, _parameter, value):
+    """Do nothing but end the program, if the option is given."""
+    if value:
+        raise typer.Exit
+
+
 def command_line():
     """The program's own commands, which do nothing."""
 
     def silenced(command):
         command.callback = lambda **_: None
+        for parameter in command.params:
+            if parameter.callback is not None:  # an option that tells or installs something and ends the program
+                parameter.callback = ended
         for inner in getattr(command, "commands", {}).values():
             silenced(inner)
         return command
@@ -111,8 +121,8 @@ CHECKS = {
 
 
 def check(command: str) -> None:
-    """Check one command by its first word."""
-    first, *words = shlex.split(command)
+    """Check one command by its first word; where its output goes does not matter."""
+    first, *words = itertools.takewhile(lambda word: word != ">", shlex.split(command))
     if first in FOREIGN:
         assert not words
     else:

@@ -14,7 +14,7 @@ from pathlib import Path
 TESTS = Path(__file__).parent
 PACKAGE = TESTS.parent / "src" / "grainmotion"
 SOURCES = sorted(PACKAGE.rglob("*.py"))
-MAX_TOP_LEVEL_FILES = 8
+MAX_TOP_LEVEL_FILES = 9  # with __main__.py, which `python -m grainmotion` wants there
 MAX_ANY_LINES = 6
 MAX_PARAMETERS = 7
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+LOG_NOTE = "log: "
+"""Beginning of the note on an exception that names the log file of its run."""
+
 
 class GrainmotionError(Exception):
     """Base of every error that grainmotion raises on purpose.

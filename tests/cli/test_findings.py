@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from grainmotion.cli import console, findings
 from grainmotion.cli.app import app
+from grainmotion.cli.interrupts import Stop
+from grainmotion.cli.progress import progress
+from grainmotion.cli.terminal import MIN_WIDTH, Terminal, styled
 from grainmotion.io.findings_json import write_findings
 from grainmotion.io.tiff import read_tiff, write_tiff
 from grainmotion.model.finding import Finding, Level
@@ -59,15 +61,13 @@ def plant(path, *found):
 class TestTerminal:
     def test_each_finding_as_it_comes_and_again_at_the_end_worst_first(self, copied):
         path = plant(copied, NOTE, WARNING)
-        lines = invoke("run", path).stdout.splitlines()
+        result = invoke("run", path)
+        as_they_come, lines = result.stderr.splitlines(), result.stdout.splitlines()
         note, warning = NOTE.line, WARNING.line
-        assert lines.count(note) == lines.count(warning) == 2
-        assert (
-            lines.index(note)
-            < lines.index(warning)
-            < next(k for k, line in enumerate(lines) if line.startswith("done: "))
-        )
-        assert lines[-3:] == [warning, note, f"report: {path.parent / 'results' / 'report.html'}"]
+        assert as_they_come.count(note) == as_they_come.count(warning) == lines.count(note) == lines.count(warning) == 1
+        assert as_they_come.index(note) < as_they_come.index(warning)
+        report = f"report: {path.parent / 'results' / 'report.html'}"
+        assert lines[lines.index(warning) :][:3] == [warning, note, report]
 
     def test_quiet_shows_warnings_but_no_notes(self, copied):
         path = plant(copied, NOTE, WARNING)
@@ -82,20 +82,20 @@ class TestTerminal:
         assert f"warning: {WARNING}" in invoke(command, path, *options).stdout
 
     def test_lines_on_a_terminal_are_wrapped_with_the_level_in_colour(self):
-        text = findings.styled(
+        text = styled(
             f"warning: {WARNING}, or those before it", 40
         )  # narrower than any terminal that lines are wrapped for
-        assert max(map(len, text.plain.splitlines())) < findings.MIN_WIDTH
+        assert max(map(len, text.plain.splitlines())) < MIN_WIDTH
         assert text.plain.splitlines()[1].startswith("  ")
         assert text.plain[text.spans[0].start : text.spans[0].end] == "warning:"
 
     def test_bar_stays_below_the_findings(self, capsys, monkeypatch):
         monkeypatch.setattr("sys.stderr.isatty", lambda: True)
         monkeypatch.setenv("TERM", "xterm")
-        with console.progress(quiet=False) as progress:
-            progress("step", 1, 2)
+        with progress(Terminal(), Stop()) as listen:
+            listen("step", 1, 2)
             logging.getLogger("grainmotion").warning("warning: %s", WARNING)
-            progress("step", 2, 2)
+            listen("step", 2, 2)
         out, err = capsys.readouterr()
         assert out == ""
         plain = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", err)
@@ -104,7 +104,7 @@ class TestTerminal:
     def test_listener_is_gone_afterwards(self):
         logger = logging.getLogger("grainmotion")
         before = list(logger.handlers), logger.level
-        with console.progress(quiet=False):
+        with progress(Terminal(), Stop()):
             assert len(logger.handlers) == len(before[0]) + 1
         assert (logger.handlers, logger.level) == before
 
@@ -156,8 +156,11 @@ class TestExitCodes:
         path = plant(copied, WARNING, ERROR)
         result = invoke("run", path)
         assert result.exit_code == 2
-        assert result.stderr == f"error: {ERROR}; or go on with --force [{ERROR.check}]\n"
-        assert f"warning: {WARNING}" in result.stdout
+        log = path.parent / "results" / "run.log"
+        last = result.stderr.splitlines()[-1]
+        assert last == f"error: {ERROR}; or go on with --force [{ERROR.check}] (log: {log})"
+        assert "end: error" in log.read_text().splitlines()[-1]
+        assert f"warning: {WARNING}" in result.stderr
 
     def test_force_goes_on_and_shows_the_error(self, copied):
         path = plant(copied, ERROR)
@@ -182,7 +185,7 @@ class TestExitCodes:
         for command in ("track", "run"):
             result = invoke(command, copied)
             assert result.exit_code == 3
-            assert result.stderr == "exit code 3: no grain of two is usable\n"
+            assert result.stderr.splitlines()[-1] == "exit code 3: no grain of two is usable"
 
     def test_poorly_determined_grains_are_usable(self, finished):
         assert invoke("run", finished).exit_code == 0  # the grains are balls

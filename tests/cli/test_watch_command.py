@@ -13,7 +13,7 @@ from grainmotion.cli import app
 from grainmotion.io.motions_csv import read_motions
 from tiny_experiment import SHIFTS, TOML, write_tiny
 
-COMMAND = [sys.executable, "-c", "from grainmotion.cli.app import main; main()"]
+COMMAND = [sys.executable, "-c", "from grainmotion.__main__ import main; main()"]
 
 
 @pytest.fixture(scope="module")

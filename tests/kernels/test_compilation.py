@@ -37,7 +37,7 @@ def without_home(package: Path, temporary: Path) -> dict[str, str]:
 
 def run_command(package: Path, temporary: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     """Run the command ``grainmotion`` of this copy of the package, without a home folder."""
-    program = "import sys, grainmotion.cli.app as cli; sys.argv[0] = 'grainmotion'; cli.main()"
+    program = "import grainmotion.__main__ as program; program.main()"
     command = [sys.executable, "-c", program, *arguments]
     return subprocess.run(command, env=without_home(package, temporary), capture_output=True, text=True)
 
@@ -49,14 +49,21 @@ def test_help_needs_no_kernels_and_prints_no_warning(read_only, tmp_path):
     assert not done.stderr
 
 
-@pytest.mark.parametrize("words", [["inspect", "no-such.toml"], ["run", "no-such.toml"]])
-def test_commands_print_one_line_of_warning(read_only, tmp_path, words):
-    done = run_command(read_only, tmp_path, *words)
+def test_commands_print_one_line_of_warning(read_only, tmp_path):
+    (tmp_path / "x.toml").write_text("[reference]\nno_such_key = 1\n")
+    done = run_command(read_only, tmp_path, "run", str(tmp_path / "x.toml"))
     warning, error = done.stderr.splitlines()
     assert "compiled kernels cannot be kept" in warning
     assert str(tmp_path) in warning
     assert done.returncode == 2
+    assert "no_such_key" in error
+
+
+def test_a_missing_file_is_told_before_kernels_are_needed(read_only, tmp_path):
+    done = run_command(read_only, tmp_path, "run", "no-such.toml")
+    (error,) = done.stderr.splitlines()
     assert "no-such.toml" in error
+    assert done.returncode == 2
 
 
 def test_kernels_are_cached_in_a_private_folder(read_only, tmp_path):

@@ -7,8 +7,8 @@ import pytest
 from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 
-from grainmotion.cli.app import DatasetName
 from grainmotion.cli.demo import write_case
+from grainmotion.cli.words import DatasetName
 from grainmotion.errors import InputError
 from grainmotion.io.geometry_csv import read_geometry
 from grainmotion.io.motions_csv import read_motions

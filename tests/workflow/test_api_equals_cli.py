@@ -11,7 +11,7 @@ import grainmotion as gm
 from grainmotion.io.results import read_motions_h5, read_reference
 from tiny_experiment import TOML, write_tiny
 
-COMMAND = [sys.executable, "-c", "from grainmotion.cli.app import main; main()"]
+COMMAND = [sys.executable, "-c", "from grainmotion.__main__ import main; main()"]
 WITHOUT_CALIBRATION = TOML.replace("[reconstruct]", "[calibrate]\ngeometry = false\n\n[reconstruct]")
 WITH_CALIBRATION = TOML.replace("[reconstruct]", '[calibrate]\ngeometry = ["shift_u"]\nhardening = 2\n\n[reconstruct]')
 OTHER_SEGMENTATION = 'threshold = 0.5\nreach = 1.0\nfiner = 1\nbackground = "moving"'

@@ -6,7 +6,8 @@ import shutil
 
 import pytest
 
-from grainmotion.cli import console
+from grainmotion.cli.summary import print_states
+from grainmotion.cli.terminal import Terminal
 from grainmotion.errors import InputError, WriteError
 from grainmotion.experiment.config import read_experiment
 from grainmotion.io.geometry_csv import write_geometry
@@ -196,5 +197,5 @@ def test_results_of_another_version_are_told_and_made_again(folder):
 
 def test_brackets_in_the_name_of_a_state_are_no_markup(folder, capsys):
     arrive(folder, "s1 [a]", 0.05)
-    console.print_states(run(read_experiment(folder / "experiment.toml"), until="track").motions)
+    print_states(Terminal(), run(read_experiment(folder / "experiment.toml"), until="track").motions)
     assert "s1 [a]" in capsys.readouterr().out.splitlines()[3]

@@ -7,113 +7,109 @@ are those of `files`.
 from __future__ import annotations
 
 import dataclasses
-from enum import StrEnum
-from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from typer.core import TyperGroup
 
-import grainmotion as gm
-from grainmotion.cli.findings import EXIT_CODES
-from grainmotion.cli.options import Checks, DemOptions, Execution, Paths, command
-from grainmotion.cli.stages import finish, prepared, read
+from grainmotion.cli.command import HELP_OPTIONS, add_command
+from grainmotion.cli.exit_codes import EPILOG
+from grainmotion.cli.options import Checks, DemOptions, Display, DryRun, Execution, Paths
+from grainmotion.cli.outcome import Outcome
+from grainmotion.cli.program import Suggesting
+from grainmotion.cli.stages import StagesCall, read, run_stages
+from grainmotion.cli.words import Format, SpamPoint
 from grainmotion.errors import InputError
 
 if TYPE_CHECKING:
     from grainmotion.experiment.config import Experiment, Export
     from grainmotion.grain_shapes.settings import DemSettings
+    from grainmotion.workflow.run import RunResult
 
 DEFAULT_EXPORT = "files"
 
+Formats = Annotated[
+    list[Format],
+    typer.Option(
+        "--format",
+        help="vtk for ParaView, tiff for Fiji, ome-zarr for napari, spam, dem, mechanics; repeat it for several",
+    ),
+]
+About = Annotated[
+    SpamPoint | None,
+    typer.Option("--about", help="spam: displacement of the label's centroid, or of the middle of its bounding box"),
+]
 
-class ExportGroup(TyperGroup):
-    """Subcommands of `export`; arguments that begin with none of them are those of `files`."""
 
-    def parse_args(self, ctx: typer.Context, args: list[str]) -> list[str]:  # type: ignore[override]  # base is private
-        """Arguments of the group, with `files` put in front where no subcommand is named."""
-        if args and args[0] not in self.commands and args[0] not in ctx.help_option_names:
-            args = [DEFAULT_EXPORT, *args]
-        return super().parse_args(ctx, args)
+class ExportGroup(Suggesting):
+    """Subcommands of `export`; arguments that begin with an option or a file are those of `files`."""
+
+    def meant_by(self, word: str) -> str | None:
+        """`files` for an option or a path, but not for a mistyped subcommand."""
+        is_path = Path(word).suffix != "" or "/" in word or Path(word).exists()
+        return DEFAULT_EXPORT if word.startswith("-") or is_path else None
 
 
 export_app = typer.Typer(
     name="export",
     cls=ExportGroup,
     help="Write results for other software.\n\nExample: grainmotion export experiment.toml --format vtk",
-    epilog=EXIT_CODES,
+    epilog=EPILOG,
     no_args_is_help=True,
+    context_settings=HELP_OPTIONS,
 )
-add_command = partial(command, export_app)
 
 
-class Format(StrEnum):
-    """What `export FILE` writes."""
-
-    VTK = "vtk"
-    SPAM = "spam"
-    TIFF = "tiff"
-    OME_ZARR = "ome-zarr"
-    DEM = "dem"
-    MECHANICS = "mechanics"
-
-
-class SpamPoint(StrEnum):
-    """The point whose displacement a file for spam gives."""
-
-    CENTROID = "centroid"
-    BOX = "box"
-
-
-@add_command
 def files(
     paths: Paths,
     *,
-    format: Annotated[
-        list[Format],
-        typer.Option(
-            "--format",
-            help="vtk for ParaView, tiff for Fiji, ome-zarr for napari, spam, dem, mechanics; repeat it for several",
-        ),
-    ],
-    about: Annotated[
-        SpamPoint | None,
-        typer.Option(
-            "--about", help="spam: displacement of the label's centroid, or of the middle of its bounding box"
-        ),
-    ] = None,
+    format: Formats,
+    about: About = None,
+    dry_run: DryRun = False,
     execution: Execution,
     checks: Checks,
-) -> None:
+    display: Display,
+) -> Outcome:
     """Write files for other software; the word `files` may be left out. Stages that are missing are done first.
 
     Example: grainmotion export experiment.toml --format vtk --format tiff
     """
     changes = {} if about is None else {"spam_about": about.value}
     wanted = _with_exports(read(paths.file), [f.value for f in format], **changes)
-    with prepared(wanted, execution, checks) as (experiment, options):
-        result = gm.run(experiment, out=paths.out, **options)
-    names = [*result.motions, *(["dem"] if Format.DEM in format else [])]
-    finish(result, execution, checks, *(f"exported: {result.folder / name}" for name in names))
+
+    def lines(result: RunResult) -> list[str]:
+        names = [*result.motions, *(["dem"] if Format.DEM in format else [])]
+        return [f"exported: {result.folder / name}" for name in names]
+
+    return run_stages(wanted, StagesCall(paths.out, execution, checks, dry_run, display), lines=lines)
 
 
-@add_command
-def mechanics(paths: Paths, *, execution: Execution, checks: Checks) -> None:
+def mechanics(
+    paths: Paths, *, dry_run: DryRun = False, execution: Execution, checks: Checks, display: Display
+) -> Outcome:
     """Write strains, contacts, fabric and void ratios of the reference and of each state.
 
     The table mechanics of the experiment file has the settings.
 
     Example: grainmotion export mechanics experiment.toml
     """
+
+    def lines(result: RunResult) -> list[str]:
+        return [f"mechanics: {result.folder / name / 'mechanics.json'}" for name in result.motions]
+
     wanted = _with_exports(read(paths.file), ["mechanics"])
-    with prepared(wanted, execution, checks) as (experiment, options):
-        result = gm.run(experiment, out=paths.out, **options)
-    files = [f"mechanics: {result.folder / name / 'mechanics.json'}" for name in result.motions]
-    finish(result, execution, checks, *files)
+    return run_stages(wanted, StagesCall(paths.out, execution, checks, dry_run, display), lines=lines)
 
 
-@add_command
-def dem(paths: Paths, *, options: DemOptions, execution: Execution, checks: Checks) -> None:
+def dem(
+    paths: Paths,
+    *,
+    options: DemOptions,
+    dry_run: DryRun = False,
+    execution: Execution,
+    checks: Checks,
+    display: Display,
+) -> Outcome:
     """Write each grain as a rigid body for DEM codes: STL, level set, clump, harmonics, inertia, poses, velocities.
 
     The table dem of the experiment file has the settings; options replace them.
@@ -122,10 +118,13 @@ def dem(paths: Paths, *, options: DemOptions, execution: Execution, checks: Chec
     """
     experiment = _with_exports(read(paths.file), ["dem"])
     settings = _dem_settings(experiment.tables.dem, options)
-    tables = experiment.tables.model_copy(update={"dem": settings})
-    with prepared(dataclasses.replace(experiment, tables=tables), execution, checks) as (experiment, run_options):
-        result = gm.run(experiment, out=paths.out, **run_options)
-    finish(result, execution, checks, f"exported: {result.folder / 'dem'}")
+    wanted = dataclasses.replace(experiment, tables=experiment.tables.model_copy(update={"dem": settings}))
+    call = StagesCall(paths.out, execution, checks, dry_run, display)
+    return run_stages(wanted, call, lines=lambda result: [f"exported: {result.folder / 'dem'}"])
+
+
+for export in (files, mechanics, dem):
+    add_command(export_app, export)
 
 
 def _with_exports(experiment: Experiment, names: list[Export], **changes: str) -> Experiment:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from grainmotion.cli import console
-from grainmotion.cli.findings import exit_at_errors, exit_by, print_findings
-from grainmotion.cli.options import Strict
+from grainmotion.cli.description import Description
+from grainmotion.cli.no_experiment import EXPERIMENT, command
+from grainmotion.cli.options import Display, Strict
+from grainmotion.cli.outcome import Ending, Outcome, ending_of_inspection
 from grainmotion.cli.stages import read
 from grainmotion.errors import InputError
+from grainmotion.model.finding import Level
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -21,7 +24,6 @@ if TYPE_CHECKING:
     from grainmotion.experiment.scan_summary import ScanSummary
     from grainmotion.model.volume import Volume
 
-EXPERIMENT = "experiment.toml"
 MAX_SCANS_SHOWN = 10
 
 Target = Annotated[
@@ -33,7 +35,9 @@ Picture = Annotated[
 Terminal = Annotated[bool, typer.Option("--terminal", help="draw the first radiographs in the terminal as well")]
 
 
-def inspect(file: Target, *, picture: Picture = None, terminal: Terminal = False, strict: Strict = False) -> None:
+def inspect(
+    file: Target, *, picture: Picture = None, terminal: Terminal = False, strict: Strict = False, display: Display
+) -> Outcome:
     """Say what is in a file or folder, and draw its scan: source, panel, axis, radiographs, up and sense of rotation.
 
     Example: grainmotion inspect scan.xtekct --terminal
@@ -43,21 +47,26 @@ def inspect(file: Target, *, picture: Picture = None, terminal: Terminal = False
     from grainmotion.experiment.volume_contents import describe_volume
     from grainmotion.io.volumes.find import is_volume
 
+    told, drawn = Description(file, display.terminal), Drawing(picture, terminal)
     if is_volume(file):
-        console.print_facts(file.name, describe_volume(file))
+        told.facts(file.name, describe_volume(file))
     elif file.is_dir():
-        _inspect_folder(file, picture, terminal=terminal)
+        _inspect_folder(file, told, drawn)
     elif file.suffix.lower() == ".toml":
-        _inspect_experiment(file, picture, terminal=terminal, strict=strict)
+        _inspect_experiment(file, told, drawn)
     else:
-        _inspect_file(file, picture, terminal=terminal, strict=strict)
+        _inspect_file(file, told, drawn)
+    found = tuple(told.found)
+    ending = Ending() if file.is_dir() else ending_of_inspection(found, strict=strict)
+    return Outcome(told.document, lambda _terminal: None, found, ending)
 
 
 def init(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="folder with the scan and the later radiographs")],
     *,
     force: Annotated[bool, typer.Option("--force", help="replace an experiment file that is there")] = False,
-) -> None:
+    display: Display,
+) -> Outcome:
     """Write a commented experiment file from a folder with a full scan and folders of later radiographs.
 
     Example: grainmotion init measurements
@@ -76,22 +85,30 @@ def init(
     draft = draft_experiment(contents, EXPERIMENT)
     with atomic_write(path) as part:
         part.write_text(draft.text, encoding="utf-8")
+    told = Description(path, display.terminal)
     for problem in contents.problems:
-        print(f"left out: {problem}")
-    print(f"experiment: {path}")
+        told.line("left out", problem)
+    told.line("experiment", path)
     for item in draft.todo:
-        print(f"to fill in: {item}")
-    if draft.todo:
-        return
-    try:
-        find_inputs(read(path))
-    except InputError as error:
-        print(f"to fill in or correct: {error}")
-        return
-    print(f"next: grainmotion inspect {path}")
+        told.line("to fill in", item)
+    if not draft.todo:
+        try:
+            find_inputs(read(path))
+            told.line("next", command("inspect", path))
+        except InputError as error:
+            told.line("to fill in or correct", error)
+    return Outcome(told.document, lambda _terminal: None)
 
 
-def _inspect_experiment(file: Path, picture: Path | None, *, terminal: bool, strict: bool) -> None:
+@dataclass(frozen=True)
+class Drawing:
+    """Where a picture goes, and whether radiographs are drawn in the terminal too."""
+
+    picture: Path | None
+    terminal: bool
+
+
+def _inspect_experiment(file: Path, told: Description, drawn: Drawing) -> None:
     """The inputs of an experiment file, as a run would check them."""
     from grainmotion.experiment.inputs import find_inputs
     from grainmotion.experiment.inspection import inspect_inputs
@@ -100,14 +117,18 @@ def _inspect_experiment(file: Path, picture: Path | None, *, terminal: bool, str
 
     inputs = find_inputs(experiment := read(file))
     inspection = inspect_inputs(inputs, experiment.tables)
-    console.print_inspection(inspection)
-    console.print_reference(last_reference(experiment.output / REFERENCE))
-    _draw(file.parent, picture, inspection.first_views, inputs.grid, terminal=terminal)
-    exit_at_errors(inspection.findings)
-    exit_by({}, inspection.findings, strict=strict)
+    told.inspection(inspection)
+    sentences = last_reference(experiment.output / REFERENCE)
+    if sentences:
+        told.drawing("reference of the last run, with shares of its attenuation:")
+    for sentence in sentences:
+        told.sentence(f"  {sentence}", "reference of the last run")
+    _draw(file.parent, told, drawn, inspection.first_views, inputs.grid)
+    if inputs.states and not any(f.level is Level.ERROR for f in inspection.findings):
+        told.line("next", f"{command('run', file)} --dry-run")
 
 
-def _inspect_file(file: Path, picture: Path | None, *, terminal: bool, strict: bool) -> None:
+def _inspect_file(file: Path, told: Description, drawn: Drawing) -> None:
     """One file: a scan by its scanner's file, or whatever else it is."""
     from grainmotion.experiment.file_contents import describe_file
     from grainmotion.experiment.scan_summary import summarise_file
@@ -124,25 +145,37 @@ def _inspect_file(file: Path, picture: Path | None, *, terminal: bool, strict: b
                 raise
         else:
             summary = summarise_file(file, scan)
-            _show_scan(file, summary)
+            _show_scan(file, summary, told)
             if summary.first_views is not None and summary.grid is not None:
-                _draw(file.parent, picture, (summary.first_views,), summary.grid, terminal=terminal)
+                _draw(file.parent, told, drawn, (summary.first_views,), summary.grid)
             if summary.problem is not None:
                 raise summary.problem
-            exit_at_errors(summary.findings)
-            exit_by({}, summary.findings, strict=strict)
+            _next_of_file(file, told)
             return
-    console.print_facts(file.name, describe_file(file))
+    told.facts(file.name, describe_file(file))
+    _next_of_file(file, told)
 
 
-def _inspect_folder(folder: Path, picture: Path | None, *, terminal: bool) -> None:
+def _next_of_file(file: Path, told: Description) -> None:
+    """The command that follows the look at a file of data."""
+    from grainmotion.io.formats import family
+    from grainmotion.io.scanners.identify import is_scanner_file
+
+    if not (is_scanner_file(file.name) or family(file) is not None):
+        return
+    near = [folder / EXPERIMENT for folder in (file.parent, file.absolute().parent.parent)]
+    there = [experiment for experiment in near if experiment.exists()]
+    told.line("next", command("inspect", there[0]) if there else command("init", file.parent))
+
+
+def _inspect_folder(folder: Path, told: Description, drawn: Drawing) -> None:
     """A folder: its scans, with the largest of those shown drawn, images, tables and experiment files."""
     from grainmotion.experiment.folder_contents import RESULT_MARK, folder_contents
     from grainmotion.experiment.result_contents import describe_results, results_folder_of
     from grainmotion.experiment.scan_summary import summarise_file
 
     if results_folder_of(folder / RESULT_MARK) is not None:
-        console.print_facts(f"{folder}: results of a run", describe_results(folder))
+        told.facts(f"{folder}: results of a run", describe_results(folder))
         return
     contents = folder_contents(folder)
     largest: tuple[str, ScanSummary] | None = None  # radiographs of it alone are kept
@@ -151,21 +184,21 @@ def _inspect_folder(folder: Path, picture: Path | None, *, terminal: bool) -> No
         if largest is None or found[1].views > largest[1].views:
             largest, found = found, largest or found
         if found is not largest:
-            _show_in_one_line(*found)
+            _show_in_one_line(*found, told)
     for name, scan in contents.scans[MAX_SCANS_SHOWN:]:
-        print(f"scan: {name}, {scan.format}")
+        told.line("scan", f"{name}, {scan.format}")
     if largest is not None:
         name, summary = largest
-        _show_scan(Path(name), summary)
+        _show_scan(Path(name), summary, told)
         if summary.problem is not None:
-            print(f"not usable: {summary.problem}")
+            told.line("not usable", summary.problem)
         if summary.first_views is not None and summary.grid is not None:
-            _draw(folder, picture, (summary.first_views,), summary.grid, terminal=terminal)
+            _draw(folder, told, drawn, (summary.first_views,), summary.grid)
     reference = None if contents.scans else _reference_summary(contents)
     if reference is not None and reference.first_views is not None and reference.grid is not None:
-        _show_scan(Path(reference.first_views.name), reference)
-        _draw(folder, picture, (reference.first_views,), reference.grid, terminal=terminal)
-    _show_rest(contents)
+        _show_scan(Path(reference.first_views.name), reference, told)
+        _draw(folder, told, drawn, (reference.first_views,), reference.grid)
+    _show_rest(contents, told)
 
 
 def _reference_summary(contents: FolderContents) -> ScanSummary | None:
@@ -182,62 +215,65 @@ def _reference_summary(contents: FolderContents) -> ScanSummary | None:
         return None
 
 
-def _show_in_one_line(name: str, summary: ScanSummary) -> None:
+def _show_in_one_line(name: str, summary: ScanSummary, told: Description) -> None:
     """A scan beside a larger one: its format, radiographs and angles, and what is unusual."""
     facts = dict(summary.facts)
-    told = [facts.get("Format", ""), facts.get("Radiographs", "").split(" (")[0], facts.get("Angles", "")]
-    print(f"scan: {name}: {', '.join(text for text in told if text)}")
-    print_findings(summary.findings)
-    for line in summary.missing:
-        print(f"to be given in the experiment file: {line.strip()}")
+    parts = [facts.get("Format", ""), facts.get("Radiographs", "").split(" (")[0], facts.get("Angles", "")]
+    told.line("scan", f"{name}: {', '.join(text for text in parts if text)}")
+    _show_lacking(summary, told)
     if summary.problem is not None:
-        print(f"not usable: {summary.problem}")
+        told.line("not usable", summary.problem)
 
 
-def _show_scan(file: Path, summary: ScanSummary) -> None:
+def _show_scan(file: Path, summary: ScanSummary, told: Description) -> None:
     """The facts of a scan, what is unusual, and what the experiment file has to give."""
-    console.print_facts(str(file), summary.facts)
-    print_findings(summary.findings)
+    told.facts(str(file), summary.facts)
+    _show_lacking(summary, told)
+
+
+def _show_lacking(summary: ScanSummary, told: Description) -> None:
+    """What is unusual about a scan, and what the experiment file has to give."""
+    told.findings(summary.findings)
     for line in summary.missing:
-        print(f"to be given in the experiment file: {line.strip()}")
+        told.line("to be given in the experiment file", line.strip())
 
 
-def _show_rest(contents: FolderContents) -> None:
+def _show_rest(contents: FolderContents, told: Description) -> None:
     """What a folder holds beside scanners' files."""
     for images in contents.images:
-        print(f"images: {images.sentence}")
+        told.line("images", images.sentence)
     for name in contents.tables:
-        print(f"table: {name}")
+        told.line("table", name)
     for name in contents.experiments:
-        print(f"experiment file: {name}")
+        told.line("experiment file", name)
     for problem in contents.problems:
-        print(f"not usable: {problem}")
+        told.line("not usable", problem)
     if contents.others:
-        print("other files: " + ", ".join(f"{n} {suffix}" for suffix, n in sorted(contents.others.items())))
+        told.line("other files", ", ".join(f"{n} {suffix}" for suffix, n in sorted(contents.others.items())))
     if not (contents.scans or contents.images):
         raise InputError(str(contents.path), "it holds no scan and no images", "name the folder of the measurements")
     if len(contents.experiments) == 1:
-        print(f"next: grainmotion inspect {contents.path / contents.experiments[0]}")
+        told.line("next", command("inspect", contents.path / contents.experiments[0]))
     if not contents.experiments:
-        print(f"next: grainmotion init {contents.path}")
+        told.line("next", command("init", contents.path))
 
 
-def _draw(folder: Path, picture: Path | None, scans: Sequence[FirstViews], grid: Volume, *, terminal: bool) -> None:
+def _draw(folder: Path, told: Description, drawn: Drawing, scans: Sequence[FirstViews], grid: Volume) -> None:
     """Up and the sense of rotation in words, as a PNG, and in the terminal if wanted."""
     from grainmotion.io.locate import INSPECTION_PICTURE
     from grainmotion.report.inspection_figure import orientation, write_inspection_figure
     from grainmotion.report.terminal_image import terminal_radiograph
 
-    if terminal:
+    if drawn.terminal:
         for first in scans:
-            print(f"{first.name}, view {first.views[0]}:\n{terminal_radiograph(first, grid)}")
+            told.drawing(f"{first.name}, view {first.views[0]}:\n{terminal_radiograph(first, grid)}")
     for sentence in orientation(scans, grid):
-        print(sentence)
-    path = picture or folder / INSPECTION_PICTURE
+        told.sentence(sentence)
+    path = drawn.picture or folder / INSPECTION_PICTURE
     try:
         write_inspection_figure(path, scans, grid)
-        print(f"picture: {path}")
+        told.line("picture", path)
     except InputError as error:
-        if picture is not None:
+        if drawn.picture is not None:
             raise
-        print(f"no picture: {error.where} {error.fact}; name another file with --picture")
+        told.line("no picture", f"{error.where} {error.fact}; name another file with --picture")

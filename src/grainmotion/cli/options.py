@@ -1,32 +1,71 @@
-"""Options that commands share, and the decorator that makes a command of a function.
+"""Options that commands share, in records; `grainmotion.cli.command` makes parameters of their fields.
 
-Commands import what they run inside their bodies, so that ``--help`` loads no numerical library.
+``--help`` shows options in panels: results, checks, computing, output.
 """
 
 from __future__ import annotations
 
-import dataclasses
-import inspect
-import sys
-from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, get_type_hints
+from typing import Annotated
 
 import typer
 
 from grainmotion.backends.device import Device
-from grainmotion.cli.findings import EXIT_CODES
-from grainmotion.errors import GrainmotionError
+from grainmotion.cli.completion import complete_experiment
+from grainmotion.cli.terminal import Terminal
+from grainmotion.cli.words import ColorWhen
 
-File = Annotated[Path, typer.Argument(metavar="FILE", help="experiment file (TOML)")]
+CHECKS_PANEL, COMPUTING_PANEL, OUTPUT_PANEL = "Checks", "Computing", "Output"
+"""Panels of options."""
+
+File = Annotated[
+    Path, typer.Argument(metavar="FILE", help="experiment file (TOML)", autocompletion=complete_experiment)
+]
 Out = Annotated[Path | None, typer.Option("--out", help="folder for results, instead of the file's own")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="show no progress; warnings are still shown")]
-Force = Annotated[bool, typer.Option("--force", help="go on where a check of the input would stop the work")]
-TryFixes = Annotated[bool, typer.Option("--try-fixes", help="apply what a check found to be clearly better")]
-Strict = Annotated[bool, typer.Option("--strict", help="end with exit code 3 if there is any warning")]
-Scheduler = Annotated[str | None, typer.Option("--scheduler", help="address of a Dask scheduler whose workers compute")]
-Workers = Annotated[int | None, typer.Option("--workers", help="number of worker processes on this machine")]
-OnDevice = Annotated[Device | None, typer.Option("--device", help="where rays are traced, instead of the file's own")]
+DryRun = Annotated[
+    bool, typer.Option("--dry-run", help="tell what would be done and what it would need; write nothing")
+]
+Force = Annotated[
+    bool,
+    typer.Option("--force", help="go on where a check of the input would stop the work", rich_help_panel=CHECKS_PANEL),
+]
+TryFixes = Annotated[
+    bool,
+    typer.Option("--try-fixes", help="apply what a check found to be clearly better", rich_help_panel=CHECKS_PANEL),
+]
+Strict = Annotated[
+    bool, typer.Option("--strict", help="end with exit code 3 if there is any warning", rich_help_panel=CHECKS_PANEL)
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(
+        "--scheduler", help="address of a Dask scheduler whose workers compute", rich_help_panel=COMPUTING_PANEL
+    ),
+]
+Workers = Annotated[
+    int | None,
+    typer.Option("--workers", help="number of worker processes on this machine", rich_help_panel=COMPUTING_PANEL),
+]
+OnDevice = Annotated[
+    Device | None,
+    typer.Option("--device", help="where rays are traced, instead of the file's own", rich_help_panel=COMPUTING_PANEL),
+]
+Json = Annotated[
+    bool, typer.Option("--json", help="one JSON document on standard output, all else on standard error",
+                       rich_help_panel=OUTPUT_PANEL)
+]  # fmt: skip
+Quiet = Annotated[
+    bool, typer.Option("--quiet", "-q", help="no progress and no notes; warnings stay", rich_help_panel=OUTPUT_PANEL)
+]
+Verbose = Annotated[
+    bool, typer.Option("--verbose", "-v", help="also times of stages, and files as they are written",
+                       rich_help_panel=OUTPUT_PANEL)
+]  # fmt: skip
+Color = Annotated[
+    ColorWhen, typer.Option("--color", help="colours; auto: on a terminal, unless NO_COLOR is set",
+                            rich_help_panel=OUTPUT_PANEL)
+]  # fmt: skip
 Seed = Annotated[int, typer.Option("--seed", min=0, help="seed of packing, motions and noise")]
 Photons = Annotated[float | None, typer.Option("--photons", help="photons a pixel detects without the sample")]
 Views = Annotated[str | None, typer.Option("--views", help="numbers of views, as 2,3,4,6")]
@@ -37,9 +76,14 @@ Spacing = Annotated[float | None, typer.Option("--spacing", help="spacing of the
 Spheres = Annotated[int | None, typer.Option("--spheres", help="largest number of spheres of a clump")]
 FitOfClump = Annotated[str | None, typer.Option("--clump-fit", help="inside, or volume: spheres of the grain's volume")]
 Degree = Annotated[int | None, typer.Option("--degree", help="largest degree of the spherical harmonics")]
+Every = Annotated[float, typer.Option("--every", help="seconds between two looks at the folders")]
+Until = Annotated[int | None, typer.Option("--until", help="end once this many states are tracked")]
+StopAfter = Annotated[
+    float | None, typer.Option("--stop-after", help="end after this many seconds without a new or changed file")
+]
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Paths:
     """The experiment, and where its results go."""
 
@@ -47,16 +91,15 @@ class Paths:
     out: Out = None
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Execution:
-    """Whether progress is shown, and which processes compute."""
+    """Which processes compute."""
 
-    quiet: Quiet = False
     scheduler: Scheduler = None
     workers: Workers = None
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Checks:
     """What follows from the findings of checks."""
 
@@ -65,7 +108,22 @@ class Checks:
     strict: Strict = False
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
+class Display:
+    """What is told, in which form; every command has it."""
+
+    json: Json = False
+    quiet: Quiet = False
+    verbose: Verbose = False
+    color: Color = ColorWhen.AUTO
+
+    @property
+    def terminal(self) -> Terminal:
+        """The same for the code that prints."""
+        return Terminal(self.json, self.quiet, self.verbose, self.color)
+
+
+@dataclass(frozen=True)
 class PlanOptions:
     """Settings of ``[plan]`` that the command line replaces."""
 
@@ -74,7 +132,7 @@ class PlanOptions:
     step_deg: StepDeg = None
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class DemOptions:
     """Settings of ``[dem]`` that the command line replaces."""
 
@@ -86,44 +144,13 @@ class DemOptions:
     degree: Degree = None
 
 
-OPTION_RECORDS: tuple[type, ...] = (Paths, Execution, Checks, PlanOptions, DemOptions)
+@dataclass(frozen=True)
+class WatchOptions:
+    """How long `watch` watches."""
+
+    every: Every = 1.0
+    until: Until = None
+    stop_after: StopAfter = None
 
 
-def command(app: typer.Typer, function: Callable[..., None]) -> Callable[..., None]:
-    """Add a command to an application, under the name of its function.
-
-    A parameter that is one of `OPTION_RECORDS` stands for its fields.  Wrong input ends in one line on standard error
-    and exit code 2, Ctrl-C in exit code 130.
-    """
-    hints = get_type_hints(function, include_extras=True)
-    records = {name: hint for name, hint in hints.items() if hint in OPTION_RECORDS}
-    parameters = []
-    for parameter in inspect.signature(function).parameters.values():
-        parts = [parameter]
-        if parameter.name in records:
-            parts = list(inspect.signature(records[parameter.name]).parameters.values())
-        for part in parts:
-            annotation = get_type_hints(records.get(parameter.name, function), include_extras=True)[part.name]
-            parameters.append(part.replace(annotation=annotation, kind=inspect.Parameter.KEYWORD_ONLY))
-
-    def invoke(**values: object) -> None:
-        for name, record in records.items():
-            values[name] = record(**{field.name: values.pop(field.name) for field in dataclasses.fields(record)})
-        try:
-            function(**values)
-        except GrainmotionError as error:
-            print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
-            raise typer.Exit(2) from None
-        except KeyboardInterrupt:
-            print("interrupted: finished stages are kept; the same command continues", file=sys.stderr)
-            raise typer.Exit(130) from None
-        except MemoryError as error:
-            fact = str(error) or "not enough of it"
-            print(f"error: memory: {fact}; give larger voxels or fewer of them", file=sys.stderr)
-            raise typer.Exit(1) from None
-
-    invoke.__name__, invoke.__doc__ = function.__name__, function.__doc__
-    invoke.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-    invoke.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
-    app.command(epilog=EXIT_CODES)(invoke)
-    return function
+OPTION_RECORDS: tuple[type, ...] = (Paths, Execution, Checks, Display, PlanOptions, DemOptions, WatchOptions)

@@ -7,21 +7,29 @@ from typing import Annotated
 
 import typer
 
-from grainmotion.cli.options import Out
+from grainmotion.cli.completion import complete_experiment
+from grainmotion.cli.options import Display, Out
+from grainmotion.cli.outcome import Outcome
 from grainmotion.cli.stages import read
 
-Place = Annotated[Path, typer.Argument(metavar="FILE", help="experiment file (TOML), or a folder of results")]
+Place = Annotated[
+    Path,
+    typer.Argument(
+        metavar="FILE", help="experiment file (TOML), or a folder of results", autocompletion=complete_experiment
+    ),
+]
 Value = Annotated[
     str, typer.Option("--value", help="colour of the grains: u, w, sd_u, sd_w, status, residual, uz, ...")
 ]
 
 
-def view(place: Place, *, value: Value = "u", out: Out = None) -> None:
+def view(place: Place, *, value: Value = "u", out: Out = None, display: Display) -> Outcome:
     """Show grains, tracks, displacements and residual radiographs in napari (an extra: grainmotion[viewer]).
 
     Example: grainmotion view experiment.toml --value status
     """
     import grainmotion as gm
+    from grainmotion.cli.documents import ViewOutcome
 
     folder = place if place.is_dir() else out or read(place).output
     results = gm.read_results(folder)
@@ -31,3 +39,4 @@ def view(place: Place, *, value: Value = "u", out: Out = None) -> None:
     import napari
 
     napari.run()
+    return Outcome(ViewOutcome(str(folder.absolute())), lambda _terminal: None)

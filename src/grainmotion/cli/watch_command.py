@@ -2,49 +2,53 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+import dataclasses
+from typing import TYPE_CHECKING
 
-import typer
-
-from grainmotion.cli import console
-from grainmotion.cli.findings import exit_by
-from grainmotion.cli.options import Checks, Execution, OnDevice, Paths
+from grainmotion.cli.options import Checks, Display, Execution, OnDevice, Paths, WatchOptions
+from grainmotion.cli.outcome import Ending, Outcome, ending_by
 from grainmotion.cli.stages import prepared, read
 
-Every = Annotated[float, typer.Option("--every", help="seconds between two looks at the folders")]
-Until = Annotated[int | None, typer.Option("--until", help="end once this many states are tracked")]
-StopAfter = Annotated[
-    float | None, typer.Option("--stop-after", help="end after this many seconds without a new or changed file")
-]
+if TYPE_CHECKING:
+    from grainmotion.cli.terminal import Terminal
+    from grainmotion.workflow.watch_session import WatchResult
 
 
 def watch(
     paths: Paths,
     *,
-    every: Every = 1.0,
-    until: Until = None,
-    stop_after: StopAfter = None,
+    options: WatchOptions,
     device: OnDevice = None,
     execution: Execution,
     checks: Checks,
-) -> None:
+    display: Display,
+) -> Outcome:
     """Track each state as soon as its radiographs are complete, with a live page; Ctrl-C ends it.
 
     Example: grainmotion watch experiment.toml --stop-after 3600
     """
+    from grainmotion.cli.documents import WatchOutcome
+    from grainmotion.cli.json_output import state_result
+    from grainmotion.workflow.provenance import StageCache
     from grainmotion.workflow.watch import WatchSettings
     from grainmotion.workflow.watch import watch as watch_states
 
-    settings = WatchSettings(every, until, stop_after)
-    with prepared(read(paths.file, device), execution, checks) as (experiment, options):
-        result = watch_states(experiment, out=paths.out, settings=settings, say=_say, **options)
-    console.print_states(result.motions)
+    settings = WatchSettings(**dataclasses.asdict(options))
+    with prepared(read(paths.file, device), execution, checks, display) as (experiment, run_options):
+        result = watch_states(experiment, out=paths.out, settings=settings, say=display.terminal.say, **run_options)
+    folder = result.folder.absolute()
+    files = sorted({file.absolute() for file in StageCache(folder).all_files()})
+    states = [state_result(name, motions, folder, files) for name, motions in result.motions.items()]
+    document = WatchOutcome(str(folder), str(result.page.absolute()), result.ended, states)
+    ending = Ending() if result.interrupted else ending_by(result.motions, result.findings, strict=checks.strict)
+    return Outcome(document, lambda terminal: _show(terminal, result), result.findings, ending)
+
+
+def _show(terminal: Terminal, result: WatchResult) -> None:
+    """Print the states, and why the watch ended."""
+    from grainmotion.cli.summary import print_states
+
+    print_states(terminal, result.motions)
     count = len(result.motions)
     tracked = f"{count} state{'s' * (count != 1)} tracked"
     print(f"watch ended: {'; '.join(dict.fromkeys([result.ended, tracked]))}; page: {result.page}")
-    if not result.interrupted:
-        exit_by(result.motions, result.findings, strict=checks.strict)
-
-
-def _say(line: str) -> None:
-    print(line, flush=True)

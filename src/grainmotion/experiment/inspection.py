@@ -115,14 +115,21 @@ def inspect_inputs(inputs: Inputs, tables: ExperimentFile) -> Inspection:
         findings += given_volume_findings(inputs, volume, first_state)
         if inputs.labels is not None:
             findings += given_label_findings(inputs, volume, read_given_labels(inputs.labels))
-    reference = inputs.reference
     if not inputs.states:
         findings.append(_warning("states", "no states", "add a [[states]] table for each later state"))
     grid = inputs.grid
-    memory = BYTES_PER_VOXEL * float(np.prod(grid.shape))
-    if reference is not None:
-        memory = max(memory, 8.0 * np.prod(grid.shape) + 9.0 * facts[0].views * facts[0].rows * facts[0].columns)
+    memory = peak_memory(inputs)
     return Inspection(tuple(facts), grid.shape, grid.voxel_size, memory, tuple(findings), tuple(first_views))
+
+
+def peak_memory(inputs: Inputs) -> float:
+    """Estimate of the memory of a run at its peak, bytes: by voxels and pixels, without reading a radiograph."""
+    voxels = float(np.prod(inputs.grid.shape))
+    memory = BYTES_PER_VOXEL * voxels
+    if inputs.reference is not None:
+        geometry = inputs.reference.geometry
+        memory = max(memory, 8.0 * voxels + 9.0 * len(geometry) * float(np.prod(geometry.shape)))
+    return memory
 
 
 def _reference_findings(source: ScanInput, scan: Scan, grid: Volume, tables: ExperimentFile) -> list[Finding]:

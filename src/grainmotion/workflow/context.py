@@ -74,7 +74,7 @@ class RunContext:
         for finding in findings:
             if finding not in self.findings:
                 self.findings.append(finding)
-                PACKAGE_LOG.log(LOG_LEVELS[finding.level], finding.line)
+                PACKAGE_LOG.log(LOG_LEVELS[finding.level], finding.line, extra={"finding": finding})
 
     def findings_on(self, key: str) -> tuple[Finding, ...]:
         """Findings about one scan, such as ``states.NAME``: about its key or a key below it."""
@@ -162,6 +162,7 @@ class RunContext:
             self.cache.discard(stage.name)
             stage.write(result)
             self.cache.add(stage.name, stage.fingerprint, stage.files)
+        STAGE_LOG.info("wrote: %s", ", ".join(str(file.relative_to(self.folder)) for file in stage.files))
         self.done.append(stage.name)
         return lambda: result
 

@@ -20,14 +20,14 @@ from datetime import datetime
 from importlib import metadata
 from pathlib import Path
 
-from grainmotion.errors import GrainmotionError
+from grainmotion.errors import LOG_NOTE, GrainmotionError
 from grainmotion.experiment.config import Experiment
 from grainmotion.experiment.inputs import Inputs
 from grainmotion.io.stacks import Stack
 from grainmotion.io.volumes.record import VolumeFile
+from grainmotion.workflow.versions import package_versions
 
 RUN_LOG = "run.log"
-LOGGED_PACKAGES = ("numpy", "scipy", "numba", "scikit-image", "edt", "tifffile", "imagecodecs", "h5py", "pydantic")
 PACKAGE_LOG = logging.getLogger("grainmotion")
 STAGE_LOG = logging.getLogger("grainmotion.run")  # for the file alone: terminals have progress instead
 
@@ -63,14 +63,14 @@ def run_log(folder: Path, experiment: Experiment, inputs: Inputs, call: str) -> 
     try:
         yield
         STAGE_LOG.info("end: success, %s", _times(wall, cpu))
-    except KeyboardInterrupt:
-        STAGE_LOG.info("end: interrupted, %s", _times(wall, cpu))
-        raise
-    except GrainmotionError as error:
-        STAGE_LOG.info("end: error, %s: %s", _times(wall, cpu), " ".join(str(error).split()))
-        raise
-    except BaseException:
-        STAGE_LOG.info("end: fault of the program, %s", _times(wall, cpu), exc_info=True)
+    except BaseException as error:
+        error.add_note(f"{LOG_NOTE}{folder / RUN_LOG}")
+        if isinstance(error, KeyboardInterrupt):
+            STAGE_LOG.info("end: interrupted, %s", _times(wall, cpu))
+        elif isinstance(error, GrainmotionError):
+            STAGE_LOG.info("end: error, %s: %s", _times(wall, cpu), " ".join(str(error).split()))
+        else:
+            STAGE_LOG.info("end: fault of the program, %s", _times(wall, cpu), exc_info=True)
         raise
     finally:
         PACKAGE_LOG.setLevel(before)
@@ -98,8 +98,7 @@ def _head(folder: Path, experiment: Experiment, inputs: Inputs, call: str) -> It
     yield f"call: {call}"
     yield f"experiment: {experiment.path.absolute()}"
     yield f"results: {folder.absolute()}"
-    versions = (f"{name} {_version(name)}" for name in LOGGED_PACKAGES)
-    yield f"versions: Python {platform.python_version()}, {', '.join(versions)}"
+    yield f"versions: {', '.join(f'{name} {number}' for name, number in package_versions().items())}"
     yield f"machine: {machine()}"
     yield "inputs:"
     for name, stack in input_stacks(inputs):
@@ -146,13 +145,6 @@ def _toml(value: object) -> str:
     if isinstance(value, list):
         return "[" + ", ".join(map(_toml, value)) + "]"
     return json.dumps(value)
-
-
-def _version(package: str) -> str:
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:
-        return "missing"
 
 
 def machine() -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -155,11 +155,18 @@ def write_series_files(context: RunContext, motions: Mapping[str, Motions]) -> N
     tables = context.tables
     if not motions:
         return
-    series = Series.of(motions, {table.name: table.time for table in tables.states if table.time is not None})
     settings = {"track": dataclasses.asdict(tables.track), "experiment": context.experiment.path.name}
+
+    @cache
+    def series() -> Series:
+        return Series.of(motions, {table.name: table.time for table in tables.states if table.time is not None})
+
     for suffix in tables.output.series:
         path = context.folder / f"{SERIES}.{suffix}"
-        write: Callable[[], None] = partial(write_series, path, series, settings=settings)
+
+        def write(path: Path = path) -> None:
+            write_series(path, series(), settings=settings)
+
         _complete(context, f"{SERIES}/{suffix}", context.fingerprints.series, [path], write)
 
 

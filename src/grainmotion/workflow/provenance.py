@@ -41,7 +41,9 @@ class StageCache:
         self.folder = Path(folder)
         self._stages: dict[str, tuple[str, list[str]]] = {}
         self._hashes: dict[str, tuple[int, int, str]] = {}
+        self._used: dict[str, str] = {}  # hashes of files as stages used them
         self.made_by = ""  # version of the package that finished the last stage
+        self._made_from: dict[str, tuple[tuple[Path, ...], tuple[str, ...]]] = {}
         self.read()
 
     def read(self) -> None:
@@ -53,13 +55,32 @@ class StageCache:
             self._hashes = {name: (int(s), int(t), str(h)) for name, (s, t, h) in kept["inputs"].items()}
         except (OSError, ValueError, KeyError, TypeError, AttributeError):
             self._stages, self._hashes = {}, {}  # no file, or an unreadable one: every stage is repeated
+        self._used = {name: digest for name, (_, _, digest) in self._hashes.items()}
 
     def fingerprint(self, settings: object, files: Iterable[Path] = (), upstream: Iterable[str] = ()) -> str:
         """Hash of a stage's inputs; ``settings`` must be plain data, as JSON holds it."""
-        contents = [self._content(Path(f)) for f in files]
-        made_from = [__version__, settings, contents, list(upstream)]
+        paths, before = [Path(f) for f in files], list(upstream)
+        contents = [self._content(path) for path in paths]
+        made_from = [__version__, settings, contents, before]
         data = json.dumps(made_from, sort_keys=True, default=str).encode()
-        return hashlib.blake2b(data, digest_size=16).hexdigest()
+        digest = hashlib.blake2b(data, digest_size=16).hexdigest()
+        known = [self._used.get(str(path.resolve()), "") for path in paths]
+        there = any(known)  # else the folder was moved, and all its files have other names
+        changed = [path for path, was, now in zip(paths, known, contents, strict=True) if there and was != now]
+        self._made_from.setdefault(digest, (tuple(changed), tuple(before)))
+        return digest
+
+    def made_from(self, fingerprint: str) -> tuple[tuple[Path, ...], tuple[str, ...]]:
+        """Of a fingerprint that was asked for: files that are new or changed since then, and those before it."""
+        return self._made_from.get(fingerprint, ((), ()))
+
+    def has(self, stage: str) -> bool:
+        """Whether the stage was finished, from whatever."""
+        return stage in self._stages
+
+    def is_recorded(self, stage: str, fingerprint: str) -> bool:
+        """Whether the stage was finished with this fingerprint, wherever its files are now."""
+        return self._stages.get(stage, ("", []))[0] == fingerprint
 
     def is_done(self, stage: str, fingerprint: str) -> bool:
         """Whether the stage was finished with this fingerprint and its files still exist."""

@@ -125,7 +125,7 @@ def _to_be_tracked(context: RunContext, reference: Callable[[], SegmentedReferen
         if table.name in context.refused:
             known[table.name] = None
         elif context.cache.is_done(f"{table.name}/track", context.fingerprints.tracks[table.name]):
-            known[table.name] = _load(context, table).motions
+            known[table.name] = load_state(context, table).motions
         else:
             states.append(State(table.name, functools.partial(_scan, context, k), table.initial, starts=starts))
     return states
@@ -163,8 +163,9 @@ def _stage(context: RunContext, table: StateTable, run: Callable[[], TrackedStat
         write_motions(files[1], tracked.motions)
 
     fingerprint = context.fingerprints.tracks[table.name]
-    return Stage(f"{table.name}/track", fingerprint, files, run, write, functools.partial(_load, context, table))
+    return Stage(f"{table.name}/track", fingerprint, files, run, write, functools.partial(load_state, context, table))
 
 
-def _load(context: RunContext, table: StateTable) -> TrackedState:
+def load_state(context: RunContext, table: StateTable) -> TrackedState:
+    """The motions of a state that is tracked, from their file."""
     return TrackedState(load_result(read_motions_h5, context.folder / table.name / "motions.h5"))

@@ -1,0 +1,83 @@
+"""``--dry-run``: which stages a run would do and keep, why, and what it would need; nothing is written."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from grainmotion.cli.documents import DryRunOutcome, StagePlan
+from grainmotion.cli.outcome import Outcome
+from grainmotion.cli.terminal import Terminal
+from grainmotion.cli.time_left import duration
+
+if TYPE_CHECKING:
+    from grainmotion.experiment.config import Experiment
+    from grainmotion.workflow.estimates import StageEstimate
+    from grainmotion.workflow.run import Until
+
+ROUGH = (
+    "times that no log of an earlier run tells hold within a factor of about 3; after an installation a minute is "
+    "added once, for compiling"
+)
+UNCHECKED = "checks of the radiographs may stop a run, leave a state out, or repeat a stage that is kept here"
+MAX_STAGES_SHOWN = 60
+"""Stages that the terminal shows; JSON has all."""
+
+
+def dry_run(experiment: Experiment, out: Path | None, until: Until) -> Outcome:
+    """What the run would be."""
+    from grainmotion.workflow.dry_run import planned_run
+    from grainmotion.workflow.estimates import estimate
+
+    planned = planned_run(experiment, out=out, until=until)
+    needs = estimate(planned)
+    document = DryRunOutcome(
+        folder=str(planned.folder.absolute()),
+        stages=[
+            StagePlan(stage.name, stage.kept, stage.why, time.seconds, time.from_log)
+            for stage, time in zip(planned.planned, needs.stages, strict=True)
+        ],
+        seconds=needs.seconds,
+        memory=int(needs.memory),
+        disk=int(needs.disk),
+        disk_free=int(needs.disk_free),
+        notes=[*([ROUGH] if any(not _known(time) for time in needs.stages) else []), UNCHECKED],
+    )
+    return Outcome(document, partial(_show, document))
+
+
+def _known(time: StageEstimate) -> bool:
+    """Whether the time of a stage is known from the log, or is none."""
+    return time.from_log or time.seconds == 0
+
+
+def _show(document: DryRunOutcome, terminal: Terminal) -> None:
+    """Print a table of the stages, and what they need."""
+    from rich.markup import escape
+    from rich.table import Table
+
+    table = Table("stage", "", "why", "CPU time")
+    for stage in document.stages[:MAX_STAGES_SHOWN]:
+        what = "[green]keep[/]" if stage.kept else "[yellow]do[/]"
+        table.add_row(escape(stage.name), what, escape(stage.why), "" if stage.kept else _time(stage))
+    terminal.console().print(table)
+    if len(document.stages) > MAX_STAGES_SHOWN:
+        print(f"... and {len(document.stages) - MAX_STAGES_SHOWN} more stages; --json lists all")
+    done = sum(not stage.kept for stage in document.stages)
+    print(f"dry run: {done} of {len(document.stages)} stages would be done; nothing was written")
+    print(f"results: {document.folder}")
+    if done:
+        print(f"time: about {duration(document.seconds)} of CPU time")
+        print(f"memory: about {document.memory / 1e9:.2f} GB at the peak")
+        print(f"disk: about {document.disk / 1e9:.2f} GB, of {document.disk_free / 1e9:.1f} GB that are free")
+        for note in document.notes:
+            print(f"note: {note}")
+
+
+def _time(stage: StagePlan) -> str:
+    """The time of a stage as a table shows it."""
+    if stage.seconds is None:
+        return "?"
+    time = "under 1 s" if stage.seconds < 1 else duration(stage.seconds)
+    return f"{time} last time" if stage.from_log else f"about {duration(stage.seconds)}"

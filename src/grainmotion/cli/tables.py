@@ -1,0 +1,89 @@
+"""Tables of inspections, comparisons and plans on the terminal."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from grainmotion.cli.terminal import Terminal
+
+if TYPE_CHECKING:
+    from grainmotion.analysis.validation import Comparison
+    from grainmotion.experiment.inspection import Inspection
+    from grainmotion.planning.plan import Plan
+
+WIDE_LOG, WIDEST_LOG = 160, 180  # columns of wide tables that go to no terminal
+
+
+def print_inspection(terminal: Terminal, inspection: Inspection) -> None:
+    """Print the scans of an experiment, its volume and the memory that it needs."""
+    from rich.table import Table
+
+    console = terminal.console(log_width=WIDE_LOG)
+    table = Table("scan", "radiographs", "type", "kind", "beam", "pixel at sample", "magnification", "air", "highest")
+    table.add_column("masked pixels")
+    for s in inspection.scans:
+        table.add_row(
+            s.key,
+            f"{s.views} x {s.rows} x {s.columns}",
+            s.dtype,
+            s.kind,
+            s.beam,
+            f"{s.pixel_at_sample:.4g} mm",
+            f"{s.magnification:.4g}",
+            f"{s.air:.4f}",
+            f"{s.highest:.3g}",
+            f"{s.pixels.bad} ({s.pixels.dead} dead, {s.pixels.dark} dark, {s.pixels.saturated} saturated)",
+        )
+    console.print(table)
+    shape = " x ".join(str(n) for n in inspection.volume_shape)
+    console.print(f"volume: {shape} voxels (z, y, x) of {inspection.voxel_size:.4g} mm")
+    console.print(
+        "lengths: an error of 1 % in the pixel size at the sample, by distances or pixel_size, is one of 1 % in all "
+        "translations; no radiograph shows it"
+    )
+    console.print(f"memory: about {inspection.memory / 1e9:.2f} GB at the peak")
+
+
+def print_comparisons(terminal: Terminal, comparisons: dict[str, Comparison]) -> None:
+    """Print the errors of each state against the truth, root mean square over grains and components."""
+    from rich.markup import escape
+    from rich.table import Table
+
+    table = Table("state", "grains", "failures", "translations", "rotations")
+    table.add_column("translation error (voxel)")
+    table.add_column("rotation error (deg)")
+    for name, c in comparisons.items():
+        errors = f"{c.translation_rms_voxels:.4f}", f"{c.rotation_rms_deg:.4f}"
+        good = str(int((~c.failed_translation).sum())), str(int((~c.failed_rotation).sum()))
+        table.add_row(escape(name), str(len(c)), str(c.failures), *good, *errors)
+    terminal.console().print(table)
+
+
+def print_plan(terminal: Terminal, plan: Plan) -> None:
+    """Print each set of views: angles, predicted precision, and the motions to expect of tracking."""
+    import numpy as np
+    from rich.table import Table
+
+    from grainmotion.planning.capture_range import CAPTURE_SOURCE
+
+    table = Table("views", "set", "angles (deg)", "sd of u (voxel)", "(mm)", "sd of w (deg)")
+    for name in ("worst (voxel, deg)", "captured (diameters, deg)", "free across, along (mm)"):
+        table.add_column(name)
+    for s, row in zip(plan.sets, plan.angles_table().itertuples()):
+        table.add_row(
+            str(len(s)),
+            s.kind,
+            str(row.angles_deg),
+            f"{row.sd_u_voxel:.4f}",
+            f"{row.sd_u_mm:.3g}",
+            f"{row.sd_w_deg:.3f}",
+            f"{row.worst_sd_u_voxel:.4f}, {row.worst_sd_w_deg:.3f}",
+            "; ".join(f"{d:g}, {a:g}" for d, a in s.capture.ranges),
+            f"{row.room_across_mm:.3g}, {row.room_along_mm:.3g}",
+        )
+    terminal.console(log_width=WIDEST_LOG).print(table)
+    exposure = f"{plan.settings.photons:.4g} photons a pixel of open beam, model error {plan.settings.model_error:g}"
+    print(f"sd of a component: medians over {len(plan.labels)} grains; worst: of any grain; {exposure}")
+    diameter = f"a diameter is {np.median(plan.diameters):.4g} mm"
+    print(f"captured: largest random motions that converged from a zero start ({CAPTURE_SOURCE}); {diameter}")
+    print("free: how far the sample may move across and along the axis before a footprint leaves the panel")
