@@ -3,6 +3,7 @@
 Public is what `grainmotion` and its `simulate`, `plot` and `viewer` export, and the public methods of exported
 classes.  A function with parameters documents each of them; one that returns something says what; one that raises an
 error of the package itself says when.  A frozen record documents its fields as attributes.
+What the package itself exports has an example, which tests run.
 """
 
 from __future__ import annotations
@@ -65,6 +66,12 @@ def faults(where: str, item: Any) -> list[str]:
     return messages
 
 
+def lacks_example(where: str, item: Any) -> bool:
+    """Whether a function or class, not a member of a class, has no section Examples; tests run these sections."""
+    is_member = where.removeprefix(f"{item.__module__}.") != item.__name__ if hasattr(item, "__name__") else True
+    return not is_member and not re.search(r"^ *Examples\n *--------$", item.__doc__ or "", flags=re.MULTILINE)
+
+
 def _named(field: str, doc: str) -> bool:
     return re.search(rf"(^|[\s`,]){field}\b", doc, flags=re.MULTILINE) is not None
 
@@ -77,7 +84,8 @@ def main() -> int:
         if chosen and not any(where.startswith(f"grainmotion.{name}") for name in chosen):
             continue
         count += 1
-        if messages := faults(where, item):
+        messages = faults(where, item) + ["it has no example"] * lacks_example(where, item)
+        if messages:
             lacking[where] = messages
     for where, messages in sorted(lacking.items()):
         print(f"{where}: {'; '.join(messages)}")

@@ -1,9 +1,11 @@
-"""The Python blocks of the documentation run as they stand, page by page, beside a small finished experiment."""
+"""The Python blocks of pages and the examples of docstrings run as they stand, beside a small finished experiment."""
 
 from __future__ import annotations
 
 import ast
+import doctest
 import importlib
+import inspect
 import shutil
 import sys
 from pathlib import Path
@@ -11,7 +13,8 @@ from pathlib import Path
 import pytest
 from docs.write_tutorial import PAGES
 
-from documented_blocks import ROOT, Block, blocks_in
+import grainmotion
+from documented_blocks import ROOT, Block, blocks_in, blocks_of
 from documented_experiment import write_documented
 from yade_stand_in import names_of_yade, yade_module
 
@@ -72,3 +75,41 @@ def test_blocks_that_are_not_run_import_what_exists(block):
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("grainmotion"):
             module = importlib.import_module(node.module)
             assert [alias.name for alias in node.names if not hasattr(module, alias.name)] == []
+
+
+API_INDEX = ROOT / "docs" / "api" / "index.md"
+PUBLIC = (grainmotion, grainmotion.simulate, grainmotion.viewer)
+EXAMPLES = {
+    f"{module.__name__}.{name}": example
+    for module in PUBLIC
+    for name in module.__all__
+    if not inspect.ismodule(item := getattr(module, name))
+    for example in doctest.DocTestFinder(recurse=False).find(inspect.unwrap(item), name, globs={})
+    if example.examples
+}
+
+
+@pytest.fixture(scope="module")
+def names_of_examples() -> dict[str, object]:
+    """What the lines on the first page of the API define."""
+    names: dict[str, object] = {"__name__": "__main__"}
+    for block in blocks_of(API_INDEX):
+        if block.language == "python":
+            exec(compile(block.code, block.place, "exec"), names)
+    return names
+
+
+@pytest.fixture(scope="module")
+def folder_of_examples(experiment, tmp_path_factory) -> Path:
+    """A copy of the experiment, for all examples: none of them changes it."""
+    return shutil.copytree(experiment, tmp_path_factory.mktemp("examples") / "work")
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_the_example_of_a_docstring_runs(name, names_of_examples, folder_of_examples, monkeypatch):
+    """Each begins with the names of the page, not with those of other examples."""
+    monkeypatch.chdir(folder_of_examples)
+    example = EXAMPLES[name]
+    example.globs = dict(names_of_examples)
+    printed: list[str] = []
+    assert doctest.DocTestRunner().run(example, out=printed.append).failed == 0, "".join(printed)

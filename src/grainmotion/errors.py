@@ -17,6 +17,14 @@ class GrainmotionError(Exception):
         What is wrong, echoing the value.
     remedy : str
         What to do about it.
+
+    Examples
+    --------
+    >>> try:
+    ...     gm.Volume.zeros((8, 8, 8), voxel_size=-1)
+    ... except gm.GrainmotionError as error:
+    ...     print(error.where, "|", error.fact, "|", error.remedy)
+    volume.voxel_size | must be > 0, got -1 | give it in mm
     """
 
     def __init__(self, where: str, fact: str, remedy: str) -> None:
@@ -29,7 +37,16 @@ class GrainmotionError(Exception):
 
 
 class InputError(GrainmotionError, ValueError):
-    """Something that the user gave cannot be used."""
+    """Something that the user gave cannot be used.
+
+    Examples
+    --------
+    >>> try:
+    ...     gm.Volume(np.zeros((3, 3)), voxel_size=0.1)
+    ... except gm.InputError as error:
+    ...     print(error)
+    volume: shape (3, 3) is not (z, y, x); give a 3-D stack
+    """
 
 
 class WriteError(InputError):
@@ -37,8 +54,27 @@ class WriteError(InputError):
 
 
 class InputWarning(UserWarning):
-    """Something that the user gave is likely to be wrong."""
+    """Something that the user gave is likely to be wrong.
+
+    Examples
+    --------
+    Make an error of everything that is doubtful:
+
+    >>> import warnings
+    >>> with warnings.catch_warnings():
+    ...     warnings.simplefilter("error", gm.InputWarning)
+    ...     images = gm.simulate_radiographs(grains, motions, state.geometry)
+    """
 
 
 class BackendError(GrainmotionError, RuntimeError):
-    """A device that was asked for cannot be used."""
+    """A device that was asked for cannot be used.
+
+    Examples
+    --------
+    >>> try:
+    ...     raise gm.BackendError("device", "no NVIDIA GPU was found", 'use device = "cpu"')
+    ... except gm.GrainmotionError as error:
+    ...     print(error.remedy)
+    use device = "cpu"
+    """

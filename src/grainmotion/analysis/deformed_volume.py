@@ -55,6 +55,12 @@ def rebuild(grains: GrainSet, motions: Motions, grid: Volume) -> tuple[Volume, N
     ------
     InputError
         If ``motions`` names a label that is not among the grains.
+
+    Examples
+    --------
+    >>> moved, moved_labels = gm.rebuild(grains, motions, volume)
+    >>> np.unique(moved_labels).tolist()
+    [0, 1, 2, 3, 4]
     """
     by_label = {g.label: g for g in grains.grains}
     unknown = sorted({int(label) for label in motions.labels} - set(by_label))

@@ -38,6 +38,12 @@ def residual_images(grains: GrainSet, motions: Motions, scan: Scan, *, projector
     -------
     (views, rows, columns) array
         Line integrals, dimensionless; NaN where a pixel is masked.
+
+    Examples
+    --------
+    >>> left = gm.residual_images(grains, motions, state)
+    >>> bool(np.abs(left).mean() < 0.05 * state.line_integrals.max())
+    True
     """
     scan, fit, views = grains.scene.hardening.apply(scan), motions.fit, len(scan)
     geometry = fitted_geometry(scan.geometry, fit)

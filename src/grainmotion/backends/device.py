@@ -14,7 +14,14 @@ if TYPE_CHECKING:  # the command line and settings import this module, and need 
 
 
 class Device(StrEnum):
-    """Where to compute: on the CPU, on an NVIDIA GPU, or on the GPU if one works and else on the CPU (auto)."""
+    """Where to compute: on the CPU, on an NVIDIA GPU, or on the GPU if one works and else on the CPU (auto).
+
+    Examples
+    --------
+    >>> quick = gm.track(grains, state, settings=gm.TrackSettings(search=False), device=gm.Device.CPU)
+    >>> bool(quick.ok.all())
+    True
+    """
 
     AUTO = "auto"
     CPU = "cpu"

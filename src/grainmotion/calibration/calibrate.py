@@ -65,7 +65,13 @@ MIN_CALIBRATION_VIEWS = 12
 
 @validated
 class CalibrateSettings:
-    """Which corrections of panel and axis to estimate, and how finely."""
+    """Which corrections of panel and axis to estimate, and how finely.
+
+    Examples
+    --------
+    >>> gm.CalibrateSettings(sweeps=2).sweeps
+    2
+    """
 
     parameters: Annotated[tuple[Parameter, ...], Field(min_length=1, description="corrections to estimate")] = (
         DEFAULT_PARAMETERS
@@ -104,6 +110,17 @@ def calibrate(
     ------
     InputError
         If the scan has too few views, or its radiographs are empty.
+
+    Examples
+    --------
+    The panel is given a pixel, 0.5 mm, beside its place:
+
+    >>> scan = case.reference()
+    >>> given = gm.simulate.misaligned(scan.geometry, shift_pixels=(1.0, 0.0))
+    >>> settings = gm.CalibrateSettings(parameters=("shift_u",))
+    >>> found = gm.calibrate(gm.Scan(scan.line_integrals, given), case.scanner.grid, settings)
+    >>> {name: round(amount, 1) for name, amount in found.amounts.items()}  # mm
+    {'shift_u': -0.5}
     """
     settings = settings or CalibrateSettings()
     names = tuple(dict.fromkeys(settings.parameters))

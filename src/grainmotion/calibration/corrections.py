@@ -91,6 +91,13 @@ class Calibration(Summarised):
         In the order asked for, with those that the data do not determine.
     residuals : (float, float)
         Relative residual of half the views against the other half, ‖r‖/‖b‖, before and after.
+
+    Examples
+    --------
+    >>> views = case.scanner.geometry((0, 90))
+    >>> as_given = gm.Calibration.of(views, (), residuals=(0.02, 0.02))  # nothing to correct
+    >>> np.array_equal(as_given.apply(views).vectors, views.vectors)
+    True
     """
 
     geometry: Geometry

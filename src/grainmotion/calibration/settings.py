@@ -18,7 +18,13 @@ MIN_AUTO_VIEWS = 60
 
 @validated
 class ScannerSettings:
-    """Corrections to estimate from the reference scan; all but the beam's level apply to all states as well."""
+    """Corrections to estimate from the reference scan; all but the beam's level apply to all states as well.
+
+    Examples
+    --------
+    >>> gm.ScannerSettings(geometry=False).geometry
+    False
+    """
 
     geometry: Annotated[
         bool | Literal["auto"] | list[Parameter],
@@ -74,7 +80,13 @@ class ScannerSettings:
 
 @validated
 class ReferenceSettings:
-    """How the reference state is made from its full scan: the tables of the experiment file of the same names."""
+    """How the reference state is made from its full scan: the tables of the experiment file of the same names.
+
+    Examples
+    --------
+    >>> gm.ReferenceSettings(reconstruct=gm.ReconstructSettings(sweeps=4)).reconstruct.sweeps
+    4
+    """
 
     calibrate: Annotated[ScannerSettings, Field(description="which corrections to estimate")] = ScannerSettings()
     reconstruct: Annotated[ReconstructSettings, Field(description="how to reconstruct")] = ReconstructSettings()

@@ -134,6 +134,13 @@ def check_volume(
     -------
     tuple of Finding
         The worst are errors: results would be wrong.
+
+    Examples
+    --------
+    The sample moved, so nothing but its mean motion is noticed:
+
+    >>> [finding.level.value for finding in gm.check_volume(volume, labels, state)]
+    ['note']
     """
     found = [] if labels is None else list(check_labels(volume, labels))
     if min(volume.shape) == 1 or float(np.ptp(volume.array)) == 0:

@@ -103,6 +103,11 @@ def check_scan(
     tuple of Finding
         Empty for a sound scan whose sense of rotation the data confirm, or for one of too few views to be judged
         (12).  ``fix`` names a hypothesis of `grainmotion.diagnosis.hypotheses`.
+
+    Examples
+    --------
+    >>> gm.check_scan(case.reference(), case.scanner.grid)  # nothing is wrong
+    ()
     """
     found = _contradictions(scan, grid, settings or CheckSettings(), where)
     if len(scan) < MIN_CALIBRATION_VIEWS or any(finding.level is Level.ERROR for finding in found):

@@ -11,7 +11,13 @@ from grainmotion._validation import validated
 
 @validated
 class CheckSettings:
-    """How the input is judged before hours of work."""
+    """How the input is judged before hours of work.
+
+    Examples
+    --------
+    >>> gm.CheckSettings(force=True).force
+    True
+    """
 
     warn: Annotated[
         float, Field(gt=0, description="residual of half of the views against the other half from which to warn")

@@ -112,6 +112,11 @@ def check_state(
     -------
     tuple of Finding
         Empty if the state fits.  A finding of level "error" means that tracking would fail.
+
+    Examples
+    --------
+    >>> gm.check_state(grains, state)  # nothing is wrong
+    ()
     """
     words, count = ViewNames(where, tuple(names)), len(scan)
     likeness = Likeness.of(grains, starting_pose(grains, initial), scan)

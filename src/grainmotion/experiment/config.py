@@ -188,6 +188,12 @@ def read_experiment(path: str | Path) -> Experiment:
     ------
     InputError
         If the file is missing or no TOML, or a key is unknown, missing or has an invalid value.
+
+    Examples
+    --------
+    >>> experiment = gm.read_experiment("experiment.toml")
+    >>> [state.name for state in experiment.tables.states], experiment.tables.volume.voxel_size
+    (['step-01', 'step-02'], 0.1)
     """
     path = checked_file(path)
     try:

@@ -79,6 +79,13 @@ def read_scan(
     InputError
         If a file is missing or damaged, shapes or numbers of views do not agree, counts come without flats, or
         pixels have values that cannot be; it names the file.
+
+    Examples
+    --------
+    >>> np.save("state.npy", state.line_integrals)
+    >>> scan = gm.read_scan("state.npy", state.geometry, kind="line-integrals")
+    >>> len(scan)
+    4
     """
     given = geometry if isinstance(geometry, Geometry) else None
     try:

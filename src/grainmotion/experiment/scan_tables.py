@@ -65,7 +65,13 @@ class Table(BaseModel):
 
 @validated
 class Air:
-    """Where the radiographs show only air, for one factor a view.  Give one of the two."""
+    """Where the radiographs show only air, for one factor a view.  Give one of the two.
+
+    Examples
+    --------
+    >>> gm.Air(margin=8)
+    Air(margin=8, region=None)
+    """
 
     margin: Annotated[int | None, Field(gt=0, description="columns at the left and as many at the right")] = None
     region: Annotated[tuple[int, int, int, int] | None, Field(description="row0, row1, column0, column1")] = None

@@ -56,6 +56,12 @@ class Clump(Summarised):
         Of the union of the spheres at density 1, where they overlap counted once.
     grain : MassProperties
         Of the grain.
+
+    Examples
+    --------
+    >>> spheres = gm.clump(gm.grain_surface(grains.grains[0]), 0.1, spheres=10)
+    >>> len(spheres.centers) == len(spheres.radii) <= 10
+    True
     """
 
     centers: Float
@@ -117,6 +123,13 @@ def clump(
     ------
     InputError
         If a number is not positive, or the grain is too small for a sphere.
+
+    Examples
+    --------
+    >>> surface = gm.grain_surface(grains.grains[0])
+    >>> spheres = gm.clump(surface, 0.1, spheres=10)
+    >>> bool(abs(spheres.volume_error) < 0.1)
+    True
     """
     if spheres < 1:
         raise InputError("clump.spheres", f"must be at least 1, got {spheres}", "give 5 to 100")

@@ -40,6 +40,12 @@ class Harmonics(Summarised):
         Share of all directions in which the surface is met more than once: 0 for a star-shaped one.
     residual, worst : float
         Root mean square and largest difference of the radii, mm.
+
+    Examples
+    --------
+    >>> shape = gm.harmonics(gm.grain_surface(grains.grains[0]), degree=6)
+    >>> shape.degree, shape.coefficients.shape
+    (6, (49,))
     """
 
     coefficients: Float
@@ -101,6 +107,12 @@ def harmonics(surface: Surface, degree: int = 12) -> Harmonics:
     ------
     InputError
         If the degree is out of range, or too large for the number of vertices.
+
+    Examples
+    --------
+    >>> shape = gm.harmonics(gm.grain_surface(grains.grains[0]), degree=6)
+    >>> shape.star_shaped
+    True
     """
     count = (degree + 1) ** 2
     if not 0 <= degree <= MAX_DEGREE or 2 * count > len(surface.vertices):

@@ -45,6 +45,12 @@ class LevelSet(Summarised):
         Distance of neighbouring points, mm.
     origin : (3,) array
         Place of point [0, 0, 0], mm, x y z, in the frame of the surface.
+
+    Examples
+    --------
+    >>> field = gm.level_set(gm.grain_surface(grains.grains[0]), spacing=0.2)
+    >>> bool(field.values.min() < 0 < field.values.max())  # negative inside
+    True
     """
 
     values: Float
@@ -80,6 +86,12 @@ def level_set(surface: Surface, spacing: float, *, margin: float = 3.0) -> Level
     ------
     InputError
         If the spacing is not positive, or so small that the grid has more than 10 million points.
+
+    Examples
+    --------
+    >>> field = gm.level_set(gm.grain_surface(grains.grains[0]), spacing=0.2)
+    >>> field.values.ndim, field.spacing
+    (3, 0.2)
     """
     if not spacing > 0:
         raise InputError("level_set.spacing", f"must be > 0, got {spacing}", "give it in mm")

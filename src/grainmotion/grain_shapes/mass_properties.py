@@ -28,6 +28,12 @@ class MassProperties(Summarised):
         Centre of the volume, mm, x y z.
     inertia : (3, 3) array
         Inertia tensor about the centre at density 1, mm⁵, in the frame of the surface.
+
+    Examples
+    --------
+    >>> ball = gm.mass_properties(gm.grain_surface(grains.grains[0]))
+    >>> ball.center.shape, ball.inertia.shape
+    ((3,), (3, 3))
     """
 
     volume: float
@@ -84,6 +90,12 @@ def mass_properties(surface: Surface) -> MassProperties:
     -------
     MassProperties
         Exact for the polyhedron, at density 1 per mm³.
+
+    Examples
+    --------
+    >>> body = gm.mass_properties(gm.grain_surface(grains.grains[0]))
+    >>> body.principal_moments.shape
+    (3,)
     """
     start = surface.vertices.mean(axis=0)  # near the solid, for the precision of the sums
     corners = surface.corners - start

@@ -74,6 +74,12 @@ class GrainSurface(Surface):
         Whether grey values or labels alone give the surface.
     other_pieces : float
         Volume of loose pieces of the grain that are left out, over that of the whole.
+
+    Examples
+    --------
+    >>> surface = gm.grain_surface(grains.grains[0])
+    >>> surface.vertices.shape[1], surface.euler_characteristic
+    (3, 2)
     """
 
     voxel_size: float = 1.0
@@ -100,6 +106,12 @@ def grain_surface(grain: Grain) -> GrainSurface:
     ------
     InputError
         If the grain has too few voxels.
+
+    Examples
+    --------
+    >>> surface = gm.grain_surface(grains.grains[0])
+    >>> surface.euler_characteristic  # closed, without holes
+    2
     """
     where, volume = f"grain {grain.label}", _averaged(grain)
     typical = _level_of_core(volume.array, typical_attenuation(grain))
@@ -145,6 +157,12 @@ def label_surface(labels: NDArray[np.integer], label: int, grid: Volume) -> Grai
     ------
     InputError
         If labels and grid differ in shape, or the label has too few voxels.
+
+    Examples
+    --------
+    >>> surface = gm.label_surface(labels, 1, volume)
+    >>> surface.source
+    'labels'
     """
     if labels.shape != grid.shape:
         raise InputError("labels", f"shape {labels.shape} is not the grid's {grid.shape}", "give one a voxel")

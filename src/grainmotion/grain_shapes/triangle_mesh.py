@@ -32,6 +32,15 @@ class Surface(Summarised):
     InputError
         If the mesh is empty, an index is out of range, an edge is not shared by two triangles that run along it in
         opposite directions, or the triangles face inwards.
+
+    Examples
+    --------
+    >>> tetrahedron = gm.Surface(
+    ...     np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]),
+    ...     np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]),
+    ... )
+    >>> round(tetrahedron.volume, 4), tetrahedron.euler_characteristic
+    (0.1667, 2)
     """
 
     vertices: Float

@@ -38,6 +38,12 @@ class ResultsFolder(Summarised):
         Where they are.
     motions : mapping of str to Motions
         Motions of each state by its name, in loading order; mm and radians.
+
+    Examples
+    --------
+    >>> results = gm.read_results("results")
+    >>> list(results.motions), results.volume.shape, len(results.grains)
+    (['step-01', 'step-02'], (28, 36, 36), 6)
     """
 
     folder: Path
@@ -104,6 +110,12 @@ def read_results(folder: str | Path) -> ResultsFolder:
     ------
     InputError
         If the folder holds no results, or a file of it is damaged.
+
+    Examples
+    --------
+    >>> results = gm.read_results("results")
+    >>> results.motions["step-01"].translations.shape
+    (6, 3)
     """
     folder = Path(folder)
     if not (folder / _REFERENCE).is_file():

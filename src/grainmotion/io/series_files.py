@@ -60,6 +60,10 @@ def write_series(path: str | Path, series: Series, *, settings: Mapping[str, obj
     ------
     InputError
         If the suffix is another one, the file cannot be written, or Parquet is asked for without pyarrow.
+
+    Examples
+    --------
+    >>> gm.write_series("series.csv", gm.Series.of({"step-01": motions}))
     """
     path = Path(path)
     writers = {".h5": _write_hdf5, ".csv": _write_csv, ".parquet": _write_parquet}
@@ -138,6 +142,12 @@ def read_series(path: str | Path) -> Series:
     ------
     InputError
         If the file is missing, damaged, or no load series.
+
+    Examples
+    --------
+    >>> gm.write_series("series.h5", gm.Series.of({"step-01": motions}))
+    >>> gm.read_series("series.h5").states
+    ('step-01',)
     """
     where = str(path)
     if Path(path).suffix.lower() in (".csv", ".parquet"):

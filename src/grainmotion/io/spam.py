@@ -98,6 +98,10 @@ def write_ddic_tsv(
     InputError
         If a label is not positive or above a million, or the labels are of another shape, or lack a grain, or are
         missing where their boxes are asked for.
+
+    Examples
+    --------
+    >>> gm.write_ddic_tsv("ddic.tsv", motions, volume, labels)
     """
     spam_table.check_about(about)
     if len(motions) and motions.labels.min() < 1:
@@ -172,6 +176,13 @@ def read_ddic_tsv(
     InputError
         If the file is no such table, truncated or written with decimal commas, a label is not whole or is there twice,
         columns were exchanged as by ``spam-ddic -skp``, or the file says that its voxels have another size.
+
+    Examples
+    --------
+    >>> gm.write_ddic_tsv("ddic.tsv", motions, volume)
+    >>> again = gm.read_ddic_tsv("ddic.tsv", volume)
+    >>> np.allclose(again.translations, motions.translations, atol=1e-4)
+    True
     """
     spam_table.check_about(about)
     table = spam_table.read_table(path)

@@ -56,6 +56,12 @@ class BodyContacts(Summarised):
         Place of the contact, mm, and unit normal from the grain to the body, in this state.
     tolerance : float
         Gap of the decision, mm.
+
+    Examples
+    --------
+    >>> near = gm.body_contacts(grains, motions)
+    >>> near.bodies.tolist()  # this sample has no piston and no wall
+    []
     """
 
     labels: NDArray[np.int64]
@@ -111,6 +117,11 @@ def body_contacts(
     ------
     InputError
         If the tolerance is not positive, or ``motions`` names a label that is not among the grains.
+
+    Examples
+    --------
+    >>> len(gm.body_contacts(grains, motions))  # this sample has no piston and no wall
+    0
     """
     check_tolerance("body_contacts.tolerance", tolerance)
     placed, _ = placed_grains(grains, motions)

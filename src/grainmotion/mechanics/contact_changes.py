@@ -59,6 +59,12 @@ class ContactChanges(Summarised):
         it (right-hand rule about the normal from first to second), radians.
     rolling_sds, twisting_sds : (m,) arrays
         Their standard deviations, radians.
+
+    Examples
+    --------
+    >>> changes = gm.contact_changes(gm.contacts(grains), gm.contacts(grains, motions), motions)
+    >>> set(changes.changes) <= {"kept", "gained", "lost", "open", "indeterminate", "overlap", "unknown"}
+    True
     """
 
     pairs: NDArray[np.int64]
@@ -114,6 +120,13 @@ def contact_changes(reference: Contacts, state: Contacts, motions: Motions) -> C
     -------
     ContactChanges
         A row for every pair that is near in either.
+
+    Examples
+    --------
+    >>> before, after = gm.contacts(grains), gm.contacts(grains, motions)
+    >>> changes = gm.contact_changes(before, after, motions)
+    >>> len(changes) == len(changes.to_dataframe())
+    True
     """
     pairs = np.unique(np.concatenate([reference.pairs, state.pairs]), axis=0)
     rows = [_rows_of(contacts, pairs) for contacts in (reference, state)]

@@ -76,6 +76,12 @@ class Contacts(Summarised):
         Gap of the decision, mm.
     voxel_size : float
         Of the reference, mm.
+
+    Examples
+    --------
+    >>> pairs = gm.contacts(grains)
+    >>> pairs.to_dataframe().columns[:3].tolist()
+    ['label_1', 'label_2', 'kind']
     """
 
     pairs: NDArray[np.int64]
@@ -147,6 +153,12 @@ def contacts(grains: GrainSet, motions: Motions | None = None, *, tolerance: flo
     ------
     InputError
         If the tolerance is not positive, or ``motions`` names a label that is not among the grains.
+
+    Examples
+    --------
+    >>> pairs = gm.contacts(grains)
+    >>> pairs.labels.tolist()
+    [1, 2, 3, 4]
     """
     check_tolerance("contacts.tolerance", tolerance)
     placed, left_out = placed_grains(grains, motions)

@@ -44,6 +44,12 @@ class Fabric(Summarised):
         Mean number of contacts of the grains with two or more (Thornton, Géotechnique 50, 43, 2000).
     rattlers : int
         Grains with no or one contact.
+
+    Examples
+    --------
+    >>> fabric = gm.fabric(gm.contacts(grains))
+    >>> fabric.grains, fabric.first_kind.shape
+    (4, (3, 3))
     """
 
     directions: Directions
@@ -94,6 +100,12 @@ def fabric(contacts: Contacts, *, directions: Directions = "normals") -> Fabric:
     ------
     InputError
         If ``directions`` is unknown.
+
+    Examples
+    --------
+    >>> fabric = gm.fabric(gm.contacts(grains), directions="branches")
+    >>> fabric.first_kind.shape
+    (3, 3)
     """
     if directions not in ("normals", "branches"):
         raise InputError("fabric.directions", f"'{directions}' is unknown", 'use "normals" or "branches"')

@@ -38,6 +38,16 @@ class Deformation(Summarised):
     ----------
     gradients : (n, 3, 3) array
         F, row i and column j: ∂x_i/∂X_j.
+
+    Examples
+    --------
+    A stretch of 1 % along z:
+
+    >>> deformation = gm.Deformation(np.diag([1.0, 1.0, 1.01])[None])
+    >>> deformation.volumetric.round(6).tolist()
+    [0.01]
+    >>> deformation.small.round(6).tolist()  # xx, yy, zz, yz, xz, xy
+    [[0.0, 0.0, 0.01, 0.0, 0.0, 0.0]]
     """
 
     gradients: Float

@@ -62,6 +62,12 @@ class Strains(Summarised):
         How F was found.
     mean_gradient, mean_covariance : (3, 3), (9, 9) arrays
         F of the whole sample, the average over all tetrahedra by volume, and its covariance.
+
+    Examples
+    --------
+    >>> field = gm.strains(motions)
+    >>> field.mean_gradient.shape, field.gradients.shape
+    ((3, 3), (4, 3, 3))
     """
 
     labels: NDArray[np.int64]
@@ -184,6 +190,12 @@ def strains(motions: Motions, *, estimator: Estimator = "cells", reach: float = 
     ------
     InputError
         If the estimator is unknown, or ``reach`` is not above 1.
+
+    Examples
+    --------
+    >>> field = gm.strains(motions)
+    >>> field.to_dataframe()[["label", "volumetric", "deviatoric"]].shape
+    (4, 3)
     """
     if estimator not in ("cells", "neighbours"):
         raise InputError("strains.estimator", f"'{estimator}' is unknown", 'use "cells" or "neighbours"')

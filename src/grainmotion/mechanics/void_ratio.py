@@ -66,6 +66,12 @@ class VoidRatios(Summarised):
         Cells that neither the border of the field nor a free surface cuts: only their void ratio is a result to use.
     cells : {"set", "radical"}
         How the space was shared.
+
+    Examples
+    --------
+    >>> voids = gm.void_ratio(grains, volume)
+    >>> voids.labels.tolist(), voids.void_ratios.shape
+    ([1, 2, 3, 4], (4,))
     """
 
     labels: NDArray[np.int64]
@@ -142,6 +148,12 @@ def void_ratio(grains: GrainSet, grid: Volume, motions: Motions | None = None, *
     ------
     InputError
         If ``cells`` is unknown, or ``motions`` names a label that is not among the grains.
+
+    Examples
+    --------
+    >>> voids = gm.void_ratio(grains, volume, motions)
+    >>> len(voids.to_dataframe())
+    4
     """
     if cells not in ("set", "radical"):
         raise InputError("void_ratio.cells", f"'{cells}' is unknown", 'use "set" or "radical"')

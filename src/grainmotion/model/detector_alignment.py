@@ -38,6 +38,13 @@ class DetectorAlignment:
         on the axis, so it is the source and the panel that appear tilted the other way.
     first_row : {"bottom", "top"}
         Whether row 0 is the lowest (v along +z, ASTRA) or the highest row (most camera files).
+
+    Examples
+    --------
+    A panel that is shifted by 0.1 mm along its rows, whose row 0 is its upper one:
+
+    >>> gm.DetectorAlignment(detector_offset=(0.1, 0.0), first_row="top").detector_offset
+    (0.1, 0.0)
     """
 
     detector_offset: tuple[float, float] = (0.0, 0.0)

@@ -40,6 +40,12 @@ class FieldOfView(Summarised):
     ------
     InputError
         If the radius is not positive.
+
+    Examples
+    --------
+    >>> field = gm.FieldOfView(case.scanner.geometry(), radius=4.0)
+    >>> field.share(np.zeros((1, 3))).tolist()  # all views see the axis
+    [1.0]
     """
 
     geometry: Geometry

@@ -23,6 +23,11 @@ class Level(StrEnum):
 
     ``NOTE``: worth knowing.  ``WARNING``: results may be wrong or less accurate.  ``ERROR``: results would be wrong;
     the work stops before it begins, unless the user forces it.
+
+    Examples
+    --------
+    >>> [finding.fact for finding in gm.check_state(grains, state) if finding.level == gm.Level.ERROR]
+    []
     """
 
     NOTE = "note"
@@ -53,6 +58,12 @@ class Finding:
         What to do, with the key to change.
     fix : str
         Name of the hypothesis that ``--try-fixes`` or the key ``fixes`` applies; empty if there is none.
+
+    Examples
+    --------
+    >>> finding = gm.Finding(gm.Level.WARNING, "file-series", "reference", "radiograph 7 is missing")
+    >>> finding.line
+    'warning: reference: radiograph 7 is missing [file-series]'
     """
 
     level: Level

@@ -55,6 +55,14 @@ class Geometry(Summarised):
     InputError
         If a row holds NaN, u or v is zero or they are parallel, rays lie in the panel's plane, or
         the source lies in the panel's plane.
+
+    Examples
+    --------
+    >>> views = gm.Geometry.cone((0, 90), (96, 72), 0.5, source_to_axis=120, source_to_detector=480)
+    >>> len(views), views.shape
+    (2, (96, 72))
+    >>> views.source[0].tolist()  # at θ = 0 the beam goes along +y
+    [0.0, -120.0, 0.0]
     """
 
     vectors: Float

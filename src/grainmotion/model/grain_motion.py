@@ -35,6 +35,12 @@ class GrainMotion(Summarised):
         Whether u, and whether ω, is a result to use.
     strain : (6,) array, optional
         Biot strain, as in `Motions.strains`; None for a grain taken as rigid.
+
+    Examples
+    --------
+    >>> motion = motions[1]
+    >>> motion.status, motion.ok_translation
+    ('converged', True)
     """
 
     label: int

@@ -32,6 +32,12 @@ class Grain(Summarised):
         Whether it reaches the border of the reconstructed field of view, and so may be incomplete.
     fine : Volume, optional
         The same attenuation on finer voxels, for the last stages of tracking; padded as ``volume``.
+
+    Examples
+    --------
+    >>> grain = grains.grains[0]
+    >>> grain.label, grain.center.shape, grain.touches_border
+    (1, (3,), False)
     """
 
     label: int
@@ -66,6 +72,13 @@ class GrainSet(Summarised):
     ------
     InputError
         If there is no grain, two have one label, or voxel sizes differ.
+
+    Examples
+    --------
+    >>> len(grains), grains.labels.tolist(), grains.voxel_size
+    (4, [1, 2, 3, 4], 0.125)
+    >>> len(grains.without([2]))
+    3
     """
 
     grains: tuple[Grain, ...]

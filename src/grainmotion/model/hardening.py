@@ -26,6 +26,12 @@ class Hardening:
         Line integral up to which the curve was fitted; 99.5 % of those of the sample lie below.
     sd : float
         Standard deviation of `departure`.
+
+    Examples
+    --------
+    >>> curve = gm.Hardening((1.0, 0.1), longest=2.0)
+    >>> curve.is_linear
+    False
     """
 
     coefficients: tuple[float, ...] = (1.0,)

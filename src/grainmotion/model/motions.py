@@ -65,6 +65,13 @@ class Motions(Summarised):
         x = Ω U (X − c) + u + c (see `grainmotion.model.strain`).  None for grains taken as rigid.
     strain_covariances : (n, 6, 6) array, optional
         Of the six strains.
+
+    Examples
+    --------
+    >>> len(motions), motions.status_counts
+    (4, {'converged': 4})
+    >>> motions.to_table()[["label", "ux", "uy", "uz"]].shape
+    (4, 4)
     """
 
     labels: NDArray[np.int64]

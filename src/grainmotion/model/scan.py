@@ -35,6 +35,13 @@ class Scan(Summarised):
     ------
     InputError
         If shapes disagree or a line integral is not finite.
+
+    Examples
+    --------
+    >>> len(state), state.line_integrals.shape
+    (4, (4, 96, 72))
+    >>> len(state.select([0, 2]))
+    2
     """
 
     line_integrals: NDArray[np.floating]
@@ -175,6 +182,12 @@ def normalize_air(scan: Scan, *, margin: int | None = None, region: tuple[int, i
     ------
     InputError
         If neither or both of ``margin`` and ``region`` are given, or no good pixel lies there.
+
+    Examples
+    --------
+    >>> levelled = gm.normalize_air(state, margin=4)  # four columns at the left and right show air
+    >>> bool(abs(np.median(levelled.line_integrals[:, :, :4])) < 0.01)
+    True
     """
     return scan.levelled(air_levels(scan, margin=margin, region=region))
 
@@ -199,6 +212,12 @@ def snr(scan_a: Scan, scan_b: Scan) -> float:
     ------
     InputError
         If their shapes differ.
+
+    Examples
+    --------
+    >>> again = case.state(truth, (0, 45, 90, 135), number=2)  # the same state, other noise
+    >>> 45 < gm.snr(state, again) < 55
+    True
     """
     if scan_a.line_integrals.shape != scan_b.line_integrals.shape:
         fact = f"shapes {scan_a.line_integrals.shape} and {scan_b.line_integrals.shape} differ"

@@ -42,6 +42,13 @@ class Freedom:
     ------
     InputError
         If a way does not have 6 finite numbers, or one follows from the others.
+
+    Examples
+    --------
+    >>> gm.Freedom.of("z wz").basis.shape
+    (6, 2)
+    >>> gm.Freedom.of("fixed").moves
+    False
     """
 
     ways: tuple[tuple[float, ...], ...] = ()
@@ -146,6 +153,15 @@ class Body(Summarised):
         Its own attenuation, 1/mm, in its place; cropped as a rule.
     freedom : Freedom
         The ways in which it may move.
+
+    Examples
+    --------
+    A piston that moves along z only:
+
+    >>> disc = gm.Volume(np.ones((4, 20, 20)), voxel_size=0.1, center=(0, 0, 3.0))
+    >>> piston = gm.Body("upper piston", "piston", disc, gm.Freedom.of("z"))
+    >>> piston.center.round(6).tolist()
+    [0.0, 0.0, 3.0]
     """
 
     name: str
@@ -188,6 +204,11 @@ class Scene(Summarised):
     ------
     InputError
         If two bodies have one name, or their voxels are not of one grid.
+
+    Examples
+    --------
+    >>> grains.scene.bodies, grains.scene.fluid
+    ((), None)
     """
 
     bodies: tuple[Body, ...] = ()

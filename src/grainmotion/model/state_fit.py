@@ -140,6 +140,11 @@ class StateFit(Summarised):
     start_residuals : tuple of float
         Where the best of several starts was taken, the relative residual of the radiographs at each, under the first
         stage's filter; in a run those of the state before and of the extrapolation of the last two states.
+
+    Examples
+    --------
+    >>> bool(abs(motions.fit.gain - 1) < 0.01), len(motions.fit.costs) > 0
+    (True, True)
     """
 
     gain: float = 1.0

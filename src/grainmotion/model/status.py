@@ -10,7 +10,13 @@ from numpy.typing import NDArray
 
 
 class Status(StrEnum):
-    """Outcome of the fit of a grain; `Motions.reasons` gives cause and remedy."""
+    """Outcome of the fit of a grain; `Motions.reasons` gives cause and remedy.
+
+    Examples
+    --------
+    >>> motions.statuses == gm.Status.CONVERGED
+    array([ True,  True,  True,  True])
+    """
 
     CONVERGED = "converged"
     NOT_CONVERGED = "not-converged"

@@ -44,6 +44,12 @@ class Volume(Summarised):
     InputError
         If the array is not three-dimensional, is empty or holds NaN, the voxel size is not positive, or
         the centre is not three finite numbers.
+
+    Examples
+    --------
+    >>> grid = gm.Volume.zeros((96, 72, 72), voxel_size=0.125)  # z, y, x; mm
+    >>> grid.shape, grid.origin.tolist()  # x, y, z of the centre of voxel [0, 0, 0]
+    ((96, 72, 72), [-4.4375, -4.4375, -5.9375])
     """
 
     array: NDArray[np.floating]

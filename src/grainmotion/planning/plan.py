@@ -112,6 +112,12 @@ class Plan(Summarised):
     coupled : bool
         Whether neighbours were free too while angles were chosen; covariances always hold the coupling.
     settings : PlanSettings
+
+    Examples
+    --------
+    >>> plan = gm.plan(grains, case.scanner.geometry((0, 45, 90, 135)), gm.PlanSettings(views=(2,)))
+    >>> len(plan.sets) > 0
+    True
     """
 
     labels: NDArray[np.int64]
@@ -227,6 +233,13 @@ def plan(
     ------
     InputError
         If there are fewer candidates than views wanted, or no candidate sees a grain.
+
+    Examples
+    --------
+    >>> candidates = case.scanner.geometry((0, 45, 90, 135))
+    >>> plan = gm.plan(grains, candidates, gm.PlanSettings(views=(2,)))
+    >>> len(plan.to_table()) > 0
+    True
     """
     settings = settings or PlanSettings()
     counts = sorted(set(settings.views))

@@ -13,7 +13,13 @@ Count = Annotated[int, Field(ge=2, le=100)]
 
 @validated
 class PlanSettings:
-    """What `grainmotion plan` assumes, and what it chooses from."""
+    """What `grainmotion plan` assumes, and what it chooses from.
+
+    Examples
+    --------
+    >>> gm.PlanSettings(photons=1e4, views=(2, 4)).views
+    (2, 4)
+    """
 
     photons: Annotated[
         float, Field(gt=0, allow_inf_nan=False, description="photons a pixel detects without the sample, a radiograph")

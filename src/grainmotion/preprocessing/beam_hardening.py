@@ -45,7 +45,13 @@ MIN_PATH = 0.2
 
 @validated
 class HardeningSettings:
-    """How to fit the curve of beam hardening."""
+    """How to fit the curve of beam hardening.
+
+    Examples
+    --------
+    >>> gm.HardeningSettings(degree=2).degree
+    2
+    """
 
     degree: Annotated[int, Field(ge=2, le=4, description="degree of the curve")] = 3
     threshold: Annotated[
@@ -87,6 +93,12 @@ def calibrate_hardening(
     ------
     InputError
         If no voxel lies above the threshold, or the scan has too few views.
+
+    Examples
+    --------
+    >>> curve = gm.calibrate_hardening(case.reference(), volume, gm.HardeningSettings(views=8))
+    >>> curve.is_linear  # this beam has one energy
+    True
     """
     settings = settings or HardeningSettings()
     if len(scan) < JACKKNIFE_GROUPS:

@@ -127,6 +127,15 @@ def line_integrals_from_counts(
     InputError
         If shapes disagree, counts are negative, more than 10 % of an image is NaN, more than 5 % of the flat is not
         above the dark, or a view has no good pixel.  `InputError.where` is "counts", "flats" or "darks".
+
+    Examples
+    --------
+    >>> recording = case.state_counts(truth, (0, 90))
+    >>> scan, pixels = gm.line_integrals_from_counts(
+    ...     recording.counts, recording.flats, recording.darks, recording.geometry
+    ... )
+    >>> len(scan), pixels.dead
+    (2, 0)
     """
     images = np.asarray(counts)
     check_counts("counts", images)

@@ -140,6 +140,12 @@ def simulate_radiographs(
     ------
     InputError
         If the motions are not those of these grains, label by label.
+
+    Examples
+    --------
+    >>> images = gm.simulate_radiographs(grains, motions, state.geometry)
+    >>> images.shape
+    (4, 96, 72)
     """
     if not np.array_equal(motions.labels, grains.labels):
         raise InputError("motions", "their labels are not the grains'", "give one motion a grain, in the grains' order")

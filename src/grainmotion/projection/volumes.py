@@ -26,6 +26,12 @@ def project(volume: Volume, geometry: Geometry, *, projector: Projector = "trili
     -------
     (views, rows, columns) array
         Line integrals, dimensionless, in the precision of the volume.
+
+    Examples
+    --------
+    >>> images = gm.project(volume, case.scanner.geometry((0, 90)))
+    >>> images.shape
+    (2, 96, 72)
     """
     operator = VolumeOperator(geometry, volume, projector)
     return operator.forward(operator.padded(volume.array))
@@ -50,6 +56,12 @@ def back_project(images: Image, geometry: Geometry, grid: Volume, *, projector: 
     -------
     Volume
         Aᵀ y on the grid, in the units of the images times mm.
+
+    Examples
+    --------
+    >>> spread = gm.back_project(state.line_integrals, state.geometry, case.scanner.grid)
+    >>> spread.shape
+    (96, 72, 72)
     """
     operator = VolumeOperator(geometry, grid, projector)
     image = operator.empty()

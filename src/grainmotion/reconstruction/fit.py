@@ -29,6 +29,14 @@ class Reconstruction(Summarised):
         Relative residual ε = ‖b − A x‖/‖b‖ (Eq. 23) of each sweep or phase, each view just before its update.
     notes : tuple of str
         Sentences on the grid, if it was grown.
+
+    Examples
+    --------
+    >>> views = case.scanner.geometry((0, 30, 60, 90, 120, 150))
+    >>> scan = gm.Scan(gm.project(volume, views), views)
+    >>> result = gm.reconstruct(scan, case.scanner.grid, gm.ReconstructSettings(sweeps=2))
+    >>> len(result.residuals), result.residuals[-1] < result.residuals[0]
+    (2, True)
     """
 
     volume: Volume

@@ -44,6 +44,13 @@ def reconstruct(
         The volume on ``grid``, or on a larger grid that has the same voxels, with what of it the scan saw
         (`Volume.field`), how its views are shifted and the curve that linearised it
         (`Volume.hardening`), and ε after each sweep (plain SART) or phase (accelerated).
+
+    Examples
+    --------
+    >>> scan = case.reference()  # 90 views
+    >>> result = gm.reconstruct(scan, case.scanner.grid, gm.ReconstructSettings(sweeps=2))
+    >>> result.volume.shape
+    (96, 72, 72)
     """
     settings = settings or ReconstructSettings()
     place = fitted_grid(scan.select(growth_views(len(scan))), scan.geometry, grid, settings)

@@ -20,7 +20,15 @@ Outline = Annotated[float, Field(gt=0)] | Literal["auto", "grid"]
 
 @validated
 class ReconstructSettings:
-    """How to reconstruct the reference."""
+    """How to reconstruct the reference.
+
+    Examples
+    --------
+    >>> gm.ReconstructSettings(sweeps=3).sweeps
+    3
+    >>> gm.ReconstructSettings(method="sart").plain(views=90)
+    True
+    """
 
     projector: Annotated[Projector, Field(description="operator shared by reconstruction and tracking")] = "trilinear"
     method: Annotated[

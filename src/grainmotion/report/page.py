@@ -49,6 +49,11 @@ def write_report(path: str | Path, data: ReportData) -> None:
     ------
     InputError
         If the file cannot be written.
+
+    Examples
+    --------
+    >>> from grainmotion.report.data import ReportData
+    >>> gm.write_report("reference.html", ReportData("reference", volume=volume, labels=labels))
     """
     with atomic_write(path) as part, part.open("w", encoding="utf-8") as stream:
         stream.writelines(_environment().get_template("page.html.j2").generate(_context(data)))

@@ -64,6 +64,12 @@ def extract_grains(
     ------
     InputError
         If the labels are not the volume's, or there is no grain.
+
+    Examples
+    --------
+    >>> grains = gm.extract_grains(volume, gm.segment(volume))
+    >>> len(grains)
+    4
     """
     return _grains_and_scene(volume, segmentation.labels, segmentation.border, settings or SegmentSettings(), cut)
 
@@ -116,6 +122,12 @@ def grains_from_labels(
     ------
     InputError
         If shapes differ, labels are not integers from 0 on, or there is no grain.
+
+    Examples
+    --------
+    >>> grains = gm.grains_from_labels(volume, labels)
+    >>> grains.labels.tolist()
+    [1, 2, 3, 4]
     """
     settings = SegmentSettings(reach=reach, background=background, finer=finer)
     return _grains_and_scene(volume, labels, border, settings, cut)

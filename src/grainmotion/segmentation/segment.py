@@ -51,6 +51,12 @@ class Segmentation(Summarised):
         Labels that touch the border of the field of view, and so may be incomplete.
     phases : tuple of Phase
         What was found: air, liquid, grains and bodies; empty if the labels were given.
+
+    Examples
+    --------
+    >>> segmentation = gm.segment(volume)
+    >>> int(segmentation.labels.max())
+    4
     """
 
     labels: Ints
@@ -115,6 +121,12 @@ def segment(
     ------
     InputError
         If no grain is found.
+
+    Examples
+    --------
+    >>> segmentation = gm.segment(volume)
+    >>> int(segmentation.labels.max()), segmentation.border
+    (4, ())
     """
     settings = settings or SegmentSettings()
 

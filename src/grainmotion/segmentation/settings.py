@@ -73,7 +73,13 @@ class PhaseSettings:
 
 @validated
 class SegmentSettings:
-    """How to segment a volume and extract its grains."""
+    """How to segment a volume and extract its grains.
+
+    Examples
+    --------
+    >>> gm.SegmentSettings(threshold=0.05).threshold
+    0.05
+    """
 
     threshold: Annotated[
         float | None, Field(description="attenuation from which a voxel is grain, 1/mm; Otsu's unless given")

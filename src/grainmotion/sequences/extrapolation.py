@@ -40,6 +40,14 @@ def extrapolate(before: Motions | None, last: Motions, *, ratio: float = 1.0) ->
     ------
     InputError
         If the ratio is negative or not finite.
+
+    Examples
+    --------
+    After a first state, all grains are expected to go on as they moved:
+
+    >>> expected = gm.extrapolate(None, motions)
+    >>> np.allclose(expected.translations, 2 * motions.translations)
+    True
     """
     if not (np.isfinite(ratio) and ratio >= 0):
         raise InputError("extrapolate(ratio)", f"got {ratio:g}", "give a ratio of times, 0 or more")

@@ -37,6 +37,12 @@ class Series(Summarised):
         From the reference to each state, with the same grains in the same order.
     times : (s,) array
         Of each state, seconds since the reference; NaN where not told.
+
+    Examples
+    --------
+    >>> series = gm.Series.of({"step-01": motions, "step-02": motions})
+    >>> series.states, series.translations.shape
+    (('step-01', 'step-02'), (2, 4, 3))
     """
 
     states: tuple[str, ...]

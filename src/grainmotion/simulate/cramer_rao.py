@@ -69,6 +69,11 @@ def motion_bounds(
         Covariances of (ux, uy, uz, δx, δy, δz), mm and radians, sample frame: a translation of each particle and a
         rotation by exp[δ]ₓ about its centre.  Infinite on the diagonal, and NaN beside it, for components
         that the radiographs do not determine.
+
+    Examples
+    --------
+    >>> gm.simulate.motion_bounds(case.sample, state.geometry, case.physics, subsamples=1).shape
+    (4, 6, 6)
     """
     n = len(sample)
     radii = np.array([_radius(p) for p in sample.particles])

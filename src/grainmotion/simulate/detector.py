@@ -25,6 +25,11 @@ class Physics:
 
     The defaults, but for ``photons``, are those of a perfect detector.  Effects apply in this order: line integrals,
     spectrum, average over the pixel, blur, the pixel's gain, Poisson noise, conversion to counts, dark level.
+
+    Examples
+    --------
+    >>> gm.simulate.Physics(photons=1e4).photons
+    10000.0
     """
 
     photons: Annotated[float, Field(gt=0, description="photons a pixel detects without the sample")] = 20_000.0
@@ -61,6 +66,12 @@ class Recording:
         Images without the sample, and without the beam.
     geometry : Geometry
         The views.
+
+    Examples
+    --------
+    >>> recording = case.state_counts(truth, (0, 90))
+    >>> recording.counts.shape, recording.flats.shape[1:]
+    ((2, 96, 72), (96, 72))
     """
 
     counts: NDArray[np.float32]
@@ -90,6 +101,12 @@ def record(sample: Sample, geometry: Geometry, physics: Physics, seed: int, beam
     ------
     InputError
         If ``beam`` is not one positive number, or one a view.
+
+    Examples
+    --------
+    >>> recording = gm.simulate.record(case.sample, case.scanner.geometry((0, 90)), case.physics, 0)
+    >>> recording.counts.shape
+    (2, 96, 72)
     """
     rng = np.random.default_rng(seed)
     fraction = _levels(beam, geometry) * _transmission(sample, geometry, physics)
@@ -122,6 +139,12 @@ def record_line_integrals(
     -------
     Scan
         Noisy line integrals, dimensionless.
+
+    Examples
+    --------
+    >>> scan = gm.simulate.record_line_integrals(case.sample, case.scanner.geometry((0, 90)), case.physics, 0)
+    >>> len(scan)
+    2
     """
     rng = np.random.default_rng(seed)
     drift = 1 + physics.gain_drift * rng.standard_normal()
@@ -144,6 +167,11 @@ def detector_gain(shape: tuple[int, int], physics: Physics) -> Float:
     -------
     (rows, columns) array
         1 in the mean, at least 0.2.
+
+    Examples
+    --------
+    >>> gm.simulate.detector_gain((96, 72), case.physics).shape
+    (96, 72)
     """
     if physics.flat_variation == 0:
         return np.ones(shape)
@@ -175,6 +203,12 @@ def photons_for_snr(line_integrals: ArrayLike, snr: float) -> float:
     ------
     InputError
         If ``snr`` is not positive.
+
+    Examples
+    --------
+    >>> clean = gm.simulate.line_integrals(case.sample, state.geometry, subsamples=1)
+    >>> gm.simulate.photons_for_snr(clean, 50.0) < gm.simulate.photons_for_snr(clean, 100.0)
+    True
     """
     if not snr > 0:
         raise InputError("snr", f"must be > 0, got {snr}", "the paper has about 50")

@@ -36,6 +36,12 @@ def cut(mesh: Mesh, normal: ArrayLike) -> tuple[Mesh, Mesh]:
     ------
     InputError
         If the normal is zero or not finite.
+
+    Examples
+    --------
+    >>> pieces = gm.simulate.cut(case.sample.particles[0].shape, np.array([0.0, 0, 1]))
+    >>> len(pieces)
+    2
     """
     n = np.asarray(normal, dtype=float)
     length = float(np.linalg.norm(n))
@@ -66,6 +72,12 @@ def broken(particle: Particle, normal: ArrayLike) -> tuple[Particle, Particle]:
     ------
     InputError
         If the particle is an ellipsoid, or the plane crosses an inclusion.
+
+    Examples
+    --------
+    >>> halves = gm.simulate.broken(case.sample.particles[0], np.array([0.0, 0, 1]))
+    >>> len(halves)
+    2
     """
     mesh = particle.shape
     if isinstance(mesh, Ellipsoid):

@@ -56,6 +56,12 @@ class HardCase:
         Standard deviation of the panel's read noise over the counts of the open beam.
     facts : dict of str to float
         Sizes of the effect that depend on the seed.
+
+    Examples
+    --------
+    >>> case = gm.simulate.hard_case("missing")
+    >>> case.name, len(case.missing) > 0
+    ('missing', True)
     """
 
     case: Case

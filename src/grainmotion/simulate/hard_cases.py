@@ -228,6 +228,12 @@ def hard_case(
     ------
     InputError
         If there is no such case, scale or motion, or the case takes no inclusions.
+
+    Examples
+    --------
+    >>> case = gm.simulate.hard_case("noisy")
+    >>> case.summary
+    'Few photons: a signal-to-noise ratio of 10.'
     """
     if name not in HARD_CASES:
         raise InputError("hard case", f"'{name}' is unknown", f"choose one of {', '.join(HARD_CASES)}")

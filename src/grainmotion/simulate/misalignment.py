@@ -24,6 +24,11 @@ class Misalignment:
         Rotation of the panel in its plane.
     stage_deg : float
         Excess rotation of the stage.
+
+    Examples
+    --------
+    >>> gm.simulate.Misalignment(stage_deg=0.5).stage_deg
+    0.5
     """
 
     shift_pixels: tuple[float, float] = (0.0, 0.0)
@@ -61,6 +66,13 @@ def misaligned(
     ------
     InputError
         If there is neither one number nor one a view.
+
+    Examples
+    --------
+    >>> views = case.scanner.geometry((0, 90))
+    >>> true = gm.simulate.misaligned(views, shift_pixels=(1.0, 0.0))
+    >>> np.allclose(true.detector - views.detector, views.u)
+    True
     """
     n = len(geometry)
     try:

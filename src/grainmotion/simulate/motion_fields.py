@@ -26,6 +26,11 @@ def unmoved(sample: Sample) -> Motions:
     -------
     Motions
         Zero translations and rotations.
+
+    Examples
+    --------
+    >>> float(np.abs(gm.simulate.unmoved(case.sample).translations).max())
+    0.0
     """
     return _truth(sample, np.zeros((len(sample), 3)), np.zeros((len(sample), 3)))
 
@@ -51,6 +56,12 @@ def rigid(
     -------
     Motions
         The exact motions of the particles.
+
+    Examples
+    --------
+    >>> truth = gm.simulate.rigid(case.sample, (0.4, -0.5, 0.7))
+    >>> truth.translations[0].tolist()
+    [0.4, -0.5, 0.7]
     """
     vector = np.deg2rad(np.asarray(rotation_deg, dtype=float))
     moved = apply_motion(rotation_matrix(vector), translation, center, sample.centers)
@@ -80,6 +91,12 @@ def random(sample: Sample, max_translation: float, max_angle_deg: float, seed: i
     ------
     InputError
         If a limit is negative, or the angle exceeds 180°.
+
+    Examples
+    --------
+    >>> truth = gm.simulate.random(case.sample, 0.5, 10.0, seed=1)
+    >>> bool(np.linalg.norm(truth.translations, axis=1).max() <= 0.5)
+    True
     """
     if max_translation < 0 or not 0 <= max_angle_deg <= 180:
         fact = f"limits {max_translation} mm and {max_angle_deg}°"
@@ -107,6 +124,12 @@ def affine(sample: Sample, gradient: ArrayLike, center: ArrayLike = (0.0, 0.0, 0
     -------
     Motions
         The exact motions of the particles.
+
+    Examples
+    --------
+    >>> squeeze = gm.simulate.affine(case.sample, np.diag([0.0, 0.0, -0.02]))
+    >>> np.allclose(squeeze.translations[:, 2], -0.02 * squeeze.centers[:, 2])
+    True
     """
     a = np.asarray(gradient, dtype=float).reshape(3, 3)
     skew = (a - a.T) / 2
@@ -150,6 +173,12 @@ def shear_band(
     ------
     InputError
         If the slip is not in the band's plane, or the thickness is not positive.
+
+    Examples
+    --------
+    >>> truth = gm.simulate.shear_band(case.sample, slip=0.4, thickness=1.0)
+    >>> bool(np.linalg.norm(truth.translations, axis=1).max() <= 0.2)
+    True
     """
     n, t = (np.asarray(v, dtype=float) / np.linalg.norm(np.asarray(v, dtype=float)) for v in (normal, direction))
     if abs(n @ t) > 1e-6 or not thickness > 0:

@@ -26,7 +26,13 @@ from grainmotion.simulate.signed_distance import locator
 
 @validated
 class PackingSettings:
-    """Settings of `pack`."""
+    """Settings of `pack`.
+
+    Examples
+    --------
+    >>> gm.simulate.PackingSettings(radius=3.0).radius
+    3.0
+    """
 
     radius: Annotated[float, Field(gt=0, description="inner radius of the cylinder, mm")]
     gap: Annotated[
@@ -62,6 +68,13 @@ def pack(
     ------
     InputError
         If there are no particles, or one does not fit in the cylinder.
+
+    Examples
+    --------
+    >>> stones = [gm.simulate.Particle(gm.simulate.stone(k, 2.0, 2), 0.1) for k in (3, 8)]
+    >>> sample = gm.simulate.pack(stones, gm.simulate.PackingSettings(radius=2.5), seed=0)
+    >>> len(sample.particles)
+    2
     """
     if not particles:
         raise InputError("particles", "there are none", "give at least one")
@@ -111,6 +124,11 @@ def gaps(sample: Sample, reach: float | None = None) -> Float:
     (n, n) array
         mm, from surface points of one particle to the triangles of the other.  Negative where they overlap, infinite
         beyond ``reach`` and on the diagonal.
+
+    Examples
+    --------
+    >>> gm.simulate.gaps(case.sample).shape
+    (4, 4)
     """
     located, origins = zip(*(locator(p.shape) for p in sample.particles), strict=True)
     bodies = stack(list(located))

@@ -51,6 +51,12 @@ def line_integrals(
     ------
     InputError
         If a particle reaches behind the source, or a number is out of its range.
+
+    Examples
+    --------
+    >>> images = gm.simulate.line_integrals(case.sample, case.scanner.geometry((0, 90)))
+    >>> images.shape
+    (2, 96, 72)
     """
     fraction = transmission(sample, geometry, subsamples=subsamples, averaging=averaging, spectrum=spectrum)
     return (-np.log(fraction)).astype(np.float32)
@@ -82,6 +88,12 @@ def transmission(
     ------
     InputError
         If a particle reaches behind the source, or a number is out of its range.
+
+    Examples
+    --------
+    >>> fraction = gm.simulate.transmission(case.sample, case.scanner.geometry((0,)))
+    >>> bool(0 < fraction.min() < fraction.max() <= 1)
+    True
     """
     if subsamples < 1:
         raise InputError("subsamples", f"must be >= 1, got {subsamples}", "3 is accurate to the photon noise")

@@ -26,6 +26,12 @@ class Particle:
         Attenuation of its bulk, 1/mm.
     inclusions : tuple of (Ellipsoid or Mesh, float)
         Shapes wholly inside it, none overlapping another, each with its attenuation in 1/mm.
+
+    Examples
+    --------
+    >>> particle = case.sample.particles[0]
+    >>> particle.attenuation, particle.center.shape
+    (0.1, (3,))
     """
 
     shape: Shape
@@ -82,6 +88,11 @@ class Tube:
         A point of its axis, mm.
     rotation : (float, float, float)
         Rotation vector that carries z to its axis, radians.
+
+    Examples
+    --------
+    >>> gm.simulate.Tube(3.0, 3.2, 0.05).outer_radius
+    3.2
     """
 
     inner_radius: float
@@ -136,6 +147,11 @@ class Sample:
         A wall, or a column of liquid.
     bodies : tuple of Particle
         What attenuates and is no grain, such as pistons; without labels.
+
+    Examples
+    --------
+    >>> len(case.sample.particles), case.sample.centers.shape
+    (4, (4, 3))
     """
 
     particles: tuple[Particle, ...]
@@ -207,6 +223,11 @@ def ellipsoid_particle(
     -------
     Particle
         The ellipsoid, its semi-axes along x, y and z.
+
+    Examples
+    --------
+    >>> gm.simulate.ellipsoid_particle(np.random.default_rng(0), 1.0, 0.1).attenuation
+    0.1
     """
     ratios = np.exp(rng.uniform(-0.5, 0.5, 3) * np.log(elongation))
     semi_axes = diameter / 2 * ratios / np.cbrt(np.prod(ratios))
@@ -236,6 +257,12 @@ def inscribed(mesh: Mesh, rng: np.random.Generator) -> Ellipsoid:
     -------
     Ellipsoid
         Wholly inside the mesh.
+
+    Examples
+    --------
+    >>> core = gm.simulate.inscribed(case.sample.particles[0].shape, np.random.default_rng(0))
+    >>> core.semi_axes.shape
+    (3,)
     """
     clearance = mesh.clearance
     axes = _random_rotation(rng)

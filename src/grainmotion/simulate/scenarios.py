@@ -38,6 +38,11 @@ class Scanner:
         mm.
     reference_views : int
         Views of the full scan, evenly over 360°.
+
+    Examples
+    --------
+    >>> case.scanner.panel, case.scanner.voxel_size, len(case.scanner.geometry())
+    ((96, 72), 0.125, 90)
     """
 
     panel: tuple[int, int]
@@ -97,6 +102,14 @@ class Case:
         Seed of the noise.
     motions : dict of str to Motions
         Ready-made motions by name: ``unmoved``, ``shift``, ``random``.
+
+    Examples
+    --------
+    >>> case = gm.simulate.small(n_grains=2)
+    >>> sorted(case.motions)
+    ['random', 'shift', 'unmoved']
+    >>> case.state(case.motions["shift"], (0, 90)).line_integrals.shape
+    (2, 96, 72)
     """
 
     sample: Sample
@@ -202,6 +215,12 @@ def paper_scale(
     -------
     Case
         Sample, scanner, physics and motions.
+
+    Examples
+    --------
+    >>> case = gm.simulate.paper_scale(n_grains=1)
+    >>> case.scanner.panel
+    (280, 180)
     """
     return case_of(stones(PAPER_SCALE, seed, n_grains, inclusion, progress), PAPER_SCALE, seed, snr)
 
@@ -225,6 +244,12 @@ def small(
     -------
     Case
         Sample, scanner, physics and motions.
+
+    Examples
+    --------
+    >>> case = gm.simulate.small(n_grains=2)
+    >>> len(case.sample.particles)
+    2
     """
     return case_of(stones(SMALL_SCALE, seed, n_grains, inclusion, progress), SMALL_SCALE, seed, snr)
 

@@ -27,6 +27,12 @@ class Mesh:
         Vertices of each triangle, counter-clockwise seen from outside.
     star_point : (3,) array
         A point inside from which the whole surface is visible, mm.
+
+    Examples
+    --------
+    >>> ball = gm.simulate.sphere(2.0, 3)
+    >>> round(ball.volume, 1)  # of radius 1
+    4.2
     """
 
     vertices: Float
@@ -96,6 +102,12 @@ class Ellipsoid:
         mm.
     axes : (3, 3) array
         Unit vectors of the semi-axes, in columns.
+
+    Examples
+    --------
+    >>> ball = gm.simulate.Ellipsoid(np.zeros(3), np.ones(3), np.eye(3))
+    >>> gm.simulate.inside(ball, np.array([[0.0, 0, 0.9], [0, 0, 1.1]])).tolist()
+    [True, False]
     """
 
     center: Float
@@ -173,6 +185,12 @@ def icosphere(level: int) -> tuple[Float, NDArray[np.int64]]:
     ------
     InputError
         If the level is out of range.
+
+    Examples
+    --------
+    >>> vertices, faces = gm.simulate.icosphere(1)
+    >>> len(vertices), len(faces)
+    (42, 80)
     """
     if not 0 <= level <= 8:
         raise InputError("icosphere level", f"must be 0 to 8, got {level}", "4 or 5 is fine enough for a stone")
@@ -212,6 +230,11 @@ def sphere(diameter: float, level: int = 4) -> Mesh:
     -------
     Mesh
         The inscribed polyhedron.
+
+    Examples
+    --------
+    >>> round(gm.simulate.sphere(2.0, 4).volume, 2)  # a little less than 4/3 π
+    4.18
     """
     directions, faces = icosphere(level)
     return Mesh(directions * diameter / 2, faces, np.zeros(3))
@@ -229,6 +252,12 @@ def polyhedron(points: ArrayLike) -> Mesh:
     -------
     Mesh
         The hull; points inside it are dropped.
+
+    Examples
+    --------
+    >>> cube = gm.simulate.polyhedron(np.array([[x, y, z] for x in (0.0, 1) for y in (0, 1) for z in (0, 1)]))
+    >>> round(cube.volume, 6)
+    1.0
     """
     points = np.asarray(points, dtype=float)
     hull = ConvexHull(points)
@@ -256,6 +285,11 @@ def disc(radius: float, bottom: float, top: float, corners: int = 48) -> Mesh:
     -------
     Mesh
         The prism.
+
+    Examples
+    --------
+    >>> round(gm.simulate.disc(2.0, 0.0, 0.5).volume, 1)
+    6.3
     """
     angles = np.arange(corners) * 2 * np.pi / corners
     ring = radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
@@ -283,6 +317,12 @@ def random_polyhedron(rng: np.random.Generator, diameter: float, corners: int = 
     ------
     InputError
         If there are fewer than 6 corners, or the diameter is not positive.
+
+    Examples
+    --------
+    >>> stone = gm.simulate.random_polyhedron(np.random.default_rng(0), 2.0)
+    >>> stone.vertices.shape[1]
+    3
     """
     if corners < 6:
         raise InputError("corners", f"must be >= 6, got {corners}", "ask for more corners")

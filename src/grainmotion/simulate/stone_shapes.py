@@ -60,6 +60,11 @@ def stone_radius(stone: int, directions: ArrayLike) -> Float:
     -------
     (m,) array
         Distance from the centre of mass to the surface along each direction, mm.
+
+    Examples
+    --------
+    >>> gm.simulate.stone_radius(3, np.eye(3)).shape  # along x, y and z
+    (3,)
     """
     return _basis(np.asarray(directions, dtype=float)) @ _real_coefficients(stone)
 
@@ -85,6 +90,12 @@ def stone(index: int, diameter: float | None = None, level: int = 4) -> Mesh:
     ------
     InputError
         If there is no such stone, or the diameter is not positive.
+
+    Examples
+    --------
+    >>> stone = gm.simulate.stone(3, 2.0, 3)
+    >>> round(stone.volume, 1)
+    4.2
     """
     directions, faces = icosphere(level)
     mesh = Mesh((_level_basis(level) @ _real_coefficients(index))[:, None] * directions, faces, np.zeros(3))

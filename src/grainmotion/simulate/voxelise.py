@@ -26,6 +26,12 @@ def inside(shape: Shape, points: Float) -> NDArray[np.bool_]:
     -------
     (m,) bool array
         True inside the shape or on its surface.
+
+    Examples
+    --------
+    >>> grain = case.sample.particles[0]
+    >>> gm.simulate.inside(grain.shape, grain.center[None]).tolist()
+    [True]
     """
     if isinstance(shape, Ellipsoid):
         return (((points - shape.center) @ shape.whitening.T) ** 2).sum(axis=1) <= 1
@@ -47,6 +53,12 @@ def label_volume(sample: Sample, grid: Volume) -> NDArray[np.int16]:
     -------
     (nz, ny, nx) int16 array
         Labels, 0 outside all particles.
+
+    Examples
+    --------
+    >>> labels = gm.simulate.label_volume(case.sample, case.scanner.grid)
+    >>> int(labels.max())
+    4
     """
     out = np.zeros(grid.shape, np.int16)
     for label, particle in zip(sample.labels, sample.particles, strict=True):
@@ -71,6 +83,11 @@ def attenuation_volume(sample: Sample, grid: Volume, samples: int = 3) -> Volume
     -------
     Volume
         Attenuation, 1/mm, on the same grid.
+
+    Examples
+    --------
+    >>> gm.simulate.attenuation_volume(case.sample, case.scanner.grid).shape
+    (96, 72, 72)
     """
     out = np.zeros(grid.shape)
     for particle in (*sample.particles, *sample.bodies):

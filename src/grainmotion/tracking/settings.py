@@ -24,7 +24,13 @@ def _named(on: str, off: str) -> BeforeValidator:
 
 @validated
 class TrackSettings:
-    """How to track."""
+    """How to track.
+
+    Examples
+    --------
+    >>> gm.TrackSettings(strain=True, max_sd_voxel=0.1).max_sd_voxel
+    0.1
+    """
 
     projector: Annotated[
         Projector, Field(description="operator; in an experiment file the reconstruction's own unless given")

@@ -96,6 +96,14 @@ def track(
     ------
     InputError
         If a start has no row for a grain, or an empty sequence of starts is given.
+
+    Examples
+    --------
+    >>> motions = gm.track(grains, state)
+    >>> motions.statuses.tolist()
+    ['converged', 'converged', 'converged', 'converged']
+    >>> bool(np.abs(motions.translations - truth.translations).max() < 0.02)  # mm
+    True
     """
     return track_with_residual(grains, scan, initial, settings, progress=progress, device=device)[0]
 

@@ -66,6 +66,12 @@ def layers(results: ResultsLike, *, value: str = "u", state: str | None = None) 
     ------
     InputError
         If there are no such results, no such state or no such value.
+
+    Examples
+    --------
+    >>> made = gm.viewer.layers("results")
+    >>> all(len(data) == 3 for data in made)  # values, keywords, kind of layer
+    True
     """
     stored = stored_results(results)
     motions = dict(stored.motions)
@@ -99,6 +105,11 @@ def residual_layers(results: ResultsLike) -> list[LayerData]:
     ------
     InputError
         If there are no such results.
+
+    Examples
+    --------
+    >>> [kind for values, keywords, kind in gm.viewer.residual_layers("results")]  # of two states
+    ['image', 'image']
     """
     stored, made = stored_results(results), list[LayerData]()
     paths = {name: stored.folder / name / RESIDUALS for name in stored.motions}

@@ -41,6 +41,10 @@ def open(results: ResultsLike, *, value: str = "u", state: str | None = None) ->
     ------
     InputError
         If napari is not installed, or there are no such results, no such state or no such value.
+
+    Examples
+    --------
+    >>> viewer = gm.viewer.open("results", value="residual")  # doctest: +SKIP
     """
     napari = _napari()
     stored = stored_results(results)
@@ -67,6 +71,10 @@ def open_residuals(results: ResultsLike) -> napari.Viewer:
     ------
     InputError
         If napari is not installed, or there are no such results or no residual radiographs among them.
+
+    Examples
+    --------
+    >>> viewer = gm.viewer.open_residuals("results")  # doctest: +SKIP
     """
     napari = _napari()
     stored = stored_results(results)

@@ -39,6 +39,14 @@ class Reference(Summarised):
         Corrections that hold for the later states too, see `correct`.
     residuals : tuple of float
         Relative residual of the reconstruction after each sweep.
+
+    Examples
+    --------
+    >>> settings = gm.ReferenceSettings(calibrate=gm.ScannerSettings(geometry=False))
+    >>> reference = gm.Reference.from_scan(case.reference(), case.scanner.grid, settings)
+    >>> len(reference.grains)
+    4
+    >>> corrected = reference.correct(state)  # for gm.track(reference.grains, corrected)
     """
 
     volume: Volume

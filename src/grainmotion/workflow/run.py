@@ -82,6 +82,12 @@ class RunResult(Summarised):
         The page on all states.
     findings : tuple of Finding
         Of all checks, the worst first.
+
+    Examples
+    --------
+    >>> result = gm.run(gm.read_experiment("experiment.toml"))  # all is done already: nothing is repeated
+    >>> list(result.motions), len(result.grains)
+    (['step-01', 'step-02'], 6)
     """
 
     folder: Path
@@ -162,6 +168,12 @@ def run(
         If an input cannot be used; nothing is written then.
     BackendError
         If the device asked for cannot be used.
+
+    Examples
+    --------
+    >>> result = gm.run(gm.read_experiment("experiment.toml"))
+    >>> result.done  # all was there already
+    ()
     """
     check_argument("run(experiment)", experiment, ["Experiment"])
     check_formats(experiment)

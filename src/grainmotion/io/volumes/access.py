@@ -49,6 +49,12 @@ def read_volume(
     ------
     InputError
         If the file is missing, damaged or holds no single volume, no voxel size is told, or its voxels are no cubes.
+
+    Examples
+    --------
+    >>> gm.write_volume("volume.h5", volume)
+    >>> gm.read_volume("volume.h5").voxel_size
+    0.125
     """
     file = find_volume(path)
     if voxel_size is None:
@@ -83,6 +89,12 @@ def read_labels(path: str | Path | Sequence[str | Path]) -> NDArray[np.int32]:
     ------
     InputError
         If the numbers are not whole, too large, below 0 in several ways, or all 0.
+
+    Examples
+    --------
+    >>> gm.write_labels("labels.tif", labels, volume)
+    >>> np.array_equal(gm.read_labels("labels.tif"), labels)
+    True
     """
     file = find_volume(path)
     return label_array(file, file.spec)[0]
@@ -107,6 +119,10 @@ def write_volume(path: str | Path, volume: Volume, *, labels: NDArray[np.integer
     ------
     InputError
         If the name has another suffix, the labels another shape, or the file cannot be written.
+
+    Examples
+    --------
+    >>> gm.write_volume("volume.tif", volume)
     """
     path = Path(path)
     labels = None if labels is None else _on_grid(labels, volume)
@@ -143,6 +159,10 @@ def write_labels(path: str | Path, labels: NDArray[np.integer], grid: Volume) ->
     ------
     InputError
         If the name has another suffix, the labels another shape, or the file cannot be written.
+
+    Examples
+    --------
+    >>> gm.write_labels("labels.tif", labels, volume)
     """
     path = Path(path)
     labels = _on_grid(labels, grid)
