@@ -1,5 +1,6 @@
 """What records show of themselves: short, escaped, quick whatever their size, without their arrays."""
 
+import re
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -81,7 +82,6 @@ def test_pictures_of_many_views_and_grains_stay_small(record):
 def test_pictures_show_radiographs_with_z_upwards(upright):
     import base64
     import io
-    import re
 
     from PIL import Image
 
@@ -110,3 +110,20 @@ def test_nothing_known_is_shown_without_complaint():
     nothing = replace(Motions.identity(np.array([1]), np.zeros((1, 3))), translations=np.full((1, 3), np.nan))
     assert "not-fitted" in nothing._repr_html_()
     assert "<svg" in nothing._repr_html_()
+
+
+def test_public_records_with_arrays_show_a_summary():
+    import dataclasses
+    import inspect
+
+    import grainmotion as gm
+
+    bare = []
+    for module in (gm, gm.simulate):
+        for record in (getattr(module, name) for name in module.__all__):
+            if inspect.isclass(record) and dataclasses.is_dataclass(record) and not issubclass(record, Summarised):
+                types = " ".join(str(f.type) for f in dataclasses.fields(record))
+                bare += (
+                    [record.__name__] if re.search(r"NDArray|Float|Volume|Motions|Geometry|Grain|Sample", types) else []
+                )
+    assert bare == []

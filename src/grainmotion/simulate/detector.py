@@ -15,6 +15,7 @@ from grainmotion._validation import validated
 from grainmotion.errors import InputError
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.scan import Scan
+from grainmotion.model.summary import Summarised
 from grainmotion.simulate.radiograph import Averaging, transmission
 from grainmotion.simulate.sample import Sample
 
@@ -54,8 +55,8 @@ class Physics:
     averaging: Annotated[Averaging, Field(description="what a pixel averages over its area")] = "intensity"
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Recording:
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class Recording(Summarised):
     """Raw radiographs as a detector saves them.
 
     Attributes

@@ -15,6 +15,7 @@ from grainmotion._typing import Float
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.motions import Motions
 from grainmotion.model.scan import Scan
+from grainmotion.model.summary import Summarised, Summary
 from grainmotion.simulate.detector import Physics, Recording, record, record_line_integrals
 from grainmotion.simulate.misalignment import Misalignment, crept, misaligned
 from grainmotion.simulate.sample import Sample
@@ -24,8 +25,8 @@ FOUR_ANGLES_DEG = LATER_ANGLES_DEG[4]
 _FORMER_FIELDS = {"told_geometry": "nominal_geometry", "slip": "misalignment", "wobble": "view_misalignment"}
 
 
-@dataclass(frozen=True, eq=False)
-class HardCase:
+@dataclass(frozen=True, eq=False, repr=False)
+class HardCase(Summarised):
     """A reference state, one later state, and an effect that makes tracking hard.
 
     Attributes
@@ -235,6 +236,10 @@ class HardCase:
     def _draws(self, views: int, number: int) -> Float:
         """Standard normal numbers of each view ``(views, 5)``: two shifts, in-plane rotation, stage angle, gain."""
         return np.random.default_rng([self.case.seed, number]).standard_normal((views, 5))
+
+    def _summary(self) -> Summary:
+        rows = (("summary", self.summary), ("particles", str(len(self.case.sample.particles))))
+        return Summary(f"HardCase {self.name}", self.summary, rows)
 
 
 def _on_panel(sample: Sample, geometry: Geometry) -> NDArray[np.bool_]:

@@ -10,12 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 from grainmotion._typing import Float
 from grainmotion.errors import InputError
 from grainmotion.model.motions import Motions
+from grainmotion.model.summary import Summarised, Summary
 from grainmotion.rotations import rotation_matrix, rotation_vector
 from grainmotion.simulate.shapes import Ellipsoid, Mesh, Shape
 
 
-@dataclass(frozen=True, eq=False)
-class Particle:
+@dataclass(frozen=True, eq=False, repr=False)
+class Particle(Summarised):
     """One grain: a shape with its inclusions.
 
     Attributes
@@ -132,8 +133,8 @@ class Tube:
         return replace(self, center=(float(x), float(y), float(z)), rotation=(float(a), float(b), float(c)))
 
 
-@dataclass(frozen=True, eq=False)
-class Sample:
+@dataclass(frozen=True, eq=False, repr=False)
+class Sample(Summarised):
     """Particles, labelled 1 to n in order, their container, and what else attenuates.
 
     Attenuations add up where shapes overlap: in a tube or body that stands for a liquid, a particle has the excess of
@@ -194,6 +195,12 @@ class Sample:
         rows = zip(self.particles, motions.matrices, motions.translations, motions.centers, strict=True)
         particles = tuple(p.moved(matrix, u + c - matrix @ c) for p, matrix, u, c in rows)
         return replace(self, particles=particles)
+
+    def _summary(self) -> Summary:
+        rows = [("particles", str(len(self.particles)))]
+        rows += [("tube", "around them")] if self.tube is not None else []
+        rows += [("bodies", str(len(self.bodies)))] if self.bodies else []
+        return Summary("Sample", f"{len(self.particles)} particles", tuple(rows))
 
 
 def ellipsoid_particle(

@@ -11,6 +11,7 @@ from grainmotion.errors import InputError
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.motions import Motions
 from grainmotion.model.scan import Scan
+from grainmotion.model.summary import Summarised, Summary, names_text
 from grainmotion.model.volume import Volume
 from grainmotion.simulate import motion_fields
 from grainmotion.simulate.detector import Physics, Recording, photons_for_snr, record, record_line_integrals
@@ -86,8 +87,8 @@ class Scanner:
         return Volume.zeros((rows, columns, columns), self.voxel_size)
 
 
-@dataclass(frozen=True, eq=False)
-class Case:
+@dataclass(frozen=True, eq=False, repr=False)
+class Case(Summarised):
     """A sample, its scanner and its physics, from which any state can be simulated.
 
     Attributes
@@ -161,6 +162,13 @@ class Case:
         """
         views = self.scanner.geometry(angles_deg)
         return record(self.sample.moved(motions), views, self.physics, self.seed + 1000 * number)
+
+    def _summary(self) -> Summary:
+        rows = (
+            ("sample", f"{len(self.sample.particles)} particles"),
+            ("states", names_text(list(self.motions)) or "none"),
+        )
+        return Summary("Case", f"{rows[0][1]}; states {rows[1][1]}", rows)
 
 
 @dataclass(frozen=True)

@@ -11,12 +11,13 @@ from scipy.spatial import ConvexHull
 
 from grainmotion._typing import Float
 from grainmotion.errors import InputError
+from grainmotion.model.summary import Summarised
 
 CUBE_CORNERS = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
 
 
-@dataclass(frozen=True, eq=False)
-class Mesh:
+@dataclass(frozen=True, eq=False, repr=False)
+class Mesh(Summarised):
     """A closed triangle mesh, star-shaped about one point; the solid *is* this mesh.
 
     Attributes
@@ -90,8 +91,8 @@ class Mesh:
         return Mesh(self.vertices @ m.T + s, self.faces, m @ self.star_point + s)
 
 
-@dataclass(frozen=True, eq=False)
-class Ellipsoid:
+@dataclass(frozen=True, eq=False, repr=False)
+class Ellipsoid(Summarised):
     """A solid ellipsoid.
 
     Attributes
