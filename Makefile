@@ -7,7 +7,7 @@ SPAM   := .venv-spam
 unexport PYTHONDONTWRITEBYTECODE  # tests start many processes that import the package: compiled modules are kept
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-targets test-browser test-spam test-all check docs format bench bench-gpu bench-history bench-compare paper accuracy clean vendor-three
+.PHONY: help install demo test test-targets test-browser test-spam test-all check docs notebooks format bench bench-gpu bench-history bench-compare paper accuracy clean vendor-three
 
 help:            ## list the targets
 	@grep -hE '^[a-z-]+: .*##|^[a-z-]+:  *##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -58,6 +58,9 @@ docs: $(STAMP)   ## build the documentation site, docs/_build/html/index.html; a
 
 release-check: check docs ## check that a release can be published: build, install and use it on every Python here
 	$(BIN)/python release/check.py
+
+notebooks: $(STAMP) ## run the notebooks of examples/notebooks; an error in one fails
+	$(BIN)/python docs/run_notebooks.py
 
 format: $(STAMP) ## format the code
 	$(BIN)/ruff format .
