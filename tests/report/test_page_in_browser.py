@@ -89,6 +89,7 @@ def test_grains_that_need_a_look_are_chosen_by_their_labels(report):
     expect(report.locator("#grain-panel h3")).to_have_text("Grain 11")
     expect(report.locator("tr[data-label='11']")).to_have_attribute("aria-selected", "true")
     expect(attention.get_by_role("button", name="Grain 11")).to_have_attribute("aria-pressed", "true")
+    expect(report.locator("#chosen-grain")).to_have_text("Grain 11 ↑")
 
 
 def test_panel_shows_motion_deviations_and_weak_directions(report):

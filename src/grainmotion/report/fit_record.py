@@ -23,13 +23,13 @@ def fit_record(state: StateReport) -> dict[str, object]:
         _table(
             "Bodies beside the grains",
             "Pistons, walls and other bodies that move as one.",
-            ("body", "", *MOTION_HEADS),
+            ("body", "what it did", *MOTION_HEADS),
             [[name, moved, *values] for name, moved, values in tables.body_rows(state)],
         ),
         _table(
             "Grains that appeared",
             "Grains of this state that the reference does not have, as ellipsoids.",
-            ("", "x (mm)", "y (mm)", "z (mm)", "radius (mm)", "attenuation (1/mm)"),
+            ("number", "x (mm)", "y (mm)", "z (mm)", "radius (mm)", "attenuation (1/mm)"),
             [[name, *values] for name, values in tables.appeared_rows(state)],
         ),
         _table(

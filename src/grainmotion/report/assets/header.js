@@ -74,6 +74,12 @@
     show();
   };
 
+  /** A way back to the chosen grain from any section. */
+  const chosenGrain = (link, app) => app.on("grain", () => {
+    link.hidden = app.grain === null;
+    link.textContent = `Grain ${app.grain} ↑`;
+  });
+
   const summaryRows = (app) => {
     const buttons = [...document.querySelectorAll("button[data-state]")];
     for (const button of buttons) button.addEventListener("click", () => app.setState(Number(button.dataset.state)));
@@ -87,6 +93,7 @@
   gm.header = {
     mount(place, app) {
       themeButton(document.getElementById("theme"), app);
+      chosenGrain(document.getElementById("chosen-grain"), app);
       if (app.state < 0) return;
       const control = document.getElementById("state-control");
       const updates = [summaryRows(app), ...(control ? [stateControl(control, app)] : [])];

@@ -91,7 +91,7 @@
     } }, "Download CSV");
     const head = el("thead"), body = el("tbody"), group = el("colgroup");
     const table = el("table", { "aria-label": "Grains" }, group, head, body);
-    const port = el("div", { class: "grain-window card", tabindex: 0, role: "region", "aria-label": "Rows of the table", onscroll: () => fill() }, table);
+    const port = el("div", { class: "grain-window card", tabindex: 0, role: "region", "aria-label": "Rows of the table", "aria-description": "Arrow keys choose the next grain", onscroll: () => fill() }, table);
     place.append(el("div", { class: "table-tools" }, search, chips), el("div", { class: "table-tools" }, sets, count, save), port);
 
     digit = measureDigit(port);
@@ -106,7 +106,7 @@
       table.style.minWidth = `${list.reduce((sum, { width }) => sum + width, 0)}px`;
       group.replaceChildren(...list.map(({ width }) => el("col", { style: `width: ${width}px` })));
       head.replaceChildren(
-        el("tr", { class: "groups" }, groups.map(({ name, span }) => el("th", { colspan: span, scope: "colgroup" }, name))),
+        el("tr", { class: "groups" }, groups.map(({ name, span }) => el(name ? "th" : "td", { colspan: span, scope: name ? "colgroup" : null }, name))),
         el("tr", {}, list.map((column) => el("th", {
           scope: "col", class: column.class, "data-key": column.key, "aria-sort": order.key !== column.key ? "none" : order.ascending ? "ascending" : "descending",
         }, el("button", { type: "button", title: column.title ?? column.head, onclick: () => {
