@@ -113,6 +113,13 @@ class TestChoice:
         assert abs(after[0] - before[0]) > 5
         assert page.evaluate("gm.app.grain") is None
 
+    def test_weak_directions_of_a_poorly_determined_grain_are_drawn(self, page, data):
+        weak = data.states[-1].motions.statuses.tolist().index("poorly-determined")
+        page.evaluate(f"gm.app.setGrain({weak + 1})")
+        expect(page.get_by_text("Orange: the directions")).to_be_visible()
+        page.evaluate("gm.app.setGrain(null)")
+        expect(page.get_by_text("Orange: the directions")).to_be_hidden()
+
     def test_keys_turn_zoom_and_step(self, page):
         canvas = page.locator("#viewer canvas")
         azimuth, elevation, distance = page.evaluate(f"{SHOWN}.view.where()")
@@ -217,7 +224,7 @@ class TestLook:
 
     def test_arrows_are_drawn_and_their_length_told(self, page):
         choose(page, "arrows", "u")
-        expect(page.locator(".viewer-note")).to_contain_text("as long as the displacements")
+        expect(page.locator(".viewer-note[aria-live]")).to_contain_text("as long as the displacements")
         page.wait_for_timeout(200)
         assert page.evaluate(f"{SHOWN}.canvas.renderer.info.render.calls") <= 4
 

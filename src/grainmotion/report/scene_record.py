@@ -5,18 +5,35 @@ from __future__ import annotations
 import numpy as np
 
 from grainmotion._typing import Float
+from grainmotion.model.state_fit import StateFit
 from grainmotion.model.volume import Volume
 from grainmotion.report.data import ReportData
 
 
 def scene_record(data: ReportData) -> dict[str, object]:
-    """For the page: ``box``, lowest and highest corner of the reference volume (mm, x y z) or None, and ``bodies``."""
+    """For the page: ``box``, lowest and highest corner of the reference volume (mm, x y z) or None, and ``bodies``.
+
+    A body has its name, box and centre (mm), and its motion in each state: u (mm) and rotation vector (radians) about
+    the centre, None where it did not move.
+    """
     bodies = [
-        {"name": body.name, "kind": body.kind, **dict(zip(("low", "high"), _corners(body.volume), strict=True))}
+        {
+            "name": body.name,
+            **dict(zip(("low", "high"), _corners(body.volume), strict=True)),
+            "center": [float(c) for c in body.center],
+            "motions": [_motion(state.motions.fit, body.name) for state in data.states],
+        }
         for body in data.bodies
         if body.kind != "rest"
     ]
     return {"box": None if data.volume is None else list(_corners(data.volume)), "bodies": bodies}
+
+
+def _motion(fit: StateFit, name: str) -> list[float] | None:
+    for body in fit.bodies:
+        if body.name == name and body.moved:
+            return [float(value) for value in (*body.translation, *body.rotation)]
+    return None
 
 
 def _corners(volume: Volume) -> tuple[list[float], list[float]]:

@@ -33,7 +33,7 @@
     const tip = el("div", { class: "viewer-tip", hidden: true }), triad = gm.viewerCamera.triad();
     element.replaceChildren(stage);
     let canvas;
-    const handlers = { draw() {}, pick: () => -1, choose() {}, hover() {}, step() {}, coarse() {} };
+    const handlers = { draw() {}, pick: () => -1, choose() {}, hover() {}, step() {}, coarse() {}, look() {} };
     try {
       canvas = gm.viewerCanvas.create(stage, handlers);
     } catch {
@@ -49,16 +49,22 @@
       colour: data.states.length ? "u" : "status", arrows: "none", share: 1, magnification: 1, relative: false,
       cutAxis: "", cutPlace: 0.5, cutThickness: 1,
     };
+    const bodies = (data.scene?.bodies ?? []).map((body) => body.name).join(", ");
     const hidden = new Set(), ranges = new Map(); // numbers of hidden statuses; [low, high] given by the user
 
     const [centers, shapes] = await Promise.all([gm.decode(data.grains.centers), gm.viewerShapes.load(data)]);
     const grains = gm.viewerGrains.create(shapes, centers);
     const { low, high } = wide(centers, shapes.radii);
-    const middle = low.map((v, k) => (v + high[k]) / 2), size = Math.hypot(...high.map((v, k) => v - low[k]));
+    const size = Math.hypot(...high.map((v, k) => v - low[k]));
     const overlays = gm.viewerOverlays.create(grains, data.scene, size);
     const scene = new THREE.Scene();
     scene.add(grains.group, overlays.group);
-    view.frame(middle, size / 2);
+    /** Look at all grains where they are now, from one of the views. */
+    const look = (name) => {
+      const now = wide(grains.places, shapes.radii);
+      view.frame(now.low.map((v, k) => (v + now.high[k]) / 2), Math.hypot(...now.high.map((v, k) => v - now.low[k])) / 2);
+      view.view(name);
+    };
 
     let values = null, colours = null, numbers = null, moved = null, range = [0, 1], hovered = -1, turn = 0;
     const row = () => (app.grain === null ? -1 : app.row(app.grain));
@@ -68,6 +74,9 @@
       else ranges.delete(settings.colour);
       refresh("colour");
     });
+    const weakNote = el("p", { class: "quiet viewer-note", hidden: true }, "Orange: the directions in which the chosen "
+      + "grain's motion is known least, of its translation an arrow to both sides, of its rotation an axis with a circle.");
+    const help = el("details", { class: "viewer-help" }, el("summary", {}, "Mouse and keys"), gm.viewerCanvas.HELP);
     const told = el("p", { class: "quiet viewer-note", "aria-live": "polite" });
 
     const loadMotion = async () => {
@@ -89,7 +98,9 @@
     };
     const place = () => {
       grains.hidden.forEach((_, i) => { grains.hidden[i] = hidden.has(numbers[i]) ? 1 : 0; });
-      grains.setPoses(moved, settings.share * settings.magnification);
+      const factor = settings.share * settings.magnification;
+      grains.setPoses(moved, factor);
+      overlays.moveBodies(app.state, settings.relative ? 0 : factor);
     };
     const mark = async () => {
       const now = row();
@@ -97,7 +108,7 @@
       const state = app.state;
       const parts = now < 0 || state < 0 ? null : { translation: await app.weak(state, "translation"), rotation: await app.weak(state, "rotation") };
       if (now !== row() || state !== app.state) return;
-      overlays.showWeak(now < 0 ? 0 : now, parts, WEAK_COLOUR);
+      weakNote.hidden = !overlays.showWeak(now < 0 ? 0 : now, parts, WEAK_COLOUR);
       canvas.request();
     };
     const cut = () => {
@@ -116,13 +127,19 @@
     };
     const tell = (factor) => {
       const sentences = [];
-      if (settings.magnification > 1) sentences.push(`Translations and rotations are magnified ${settings.magnification} times${settings.share === 1 ? "" : " at the state"}; each grain turns about its own centre.`);
+      if (settings.magnification > 1) {
+        sentences.push(`Translations and rotations are magnified ${settings.magnification} times; each grain turns about its own centre.`);
+      }
       if (settings.relative) sentences.push("Motions are relative to the sample: the rigid motion that fits all grains' centres best is taken off.");
       if (factor !== null) sentences.push(settings.arrows === "u"
         ? `Arrows are ${gm.significant(factor, 1)} times as long as the displacements; grains are drawn at 40 % of their size.`
         : `Arrows are rotation vectors, ${gm.significant(factor * Math.PI / 180, 2)} mm for each degree; grains are drawn at 40 % of their size.`);
       const unknown = moved.known.filter((known) => !known).length;
-      if (unknown && app.state >= 0) sentences.push(`${unknown} ${unknown === 1 ? "grain has" : "grains have"} no measured motion and ${unknown === 1 ? "is" : "are"} drawn moved with the sample as a whole.`);
+      if (unknown && app.state >= 0) {
+        const [have, are] = unknown === 1 ? ["grain has", "is"] : ["grains have", "are"];
+        sentences.push(`${unknown} ${have} no measured motion and ${are} drawn moved with the sample as a whole.`);
+      }
+      if (bodies) sentences.push(`Coloured boxes bound ${bodies}${settings.relative ? ", in their places of the reference" : ""}.`);
       const text = sentences.join(" ");
       if (told.textContent !== text) told.textContent = text;
     };
@@ -145,6 +162,7 @@
       canvas.request();
     };
 
+    handlers.look = look;
     handlers.draw = () => {
       triad.update(view.camera);
       renderer.render(scene, view.camera);
@@ -191,21 +209,21 @@
     };
 
     const statuses = gm.viewerPanel.statusButtons(data.statuses, hidden, () => refresh("motion"));
-    const panel = gm.viewerPanel.create(app, settings, refresh, { view: view.view, save });
+    const panel = gm.viewerPanel.create(app, settings, refresh, { view: look, save });
     const theme = () => {
       const [accent, line] = ["--accent", "--quiet"].map((name) => cssColour(element, name));
       grains.uniforms.accent.value.set(...accent.map((c) => (c / 255) ** 2.2));
       overlays.setTheme(...[line, accent].map((colour) => new THREE.Color(...colour.map((c) => (c / 255) ** 2.2))));
     };
     stage.append(triad.element, legend.element, tip, lost);
-    element.replaceChildren(panel.top, stage, panel.bottom, statuses.element, told);
+    element.replaceChildren(panel.top, stage, panel.bottom, statuses.element, told, weakNote, help);
     theme();
     app.on("state", () => refresh("state"));
     app.on("grain", mark);
     app.on("theme", () => { theme(); refresh("colour"); });
     await refresh("all");
     view.resize(stage.clientWidth, stage.clientHeight);
-    view.view("default");
+    look("default");
     gm.viewer.shown = { grains, view, canvas, settings, scene }; // for tests and measurements
     element.dataset.drawn = "yes";
   };

@@ -11,11 +11,15 @@
   const MAX_RATIO = 2; // of pixels drawn to CSS pixels
 
   /**
-   * A canvas in `element`: { canvas, renderer, view, request, onDraw }.  `handlers`: pick(x, y) gives a row, choose(row),
-   * hover(row, x, y), step(±1), draw() draws the scene, coarse(yes) with few or all triangles.  Throws where there is no WebGL.
+   * A canvas in `element`: { canvas, renderer, view, request, frames }.  `handlers`: pick(x, y, coarsely) gives a row,
+   * choose(row), hover(row, x, y), step(±1), draw() draws the scene, coarse(yes) with few or all triangles, look(name)
+   * shows all grains from one of the views.  Throws where there is no WebGL.
    */
   const create = (element, handlers) => {
-    const canvas = el("canvas", { tabindex: 0, role: "img", "aria-label": `Grains in 3-D. ${HELP}`, "aria-keyshortcuts": "ArrowLeft ArrowRight ArrowUp ArrowDown + - [ ] 0 Escape" });
+    const canvas = el("canvas", {
+      tabindex: 0, role: "img", "aria-label": `Grains in 3-D. ${HELP}`,
+      "aria-keyshortcuts": "ArrowLeft ArrowRight ArrowUp ArrowDown + - [ ] 0 Escape",
+    });
     const renderer = new THREE.WebGLRenderer({ canvas, antialias: true, alpha: true, powerPreference: "high-performance" });
     renderer.setClearColor(0x000000, 0);
     element.append(canvas);
@@ -111,7 +115,7 @@
     const keys = {
       ArrowLeft: () => view.turn(-TURN, 0), ArrowRight: () => view.turn(TURN, 0), ArrowUp: () => view.turn(0, TURN),
       ArrowDown: () => view.turn(0, -TURN), "+": () => view.zoom(1 / ZOOM), "=": () => view.zoom(1 / ZOOM),
-      "-": () => view.zoom(ZOOM), "−": () => view.zoom(ZOOM), 0: () => view.view("default"),
+      "-": () => view.zoom(ZOOM), "−": () => view.zoom(ZOOM), 0: () => handlers.look("default"),
       "[": () => handlers.step(-1), "]": () => handlers.step(1), Escape: () => handlers.choose(-1),
     };
     canvas.addEventListener("keydown", (event) => {

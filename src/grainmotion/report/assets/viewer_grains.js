@@ -71,7 +71,7 @@
     out vec4 colour;
     void main() {
       float facing = abs(dot(normalize(vNormal), normalize(-vPlace)));
-      colour = vec4(pow(accent, vec3(1.0 / 2.2)), 0.08 + 0.6 * pow(1.0 - facing, 3.0));
+      colour = vec4(pow(accent, vec3(1.0 / 2.2)), 0.1 + 0.7 * pow(1.0 - facing, 2.5));
     }`;
 
   const geometryOf = (shapes) => {

@@ -132,12 +132,23 @@
     let ring = null;
     const shapes = [];
     if (scene?.box) shapes.push(["field", boxEdges(...scene.box)]);
-    for (const body of scene?.bodies ?? []) shapes.push(["body", boxEdges(body.low, body.high)]);
-    for (const [kind, points] of shapes) {
-      const line = lines(points, { opacity: kind === "field" ? 0.4 : 0.9 });
-      line.userData.kind = kind;
+    for (const body of scene?.bodies ?? []) shapes.push(["body", boxEdges(body.low, body.high), body]);
+    for (const [kind, points, body] of shapes) {
+      const center = body?.center ?? [0, 0, 0];
+      const line = lines(points.map((value, i) => value - center[i % 3]), { opacity: kind === "field" ? 0.4 : 0.9 });
+      line.position.set(...center);
+      Object.assign(line.userData, { kind, body });
       outlines.add(line);
     }
+    /** Put the bodies where a multiple of their motion in a state takes them. */
+    const moveBodies = (state, factor) => {
+      for (const { userData: { body }, position, quaternion } of outlines.children) {
+        if (!body) continue;
+        const motion = body.motions[state]?.map((value) => factor * value) ?? [0, 0, 0, 0, 0, 0];
+        position.set(...body.center.map((value, k) => value + motion[k]));
+        quaternion.set(...gm.viewerMotion.ofVector(motion.slice(3)));
+      }
+    };
 
     /** Arrows of vectors (3 a grain) at rows; returns the factor by which they are longer than the vectors. */
     const showArrows = (vectors, rows, colours) => {
@@ -150,7 +161,7 @@
       return factor;
     };
 
-    /** Weak directions of a grain: of its translation a double arrow, of its rotation an axis with a circle. */
+    /** Weak directions of a grain: of its translation a double arrow, of its rotation an axis with a circle; false if none. */
     const showWeak = (row, parts, tint) => {
       if (ring) { group.remove(ring); ring.geometry.dispose(); ring = null; }
       const starts = [], vectors = [], center = [...grains.places.subarray(3 * row, 3 * row + 3)];
@@ -167,16 +178,17 @@
         }
       }
       setArrows(weak, starts, vectors, starts.map((_, i) => tint[i % 3]), 0.03 * radius);
-      if (!circles.length) return;
+      if (!circles.length) return starts.length > 0;
       ring = lines(circles, { depthTest: false, color: new THREE.Color(...tint.map((c) => (c / 255) ** 2.2)) });
       ring.renderOrder = 3;
       group.add(ring);
+      return true;
     };
 
     const setTheme = (line, accent) => {
       for (const child of outlines.children) child.material.color.set(child.userData.kind === "field" ? line : accent);
     };
-    return { group, outlines, showArrows, showWeak, setTheme };
+    return { group, moveBodies, showArrows, showWeak, setTheme };
   };
 
   gm.viewerOverlays = { create };

@@ -79,7 +79,8 @@
     const cutSliders = el("span", { class: "viewer-cut", hidden: true },
       slider("Place of the cut", "cut-place", [0, 1, 0.005], settings.cutPlace, set("cutPlace", "cut")),
       el("label", { class: "viewer-field" }, el("span", {}, "thickness"),
-        slider("Thickness of what is shown; the whole rest at the right end", "cut-thickness", [0.02, 1, 0.01], settings.cutThickness, set("cutThickness", "cut"))));
+        slider("Thickness of what is shown; the whole rest at the right end", "cut-thickness", [0.02, 1, 0.01],
+          settings.cutThickness, set("cutThickness", "cut"))));
     const cut = select("Look inside", "cut", CUTS, "", (value) => {
       cutSliders.hidden = !value;
       set("cutAxis", "cut")(value);
