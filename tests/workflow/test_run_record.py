@@ -29,3 +29,4 @@ def test_settings_and_inputs_are_those_of_the_run(tmp_path):
     assert ("reference.radiographs", "reference/*.tif, 40 files") in record.inputs
     assert record.folder == str(experiment.output)
     assert "cores" in record.machine
+    assert {"grainmotion", "Python", "numba", "edt"} <= set(dict(record.versions))

@@ -68,6 +68,7 @@ class RunRecord:
 
     command: str  # what a shell runs to make the results again
     settings: str  # TOML, those that differ from the defaults
+    versions: Rows = ()  # program and version; a short list of the page's own if empty
     machine: str = ""
     folder: str = ""  # of the results
     inputs: Rows = ()  # key of the experiment file, and the files

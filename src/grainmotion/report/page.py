@@ -76,7 +76,7 @@ def _context(data: ReportData) -> dict[str, object]:
         "shown": {k: place for place, k in enumerate(shown)},
         "data": page_data(held) | {"state_numbers": [k + 1 for k in shown], "state_count": len(data.states)},
         "version": _version("grainmotion"),
-        "versions": [*((name, _version(name)) for name in PACKAGES), ("Python", platform.python_version())],
+        "versions": data.run.versions if data.run is not None and data.run.versions else _versions(),
         "styles": [_asset(name) for name in STYLES],
         "scripts": [_asset(name) for name in SCRIPTS],
     }
@@ -92,6 +92,10 @@ def _environment() -> Environment:
 
 def _asset(name: str) -> Markup:
     return Markup(resources.files("grainmotion.report").joinpath("assets", name).read_text(encoding="utf-8"))
+
+
+def _versions() -> list[tuple[str, str]]:
+    return [*((name, _version(name)) for name in PACKAGES), ("Python", platform.python_version())]
 
 
 def _version(package: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from importlib import metadata
 from pathlib import Path
 
 from grainmotion.errors import InputError
@@ -10,6 +11,7 @@ from grainmotion.experiment.config import Experiment, read_experiment
 from grainmotion.experiment.inputs import Inputs
 from grainmotion.report.data import RunRecord
 from grainmotion.workflow.log import changed_settings, input_stacks, machine, toml_lines
+from grainmotion.workflow.versions import package_versions
 
 
 def run_record(experiment: Experiment, inputs: Inputs, folder: Path) -> RunRecord:
@@ -18,6 +20,7 @@ def run_record(experiment: Experiment, inputs: Inputs, folder: Path) -> RunRecor
     return RunRecord(
         command=reproducing_command(experiment, folder),
         settings="\n".join(toml_lines(changed_settings(experiment))).replace("\n[", "\n\n["),
+        versions=(("grainmotion", metadata.version("grainmotion")), *package_versions().items()),
         machine=machine(),
         folder=str(folder.absolute()),
         inputs=tuple((name, f"{spec}, {files} file{'s' * (files != 1)}") for name, spec, files in stacks),

@@ -4,7 +4,7 @@
   const gm = (window.gm ??= {});
   const { el } = gm;
   const ROW = 32; // pixels, as in table.css
-  const AHEAD = 20; // rows beyond those in sight
+  const AHEAD = 14; // rows beyond those in sight
   const PRINTED = 500; // rows on paper
   const SETS = [
     { name: "components", title: "Components", on: true },
