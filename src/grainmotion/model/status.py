@@ -36,7 +36,7 @@ STATUS_COLOURS = {
     Status.AMBIGUOUS.value: "#6fb4e8",
     Status.NOT_CONVERGED.value: "#c8425a",
     Status.LEFT_FIELD.value: "#6a63c9",
-    Status.NOT_FITTED.value: "#8b929c",
+    Status.NOT_FITTED.value: "#b4bac2",
     Status.ABSENT.value: "#b05cab",
     Status.CUT.value: "#8f8f35",
     Status.BROKEN.value: "#8e2f62",
