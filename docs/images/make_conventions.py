@@ -15,7 +15,7 @@ from matplotlib.patches import Arc, Polygon
 import grainmotion as gm
 from grainmotion.rotations import rotation_matrix
 
-INK, QUIET, BEAM, MOVED = "#22303c", "#9aa7b2", "#c8963e", "#1b5e8c"
+INK, QUIET, BEAM, MOVED = "#22303c", "#6b7884", "#c8963e", "#1b5e8c"
 SHAPE = (8, 12)  # rows, columns
 PIXEL = 0.5  # mm
 SOURCE_TO_AXIS, SOURCE_TO_DETECTOR = 5.0, 8.0  # mm
@@ -36,6 +36,7 @@ def draw() -> Figure:
     for axis in axes:
         axis.set_aspect("equal")
         axis.axis("off")
+    figure.get_layout_engine().set(rect=(0, 0, 1, 0.94))  # leaves room for the titles
     return figure
 
 
