@@ -68,7 +68,8 @@
 
     let values = null, colours = null, numbers = null, moved = null, range = [0, 1], hovered = -1, turn = 0;
     const row = () => (app.grain === null ? -1 : app.row(app.grain));
-    const quantity = () => app.quantity(settings.colour);
+    const titles = gm.viewerPanel.titles(data.quantities);
+    const quantity = () => ({ ...app.quantity(settings.colour), title: titles.get(settings.colour) });
     const legend = gm.viewerLegend.create((own) => {
       if (own) ranges.set(settings.colour, own);
       else ranges.delete(settings.colour);
@@ -79,22 +80,20 @@
     const help = el("details", { class: "viewer-help" }, el("summary", {}, "Mouse and keys"), gm.viewerCanvas.HELP);
     const told = el("p", { class: "quiet viewer-note", "aria-live": "polite" });
 
-    const loadMotion = async () => {
-      const columns = app.state < 0 ? MOTION.map(() => new Float32Array(labels.length)) :
-        await Promise.all(MOTION.map((key) => app.column(app.state, key)));
-      numbers = app.state < 0 ? new Uint8Array(labels.length).fill(NO_STATUS) : await app.status(app.state);
-      moved = gm.viewerMotion.motions(centers, columns, settings.relative);
+    const motionNow = async () => {
+      const { state } = app, relative = settings.relative;
+      const columns = state < 0 ? MOTION.map(() => new Float32Array(labels.length))
+        : await Promise.all(MOTION.map((key) => app.column(state, key)));
+      const statusNumbers = state < 0 ? new Uint8Array(labels.length).fill(NO_STATUS) : await app.status(state);
+      return [statusNumbers, gm.viewerMotion.motions(centers, columns, relative)];
     };
-    const loadColours = async () => {
-      const { key, kind } = quantity(), theme = app.theme;
-      values = app.state < 0 ? new Float32Array(labels.length).fill(NaN) : await app.column(app.state, key);
-      if (kind === "categorical") {
-        colours = gm.viewerScale.statusColours(numbers, data.statuses, theme);
-        return;
-      }
+    const coloursNow = async (statusNumbers) => {
+      const { state, theme } = app, { key, kind } = quantity(), map = gm.viewerLegend.mapName(quantity());
+      const shown = state < 0 ? new Float32Array(labels.length).fill(NaN) : await app.column(state, key);
+      if (map === null) return [shown, gm.viewerScale.statusColours(statusNumbers, data.statuses, theme), [0, 1]];
       const all = await Promise.all(data.states.map((_, index) => app.column(index, key)));
-      range = ranges.get(key) ?? gm.viewerScale.robustRange(all, kind);
-      colours = gm.viewerScale.colours(values, gm.colours.map(gm.viewerLegend.mapName(quantity())), range, theme);
+      const now = ranges.get(key) ?? gm.viewerScale.robustRange(all, kind);
+      return [shown, gm.viewerScale.colours(shown, gm.colours.map(map), now, theme), now];
     };
     const place = () => {
       grains.hidden.forEach((_, i) => { grains.hidden[i] = hidden.has(numbers[i]) ? 1 : 0; });
@@ -114,7 +113,9 @@
     const cut = () => {
       const k = "xyz".indexOf(settings.cutAxis);
       if (!settings.cutAxis) { grains.cut(null); return; }
-      const length = high[k] - low[k], edge = low[k] + settings.cutPlace * length;
+      const ends = [centers, centers.map((value, i) => value + moved.shifts[i])].map((at) => wide(at, shapes.radii));
+      const first = Math.min(...ends.map((box) => box.low[k])), length = Math.max(...ends.map((box) => box.high[k])) - first;
+      const edge = first + settings.cutPlace * length;
       const far = settings.cutThickness >= 1 ? Infinity : edge + settings.cutThickness * length;
       grains.cut([0, 1, 2].map((j) => (j === k ? 1 : 0)), edge, Math.min(far, 1e9));
     };
@@ -144,13 +145,18 @@
       if (told.textContent !== text) told.textContent = text;
     };
 
-    /** Bring what is drawn up to date after a change; each part includes those that follow from it. */
+    const changed = new Set(); // what has changed and is not drawn yet
+    /** Bring what is drawn up to date after a change; of several at a time the last one draws them all. */
     const refresh = async (what) => {
-      const own = ++turn;
-      if (["all", "state", "relative"].includes(what)) await loadMotion();
-      if (["all", "state", "colour"].includes(what)) await loadColours();
-      if (own !== turn) return what === "motion" ? undefined : refresh("all"); // something else changed meanwhile
-      if (what !== "cut") place();
+      changed.add(what);
+      const own = ++turn, has = (...names) => names.some((name) => changed.has(name));
+      const motion = has("all", "state", "relative") ? await motionNow() : [numbers, moved];
+      const shades = has("all", "state", "colour") ? await coloursNow(motion[0]) : [values, colours, range];
+      if (own !== turn) return;
+      changed.clear();
+      [numbers, moved] = motion;
+      [values, colours, range] = shades;
+      place();
       cut();
       grains.setColours(colours);
       const factor = arrows();

@@ -20,13 +20,19 @@
     oninput: (event) => oninput(Number(event.target.value)),
   });
 
+  /** Whole titles by key: "… along x" begins as the title before it does. */
+  const titles = (quantities) => {
+    let whole = "";
+    return new Map(quantities.map(({ key, title }) => {
+      if (!title.startsWith("…")) whole = title;
+      return [key, title.replace("…", whole)];
+    }));
+  };
+
   /** Quantities to colour by, in their groups. */
   const quantityOptions = (quantities) => {
-    const groups = new Map();
-    for (const { key, title, group } of quantities) {
-      const name = title.replace(/^…/, groups.get(group)?.at(-1)?.[1].replace(/ (along|about) .$/, "") ?? "");
-      groups.set(group, [...(groups.get(group) ?? []), [key, name]]);
-    }
+    const groups = new Map(), names = titles(quantities);
+    for (const { key, group } of quantities) groups.set(group, [...(groups.get(group) ?? []), [key, names.get(key)]]);
     return [...groups];
   };
 
@@ -113,5 +119,5 @@
     return { element, update };
   };
 
-  gm.viewerPanel = { create, statusButtons };
+  gm.viewerPanel = { create, statusButtons, titles };
 })();
