@@ -11,6 +11,7 @@ import grainmotion as gm
 from grainmotion.cli import app
 from grainmotion.errors import InputError
 from grainmotion.viewer.window import fill
+from tiny_experiment import TOML
 
 
 @pytest.fixture
@@ -52,6 +53,21 @@ def test_a_missing_napari_is_told_with_its_remedy(folder, monkeypatch):
     result = CliRunner().invoke(app.app, ["view", str(folder)])
     assert result.exit_code == 2
     assert "grainmotion[viewer]" in result.output
+
+
+def test_the_command_finds_the_results_by_file_or_folder(folder, monkeypatch):
+    import napari
+
+    shown = []
+    monkeypatch.setattr(gm.viewer, "open", lambda results, value: shown.append((results.folder, value)), raising=False)
+    monkeypatch.setattr(gm.viewer, "open_residuals", lambda results: shown.append("residuals"), raising=False)
+    monkeypatch.setattr(napari, "run", lambda: shown.append("run"), raising=False)
+    (folder.parent / "experiment.toml").write_text(TOML)
+    for place in (folder, folder.parent, folder.parent / "experiment.toml"):
+        result = CliRunner().invoke(app.app, ["view", str(place), "--value", "status"])
+        assert result.exit_code == 0, result.output
+        assert shown == [(folder, "status"), "residuals", "run"]
+        shown.clear()
 
 
 def test_nothing_is_loaded_without_a_window(folder, monkeypatch):

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from grainmotion.cli.completion import complete_experiment
+from grainmotion.cli.no_experiment import EXPERIMENT
 from grainmotion.cli.options import Display, Out
 from grainmotion.cli.outcome import Outcome
 from grainmotion.cli.stages import read
@@ -15,7 +16,9 @@ from grainmotion.cli.stages import read
 Place = Annotated[
     Path,
     typer.Argument(
-        metavar="FILE", help="experiment file (TOML), or a folder of results", autocompletion=complete_experiment
+        metavar="FILE",
+        help="experiment file (TOML), its folder, or a folder of results",
+        autocompletion=complete_experiment,
     ),
 ]
 Value = Annotated[
@@ -24,13 +27,15 @@ Value = Annotated[
 
 
 def view(place: Place, *, value: Value = "u", out: Out = None, display: Display) -> Outcome:
-    """Show grains, tracks, displacements and residual radiographs in napari (an extra: grainmotion[viewer]).
+    """Show grains, tracks, displacements and residual radiographs in napari, which the extra viewer brings.
 
     Example: grainmotion view experiment.toml --value status
     """
     import grainmotion as gm
     from grainmotion.cli.documents import ViewOutcome
 
+    if (place / EXPERIMENT).is_file():
+        place = place / EXPERIMENT
     folder = place if place.is_dir() else out or read(place).output
     results = gm.read_results(folder)
     gm.viewer.open(results, value=value)
