@@ -173,6 +173,12 @@
       triad.update(view.camera);
       renderer.render(scene, view.camera);
     };
+    const still = el("canvas", { class: "viewer-still", "aria-hidden": "true" }); // paper cannot show a WebGL canvas
+    window.addEventListener("beforeprint", () => {
+      handlers.draw();
+      Object.assign(still, { width: canvas.canvas.width, height: canvas.canvas.height });
+      still.getContext("2d").drawImage(canvas.canvas, 0, 0);
+    });
     handlers.pick = (x, y, coarsely) => grains.pick(renderer, view.camera, x, y, coarsely);
     handlers.coarse = grains.setCoarse;
     handlers.choose = (at) => app.setGrain(at < 0 ? null : labels[at]);
@@ -221,7 +227,7 @@
       grains.uniforms.accent.value.set(...accent.map((c) => (c / 255) ** 2.2));
       overlays.setTheme(...[line, accent].map((colour) => new THREE.Color(...colour.map((c) => (c / 255) ** 2.2))));
     };
-    stage.append(triad.element, legend.element, tip, lost);
+    stage.append(still, triad.element, legend.element, tip, lost);
     element.replaceChildren(panel.top, stage, panel.bottom, statuses.element, told, weakNote, help);
     theme();
     app.on("state", () => refresh("state"));
