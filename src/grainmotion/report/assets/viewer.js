@@ -178,7 +178,9 @@
       handlers.draw();
       Object.assign(still, { width: canvas.canvas.width, height: canvas.canvas.height });
       still.getContext("2d").drawImage(canvas.canvas, 0, 0);
+      stage.prepend(still);
     });
+    window.addEventListener("afterprint", () => still.remove());
     handlers.pick = (x, y, coarsely) => grains.pick(renderer, view.camera, x, y, coarsely);
     handlers.coarse = grains.setCoarse;
     handlers.choose = (at) => app.setGrain(at < 0 ? null : labels[at]);
@@ -227,7 +229,7 @@
       grains.uniforms.accent.value.set(...accent.map((c) => (c / 255) ** 2.2));
       overlays.setTheme(...[line, accent].map((colour) => new THREE.Color(...colour.map((c) => (c / 255) ** 2.2))));
     };
-    stage.append(still, triad.element, legend.element, tip, lost);
+    stage.append(triad.element, legend.element, tip, lost);
     element.replaceChildren(panel.top, stage, panel.bottom, statuses.element, told, weakNote, help);
     theme();
     app.on("state", () => refresh("state"));
