@@ -15,15 +15,37 @@
     return points;
   })();
 
-  /** Points of the surfaces of all grains relative to their centres: a function of the row, null where unknown. */
-  async function surfacePoints(data) {
-    const diameters = data.grains.diameters && (await gm.decode(data.grains.diameters));
-    const scaledBall = (row) => {
-      const d = diameters ? diameters[row] : NaN;
-      return Number.isFinite(d) ? ball.map((x) => (x * d) / 2) : null;
+  /** Points of the surfaces of all grains relative to their centres, mm: a function of the row, null where unknown. */
+  async function surfacePoints({ surfaces, grains }) {
+    const diameters = grains.diameters && (await gm.decode(grains.diameters));
+    const ofDiameter = (row) => (diameters?.[row] > 0 ? ball.map((x) => (x * diameters[row]) / 2) : null);
+    if (surfaces?.kind === "ellipsoids") {
+      const matrices = await gm.decode(surfaces.matrices);
+      return (row) => (Number.isFinite(matrices[9 * row]) ? stretched(matrices.subarray(9 * row, 9 * row + 9)) : ofDiameter(row));
+    }
+    if (surfaces?.kind !== "meshes") return ofDiameter;
+    const { positions, owners, scales } = await gm.viewerShapes.load(gm.app.data);
+    const first = new Uint32Array(grains.labels.length + 1).fill(owners.length);
+    for (let k = owners.length - 1; k >= 0; k--) first[owners[k]] = k;
+    for (let row = grains.labels.length - 1; row >= 0; row--) first[row] = Math.min(first[row], first[row + 1]);
+    return (row) => {
+      const points = new Float32Array(3 * (first[row + 1] - first[row]));
+      for (let k = first[row], at = 0; k < first[row + 1]; k++) {
+        for (let axis = 0; axis < 3; axis++) points[at++] = positions[4 * k + axis] * scales[row];
+      }
+      return points;
     };
-    const shapes = data.surfaces && gm.shapes ? await gm.shapes.points(data) : null;
-    return (row) => shapes?.(row) ?? scaledBall(row);
+  }
+
+  /** The unit ball's points under a matrix of three rows. */
+  function stretched(m) {
+    const points = new Float32Array(ball.length);
+    for (let k = 0; k < ball.length; k += 3) {
+      for (let row = 0; row < 3; row++) {
+        points[k + row] = m[3 * row] * ball[k] + m[3 * row + 1] * ball[k + 1] + m[3 * row + 2] * ball[k + 2];
+      }
+    }
+    return points;
   }
 
   /**
