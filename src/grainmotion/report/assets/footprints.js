@@ -16,7 +16,8 @@
   })();
 
   /** Points of the surfaces of all grains relative to their centres, mm: a function of the row, null where unknown. */
-  async function surfacePoints({ surfaces, grains }) {
+  async function surfacePoints(data) {
+    const { surfaces, grains } = data;
     const diameters = grains.diameters && (await gm.decode(grains.diameters));
     const ofDiameter = (row) => (diameters?.[row] > 0 ? ball.map((x) => (x * diameters[row]) / 2) : null);
     if (surfaces?.kind === "ellipsoids") {
@@ -24,7 +25,7 @@
       return (row) => (Number.isFinite(matrices[9 * row]) ? stretched(matrices.subarray(9 * row, 9 * row + 9)) : ofDiameter(row));
     }
     if (surfaces?.kind !== "meshes") return ofDiameter;
-    const { positions, owners, scales } = await gm.viewerShapes.load(gm.app.data);
+    const { positions, owners, scales } = await gm.viewerShapes.load(data);
     const first = new Uint32Array(grains.labels.length + 1).fill(owners.length);
     for (let k = owners.length - 1; k >= 0; k--) first[owners[k]] = k;
     for (let row = grains.labels.length - 1; row >= 0; row--) first[row] = Math.min(first[row], first[row + 1]);

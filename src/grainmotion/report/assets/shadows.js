@@ -98,9 +98,9 @@
       if (mine !== turn) return;
       element.replaceChildren(
         gm.el("h3", {}, `Shadows of grain ${app.grain}`),
-        gm.el("div", { class: "cuts heads", "aria-hidden": "true" }, KINDS.map((kind) => gm.el("span", {}, kind))),
-        ...shadows,
-        gm.el("p", { class: "quiet" }, `Yellow: its outline where it was found. Residuals: blue to red is ±${gm.significant(limit)}.`));
+        gm.el("p", { class: "quiet" }, "From left to right: measured, simulated, residual (blue to red: " +
+          `±${gm.significant(limit)}). Yellow: the grain's outline where it was found.`),
+        gm.el("div", { class: "shadow-list" }, shadows));
     }
 
     for (const event of ["grain", "state", "ready"]) app.on(event, show);

@@ -83,7 +83,13 @@
    * Promise of { positions (4 a vertex), normals (4 a vertex), owners, index, scales (mm a step), radii (mm),
    * starts (first corner of each grain in index, and the end) }; balls or ellipsoids where there are no meshes.
    */
-  const load = async (data) => {
+  const load = (data) => {
+    if (!loaded.has(data)) loaded.set(data, made(data));
+    return loaded.get(data);
+  };
+
+  const loaded = new WeakMap();
+  const made = async (data) => {
     const centers = await gm.decode(data.grains.centers);
     const diameters = data.grains.diameters ? await gm.decode(data.grains.diameters) : null;
     const n = centers.length / 3, kind = data.surfaces?.kind;
