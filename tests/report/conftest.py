@@ -8,8 +8,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, sync_playwright
+from playwright.sync_api import Browser, expect, sync_playwright
 
+expect.set_options(timeout=20_000)  # ms: a machine that does other things as well takes its time
 FLAGS = ["--disable-quic", "--no-first-run", "--enable-unsafe-swiftshader"]  # the last draws 3-D without a card
 
 

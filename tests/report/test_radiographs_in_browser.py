@@ -28,12 +28,27 @@ def pages(tmp_path_factory) -> dict[tuple[str, str], Path]:
     return paths
 
 
-@pytest.fixture
-def page(chromium: Browser, pages) -> Iterator[Page]:
-    """The report of a cone beam, with its last state's first view on the page."""
+@pytest.fixture(scope="module")
+def opened_page(chromium: Browser, pages) -> Iterator[Page]:
+    """The report of a cone beam, opened once: starting the 3-D viewer takes longer than most tests."""
     with clean(chromium, pages["cone", "bottom"]) as opened:
         opened.locator("#radiographs[data-view='0']").wait_for()
+        opened.locator("#slices[data-ready]").wait_for()
         yield opened
+
+
+@pytest.fixture
+def page(opened_page: Page) -> Page:
+    """The report with its last state's first view on the page, all as at first but the divider."""
+    opened_page.evaluate("gm.app.setGrain(null); gm.app.setState(1)")
+    opened_page.get_by_label("two with a divider").check(force=True)
+    for side, kind in (("left", "measured"), ("right", "simulated")):
+        opened_page.locator(".sides").get_by_label(side).select_option(kind)
+    opened_page.get_by_role("radio", name="view 0").check(force=True)
+    opened_page.get_by_role("button", name="reset contrast").click()
+    opened_page.get_by_role("button", name="whole").click()
+    opened_page.locator("#radiographs[data-view='0']").wait_for()
+    return opened_page
 
 
 def own_rows(shown: np.ndarray, first_row: str) -> np.ndarray:
@@ -79,8 +94,6 @@ def test_projection_pixels_and_footprints_are_those_of_python(chromium, pages, b
 class TestRadiographs:
     def test_divider_is_dragged_and_moved_by_keys(self, page):
         divider = page.get_by_role("slider", name="divider")
-        expect(divider).to_have_attribute("aria-valuenow", "50")
-        box = page.locator(".pane").bounding_box()
         divider.scroll_into_view_if_needed()
         divider.hover()
         page.mouse.down()
@@ -92,6 +105,9 @@ class TestRadiographs:
         expect(divider).to_have_attribute("aria-valuenow", "78")
         divider.press("Home")
         expect(divider).to_have_attribute("aria-valuenow", "0")
+        for _ in range(5):
+            divider.press("Shift+ArrowRight")
+        expect(divider).to_have_attribute("aria-valuenow", "50")
 
     def test_divider_has_one_image_on_its_left_and_the_other_on_its_right(self, page):
         """Left of it the residual's colours, right of it shades of grey."""
@@ -187,7 +203,6 @@ class TestShadows:
 
 class TestSlices:
     def test_sliders_follow_the_selected_grain(self, page):
-        page.locator("#slices[data-ready]").wait_for()
         page.evaluate(f"gm.app.setGrain({radiographs_example.LABELS[1]})")
         center = radiographs_example.voxels(radiographs_example.LABELS[1]).mean(axis=0)
         for axis, place in zip("xyz", center, strict=True):
@@ -196,7 +211,6 @@ class TestSlices:
             assert shown == pytest.approx(place, abs=0.12)
 
     def test_click_on_a_slice_selects_its_grain(self, page):
-        page.locator("#slices[data-ready]").wait_for()
         page.evaluate(f"gm.app.setGrain({radiographs_example.LABELS[0]})")
         canvas = page.locator("#slices canvas").first  # across z, x to the right and y upwards
         canvas.scroll_into_view_if_needed()
