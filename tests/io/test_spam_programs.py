@@ -349,16 +349,17 @@ def test_files_of_other_programs_are_about_centroids(tmp_path, packing, spam_pyt
     np.testing.assert_allclose(theirs, ours, atol=1e-5)
 
 
-PAGE = (ROOT / "docs" / "export.md").read_text()
-STRAIN = next(r for r in re.findall(r"^```python\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL) if "FfieldBagi" in r)
-"""The recipe of the documentation, for a file of the command line; then what it finds, as JSON."""
-STRAIN = STRAIN.replace('"results/step-01/grains-ddic.tsv"', "sys.argv[1]")
-STRAIN = (
-    f"import json, sys\n{STRAIN}"
-    + """
-print(json.dumps({"F": gradients.tolist(), "vol": np.asarray(strains["vol"]).tolist()}))
+PAGE = (ROOT / "docs" / "how-to" / "from-spam.md").read_text()
+LINE = next(code for code in re.findall(r"^python -c '(.*)'$", PAGE, re.MULTILINE) if "FfieldBagi" in code)
+"""The recipe of the documentation, in one line; it writes two files into the folder in which it is run."""
+STRAIN = f"""
+import json, os, sys
+path = sys.argv[1]
+os.chdir(os.path.dirname(path))
+{LINE.replace('"results/step-01/grains-ddic.tsv"', "path")}
+written = np.loadtxt("strains.csv", delimiter=",", ndmin=2, skiprows=1)
+print(json.dumps({{"F": np.load("F.npy").tolist(), "vol": written[:, 0].tolist()}}))
 """
-)
 
 
 class TestStrain:
