@@ -158,6 +158,7 @@ def test_a_state_waits_for_as_many_radiographs_as_views(folder):
     np.testing.assert_allclose(result.motions["s1"].translations, np.tile([0.1, 0, 0], (3, 1)), atol=0.02)
     assert "2 files" in seen[0]
     assert "arriving" in seen[0]
+    assert "2 of 3 radiographs are there; wait for the others" in seen[0]
 
 
 def test_new_folders_become_states_in_the_order_of_their_numbers(folder):

@@ -60,10 +60,8 @@ def signals_end_the_command() -> Iterator[None]:
     with stoppable() as stop:
         try:
             yield
-        except SystemExit:
-            raise
         except BaseException as error:
             if stop.signal is None and not isinstance(error, KeyboardInterrupt):
-                raise
+                raise  # also the end of the command by its exit code
             print(INTERRUPTED, file=sys.stderr, flush=True)
             os._exit(stop.code)  # what is half imported may hang when Python tidies up

@@ -105,7 +105,7 @@ def common_cause(motions: Motions, where: str = "state", known: tuple[Finding, .
         numbers += f", relative residual {motions.fit.costs[-1][1]:.2g}; about 1 and below 0.1 where all fits"
     remedy = f"check radiographs, kind and geometry of {where}, and the reference"
     if len(reasons) == 1 and not (told := reasons.pop()).startswith(SEE_COMMON_CAUSE):
-        return Finding(level, "common-cause", where, f"{count}, all for one reason: {told}", numbers)
+        return Finding(level, "common-cause", where, f"{count}, all for one reason: {told}", numbers, remedy)
     if not PLAUSIBLE_GAINS[0] < gain < PLAUSIBLE_GAINS[1]:
         cause = _SCALE
     else:
@@ -182,7 +182,8 @@ def _many(motions: Motions, where: str) -> list[Finding]:
     if n >= MIN_COMMON_GRAINS and failed.mean() > 0.5:
         fact = f"{failed.sum()} of {n} grains fail, more than is likely by their own fault; if they are whole, "
         fact += _wrong_places(motions)
-        found.append(Finding(Level.WARNING, "common-cause", where, fact, f"gain {motions.fit.gain:.3g}"))
+        remedy = f"look at residuals.tif of this state; check radiographs and geometry of {where}"
+        found.append(Finding(Level.WARNING, "common-cause", where, fact, f"gain {motions.fit.gain:.3g}", remedy))
     poor = (motions.statuses == Status.POORLY_DETERMINED.value) & ~motions.ok_translation
     if n >= MIN_COMMON_GRAINS and poor.mean() >= MIN_COMMON_SHARE:
         fact = "the views do not determine a translation of nearly all grains: they are too few, look along nearly one "

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from grainmotion.errors import InputError
 from grainmotion.experiment.config import Experiment
+from grainmotion.experiment.file_checks import TooFewRadiographsError
 from grainmotion.experiment.inputs import check_plausible
 from grainmotion.experiment.scan_files import find_scan
 from grainmotion.experiment.scan_inputs import ScanInput
@@ -68,7 +69,12 @@ def complete_state(experiment: Experiment, table: StateTable, grid: Volume) -> S
     be opened.
     """
     key, watched = f"states.{table.name}", experiment.tables.watch
-    source = find_scan(key, table, experiment.tables.reference, experiment.folder)
+    try:
+        source = find_scan(key, table, experiment.tables.reference, experiment.folder)
+    except TooFewRadiographsError as error:
+        fact = "{} of {} radiographs are there".format(*error.counts)
+        remedy = "wait for the others; if there are no more, give the geometry as many views"
+        raise InputError(f"{key}.radiographs", fact, remedy) from error
     if watched is not None and watched.count is not None:
         count = source.radiographs.info()[0][0]
         if count != watched.count:

@@ -86,6 +86,15 @@ def axis_findings(where: str, geometry: Geometry) -> tuple[Finding, ...]:
     return (Finding(Level.WARNING, "sizes", where, fact, remedy=remedy),)
 
 
+class TooFewRadiographsError(InputError):
+    """Fewer radiographs than views: of a scan that goes on, the others are still to come.
+
+    ``counts`` are the radiographs that are there and those that the geometry tells of.
+    """
+
+    counts: tuple[int, int] = (0, 0)
+
+
 def count_mismatch(key: str, table: ScanTable, radiographs: Stack, angles_deg: Float, used: int) -> InputError:
     """The error about another number of views than of radiographs, of which ``used`` are chosen, with its cause."""
     source = f"{table.geometry} ({key}.geometry)" if isinstance(table.geometry, str) else f"{key}.geometry"
@@ -96,7 +105,12 @@ def count_mismatch(key: str, table: ScanTable, radiographs: Stack, angles_deg: F
     else:
         hint = count_hint(_names(radiographs), views, shape, angles_deg)
         fact += f" ({hint})" if hint else ""
-    return InputError(source, fact, "give one view a radiograph, in the same order")
+    remedy = "give one view a radiograph, in the same order"
+    if shape[0] >= views:
+        return InputError(source, fact, remedy)
+    error = TooFewRadiographsError(source, fact, remedy)
+    error.counts = shape[0], views
+    return error
 
 
 def _names(stack: Stack | None) -> list[str]:

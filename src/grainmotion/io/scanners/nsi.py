@@ -103,7 +103,8 @@ def _first_pixel(project: NsiProject, pitch: float) -> tuple[Float, tuple[Findin
         fact = f"{report.name} places the panel {pixels:.3g} pixels from where the project does, and was "
         fact += "used" if used else "not used"
         level = Level.NOTE if used else Level.WARNING
-        return (told if used else reference), (Finding(level, "sizes", project.path.name, fact),)
+        remedy = "" if used else f"move {report.name} away if it is of another scan; else check detector_offset"
+        return (told if used else reference), (Finding(level, "sizes", project.path.name, fact, remedy=remedy),)
     return reference, ()
 
 
