@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from browser_pages import clean
-from many_grains_report import many_grains_report
+from many_grains_report import VOXEL_SIZE, many_grains_report
 from PIL import Image
 from playwright.sync_api import Browser, Page, expect
 
 from grainmotion.model.volume import Volume
-from grainmotion.report import ReportData, write_report
+from grainmotion.report import ReportData, surfaces, write_report
 from grainmotion.rotations import rotation_matrix
 
 pytestmark = pytest.mark.browser
@@ -271,6 +271,18 @@ class TestOtherPages:
         with clean(chromium, tmp_path / "balls.html") as page:
             expect(page.locator("#viewer[data-drawn=yes]")).to_be_visible()
             assert page.evaluate(f"{SHOWN}.grains.triangles") == COUNT * 320
+
+    def test_very_many_grains_are_ellipsoids_of_their_size(self, chromium, tmp_path, data, monkeypatch):
+        monkeypatch.setattr(surfaces, "MAX_MESHES", COUNT - 1)
+        write_report(tmp_path / "ellipsoids.html", data)
+        with clean(chromium, tmp_path / "ellipsoids.html") as page:
+            expect(page.locator("#viewer[data-drawn=yes]")).to_be_visible()
+            assert page.evaluate(f"{SHOWN}.grains.triangles") == COUNT * 320
+            radii = np.array(page.evaluate(f"Array.from({SHOWN}.grains.radii)"))
+            assert data.labels is not None
+            balls = np.cbrt(np.bincount(data.labels.ravel())[1:] * 3 / (4 * np.pi)) * VOXEL_SIZE
+            assert (radii > balls).all()
+            assert (radii < 1.6 * balls).all()
 
     def test_reference_alone_is_drawn(self, chromium, tmp_path, data):
         write_report(tmp_path / "reference.html", replace(data, states=()))
