@@ -203,6 +203,10 @@ def test_paper_has_all_rows_and_no_controls(report):
     expect(report.locator("#bar")).to_be_hidden()
     expect(report.get_by_role("button", name="Download CSV")).to_be_hidden()
     expect(report.locator("tr[data-label='51']")).to_be_visible()
+    report.evaluate("dispatchEvent(new Event('beforeprint'))")
+    expect(report.locator(".viewer-still")).to_have_count(1)
+    report.evaluate("dispatchEvent(new Event('afterprint'))")
+    expect(report.locator(".viewer-still")).to_have_count(0)
 
 
 @pytest.mark.parametrize("states", [(), (0,)])
