@@ -6,6 +6,7 @@ import tomllib
 
 import pytest
 
+from grainmotion import __version__
 from grainmotion.errors import InputError
 from grainmotion.experiment.config import ExperimentFile, read_experiment
 from grainmotion.model.finding import Finding, Level
@@ -32,7 +33,7 @@ class TestEntry:
     def test_head(self, path):
         text = run(path)
         for words in (
-            "grainmotion 0.1.0", "command: ", "call: run until segment", f"experiment: {path}", "Python 3.", "numpy ",
+            f"grainmotion {__version__}", "command: ", "call: run until segment", f"experiment: {path}", "Python 3.", "numpy ",
             " cores", "reference.radiographs: reference/*.tif, 40 files", "states.two: 3 views",
             "reference: 40 views of 28 x 36 pixels, counts",
         ):  # fmt: skip

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 MAX_NAMED_FILES = 3
 """Changed files that are named of a stage."""
-REFUSED, SEE_LOG = "an earlier run refused it", "see its finding in the report or in run.log"
+REFUSED_BEFORE, SEE_LOG = "an earlier run refused it", "see its finding in the report or in run.log"
 T = TypeVar("T")
 
 
@@ -148,7 +148,7 @@ def _plan_states(context: PlannedRun) -> dict[str, TrackedState]:
         refused = frozenset({*context.refused, table.name})
         as_refused = Fingerprints(context.experiment, context.inputs, context.cache, refused).tracks[table.name]
         if context.cache.is_done(name, as_refused):  # and would be again
-            context.refuse(table.name, Finding(Level.ERROR, "fit", source.key, REFUSED, remedy=SEE_LOG))
+            context.refuse(table.name, Finding(Level.ERROR, "fit", source.key, REFUSED_BEFORE, remedy=SEE_LOG))
         fingerprint = context.fingerprints.tracks[table.name]
         kept = context.cache.is_done(name, fingerprint)
         context.note(name, fingerprint, kept=kept)
