@@ -33,8 +33,8 @@ class TestEntry:
     def test_head(self, path):
         text = run(path)
         for words in (
-            f"grainmotion {__version__}", "command: ", "call: run until segment", f"experiment: {path}", "Python 3.", "numpy ",
-            " cores", "reference.radiographs: reference/*.tif, 40 files", "states.two: 3 views",
+            f"grainmotion {__version__}", "command: ", "call: run until segment", f"experiment: {path}",
+            "Python 3.", "numpy ", " cores", "reference.radiographs: reference/*.tif, 40 files", "states.two: 3 views",
             "reference: 40 views of 28 x 36 pixels, counts",
         ):  # fmt: skip
             assert words in text
