@@ -12,11 +12,12 @@ from sphinx.pycode import ModuleAnalyzer
 
 
 def source_of(module: str, name: str) -> str:
-    """Full name of the module that defines what a package exports by its stub ``__init__.pyi``."""
-    stub = Path(str(importlib.import_module(module).__file__)).with_suffix(".pyi")
-    for node in ast.parse(stub.read_text(encoding="utf-8")).body if stub.exists() else ():
+    """Full name of the module that defines a name: packages say by their stubs, modules by imports, whose it is."""
+    path = Path(str(importlib.import_module(module).__file__))
+    stub = path.with_suffix(".pyi")
+    for node in ast.parse((stub if stub.exists() else path).read_text(encoding="utf-8")).body:
         if isinstance(node, ast.ImportFrom) and name in {alias.asname or alias.name for alias in node.names}:
-            return f"{module}.{node.module}"
+            return source_of(f"{module}.{node.module}" if node.level else str(node.module), name)
     return module
 
 

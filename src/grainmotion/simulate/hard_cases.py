@@ -190,6 +190,7 @@ _FUNCTIONS: Mapping[str, Callable[[Setup], HardCase]] = {
 HARD_CASES: Mapping[str, Recipe] = MappingProxyType(
     {name: Recipe(" ".join((make.__doc__ or "").split()), make) for name, make in _FUNCTIONS.items()}
 )
+"""Cases by name, each with the function that makes it; `hard_case` makes one."""
 
 
 def hard_case(

@@ -25,6 +25,7 @@ Spectrum = tuple[tuple[float, float], ...]
 STONE_ATTENUATION = 0.1  # of every stone, 1/mm
 OPEN_BEAM_COUNTS = 40_000  # counts without the sample, well inside 16 bits
 LATER_ANGLES_DEG = {2: (22.5, 112.5), 4: (0.0, 45.0, 90.0, 135.0)}
+"""Angles of the radiographs of later states, degrees, by their number."""
 
 
 @dataclass(frozen=True)
