@@ -3,6 +3,7 @@
 import dataclasses
 
 import numpy as np
+from rich.console import Console
 
 from grainmotion.cli.summary import print_states
 from grainmotion.cli.terminal import Terminal
@@ -35,3 +36,31 @@ def test_motions_of_bodies_are_told(capsys):
 def test_nothing_is_told_of_a_liquid_where_there_is_none(capsys):
     print_states(Terminal(), {"dry": Motions.identity(np.array([1]), np.zeros((1, 3)))})
     assert "liquid" not in capsys.readouterr().out
+
+
+def test_grains_of_one_status_are_one_line_whatever_their_reasons(capsys):
+    count = 30
+    motions = Motions.identity(np.arange(1, count + 1), np.zeros((count, 3)))
+    statuses = np.array(["ambiguous"] * count, dtype="<U20")
+    reasons = tuple(f"it also fits turned by {90 + k}°; take more views" for k in range(count))
+    unclear = dataclasses.replace(
+        motions,
+        statuses=statuses,
+        reasons=reasons,
+        ok_translation=np.zeros(count, bool),
+        ok_rotation=np.zeros(count, bool),
+    )
+    print_states(Terminal(), {"one": unclear})
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("one, grains")]
+    assert lines == [
+        "one, grains 1, 2, 3, 4, 5, 6, 7, 8, 9, 10 and 20 more: ambiguous; of grain 1: it also fits turned by 90°; "
+        "take more views"
+    ]
+
+
+def test_names_of_states_are_not_cut_off_on_a_narrow_terminal(capsys, monkeypatch):
+    monkeypatch.setattr(Terminal, "console", lambda _self, **_: Console(width=72))
+    motions = Motions.identity(np.array([1]), np.zeros((1, 3)))
+    name = "random-4"
+    print_states(Terminal(), {name: motions})
+    assert name in capsys.readouterr().out

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 MAX_GROUPS = 12
 """Groups of grains that are told, of all states; the report has all."""
+MAX_NAME_WIDTH = 24
+"""Columns of the terminal that the name of a state gets at least, if it is so long."""
 MAX_LABELS = 10
 """Grains that are named of each group."""
 
@@ -21,7 +23,8 @@ MAX_LABELS = 10
 def print_run(terminal: Terminal, result: RunResult, lines: Iterable[str] = ()) -> None:
     """Print stages, states, all findings again, ``lines``, and where results are."""
     if not terminal.quiet:
-        print(f"done: {', '.join(result.done) or 'nothing'}; kept: {', '.join(result.reused) or 'nothing'}")
+        kept = ", ".join(result.reused) or "nothing"
+        terminal.message(f"done: {', '.join(result.done) or 'nothing'}; kept: {kept}")
     print_states(terminal, result.motions)
     print_findings(terminal, result.findings)
     for line in (*lines, *_places(result)):
@@ -72,6 +75,9 @@ def print_states(terminal: Terminal, motions: Mapping[str, Motions]) -> None:
         table.add_row(
             escape(name), str(len(m)), str(int(m.ok.sum())), str(len(u)), str(len(w)), others or "-", *medians
         )
+    for column in table.columns:
+        column.overflow = "fold"  # on a narrow terminal nothing is cut off
+    table.columns[0].min_width = min(max(map(len, motions)), MAX_NAME_WIDTH)
     terminal.console().print(table)
     for name, m in motions.items():
         for sentence in scene_sentences(m.fit):
