@@ -15,14 +15,14 @@ MAX_FRAMES_OF_TRIAL_ROTATIONS = 17
 
 
 def functions_on_the_stack():
-    """Names of the package's functions on the call stack, from the command inwards."""
+    """Names of the package's functions on the call stack, from the function that carries out the command inwards."""
     names, frame = [], sys._getframe(2)
     while frame is not None:
         module = frame.f_globals.get("__name__", "")
         if module.startswith("grainmotion."):
             names.append(f"{module.removeprefix('grainmotion.')}.{frame.f_code.co_qualname}")
         frame = frame.f_back
-    return names[: names.index("cli.app.run") + 1][::-1]
+    return names[: names.index("cli.stages.run_stages") + 1][::-1]
 
 
 def test_calls_from_the_command_to_the_kernel_are_few(tmp_path, monkeypatch):

@@ -1,7 +1,8 @@
 """The decorator that makes a command of a function.
 
 Commands import what they run inside their bodies, so that ``--help`` loads no numerical library.  They return an
-`Outcome`; this module prints it as text or as one JSON document, and turns exceptions into messages and exit codes.
+`Outcome`, or what gives one and is still to be run; this module prints it as text or as one JSON document, and turns
+exceptions into messages and exit codes.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from grainmotion.cli.documents import Document
 
 HELP_OPTIONS = {"help_option_names": ["-h", "--help"]}
-CommandFunction = Callable[..., Outcome]
+CommandFunction = Callable[..., Outcome | Callable[[], Outcome]]
 
 
 @dataclasses.dataclass
@@ -85,13 +86,14 @@ def _parameters(function: CommandFunction, records: dict[str, type]) -> list[ins
     return parameters
 
 
-def carried_out(function: Callable[[], Outcome], name: str, terminal: Terminal) -> int:
+def carried_out(function: CommandFunction, name: str, terminal: Terminal) -> int:
     """Carry out a command, print its outcome or why it failed, and return the exit code."""
     with stoppable() as stop:
         call = Call(name, stop)
         token = _CALL.set(call)
         try:
-            outcome = function()
+            answer = function()
+            outcome = answer if isinstance(answer, Outcome) else answer()
             if terminal.json:
                 _print_document(name, outcome.document, outcome.findings, outcome.ending.code, outcome.ending.reason)
             else:

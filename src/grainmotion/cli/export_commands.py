@@ -7,6 +7,7 @@ are those of `files`.
 from __future__ import annotations
 
 import dataclasses
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,9 +16,8 @@ import typer
 from grainmotion.cli.command import HELP_OPTIONS, add_command
 from grainmotion.cli.exit_codes import EPILOG
 from grainmotion.cli.options import Checks, DemOptions, Display, DryRun, Execution, Paths
-from grainmotion.cli.outcome import Outcome
 from grainmotion.cli.program import Suggesting
-from grainmotion.cli.stages import StagesCall, read, run_stages
+from grainmotion.cli.stages import StagesCall, StagesToRun, read, run_stages
 from grainmotion.cli.words import Format, SpamPoint
 from grainmotion.errors import InputError
 
@@ -69,7 +69,7 @@ def files(
     execution: Execution,
     checks: Checks,
     display: Display,
-) -> Outcome:
+) -> StagesToRun:
     """Write files for other software; the word `files` may be left out. Stages that are missing are done first.
 
     Example: grainmotion export experiment.toml --format vtk --format tiff
@@ -81,12 +81,12 @@ def files(
         names = [*result.motions, *(["dem"] if Format.DEM in format else [])]
         return [f"exported: {result.folder / name}" for name in names]
 
-    return run_stages(wanted, StagesCall(paths.out, execution, checks, dry_run, display), lines=lines)
+    return partial(run_stages, wanted, StagesCall(paths.out, execution, checks, dry_run, display), lines=lines)
 
 
 def mechanics(
     paths: Paths, *, dry_run: DryRun = False, execution: Execution, checks: Checks, display: Display
-) -> Outcome:
+) -> StagesToRun:
     """Write strains, contacts, fabric and void ratios of the reference and of each state.
 
     The table mechanics of the experiment file has the settings.
@@ -98,7 +98,7 @@ def mechanics(
         return [f"mechanics: {result.folder / name / 'mechanics.json'}" for name in result.motions]
 
     wanted = _with_exports(read(paths.file), ["mechanics"])
-    return run_stages(wanted, StagesCall(paths.out, execution, checks, dry_run, display), lines=lines)
+    return partial(run_stages, wanted, StagesCall(paths.out, execution, checks, dry_run, display), lines=lines)
 
 
 def dem(
@@ -109,7 +109,7 @@ def dem(
     execution: Execution,
     checks: Checks,
     display: Display,
-) -> Outcome:
+) -> StagesToRun:
     """Write each grain as a rigid body for DEM codes: STL, level set, clump, harmonics, inertia, poses, velocities.
 
     The table dem of the experiment file has the settings; options replace them.
@@ -120,7 +120,7 @@ def dem(
     settings = _dem_settings(experiment.tables.dem, options)
     wanted = dataclasses.replace(experiment, tables=experiment.tables.model_copy(update={"dem": settings}))
     call = StagesCall(paths.out, execution, checks, dry_run, display)
-    return run_stages(wanted, call, lines=lambda result: [f"exported: {result.folder / 'dem'}"])
+    return partial(run_stages, wanted, call, lines=lambda result: [f"exported: {result.folder / 'dem'}"])
 
 
 for export in (files, mechanics, dem):

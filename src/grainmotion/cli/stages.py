@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from grainmotion.workflow.run import RunResult, Until
 
 Lines = Callable[["RunResult"], list[str]]
+StagesToRun = Callable[[], Outcome]
+"""What a command hands back once its options are read: the call of `run_stages` that is to be made."""
 
 
 def read(file: Path, device: OnDevice = None) -> Experiment:

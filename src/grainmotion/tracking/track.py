@@ -152,7 +152,7 @@ def _started(job: Job, start: Start) -> tuple[Job, tuple[float, ...]]:
     if start is None or isinstance(start, Motions):
         return replace(job, start=start), ()
     if not start:
-        raise InputError("start", "an empty sequence", "give motions, several motions, or none")
+        raise InputError("initial", "an empty sequence", "give motions, several motions, or none")
     if len(start) == 1:
         return replace(job, start=start[0]), ()
     best, residuals = best_start(job.grains, job.scan, start, job.settings, job.device)
