@@ -37,11 +37,11 @@ def test_shifts_and_rolls(lab, panel):
 
 def test_wrong_signs_are_seen():
     lab = Lab(panel_shift=(1.1, 0.7))
-    right = ball_images(geometry(lab, -STAGE, offset=(1.1, -0.7)))
+    right = ball_images(geometry(lab, -STAGE, detector_offset=(1.1, -0.7)))
     for wrong in (
-        geometry(lab, STAGE, offset=(1.1, -0.7)),
-        geometry(lab, -STAGE, offset=(-1.1, -0.7)),
-        geometry(lab, -STAGE, offset=(1.1, 0.7)),
-        geometry(lab, -STAGE, offset=(1.1, -0.7), first_row="bottom"),
+        geometry(lab, STAGE, detector_offset=(1.1, -0.7)),
+        geometry(lab, -STAGE, detector_offset=(-1.1, -0.7)),
+        geometry(lab, -STAGE, detector_offset=(1.1, 0.7)),
+        geometry(lab, -STAGE, detector_offset=(1.1, -0.7), first_row="bottom"),
     ):
         assert np.abs(ball_images(wrong) - right).max() > 0.1
