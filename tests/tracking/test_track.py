@@ -162,7 +162,7 @@ class TestStart:
 
     def test_missing_labels_are_an_error(self):
         start = Motions.identity(GRAINS.labels[:3], GRAINS.centers[:3])
-        with pytest.raises(InputError, match=r"start: grains \[4, 5\] have no row"):
+        with pytest.raises(InputError, match=r"initial: grains \[4, 5\] have no row"):
             track(GRAINS, radiographs(GRAINS, TRUTH), start)
 
 

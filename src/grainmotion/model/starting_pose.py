@@ -20,7 +20,7 @@ def starting_pose(grains: GrainSet, start: Motions | None) -> Pose:
     rows = {int(label): k for k, label in enumerate(start.labels)}
     missing = [int(label) for label in grains.labels if int(label) not in rows]
     if missing:
-        raise InputError("start", f"grains {missing[:5]} have no row", "give the motions of the same reference")
+        raise InputError("initial", f"grains {missing[:5]} have no row", "give the motions of the same reference")
     order = [rows[int(label)] for label in grains.labels]
     translations, rotations = start.translations[order], start.rotations[order]
     known = np.all(np.isfinite(np.hstack([translations, rotations])), axis=1)
