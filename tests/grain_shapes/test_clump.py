@@ -74,8 +74,10 @@ def test_apart_spheres_have_steiner_s_inertia():
 
 def test_wrong_numbers_are_named(oval):
     for options, words in (
-        ({"spheres": 0}, "spheres"), ({"max_volume_error": 1.0}, "max_volume_error"), ({"clump_fit": "outside"}, "outside")
-    ):  # fmt: skip
+        ({"spheres": 0}, "spheres"),
+        ({"max_volume_error": 1.0}, "max_volume_error"),
+        ({"clump_fit": "outside"}, "outside"),
+    ):
         with pytest.raises(InputError, match=words):
             clump(oval[1], H, **options)
     with pytest.raises(InputError, match="spacing"):
