@@ -221,11 +221,16 @@ def measure(name: str, n: int, repeats: int, kept: Path) -> dict[str, Any]:
     return {**found[-1], **least, **json.loads((folder / "case.json").read_text())}
 
 
+def degrees(found: dict[str, Any]) -> str:
+    """Error of rotation; a dash where no rotation is a result to use."""
+    return f"{found['degrees']:.2f}" if np.isfinite(found["degrees"]) else "-"
+
+
 def page(found: dict[str, dict[str, Any]], options: argparse.Namespace) -> str:
     """The table of all kinds."""
     rows = [
         f"| {KINDS[name].summary} | {f['panel'][0]} × {f['panel'][1]} | {f['grains']} | {f['cut']} | {f['usable']} "
-        f"| {f['failures']} | {f['voxels']:.3f} | {f['degrees']:.2f} | {f['cpu']:.1f} | {f['wall']:.1f} "
+        f"| {f['failures']} | {f['voxels']:.3f} | {degrees(f)} | {f['cpu']:.1f} | {f['wall']:.1f} "
         f"| {f['memory']:.2f} |"
         for name, f in found.items()
     ]
