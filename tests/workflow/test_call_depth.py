@@ -9,7 +9,7 @@ from grainmotion.kernels import grain_projection
 from tiny_experiment import write_tiny
 
 MAX_FRAMES = 12
-"""In every fit, the command and the backend that calls the kernel included."""
+"""In every fit, the function that carries out the command and the backend that calls the kernel included."""
 MAX_FRAMES_OF_TRIAL_ROTATIONS = 17
 """The same bound for trial rotations of the identifiability test, which is made once for each state."""
 

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import TYPE_CHECKING
 
 from grainmotion.cli.options import Checks, Display, DryRun, Execution, OnDevice, Paths
 from grainmotion.cli.stages import StagesCall, StagesToRun, read, run_stages
+
+if TYPE_CHECKING:
+    from grainmotion.workflow.run import RunResult
 
 
 def run(
@@ -43,8 +47,11 @@ def segment(
 
     Example: grainmotion segment experiment.toml
     """
+
+    def lines(result: RunResult) -> list[str]:
+        return [f"grains: {result.folder / 'reference.h5'}"]
+
     call = StagesCall(paths.out, execution, checks, dry_run, display)
-    lines = lambda result: [f"grains: {result.folder / 'reference.h5'}"]  # noqa: E731
     return partial(run_stages, read(paths.file), call, until="segment", lines=lines)
 
 
