@@ -14,5 +14,5 @@ def errors_of_state(key: str, initial: str) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        where = error.where.replace("start", f"initial ({initial})")
+        where = f"initial ({initial})" if error.where == "initial" else error.where
         raise InputError(f"{key}.{where}", error.fact, error.remedy) from error
