@@ -37,11 +37,11 @@ class Complaints:
 
 @contextmanager
 def opened(
-    browser: Browser, path: Path, *, width: int = 1400, height: int = 900, dark: bool = False
+    browser: Browser, path: Path, *, width: int = 1400, height: int = 900, dark: bool = False, touch: bool = False
 ) -> Iterator[tuple[Page, Complaints]]:
     """The page of a file, loaded, in a window of its own, and what it complains about while it is open."""
     scheme = "dark" if dark else "light"
-    context = browser.new_context(viewport={"width": width, "height": height}, color_scheme=scheme)
+    context = browser.new_context(viewport={"width": width, "height": height}, color_scheme=scheme, has_touch=touch)
     context.set_default_timeout(20_000)
     try:
         page, complaints, address = context.new_page(), Complaints(), path.resolve().as_uri()

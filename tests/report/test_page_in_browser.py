@@ -31,6 +31,16 @@ def report_path(tmp_path_factory) -> Path:
     return path
 
 
+@pytest.fixture(scope="module")
+def long_names_path(tmp_path_factory) -> Path:
+    """As `report_path`, with names of hundreds of letters and no place to break them."""
+    path, long = tmp_path_factory.mktemp("page") / "long.html", 300 * "x"
+    (first, _), run = example.data().states, RunRecord(f"grainmotion run {long}", long, folder=f"/{long}")
+    states = tuple(replace(first, name=f"{long}{k}", views=(long, long)) for k in range(2))
+    write_report(path, replace(example.data(), title=long, facts=((long, long),), states=states, run=run))
+    return path
+
+
 @pytest.fixture
 def report(chromium: Browser, report_path: Path) -> Iterator[Page]:
     with clean(chromium, report_path) as page:
@@ -160,6 +170,27 @@ def test_arrows_walk_through_the_table_and_columns_are_shown_on_demand(report):
     assert "not-converged, because" in cells(report, "reason")[1]
 
 
+def test_keyboard_keeps_its_place_where_controls_are_drawn_anew(report):
+    """The focus stays on what was pressed, or goes to what takes its place."""
+    focused = "document.activeElement.dataset.focus ?? document.activeElement.getAttribute('aria-label')"
+    report.locator("#grain-table [data-key='sd_u'] button").focus()
+    for turn in ("ascending", "descending"):
+        report.keyboard.press("Enter")
+        expect(report.locator("#grain-table [data-key='sd_u']")).to_have_attribute("aria-sort", turn)
+        assert report.evaluate(focused) == "sd_u"
+    report.evaluate("gm.app.setGrain(1)")
+    report.get_by_label("Next grain", exact=True).focus()
+    for label in (11, 21):
+        report.keyboard.press("Enter")
+        expect(report.locator("#grain-panel h3")).to_have_text(f"Grain {label}")
+        assert report.evaluate(focused) == "Next grain"
+    report.get_by_label("Choose no grain").press("Enter")
+    expect(report.locator("#grain-panel h3")).to_have_text("Choose a grain")
+    assert report.evaluate(focused) == "The chosen grain"
+    report.get_by_label("Previous state").press("Enter")
+    assert report.evaluate(focused) == "State"  # there is no state before the first
+
+
 def test_thousands_of_grains_take_few_elements(chromium, tmp_path):
     many = Motions.identity(np.arange(1, 5001), np.random.default_rng(0).normal(size=(5000, 3)))
     images = np.zeros((1, 4, 5))
@@ -168,6 +199,11 @@ def test_thousands_of_grains_take_few_elements(chromium, tmp_path):
         rows = page.locator("#grain-table tr[data-label]")
         expect(rows.first).to_be_visible()
         assert rows.count() < 80
+        page.evaluate("dispatchEvent(new Event('beforeprint'))")
+        expect(page.locator("#grain-table .nothing")).to_have_text(
+            "4500 more grains are on the page and in motions.csv."
+        )
+        page.evaluate("dispatchEvent(new Event('afterprint'))")
         page.evaluate("gm.app.setGrain(4321)")
         expect(page.locator("tr[data-label='4321']")).to_have_attribute("aria-selected", "true")
         assert rows.count() < 80
@@ -182,8 +218,8 @@ def test_command_and_settings_are_there_to_copy(report):
 
 
 @pytest.mark.parametrize("width", [360, 800, 1200, 2560])
-def test_nothing_is_cut_off(chromium, report_path, width):
-    with clean(chromium, report_path, width=width) as page:
+def test_nothing_is_cut_off(chromium, report_path, long_names_path, width):
+    with clean(chromium, long_names_path if width == 360 else report_path, width=width) as page:
         page.evaluate("gm.app.setGrain(11)")
         expect(page.locator("#history svg.chart")).to_have_count(2)
         assert page.evaluate("document.documentElement.scrollWidth") <= width
@@ -204,7 +240,14 @@ def test_paper_has_all_rows_and_no_controls(report):
     expect(report.get_by_role("button", name="Download CSV")).to_be_hidden()
     expect(report.locator("tr[data-label='51']")).to_be_visible()
     report.evaluate("dispatchEvent(new Event('beforeprint'))")
-    expect(report.locator(".viewer-still")).to_have_count(1)
+    head = report.locator("#grain-table [data-key='ux']")
+    assert (
+        head.evaluate("head => getComputedStyle(head, '::before').content") == '"x"'
+    )  # on each sheet, as no button is
+    shown = report.locator(".viewer-still").evaluate(
+        "c => c.getContext('2d').getImageData(0, 0, c.width, c.height).data.filter((v, k) => k % 4 === 3 && v).length"
+    )
+    assert shown > 500  # pixels of grains
     report.evaluate("dispatchEvent(new Event('afterprint'))")
     expect(report.locator(".viewer-still")).to_have_count(0)
 

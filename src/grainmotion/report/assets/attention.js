@@ -24,7 +24,11 @@
     }, String(label));
     const list = el("div", { class: "labels" }, labels.slice(0, SHOWN).map(button));
     if (labels.length > SHOWN) {
-      const rest = el("button", { type: "button", class: "more", onclick: () => rest.replaceWith(...labels.slice(SHOWN).map(button)) },
+      const rest = el("button", { type: "button", class: "more", onclick: () => {
+        const more = labels.slice(SHOWN).map(button);
+        rest.replaceWith(...more);
+        more[0].focus();
+      } },
         `${labels.length - SHOWN} more`);
       list.append(rest);
     }

@@ -88,9 +88,12 @@
     });
     if (spec.onpick) {
       const half = count > 1 ? inner / (count - 1) / 2 : inner / 2;
-      spec.x.forEach((value, i) => parts.push(svg("rect", {
-        class: "hit", x: x(value) - half, y: MARGIN.top, width: 2 * half, height: tall, onclick: () => spec.onpick(i),
-      }, svg("title", {}, spec.hints?.[i] ?? ""))));
+      spec.x.forEach((value, i) => {
+        const left = Math.max(x(value) - half, 0), right = Math.min(x(value) + half, width);
+        parts.push(svg("rect", {
+          class: "hit", x: left, y: MARGIN.top, width: right - left, height: tall, onclick: () => spec.onpick(i),
+        }, svg("title", {}, spec.hints?.[i] ?? "")));
+      });
     }
     return svg("svg", { class: "chart", viewBox: `0 0 ${width} ${height}`, height, role: "img", "aria-label": spec.title }, parts);
   };

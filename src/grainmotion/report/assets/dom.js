@@ -18,6 +18,20 @@
   gm.el = (tag, attributes, ...children) => fill(document.createElement(tag), attributes, children);
   gm.svg = (tag, attributes, ...children) => fill(document.createElementNS(SVG, tag), attributes, children);
 
+  const name = (element) => element.dataset.focus ?? element.getAttribute("aria-label") ?? element.textContent;
+
+  /**
+   * `place.replaceChildren(...children)` for controls that draw themselves anew: the one that has the keyboard's focus
+   * hands it to its successor of the same name (`data-focus`, else its label), or to `fallback` where there is none.
+   */
+  gm.refill = (place, children, fallback = null) => {
+    const old = place.contains(document.activeElement) && document.activeElement !== place ? document.activeElement : null;
+    place.replaceChildren(...children);
+    if (!old) return;
+    const next = [...place.querySelectorAll(old.tagName)].find((element) => name(element) === name(old) && !element.disabled);
+    (next ?? fallback ?? place).focus({ preventScroll: true });
+  };
+
   /** A number with fixed decimals and a true minus sign; – where there is none. */
   gm.fixed = (value, decimals) => {
     if (!Number.isFinite(value)) return "–";

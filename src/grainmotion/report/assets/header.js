@@ -17,7 +17,7 @@
     const usable = (flags) => `${gm.count(flags, 1)}`;
     const share = (flags) => (total ? `${Math.floor((100 * gm.count(flags, 1)) / total)} % of ${total}` : "");
     const displacement = gm.median(u), deviation = gm.median(sdU);
-    const voxels = (length) => (Number.isFinite(length) && voxel ? `${gm.significant(length / voxel, 2)} voxel` : "");
+    const voxels = (length) => (Number.isFinite(length) && voxel ? `${gm.significant(length / voxel, 2)} voxels` : "");
     place.replaceChildren(
       merit(String(total), "", total === 1 ? "grain" : "grains"),
       merit(usable(translation), "", "translations to use", share(translation)),
@@ -57,8 +57,10 @@
       slider.setAttribute("aria-valuetext", state.name);
       name.textContent = name.title = state.name;
       count.textContent = `${app.data.state_numbers[app.state]} of ${app.data.state_count}${state.time === null ? "" : `, time ${state.time}`}`;
-      back.disabled = app.state === 0;
-      forth.disabled = app.state === last;
+      for (const [button, end] of [[back, 0], [forth, last]]) {
+        if (app.state === end && document.activeElement === button) slider.focus(); // a disabled button takes no keys
+        button.disabled = app.state === end;
+      }
     };
   };
 

@@ -4,7 +4,7 @@
   const gm = (globalThis.gm ??= {});
   const STEP = 1.25; // of a button, a key or a notch of the wheel
   const MOST_PIXELS = 40; // of the screen for one of the picture
-  const CLICK_REACH = 4; // screen pixels within which a press and a release are a click
+  const CLICK_REACH = { mouse: 4, touch: 12 }; // screen pixels within which a press and a release are a click or a tap
 
   /**
    * What part of a picture of `width` × `height` pixels canvases of `size()` = [width, height] CSS pixels show.
@@ -58,9 +58,22 @@
       /** Make a canvas zoom and pan; `clicked` and `pointed` get points of the picture, `pointed` null on leaving. */
       listen(canvas, { clicked, pointed }) {
         let pressed = null;
+        const fingers = new Map(); // places of the pointers that are down, by their number
+        /** Zoom and move as two fingers do, one of which has just moved from one place to another. */
+        const pinch = (id, now) => {
+          const other = [...fingers].find(([key]) => key !== id)[1], before = fingers.get(id);
+          const apart = (point) => Math.hypot(point[0] - other[0], point[1] - other[1]);
+          if (apart(before) > 0 && apart(now) > 0) zoom.by(apart(now) / apart(before), [0, 1].map((k) => (before[k] + other[k]) / 2));
+          zoom.move((now[0] - before[0]) / 2, (now[1] - before[1]) / 2);
+        };
         const place = (event) => {
           const box = canvas.getBoundingClientRect();
           return [event.clientX - box.left, event.clientY - box.top];
+        };
+        const release = ({ pointerId }) => {
+          fingers.delete(pointerId);
+          const [left] = fingers.values(); // one finger that stays goes on moving the picture, and taps nothing
+          pressed = left ? { start: left, last: left, moved: true } : null;
         };
         canvas.addEventListener("wheel", (event) => {
           if (!event.ctrlKey && !event.metaKey && document.activeElement !== canvas) return; // the page scrolls
@@ -69,24 +82,27 @@
         }, { passive: false });
         canvas.addEventListener("pointerdown", (event) => {
           if (event.button !== 0) return;
-          pressed = { start: place(event), last: place(event), moved: false };
+          fingers.set(event.pointerId, place(event));
+          pressed = { start: place(event), last: place(event), moved: fingers.size > 1 };
           canvas.setPointerCapture(event.pointerId);
         });
         canvas.addEventListener("pointermove", (event) => {
           const now = place(event);
-          if (pressed) {
-            const { start, last } = pressed;
-            pressed.moved ||= Math.hypot(now[0] - start[0], now[1] - start[1]) > CLICK_REACH;
+          if (fingers.size > 1 && fingers.has(event.pointerId)) pinch(event.pointerId, now);
+          else if (pressed) {
+            const { start, last } = pressed, reach = CLICK_REACH[event.pointerType] ?? CLICK_REACH.mouse;
+            pressed.moved ||= Math.hypot(now[0] - start[0], now[1] - start[1]) > reach;
             if (pressed.moved) zoom.move(now[0] - last[0], now[1] - last[1]);
             pressed.last = now;
           }
+          if (fingers.has(event.pointerId)) fingers.set(event.pointerId, now);
           pointed(zoom.toPicture(now));
         });
         canvas.addEventListener("pointerup", (event) => {
           if (pressed && !pressed.moved) clicked(zoom.toPicture(place(event)));
-          pressed = null;
+          release(event);
         });
-        canvas.addEventListener("pointercancel", () => (pressed = null));
+        canvas.addEventListener("pointercancel", release);
         canvas.addEventListener("pointerleave", () => pointed(null));
         canvas.addEventListener("keydown", (event) => {
           const far = 40, moves = { ArrowLeft: [far, 0], ArrowRight: [-far, 0], ArrowUp: [0, far], ArrowDown: [0, -far] };

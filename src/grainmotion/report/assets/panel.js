@@ -121,7 +121,7 @@
           ? [el("h3", { style: "margin: 0" }, "Choose a grain"), el("p", { class: "quiet" },
             "Click a grain in the picture or a row of the table, or type its label: its motion, its reason and its shadows appear here."), choose(app)]
           : await chosen(app, state, app.row(grain));
-        if (grain === app.grain && state === app.state) place.replaceChildren(...content.flat(3).filter(Boolean));
+        if (grain === app.grain && state === app.state) gm.refill(place, content.flat(3).filter(Boolean));
       };
       app.on("grain", show);
       app.on("state", show);

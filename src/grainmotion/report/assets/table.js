@@ -105,16 +105,18 @@
       }
       table.style.minWidth = `${list.reduce((sum, { width }) => sum + width, 0)}px`;
       group.replaceChildren(...list.map(({ width }) => el("col", { style: `width: ${width}px` })));
-      head.replaceChildren(
+      gm.refill(head, [
         el("tr", { class: "groups" }, groups.map(({ name, span }) => el(name ? "th" : "td", { colspan: span, scope: name ? "colgroup" : null }, name))),
         el("tr", {}, list.map((column) => el("th", {
           scope: "col", class: column.class, "data-key": column.key, "aria-sort": order.key !== column.key ? "none" : order.ascending ? "ascending" : "descending",
-        }, el("button", { type: "button", title: column.title ?? column.head, onclick: () => {
+          "data-head": column.head,
+        }, el("button", { type: "button", title: column.title ?? column.head, "data-focus": column.key, onclick: () => {
           order.ascending = order.key === column.key ? !order.ascending : true;
           order.key = column.key;
           drawHead();
           arrange();
-        } }, column.head)))));
+        } }, column.head)))),
+      ], port);
     };
 
     const arrange = () => {
@@ -142,8 +144,9 @@
       drawn = [first, last];
       const space = (height) => (height > 0 ? el("tr", { class: "space", "aria-hidden": "true" }, el("td", { colspan: visible().length, style: `height: ${height}px` })) : null);
       const list = rows.slice(first, last).map((row, k) => rowElement(row, first + k));
+      const more = whole && rows.length > last ? el("tr", { class: "space" }, el("td", { class: "nothing", colspan: visible().length }, `${rows.length - last} more grains are on the page and in motions.csv.`)) : null;
       const none = rows.length ? null : el("tr", { class: "space" }, el("td", { class: "nothing", colspan: visible().length, style: "line-height: 1.5; height: 3rem" }, "No grain passes the search and the filter."));
-      body.replaceChildren(...[space(first * ROW), ...list, none, whole ? null : space((rows.length - last) * ROW)].filter(Boolean));
+      body.replaceChildren(...[space(first * ROW), ...list, none, more, whole ? null : space((rows.length - last) * ROW)].filter(Boolean));
     };
 
     const reveal = () => {
@@ -163,11 +166,11 @@
 
     const drawChips = () => {
       const present = app.data.statuses.map((record, k) => [record, k, gm.count(tables.status, k)]).filter(([, k, n]) => n || filter.statuses.has(k));
-      chips.replaceChildren(el("legend", {}, "Status"), ...present.map(([record, k, n]) => {
+      gm.refill(chips, [el("legend", {}, "Status"), ...present.map(([record, k, n]) => {
         const chip = toggle(filter.statuses, k, [el("span", { class: "dot" }), `${record.title} ${n}`], arrange);
         chip.style.setProperty("--dot", record.colour);
         return chip;
-      }));
+      })], search);
     };
 
     const show = async () => {
@@ -176,7 +179,7 @@
       tables = loaded;
       columns = columnsOf(app, tables);
       const known = SETS.filter(({ name }) => columns.some(({ set }) => set === name));
-      sets.replaceChildren(el("legend", {}, "Columns"), ...known.map(({ name, title }) => toggle(shown, name, title, () => { drawHead(); fill(true); })));
+      gm.refill(sets, [el("legend", {}, "Columns"), ...known.map(({ name, title }) => toggle(shown, name, title, () => { drawHead(); fill(true); }))], port);
       drawChips();
       drawHead();
       arrange();

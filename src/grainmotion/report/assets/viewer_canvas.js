@@ -5,7 +5,7 @@
   const { el } = gm;
   const HELP = "Drag turns, right button or two fingers shift, wheel or + and − zoom, arrow keys turn, [ and ] go to the "
     + "previous and next grain, a click chooses a grain, Escape lets go of it, 0 resets the view.";
-  const CLICK_SLACK = 4; // pixels by which the mouse may move in a click
+  const SLACK = { mouse: 4, touch: 12 }; // pixels by which a mouse may move in a click, and a finger in a tap
   const TURN = 6, ZOOM = 1.15; // degrees and factor of a key
   const SLOW = 60; // ms between frames from which fewer pixels and triangles are drawn while the view turns
   const MAX_RATIO = 2; // of pixels drawn to CSS pixels
@@ -83,7 +83,7 @@
     canvas.addEventListener("pointerup", (event) => {
       turning = false;
       rest();
-      if (pressed && Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) <= CLICK_SLACK) {
+      if (pressed && Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) <= (SLACK[event.pointerType] ?? SLACK.mouse)) {
         handlers.choose(pick(...place(event), false));
       }
       pressed = null;

@@ -107,7 +107,7 @@
     const element = el("div", { class: "viewer-statuses", role: "group", "aria-label": "Grains shown, by status" });
     const update = (numbers) => {
       const counts = statuses.map((_, k) => gm.count(Array.from(numbers), k));
-      element.replaceChildren(...statuses.flatMap((status, k) => counts[k] === 0 ? [] : [el("button", {
+      gm.refill(element, statuses.flatMap((status, k) => counts[k] === 0 ? [] : [el("button", {
         type: "button", class: "chip", "aria-pressed": String(!hidden.has(k)), "data-status": status.name,
         title: `${status.meaning}. Click to ${hidden.has(k) ? "show" : "hide"} these grains.`,
         onclick: () => {
