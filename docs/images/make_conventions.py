@@ -24,9 +24,9 @@ GRAIN = np.array([[0.9, 0.1], [0.55, 0.75], [-0.3, 0.6], [-0.75, -0.1], [-0.2, -
 
 
 def draw() -> Figure:
-    """Three drawings: from above, from the side, and a motion."""
-    figure = Figure(figsize=(12.6, 4.6), facecolor="white", layout="constrained")
-    axes = figure.subplots(1, 3, width_ratios=[1.1, 1.25, 1])
+    """Three drawings: from above on the left, from the side and a motion on the right."""
+    figure = Figure(figsize=(9.4, 6.2), facecolor="white", layout="constrained")
+    axes = list(figure.subplot_mosaic("AB;AC", width_ratios=[1, 1.05], height_ratios=[1, 1.1]).values())
     views = gm.Geometry.cone(
         [0.0, TURNED_DEG], SHAPE, PIXEL, source_to_axis=SOURCE_TO_AXIS, source_to_detector=SOURCE_TO_DETECTOR
     )
@@ -36,7 +36,7 @@ def draw() -> Figure:
     for axis in axes:
         axis.set_aspect("equal")
         axis.axis("off")
-    figure.get_layout_engine().set(rect=(0, 0, 1, 0.94))  # leaves room for the titles
+    figure.get_layout_engine().set(rect=(0, 0, 1, 0.98))  # leaves room for the titles
     return figure
 
 
@@ -63,7 +63,7 @@ def turn(axis: Axes, center: tuple[float, float], radius: float, first: float, l
 
 def from_above(axis: Axes, views: gm.Geometry) -> None:
     """Source and panel at θ = 0 and turned, as the package places them."""
-    axis.set_title("from above", color=QUIET)
+    axis.set_title("from above; z points towards you", color=QUIET)
     for k, colour in ((1, QUIET), (0, INK)):
         source, panel, step = (part[k][:2] for part in (views.source, views.detector, views.u))
         half = step * (SHAPE[1] - 1) / 2
@@ -72,7 +72,7 @@ def from_above(axis: Axes, views: gm.Geometry) -> None:
         for end in ends:
             axis.plot(*np.array([source, end]).T, color=BEAM, lw=0.7, alpha=0.9 if k == 0 else 0.4)
         axis.plot(*source, "o", color=colour, ms=6)
-        axis.text(*(source * 1.12), "source" if k == 0 else "", color=colour, ha="center", va="center")
+        axis.text(*(source + [-0.8, -0.4]), "source" if k == 0 else "", color=colour, ha="center", va="center")
         if k == 0:
             arrow(axis, ends[1], step * 2.2, "u", shift=(0.35, 0))
             axis.text(*(ends[0] + [0, 0.35]), "column 0", color=INK, ha="center", fontsize=9)
@@ -81,15 +81,15 @@ def from_above(axis: Axes, views: gm.Geometry) -> None:
     arrow(axis, np.zeros(2), np.array([1.7, 0]), "x", shift=(0.25, 0))
     arrow(axis, np.zeros(2), np.array([0, 1.7]), "y", shift=(0, 0.25))
     axis.add_patch(Polygon(0.45 * GRAIN + [0.95, -0.5], color=QUIET, alpha=0.5, lw=0))
-    turn(axis, (0, 0), SOURCE_TO_AXIS, -90, -90 + TURNED_DEG, "source and\npanel", at=(2.5, -5.4))
-    turn(axis, (0, 0), 1.25, -110, -160, "stage", at=(-1.6, -1.2))
-    axis.set_xlim(-4.6, 4.6)
-    axis.set_ylim(-6.2, 4.4)
+    turn(axis, (0, 0), SOURCE_TO_AXIS, -90, -90 + TURNED_DEG, "in the sample frame:\nsource and panel turn\ncounter-clockwise", at=(2.9, -6.0))
+    turn(axis, (0, 0), 1.25, -110, -160, "in the laboratory:\nthe stage turns\nclockwise", at=(-3.3, -1.5))
+    axis.set_xlim(-5.2, 5.2)
+    axis.set_ylim(-6.8, 4.4)
 
 
 def from_the_side(axis: Axes, views: gm.Geometry) -> None:
     """θ = 0, seen from +x: y to the right, z up."""
-    axis.set_title("from the side, θ = 0", color=QUIET)
+    axis.set_title("from the side, θ = 0; x points towards you", color=QUIET)
     source, panel, step = (part[0][1:] for part in (views.source, views.detector, views.v))
     half = step * (SHAPE[0] - 1) / 2
     ends = np.array([panel - half, panel + half])
@@ -127,7 +127,7 @@ def from_the_side(axis: Axes, views: gm.Geometry) -> None:
 
 def motion(axis: Axes) -> None:
     """x = Ω (X − c) + u + c."""
-    axis.set_title("motion of a grain", color=QUIET)
+    axis.set_title("motion of a grain; ω points towards you", color=QUIET)
     c, u, angle = np.array([0.0, 0.0]), np.array([2.4, 1.1]), 40.0
     omega = rotation_matrix(np.array([0.0, 0.0, np.deg2rad(angle)]))[:2, :2]
     axis.add_patch(Polygon(GRAIN, facecolor=QUIET, alpha=0.4, lw=0))

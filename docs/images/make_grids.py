@@ -37,8 +37,8 @@ def views(first_row: str) -> gm.Geometry:
 
 def draw() -> Figure:
     """Two radiographs of one grain, the voxels of a volume, and a pixel at the axis."""
-    figure = Figure(figsize=(12.6, 3.9), facecolor="white", layout="constrained")
-    axes = figure.subplots(1, 4, width_ratios=[1, 1, 1.05, 1.35])
+    figure = Figure(figsize=(9.4, 6.2), facecolor="white", layout="constrained")
+    axes = figure.subplots(2, 2, width_ratios=[1, 1.2]).T.flat
     radiograph(axes[0], "bottom")
     radiograph(axes[1], "top")
     voxels(axes[2], gm.Volume.zeros(VOXELS, VOXEL))
@@ -46,6 +46,7 @@ def draw() -> Figure:
     for axis in axes:
         axis.set_aspect("equal")
         axis.axis("off")
+    figure.get_layout_engine().set(rect=(0, 0, 1, 0.98))  # leaves room for the titles
     return figure
 
 
@@ -118,7 +119,7 @@ def magnification(axis: Axes) -> None:
         0,
         -10.2,
         f"pixel_size × source_to_axis / source_to_detector\n= {PIXEL} × {SOURCE_TO_AXIS:g} / {SOURCE_TO_DETECTOR:g}"
-        f" = {at_axis:g} mm: choose voxel_size so",
+        f" = {at_axis:g} mm: a good voxel_size",
         color=INK,
         ha="center",
         va="top",
