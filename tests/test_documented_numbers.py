@@ -115,3 +115,30 @@ def test_reliability_quotes_the_headlines_of_accuracy():
     assert len(counts) > 20
     right, wrong = (sum(column) for column in zip(*counts, strict=True))
     assert f"{wrong} of {right} converged grains were wrong" in page
+
+
+PAPER = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
+CAPTURE = PAPER[PAPER.index("<!-- begin capture -->") : PAPER.index("<!-- end capture -->")]
+
+
+def test_capture_range_is_that_of_the_study():
+    page = (ROOT / "docs" / "how-to" / "choosing-angles.md").read_text(encoding="utf-8")
+    stones, across, noise = re.findall(r"(\d+)(?: touching|\s+voxels across|% of the largest)", CAPTURE)[:3]
+    assert f"Measured with {stones} touching stones of {across} voxels, {noise} % noise" in page
+    head = next(row for row in rows(CAPTURE) if row[0] == "motion")
+    section = page[page.index("## How far may grains move?") : page.index("## More views")]
+    told = [row for row in rows(section) if row[0][0].isdigit()]
+    assert len(told) == 4
+    for views, shift, angle in told:
+        cells = next(row for row in rows(CAPTURE) if row[0] == f"each up to {shift}, {angle}")
+        assert all(cells[head.index(f"{count} views")].startswith("100%") for count in views.split(" and "))
+
+
+def test_reliability_quotes_the_wrong_grains_of_the_capture_study():
+    page = (ROOT / "docs" / "reliability.md").read_text(encoding="utf-8")
+    cells = [row[1:] for row in rows(CAPTURE) if row[0].startswith(("all by", "each up to"))]
+    wrong = [sum(int(re.search(r"\((\d+);", text)[1]) for text in column) for column in zip(*cells, strict=True)]
+    stones = int(re.search(r"(\d+) touching", CAPTURE)[1])
+    assert wrong[0] == sum(wrong)  # of 2 views
+    assert f"{sum(wrong)} of {stones * sum(map(len, cells))} in a study of how far grains may move" in page
+    assert "all four with 2 views" in page
