@@ -28,7 +28,7 @@ NAMES = tuple(name for name in HARD_CASES if name not in LABORATORY_CASES)
 SEEDS = range(1)
 VIEWS = (4, 2)
 HARDENING_ROUNDS = 2  # of the curve of beam hardening, as a run does it
-NAMING_WORDS = {"missing": r"is missing|gone|not on the radiographs", "broken": r"is broken|broke in|not its shape"}
+NAMING_WORDS = {"missing": r"is missing|gone|not on the radiographs", "broken": r"is broken|broken? in|not its shape"}
 """Words of a sentence that names what happened to this grain, not only the grain among others."""
 
 
