@@ -86,6 +86,7 @@ html_theme = "furo"
 html_title = f"grainmotion {release}"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
+html_search_scorer = str(HERE / "_static" / "search_scores.js")  # part of the search itself
 html_additional_pages = {"index": "to_docs.html"}  # the root of the site leads to docs/index.html
 html_theme_options = {
     "light_css_variables": {"color-brand-primary": "#1b5e8c", "color-brand-content": "#1b5e8c"},

@@ -11,6 +11,7 @@ from typing import get_args
 import pytest
 
 from grainmotion.model.finding import Check
+from grainmotion.model.motions import Status
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "src" / "grainmotion"
@@ -169,3 +170,10 @@ def test_decision_records_have_date_and_status(record):
 def test_troubleshooting_has_a_section_on_every_check():
     page = (ROOT / "docs" / "troubleshooting.md").read_text()
     assert set(re.findall(r"^### `([a-z-]+)`$", page, re.MULTILINE)) == set(get_args(Check))
+
+
+def test_glossary_has_every_status():
+    page = (ROOT / "docs" / "glossary.md").read_text()
+    words = re.findall(r"^\| `([a-z-]+)` \| Status of ", page, re.MULTILINE)
+    assert sorted(words) == sorted(status.value for status in Status)
+    assert words == sorted(words)
