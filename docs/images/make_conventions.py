@@ -72,7 +72,7 @@ def from_above(axis: Axes, views: gm.Geometry) -> None:
         for end in ends:
             axis.plot(*np.array([source, end]).T, color=BEAM, lw=0.7, alpha=0.9 if k == 0 else 0.4)
         axis.plot(*source, "o", color=colour, ms=6)
-        axis.text(*(source + [-0.8, -0.4]), "source" if k == 0 else "", color=colour, ha="center", va="center")
+        axis.text(*np.add(source, (-0.8, -0.4)), "source" if k == 0 else "", color=colour, ha="center", va="center")
         if k == 0:
             arrow(axis, ends[1], step * 2.2, "u", shift=(0.35, 0))
             axis.text(*(ends[0] + [0, 0.35]), "column 0", color=INK, ha="center", fontsize=9)
@@ -81,7 +81,8 @@ def from_above(axis: Axes, views: gm.Geometry) -> None:
     arrow(axis, np.zeros(2), np.array([1.7, 0]), "x", shift=(0.25, 0))
     arrow(axis, np.zeros(2), np.array([0, 1.7]), "y", shift=(0, 0.25))
     axis.add_patch(Polygon(0.45 * GRAIN + [0.95, -0.5], color=QUIET, alpha=0.5, lw=0))
-    turn(axis, (0, 0), SOURCE_TO_AXIS, -90, -90 + TURNED_DEG, "in the sample frame:\nsource and panel turn\ncounter-clockwise", at=(2.9, -6.0))
+    moving = "in the sample frame:\nsource and panel turn\ncounter-clockwise"
+    turn(axis, (0, 0), SOURCE_TO_AXIS, -90, -90 + TURNED_DEG, moving, at=(2.9, -6.0))
     turn(axis, (0, 0), 1.25, -110, -160, "in the laboratory:\nthe stage turns\nclockwise", at=(-3.3, -1.5))
     axis.set_xlim(-5.2, 5.2)
     axis.set_ylim(-6.8, 4.4)

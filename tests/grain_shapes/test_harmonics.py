@@ -8,7 +8,7 @@ from grainmotion.grain_shapes.harmonics import harmonics, orders
 from grainmotion.grain_shapes.surface import grain_surface, label_surface
 from grainmotion.grain_shapes.triangle_mesh import Surface
 from grainmotion.model.volume import Volume
-from grainmotion.simulate.shapes import icosphere
+from grainmotion.simulate.polyhedra import icosphere
 from known_solids import ellipsoid, grain, torus, voxels
 
 DIRECTIONS, FACES = icosphere(5)

@@ -8,7 +8,7 @@ from grainmotion.errors import InputError
 from grainmotion.grain_shapes.level_set import level_set, surface_nodes
 from grainmotion.grain_shapes.surface import grain_surface
 from grainmotion.grain_shapes.triangle_mesh import Surface
-from grainmotion.simulate.shapes import icosphere
+from grainmotion.simulate.polyhedra import icosphere
 from known_solids import H, box, grain, torus, voxels
 
 

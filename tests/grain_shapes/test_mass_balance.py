@@ -10,7 +10,7 @@ from grainmotion.grain_shapes.surface import grain_surface
 from grainmotion.grain_shapes.triangle_mesh import Surface
 from grainmotion.model.grains import Grain
 from grainmotion.model.volume import Volume
-from grainmotion.simulate.shapes import icosphere
+from grainmotion.simulate.polyhedra import icosphere
 
 H, R = 0.1, 1.03  # mm: a sphere of 20.6 voxels
 PLACE = np.array([0.031, -0.017, 0.043])

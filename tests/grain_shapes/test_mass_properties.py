@@ -7,7 +7,7 @@ from grainmotion.errors import InputError
 from grainmotion.grain_shapes.mass_properties import mass_properties
 from grainmotion.grain_shapes.triangle_mesh import Surface, subdivided
 from grainmotion.rotations import rotation_matrix
-from grainmotion.simulate.shapes import icosphere
+from grainmotion.simulate.polyhedra import icosphere
 
 BOX = Surface(
     np.array([[x, y, z] for x in (0, 3.0) for y in (0, 2.0) for z in (0, 1.0)]),

@@ -15,7 +15,7 @@ from grainmotion.io.dem_shapes import (
     write_ls_dem_grain,
     write_stl,
 )
-from grainmotion.simulate.shapes import icosphere
+from grainmotion.simulate.polyhedra import icosphere
 
 DIRECTIONS, FACES = icosphere(4)
 OVAL = Surface(DIRECTIONS * [1.5, 1.0, 0.7], FACES)  # principal axes x, y, z

@@ -21,6 +21,11 @@ from .motion_fields import unmoved as unmoved
 from .packing import PackingSettings as PackingSettings
 from .packing import gaps as gaps
 from .packing import pack as pack
+from .polyhedra import disc as disc
+from .polyhedra import icosphere as icosphere
+from .polyhedra import polyhedron as polyhedron
+from .polyhedra import random_polyhedron as random_polyhedron
+from .polyhedra import sphere as sphere
 from .radiograph import line_integrals as line_integrals
 from .radiograph import transmission as transmission
 from .sample import Particle as Particle
@@ -35,11 +40,6 @@ from .scenarios import paper_scale as paper_scale
 from .scenarios import small as small
 from .shapes import Ellipsoid as Ellipsoid
 from .shapes import Mesh as Mesh
-from .shapes import disc as disc
-from .shapes import icosphere as icosphere
-from .shapes import polyhedron as polyhedron
-from .shapes import random_polyhedron as random_polyhedron
-from .shapes import sphere as sphere
 from .stone_shapes import stone as stone
 from .stone_shapes import stone_radius as stone_radius
 from .voxelise import attenuation_volume as attenuation_volume

@@ -20,9 +20,10 @@ from grainmotion.simulate import motion_fields
 from grainmotion.simulate.hard_case_record import HardCase
 from grainmotion.simulate.hard_case_setup import DEFAULT_SNR, QUARTZ_SPECTRUM, Setup, absent, denser
 from grainmotion.simulate.packing import PackingSettings, pack
+from grainmotion.simulate.polyhedra import disc
 from grainmotion.simulate.sample import Particle, Sample, Tube, ellipsoid_particle, inscribed
 from grainmotion.simulate.scenarios import SMALL_SCALE, STONE_ATTENUATION, Case, Scale, Spectrum, case_of, stones
-from grainmotion.simulate.shapes import disc, extent
+from grainmotion.simulate.shapes import extent
 
 VOXEL = SMALL_SCALE.scanner.voxel_size  # mm
 VIEWS_BY_SCALE = {"small": 45, "paper": 90}

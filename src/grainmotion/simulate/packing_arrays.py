@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from grainmotion._typing import Float
-from grainmotion.simulate.shapes import icosphere
+from grainmotion.simulate.polyhedra import icosphere
 from grainmotion.simulate.signed_distance import Locator
 
 COARSE_PROBES = 642  # probes tested before all others: the directions of icosphere level 3

@@ -11,7 +11,8 @@ from scipy.ndimage import maximum_filter
 from grainmotion._typing import Float
 from grainmotion.kernels import star_mesh
 from grainmotion.kernels.star_mesh import MAP_CELLS
-from grainmotion.simulate.shapes import Ellipsoid, Mesh, Shape, face_planes, icosphere
+from grainmotion.simulate.polyhedra import icosphere
+from grainmotion.simulate.shapes import Ellipsoid, Mesh, Shape, face_planes
 
 
 @dataclass(frozen=True, eq=False)

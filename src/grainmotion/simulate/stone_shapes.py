@@ -17,7 +17,8 @@ from scipy.special import sph_harm_y
 
 from grainmotion._typing import Float
 from grainmotion.errors import InputError
-from grainmotion.simulate.shapes import Mesh, icosphere, resized
+from grainmotion.simulate.polyhedra import icosphere, resized
+from grainmotion.simulate.shapes import Mesh
 
 
 @dataclass(frozen=True, eq=False)
