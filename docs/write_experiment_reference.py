@@ -69,9 +69,9 @@ radiographs = "step-01/*.tif"        # flats and darks are those of the referenc
 geometry = { angles_deg = [0, 45, 90, 135] }    # so are the other numbers of the geometry
 ```
 
-Other ways to give a scan are in [scanners.md](scanners.md), volumes and labels of other programs in
-[volumes.md](volumes.md), axes and signs in [conventions.md](conventions.md). A file of views has 12 numbers a row
-([conventions.md](conventions.md#a-view-is-12-numbers)).
+Other ways to give a scan are in [scanners](scanners.md), volumes and labels of other programs in
+[volumes](volumes.md), axes and signs in [conventions](conventions.md). A file of views has 12 numbers a row
+([conventions](conventions.md#a-view-is-12-numbers)).
 
 The tables below list every key; they are made from the program's own tables by
 `python docs/write_experiment_reference.py`. Paths start at the file's folder. Lengths are in mm, angles in degrees. Any

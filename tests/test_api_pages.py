@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import importlib
 import inspect
 import re
 from collections import Counter
 from pathlib import Path
 
 import pytest
+from docs._ext.documented_constants import with_values
 
 import grainmotion
+from grainmotion.mechanics.strains import DEFAULT_REACH
 
 PAGES = Path(__file__).parents[1] / "docs" / "api"
 TABLE = re.compile(r"^```\{api\} (\S+)\n((?:\w+\n)+)```$", re.MULTILINE)
@@ -38,3 +41,10 @@ def test_every_page_is_in_the_table_of_contents():
     toctree = re.search(r"```\{toctree\}\n(?::.*\n)*\n((?:\w+\n)+)```", index)
     assert toctree
     assert sorted(toctree[1].split()) == sorted(page.stem for page in PAGES.glob("*.md") if page.stem != "index")
+
+
+def test_signatures_show_the_values_of_constants():
+    module = "grainmotion.mechanics.strains"
+    importlib.import_module(module)
+    assert with_values("(motions, *, reach=DEFAULT_REACH)", module) == f"(motions, *, reach={DEFAULT_REACH!r})"
+    assert with_values("(settings=NO_NUMBER, device='cpu')", module) == "(settings=NO_NUMBER, device='cpu')"
