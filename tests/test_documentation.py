@@ -177,3 +177,11 @@ def test_glossary_has_every_status():
     words = re.findall(r"^\| `([a-z-]+)` \| Status of ", page, re.MULTILINE)
     assert sorted(words) == sorted(status.value for status in Status)
     assert words == sorted(words)
+
+
+def test_search_orders_pages_that_exist():
+    script = (ROOT / "docs" / "_static" / "search_scores.js").read_text()
+    names = {name for pattern in re.findall(r"/\^\S+/(?=\.test)", script) for name in re.findall(r"[\w-]{5,}", pattern)}
+    pages = [page.relative_to(ROOT).as_posix() for page in [*PAGES, *(ROOT / "release").glob("*.md")]]
+    assert {"decisions", "how-to", "validation"} < names
+    assert {name for name in names if not any(re.match(rf"(docs/)?{name}", page) for page in pages)} == set()
