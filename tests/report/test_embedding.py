@@ -11,7 +11,7 @@ from grainmotion.report.embedding import embed, embed_json, rounded
 
 
 def unpacked(embedded) -> np.ndarray:
-    """As ``assets/decode.js``."""
+    """As ``assets/decode.js`` takes arrays from the page."""
     raw = np.frombuffer(zlib.decompress(base64.b64decode(embedded["data"])), np.uint8)
     dtype = np.dtype(embedded["dtype"])
     plain = raw.reshape(dtype.itemsize, -1).T.tobytes()

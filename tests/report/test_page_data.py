@@ -7,13 +7,15 @@ import example
 import numpy as np
 import pytest
 from test_embedding import unpacked
+from test_series_coding import of_states
 
 from grainmotion.model.motions import Motions, Status
 from grainmotion.model.volume import Volume
 from grainmotion.report import ReportData, StateReport
+from grainmotion.report import page_data as page_data_module
 from grainmotion.report.grain_rows import grain_rows
 from grainmotion.report.page_data import NO_STATUS, page_data
-from grainmotion.report.weak_directions import weakest
+from grainmotion.report.weak_directions import octahedral, weakest
 
 
 def of_labels(labels: list[int]) -> StateReport:
@@ -30,20 +32,24 @@ def of_labels(labels: list[int]) -> StateReport:
 def test_grains_that_a_state_lacks_have_rows_without_values():
     data = page_data(ReportData("x", states=(of_labels([1, 31, 51]), of_labels([11, 31]))))
     assert data["grains"]["labels"] == [1, 11, 31, 51]
-    for state, present in zip(data["states"], ([0, 2, 3], [1, 2])):
-        status, residual = unpacked(state["status"]), unpacked(state["columns"]["residual"])
+    residuals = of_states(data["columns"]["residual"])
+    for state, residual, present in zip(data["states"], residuals, ([0, 2, 3], [1, 2])):
+        status = unpacked(state["status"])
         assert np.flatnonzero(status != NO_STATUS).tolist() == np.flatnonzero(np.isfinite(residual)).tolist() == present
         assert state["grains"] == len(present)
 
 
 def test_columns_are_those_of_the_motions_in_mm_and_degrees():
-    state = page_data(example.data())["states"][0]
-    motions = example.motions()
-    columns = {name: unpacked(column) for name, column in state["columns"].items()}
-    np.testing.assert_allclose(columns["uy"], motions.translations[:, 1], rtol=1e-5)
-    np.testing.assert_allclose(columns["wz"], np.rad2deg(motions.rotations[:, 2]), rtol=1e-5)
+    record, motions = page_data(example.data()), example.motions()
+    state = record["states"][0]
+    columns = {name: of_states(column)[0] for name, column in record["columns"].items()}
+    assert state["columns"] == list(columns)
+    np.testing.assert_allclose(columns["uy"], motions.translations[:, 1], rtol=0, atol=0.501e-5)  # of a voxel of 0.1
+    np.testing.assert_allclose(columns["wz"], np.rad2deg(motions.rotations[:, 2]), rtol=0, atol=0.501e-4)
+    np.testing.assert_allclose(columns["residual"], motions.residuals, rtol=1.1e-4)
+    np.testing.assert_array_equal(columns["iterations"], motions.iterations)
     sd = np.rad2deg(np.sqrt(motions.covariances[:, 3, 3]))
-    np.testing.assert_allclose(columns["sd_wx"], sd, rtol=2e-3)
+    np.testing.assert_allclose(columns["sd_wx"], sd, rtol=1.1e-3)
     order = [status.value for status in Status]
     assert [order[k] for k in unpacked(state["status"])] == motions.statuses.tolist()
     np.testing.assert_array_equal(unpacked(state["ok"]["rotation"]), motions.ok_rotation)
@@ -55,7 +61,9 @@ def test_strains_are_columns_and_quantities_where_they_were_measured():
     )
     images = np.zeros((1, 2, 2))
     data = page_data(ReportData("soft", states=(StateReport("soft", images, images, motions, 0.1), example.state("x"))))
-    assert unpacked(data["states"][0]["columns"]["eyz"])[2] == pytest.approx(-0.0123, rel=1e-5)
+    eyz = of_states(data["columns"]["eyz"])
+    assert eyz[0, 2] == pytest.approx(-0.0123, rel=1e-5)
+    assert np.isnan(eyz[1]).all()
     assert "eyz" not in data["states"][1]["columns"]
     keys = [quantity["key"] for quantity in data["quantities"]]
     assert {"volume_strain", "exx", "sd_exy"} <= set(keys)
@@ -89,6 +97,28 @@ def test_weakest_direction_is_that_of_the_largest_variance():
     assert abs(direction[0] @ turn[:, 1]) == pytest.approx(1)
     assert (largest[0], least[0]) == (pytest.approx(2), pytest.approx(0.5))
     assert np.isnan([*direction[1], largest[1], least[1]]).all()
+
+
+def test_radiographs_get_the_room_that_the_grains_leave(monkeypatch):
+    given = []
+    monkeypatch.setattr(page_data_module, "radiograph_records", lambda states, room: given.append(room) or [[], []])
+    rest = len(json.dumps(page_data(example.data())))
+    monkeypatch.setattr(page_data_module, "PAGE_CHARACTERS", page_data_module.ROUND_CHARACTERS + rest + 2_000_000)
+    page_data(example.data())
+    monkeypatch.setattr(page_data_module, "PAGE_CHARACTERS", 0)
+    page_data(example.data())
+    assert given[0] == page_data_module.RADIOGRAPH_CHARACTERS
+    assert given[1] == pytest.approx(2_000_000, abs=500)
+    assert given[2] == page_data_module.LEAST_RADIOGRAPHS
+
+
+def test_directions_on_an_octahedron_come_back():
+    directions = np.random.default_rng(0).normal(size=(50, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    a, b = octahedral(directions)
+    back = np.stack([a, b, 1 - np.abs(a) - np.abs(b)], axis=1)
+    back /= np.linalg.norm(back, axis=1)[:, None]
+    np.testing.assert_allclose(np.abs((back * directions).sum(axis=1)), 1)
 
 
 def test_directions_that_are_fixed_do_not_count():

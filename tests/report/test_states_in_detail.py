@@ -14,10 +14,13 @@ def series(states: int) -> ReportData:
     return replace(example.data(), states=tuple(replace(one, name=f"s{k}") for k in range(states)))
 
 
-@pytest.mark.parametrize(("rows", "expected"), [(60_000, 30), (60, 10), (1, 4)])
-def test_states_are_spread_evenly_within_the_limits(monkeypatch, rows, expected):
+@pytest.mark.parametrize(
+    ("rows", "most", "expected"), [(60_000, 1, 30), (60, 1, 10), (1, 60_000, 4), (1, 18, 3), (1, 1, 2)]
+)
+def test_states_are_spread_evenly_within_the_limits(monkeypatch, rows, most, expected):
     monkeypatch.setattr(states_in_detail, "MAX_ROWS", rows)
-    monkeypatch.setattr(states_in_detail, "MIN_STATES", 4)
+    monkeypatch.setattr(states_in_detail, "MOST_ROWS", most)
+    monkeypatch.setattr(states_in_detail, "FEW_STATES", 4)
     shown = states_in_detail.states_in_detail(series(30))
     assert len(shown) == expected
     assert (shown[0], shown[-1]) == (0, 29)

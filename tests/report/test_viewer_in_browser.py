@@ -222,6 +222,33 @@ class TestLook:
         page.mouse.click(*spot)
         assert page.evaluate("gm.app.grain") != row + 1
 
+    def test_cut_grains_are_flat_and_in_their_own_colour(self, page):
+        """Looked at along y and cut through the sample's middle: where one grain is cut, its colour and no shade."""
+        page.locator("#viewer [data-control=view-front]").click()
+        choose(page, "cut", "y")
+        slide(page, "cut-place", 0.5)
+        page.wait_for_timeout(200)
+        plane = page.evaluate(f"{SHOWN}.grains.uniforms.cutRange.value.x")
+        centers, radii = places(page), np.array(page.evaluate(f"Array.from({SHOWN}.grains.radii)"))
+        row = int(np.argmin(np.abs(centers[:, 1] - plane) / radii))
+        around = page.evaluate(f"""(() => {{
+            const {{ grains, view, canvas }} = {SHOWN}, [x, , z] = grains.places.subarray(3 * {row}, 3 * {row} + 3);
+            const v = new THREE.Vector3(x, {plane}, z).project(view.camera), {{ width, height }} = canvas.canvas;
+            canvas.draw();
+            const copy = Object.assign(document.createElement("canvas"), {{ width, height }}).getContext("2d");
+            copy.drawImage(canvas.canvas, 0, 0);
+            return [...copy.getImageData((v.x + 1) / 2 * width - 3, (1 - v.y) / 2 * height - 3, 7, 7).data];
+        }})()""")
+        seen = np.array(around, float).reshape(-1, 4)[:, :3] / 255
+        assert np.ptp(seen, axis=0).max() < 0.02
+        np.testing.assert_allclose(seen.mean(axis=0) ** 2.2, 0.9 * colours(page)[row] ** 2.2, atol=0.02)
+
+    def test_a_view_from_behind_the_cut_shows_whole_grains(self, page):
+        page.locator("#viewer [data-control=view-side]").click()
+        choose(page, "cut", "x")  # the eye is on the side that is shown
+        page.wait_for_timeout(200)
+        assert not page.evaluate(f"{SHOWN}.grains.cap.face.visible")
+
     def test_arrows_are_drawn_and_their_length_told(self, page):
         choose(page, "arrows", "u")
         expect(page.locator(".viewer-note[aria-live]")).to_contain_text("as long as the displacements")

@@ -6,8 +6,10 @@ import numpy as np
 
 from grainmotion.report.data import ReportData
 
-MAX_ROWS = 60_000  # of grains, all states together: about 4 MB
-MIN_STATES, MAX_STATES = 40, 500  # however many grains there are
+MAX_ROWS = 60_000  # of grains, all states together: about 2.3 MB
+FEW_STATES = 40  # that are shown even where they have more rows
+MOST_ROWS = 200_000  # of those few states: about 8 MB
+MIN_STATES, MAX_STATES = 2, 500  # however many grains there are
 
 
 def states_in_detail(data: ReportData) -> list[int]:
@@ -16,7 +18,8 @@ def states_in_detail(data: ReportData) -> list[int]:
     The others are in the summary of all states only.
     """
     grains = max((len(state.motions) for state in data.states), default=0)
-    most = min(MAX_STATES, max(MIN_STATES, MAX_ROWS // max(1, grains)))
+    rooms = MAX_ROWS // max(1, grains), min(FEW_STATES, MOST_ROWS // max(1, grains))
+    most = min(MAX_STATES, max(MIN_STATES, *rooms))
     if len(data.states) <= most:
         return list(range(len(data.states)))
     places = np.linspace(0, len(data.states) - 1, most)

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from grainmotion._typing import Float
-from grainmotion.report.embedding import Embedded, embed, rounded
+from grainmotion.report.embedding import Embedded
+from grainmotion.report.series_coding import embed_series, embed_sizes
 
-DIRECTION_SCALE = 127  # of components as int8
+DIRECTION_STEP = 1 / 64  # of the coordinates of directions: about a degree
+WEAK_PRECISION = 2e-3  # of standard deviations, relative
 FIXED = 1e-6  # standard deviation over the largest below which a direction is fixed
 
 
@@ -30,15 +34,33 @@ def weakest(covariances: Float) -> tuple[Float, Float, Float]:
     return directions, largest, smallest
 
 
-def weak_directions(covariances: Float) -> dict[str, dict[str, Embedded]]:
-    """For the page: of translations (mm) and rotations (degrees), the direction (× 127), largest and smallest sd."""
+def weak_directions(covariances: Sequence[Float]) -> dict[str, dict[str, Embedded]]:
+    """For the page, from covariances ``(n, 6, 6)`` of each state, mm and radians.
+
+    Of translations (mm) and rotations (degrees): the direction's coordinates ``a`` and ``b`` on an octahedron (Cigolle
+    et al., J. Computer Graphics Techniques 3(2), 2014), and the largest and smallest sd.
+    """
     found = {}
     for name, part, unit in (("translation", slice(0, 3), 1.0), ("rotation", slice(3, 6), np.rad2deg(1.0))):
-        directions, largest, smallest = weakest(covariances[:, part, part])
-        scaled = np.rint(np.nan_to_num(directions) * DIRECTION_SCALE).astype(np.int8)
+        parts = [weakest(of_state[:, part, part]) for of_state in covariances]
+        directions, largest, least = (_stacked([p[k] for p in parts]) for k in range(3))
+        a, b = octahedral(directions.reshape(*largest.shape, 3))
         found[name] = {
-            "direction": embed(scaled),
-            "sd": embed(rounded(largest * unit, 3)),
-            "least": embed(rounded(smallest * unit, 3)),
+            "a": embed_series(a, DIRECTION_STEP),
+            "b": embed_series(b, DIRECTION_STEP),
+            "sd": embed_sizes(largest * unit, WEAK_PRECISION),
+            "least": embed_sizes(least * unit, WEAK_PRECISION),
         }
     return found
+
+
+def octahedral(directions: Float) -> tuple[Float, Float]:
+    """Two coordinates from −1 to 1 of directions ``(..., 3)``, which may be turned about."""
+    x, y, z = np.moveaxis(directions, -1, 0)
+    sign = np.where(z < 0, -1.0, 1.0)
+    length = np.abs(x) + np.abs(y) + np.abs(z)
+    return sign * x / length, sign * y / length
+
+
+def _stacked(arrays: list[Float]) -> Float:
+    return np.stack(arrays) if arrays else np.zeros((0, 0))

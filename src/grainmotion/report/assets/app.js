@@ -83,15 +83,27 @@
     fit: (index) => gm.decode(data.states[index].fit),
     /** Promise of { direction, sd, least } of all rows; part: "translation" (mm) or "rotation" (degrees). */
     async weak(index, part) {
-      const { direction, sd, least } = data.states[index].weak[part];
-      const [d, s, l] = await Promise.all([gm.decode(direction), gm.decode(sd), gm.decode(least)]);
-      return { direction: Float32Array.from(d, (value) => value / 127), sd: s, least: l };
+      const names = ["a", "b", "sd", "least"];
+      const [a, b, sd, least] = await Promise.all(names.map((name) => ofState(index, data.weak[part][name])));
+      const direction = new Float32Array(3 * a.length);
+      for (let row = 0; row < a.length; row++) {
+        if (Number.isNaN(a[row])) continue;
+        const vector = [a[row], b[row], 1 - Math.abs(a[row]) - Math.abs(b[row])], length = Math.hypot(...vector);
+        const largest = vector.reduce((most, c) => (Math.abs(c) > Math.abs(most) ? c : most), 0);
+        direction.set(vector.map((c) => (Math.sign(largest) * c) / length), 3 * row);
+      }
+      return { direction, sd, least };
     },
   };
 
+  /** The part of a state of what is stored for all states together. */
+  const ofState = async (index, embedded) => {
+    const all = await gm.decode(embedded), n = data.grains.labels.length;
+    return all.subarray(index * n, (index + 1) * n);
+  };
+
   const column = async (index, key) => {
-    const stored = data.states[index].columns[key];
-    if (stored) return gm.decode(stored);
+    if (data.states[index].columns.includes(key)) return ofState(index, data.columns[key]);
     if (key === "status") return Float32Array.from(await app.status(index), (k) => (k === 255 ? NaN : k));
     const { of = [], how } = quantities.get(key) ?? {};
     if (!of.length) return new Float32Array(data.grains.labels.length).fill(NaN);

@@ -27,7 +27,19 @@
     return decoded.get(embedded);
   };
 
-  const decode = async ({ dtype, shape, data }) => {
+  const MISSING = -(2 ** 31), ZERO = MISSING + 1; // whole numbers of no value, and of 0 among logarithms
+
+  /** Undo report/series_coding.py: values of all states, one state after another. */
+  const series = (codes, columns, value) => {
+    const numbers = new Int32Array(codes.length), values = new Float32Array(codes.length);
+    for (let i = 0; i < codes.length; i++) {
+      numbers[i] = ((codes[i] >>> 1) ^ -(codes[i] & 1)) + (i < columns ? 0 : numbers[i - columns]);
+      values[i] = numbers[i] === MISSING ? NaN : value(numbers[i]);
+    }
+    return values;
+  };
+
+  const decode = async ({ dtype, shape, data, step, precision }) => {
     const bytes = await inflate(data);
     if (dtype === "json") return JSON.parse(new TextDecoder().decode(bytes));
     const Kind = KINDS[dtype], size = Kind.BYTES_PER_ELEMENT, count = bytes.length / size;
@@ -36,6 +48,8 @@
       for (let k = 0; k < size; k++) for (let i = 0; i < count; i++) plain[i * size + k] = bytes[k * count + i];
     }
     const array = new Kind(plain.buffer, 0, count);
+    if (step) return series(array, shape[1], (number) => number * step);
+    if (precision) return series(array, shape[1], (number) => (number === ZERO ? 0 : Math.exp(number * precision)));
     array.shape = shape;
     return array;
   };

@@ -34,20 +34,22 @@
     return /[",]/.test(plain) ? `"${plain.replaceAll('"', '""')}"` : plain;
   };
 
-  /** The columns of motions.csv for these rows of the state; mm and degrees, as many digits as the page holds. */
+  /** The columns of motions.csv for these rows of the state; mm and degrees, as many digits as the page holds (report/series_coding.py). */
   gm.csv = async (app, index, rows) => {
-    const stored = Object.keys(app.data.states[index].columns);
+    const stored = app.data.states[index].columns;
     const motion = stored.filter((name) => !/^(sd_)?e[xyz]{2}$/.test(name)), strain = stored.filter((name) => !motion.includes(name));
     const read = async (names) => Promise.all(names.map((name) => app.column(index, name)));
     const [a, b, status, reasons, okU, okW, centers] = await Promise.all([
       read(motion), read(strain), app.status(index), app.reasons(index), app.ok(index, "translation"), app.ok(index, "rotation"), gm.decode(app.data.grains.centers),
     ]);
-    const number = (value) => (Number.isNaN(value) ? "" : String(Number(value.toPrecision(7))));
+    const number = (value, digits = 7) => (Number.isNaN(value) ? "" : String(Number(value.toPrecision(digits))));
+    const digitsOf = (name) => (name.startsWith("sd_") ? 4 : name === "residual" ? 5 : 7);
+    const cells = (names, columns, row) => names.map((name, k) => number(columns[k][row], digitsOf(name)));
     const head = ["label", "status", "x", "y", "z", ...motion, "reason", "ok_translation", "ok_rotation", ...strain];
     const lines = rows.map((row) => [
       app.data.grains.labels[row], app.data.statuses[status[row]].name, ...[0, 1, 2].map((k) => number(centers[3 * row + k])),
-      ...a.map((column) => number(column[row])), csvText(reasons[row] ?? ""), okU[row] ? "True" : "False", okW[row] ? "True" : "False",
-      ...b.map((column) => number(column[row])),
+      ...cells(motion, a, row), csvText(reasons[row] ?? ""), okU[row] ? "True" : "False", okW[row] ? "True" : "False",
+      ...cells(strain, b, row),
     ].join(","));
     return `${[head.join(","), ...lines].join("\n")}\n`;
   };

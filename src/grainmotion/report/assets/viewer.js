@@ -171,6 +171,7 @@
     handlers.look = look;
     handlers.draw = () => {
       triad.update(view.camera);
+      grains.cap.update(renderer, view.camera);
       renderer.render(scene, view.camera);
     };
     const still = el("canvas", { class: "viewer-still", "aria-hidden": "true" }); // paper cannot show a WebGL canvas

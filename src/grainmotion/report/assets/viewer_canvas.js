@@ -125,7 +125,7 @@
       act();
     });
     new ResizeObserver(resize).observe(element);
-    return { canvas, renderer, view, request, frames: () => frames };
+    return { canvas, renderer, view, request, draw: () => handlers.draw(), frames: () => frames };
   };
 
   gm.viewerCanvas = { create, HELP };

@@ -6,6 +6,8 @@
   const MANY_GRAINS = 1500; // from which a slow machine draws even fewer triangles a grain
   const SELECTED = 1, HOVERED = 0.5;
 
+  /** GLSL: the place of a grain's texel in the texture. */
+  const texel = (row, k) => `ivec2(${TEXELS} * (${row} % ${GRAINS_A_ROW}) + ${k}, ${row} / ${GRAINS_A_ROW})`;
   const VERTEX = `
     precision highp sampler2D;
     uniform sampler2D grains;
@@ -17,10 +19,9 @@
     vec3 turn(vec4 q, vec3 v) { return v + 2.0 * cross(q.xyz, cross(q.xyz, v) + q.w * v); }
     void main() {
       int row = int(owner + 0.5);
-      ivec2 texel = ivec2(${TEXELS} * (row % ${GRAINS_A_ROW}), row / ${GRAINS_A_ROW});
-      vec4 place = texelFetch(grains, texel, 0);
-      vec4 rotation = texelFetch(grains, texel + ivec2(1, 0), 0);
-      vColour = texelFetch(grains, texel + ivec2(2, 0), 0);
+      vec4 place = texelFetch(grains, ${texel("row", 0)}, 0);
+      vec4 rotation = texelFetch(grains, ${texel("row", 1)}, 0);
+      vColour = texelFetch(grains, ${texel("row", 2)}, 0);
       vOwner = owner;
       vWorld = place.xyz + turn(rotation, position * place.w * size);
       vec4 seen = viewMatrix * vec4(vWorld, 1.0);
@@ -195,8 +196,10 @@
       camera.clearViewOffset();
       return pixel[0] + 256 * pixel[1] + 65536 * pixel[2] - 1;
     };
+    const cap = gm.viewerCap.create({ mesh, group, uniforms, count: n }, VERTEX, (row) => texel(row, 2));
+    group.add(cap.face);
     return {
-      group, mesh, uniforms, places, hidden, setPoses, setColours, mark, cut, pick, setCoarse, count: n, radii: shapes.radii,
+      group, mesh, uniforms, cap, places, hidden, setPoses, setColours, mark, cut, pick, setCoarse, count: n, radii: shapes.radii,
       triangles: shapes.index.length / 3,
     };
   };
