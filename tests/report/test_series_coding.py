@@ -5,7 +5,7 @@ import pytest
 from test_embedding import unpacked
 
 from grainmotion.report.embedding import embed
-from grainmotion.report.series_coding import MISSING, ZERO, embed_series, embed_sizes
+from grainmotion.report.series_coding import MISSING_CODE, ZERO_CODE, embed_series, embed_sizes
 
 
 def of_states(embedded) -> np.ndarray:
@@ -15,10 +15,10 @@ def of_states(embedded) -> np.ndarray:
         return codes
     steps = (codes >> np.uint32(1)).view(np.int32) ^ -(codes & np.uint32(1)).astype(np.int32)
     numbers = np.cumsum(steps.view(np.uint32), axis=0, dtype=np.uint32).view(np.int32)
-    known = np.where(numbers == MISSING, np.nan, numbers)
+    known = np.where(numbers == MISSING_CODE, np.nan, numbers)
     if "step" in embedded:
         return known * embedded["step"]
-    return np.where(numbers == ZERO, 0.0, np.exp(known * embedded["precision"]))
+    return np.where(numbers == ZERO_CODE, 0.0, np.exp(known * embedded["precision"]))
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from grainmotion._typing import Float
 from grainmotion.report.embedding import Embedded, embed, rounded
 
-MISSING, ZERO = -(2**31), -(2**31) + 1
+MISSING_CODE, ZERO_CODE = -(2**31), -(2**31) + 1
 """Whole numbers of what is not finite, and of 0 among logarithms."""
 LARGEST = 2**30  # of the whole numbers of values
 UNCODED_DIGITS = 6  # of a series with values too large for its step
@@ -37,7 +37,7 @@ def embed_series(values: Float, step: float) -> Embedded:
     multiples = np.where(known, values, 0.0) / step
     if np.abs(multiples).max(initial=0.0) > LARGEST:
         return embed(rounded(np.where(known, values, np.nan), UNCODED_DIGITS))
-    return _steps(np.where(known, np.rint(multiples), MISSING)) | {"step": step}
+    return _steps(np.where(known, np.rint(multiples), MISSING_CODE)) | {"step": step}
 
 
 def embed_sizes(values: Float, precision: float) -> Embedded:
@@ -57,7 +57,7 @@ def embed_sizes(values: Float, precision: float) -> Embedded:
     """
     known, some = np.isfinite(values) & (values >= 0), np.isfinite(values) & (values > 0)
     logarithms = np.rint(np.log(np.where(some, values, 1.0)) / precision)
-    return _steps(np.where(some, logarithms, np.where(known, ZERO, MISSING))) | {"precision": precision}
+    return _steps(np.where(some, logarithms, np.where(known, ZERO_CODE, MISSING_CODE))) | {"precision": precision}
 
 
 def _steps(numbers: Float) -> Embedded:
