@@ -1,7 +1,7 @@
 """``python -m grainmotion``, and the entry point of the command ``grainmotion``.
 
-Nothing but this module and `grainmotion.cli.interrupts` is imported before Ctrl-C and SIGTERM are looked after, so that
-they end the first seconds of a command as cleanly as its hours.
+Nothing but this module, `grainmotion.cli.interrupts` and `grainmotion.cli.streams` is imported before Ctrl-C and
+SIGTERM are looked after, so that they end the first seconds of a command as cleanly as its hours.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import sys
 import warnings
 
 from grainmotion.cli.interrupts import signals_end_the_command
+from grainmotion.cli.streams import open_missing_streams
 
 
 def main() -> None:
@@ -18,6 +19,7 @@ def main() -> None:
         sys.argv[0] = "grainmotion"
     warnings.simplefilter("ignore", FutureWarning)  # of libraries: users can do nothing about them
     with signals_end_the_command():
+        open_missing_streams()
         from grainmotion.cli.app import app
 
         app(prog_name="grainmotion")

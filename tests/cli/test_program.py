@@ -45,6 +45,14 @@ class TestHelp:
         text = invoke("run", "-h").stdout
         assert all(f"─ {panel} ─" in text for panel in ("Options", "Computing", "Checks", "Output"))
 
+    def test_flags_take_no_value(self):
+        assert not [line for line in invoke("run", "-h").stdout.splitlines() if "<bool>" in line or "BOOL" in line]
+        assert "<bool>" not in invoke("-h").stdout
+
+    def test_many_words_are_not_broken_inside(self):
+        text = " ".join(invoke("simulate", "-h").stdout.replace("│", " ").split())
+        assert "gain-drift-views, container, missing, broken, near-spherical" in text
+
     def test_without_a_command_the_help_is_shown(self):
         assert "The main job" in invoke(code=2).output
 
@@ -59,6 +67,13 @@ class TestHelp:
         (["--quiet", "run", "x.toml"], "put it behind, as in grainmotion"),
         (["demo.toml"], "no file or folder 'demo.toml'"),
         (["run"], "missing argument 'FILE'"),
+        (["run", "x.toml", "--color", "alway"], "'alway' is no value of '--color'; did you mean 'always'?"),
+        (["run", "x.toml", "--color", "blue"], "it takes auto, always, never"),
+        (["simulate", "x", "--case", "plian"], "did you mean 'plain'?"),
+        (["run", "x.toml", "--workers", "two"], "wrong value of '--workers'; give a whole number; "),
+        (["simulate", "x", "--seed", "-1"], "wrong value of '--seed'; give a whole number, 0 or more"),
+        (["export", "x.toml", "--format", "vkt"], "did you mean 'vtk'?"),
+        (["export", "dem", "x.toml", "--spacing", "wide"], "wrong value of '--spacing'; give a number; "),
     ],
 )
 def test_mistakes_are_told_in_one_line_with_what_may_be_meant(arguments, hint):

@@ -8,7 +8,7 @@ import pytest
 from grainmotion.experiment.config import read_experiment
 from grainmotion.io.tiff import read_tiff, write_tiff
 from grainmotion.workflow.dry_run import planned_run
-from grainmotion.workflow.estimates import estimate, logged_times
+from grainmotion.workflow.estimates import estimate, logged_times, sizes
 from grainmotion.workflow.run import run
 from tiny_experiment import write_tiny
 
@@ -113,7 +113,35 @@ class TestEstimates:
         times = dict(zip(names, needs.stages, strict=True))
         assert times["one/track"].from_log
         assert times["segment"].seconds == 0
-        assert needs.seconds == pytest.approx(logged_times(copied.parent / "results" / "run.log")["one/track"])
+        logged = logged_times(copied.parent / "results" / "run.log", sizes(planned))
+        assert needs.seconds == pytest.approx(needs.start + logged["one/track"])
+
+    def test_times_of_another_size_are_not(self, copied):
+        log = copied.parent / "results" / "run.log"
+        now = sizes(planned_run(read_experiment(copied), until="track"))
+        assert "one/track" in logged_times(log, now)
+        finer = logged_times(log, {**now, "volume": "56 x 72 x 72 voxels of 0.05 mm"})
+        assert finer == {}
+        more_views = logged_times(log, {**now, "states.one": "6 views of 28 x 36 pixels"})
+        assert {"reconstruct", "two/track"} <= set(more_views)
+        assert "one/track" not in more_views
+
+    def test_a_new_state_takes_as_long_as_the_others(self, copied):
+        text = copied.read_text()
+        new = text[text.index('[[states]]\nname = "one"') : text.index('[[states]]\nname = "two"')]
+        copied.write_text(text + new.replace('"one"', '"three"'))
+        planned = planned_run(read_experiment(copied), until="track")
+        needs = estimate(planned)
+        time = needs.stages[[stage.name for stage in planned.planned].index("three/track")]
+        logged = logged_times(copied.parent / "results" / "run.log", sizes(planned))
+        assert time.seconds == pytest.approx((logged["one/track"] + logged["two/track"]) / 2)
+        assert not time.from_log
+
+    def test_the_program_itself_needs_time_and_memory(self, copied):
+        shutil.rmtree(copied.parent / "results")
+        needs = estimate(planned_run(read_experiment(copied)))
+        assert 3 < needs.start < 5
+        assert 0.4e9 < needs.memory < 0.5e9  # 0.46 GB were measured of such a sample
 
     def test_larger_scans_need_more(self, copied):
         shutil.rmtree(copied.parent / "results")
@@ -125,7 +153,7 @@ class TestEstimates:
         )
         copied.write_text(text)
         large = estimate(planned_run(read_experiment(copied)))
-        assert large.memory > 10 * small.memory
+        assert large.memory - small.memory > 45 * 84 * 108 * 108
         assert large.disk > small.disk
         assert large.seconds > small.seconds
         assert large.disk_free > 0

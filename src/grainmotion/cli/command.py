@@ -16,11 +16,14 @@ from typing import TYPE_CHECKING, get_type_hints
 
 import typer
 
-from grainmotion.cli.exit_codes import EPILOG
+from grainmotion.cli.exit_codes import EPILOG, OUTPUT_CLOSED
 from grainmotion.cli.failures import Failure, failure
+from grainmotion.cli.help_options import Command
 from grainmotion.cli.interrupts import Stop, stoppable
 from grainmotion.cli.options import OPTION_RECORDS, Display
 from grainmotion.cli.outcome import Outcome
+from grainmotion.cli.parameters import NAME, keep_types
+from grainmotion.cli.streams import drop_output, output_is_closed
 from grainmotion.cli.terminal import Terminal
 from grainmotion.model.finding import Finding
 
@@ -56,7 +59,7 @@ def add_command(app: typer.Typer, function: CommandFunction, panel: str | None =
     hints = get_type_hints(function, include_extras=True)
     records = {name: hint for name, hint in hints.items() if hint in OPTION_RECORDS}
     name = name or function.__name__
-    title = f"{app.info.name} {name}" if app.info.name != "grainmotion" else name
+    title = f"{app.info.name} {name}" if app.info.name != NAME else name
 
     def invoke(**values: object) -> None:
         for key, record in records.items():
@@ -67,10 +70,11 @@ def add_command(app: typer.Typer, function: CommandFunction, panel: str | None =
             raise typer.Exit(code)
 
     parameters = _parameters(function, records)
+    keep_types(f"{NAME} {title}", parameters)
     invoke.__name__, invoke.__doc__ = name, function.__doc__
     invoke.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     invoke.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
-    app.command(name, epilog=EPILOG, rich_help_panel=panel, context_settings=HELP_OPTIONS)(invoke)
+    app.command(name, cls=Command, epilog=EPILOG, rich_help_panel=panel, context_settings=HELP_OPTIONS)(invoke)
 
 
 def _parameters(function: CommandFunction, records: dict[str, type]) -> list[inspect.Parameter]:
@@ -94,16 +98,22 @@ def carried_out(function: CommandFunction, name: str, terminal: Terminal) -> int
         try:
             answer = function()
             outcome = answer if isinstance(answer, Outcome) else answer()
+            code, reason = outcome.ending.code, outcome.ending.reason
+            text = _document(name, outcome.document, outcome.findings, (code, reason)) if terminal.json else ""
+            stop.is_late()
             if terminal.json:
-                _print_document(name, outcome.document, outcome.findings, outcome.ending.code, outcome.ending.reason)
+                print(text, flush=True)
             else:
                 outcome.show(terminal)
-                if outcome.ending.reason:
-                    print(f"exit code {outcome.ending.code}: {outcome.ending.reason}", file=sys.stderr)
-            return outcome.ending.code
-        except (typer.Exit, BrokenPipeError):
+                if reason:
+                    print(f"exit code {code}: {reason}", file=sys.stderr)
+            return code
+        except typer.Exit:
             raise
         except (Exception, KeyboardInterrupt) as error:
+            if isinstance(error, BrokenPipeError) and output_is_closed():
+                drop_output()
+                return OUTPUT_CLOSED
             failed = failure(error, stop)
         finally:
             _CALL.reset(token)
@@ -113,19 +123,22 @@ def carried_out(function: CommandFunction, name: str, terminal: Terminal) -> int
 
 def print_failure(failed: Failure, name: str, terminal: Terminal, findings: tuple[Finding, ...] = ()) -> None:
     """One line on standard error and, if wanted, a JSON document on standard output."""
-    print(failed.line, file=sys.stderr, flush=True)
-    if terminal.json:
-        _print_document(name, None, findings, failed.code, failed.fact, failed)
+    text = _document(name, None, findings, (failed.code, failed.fact), failed) if terminal.json else ""
+    try:
+        print(failed.line, file=sys.stderr, flush=True)
+        if terminal.json:
+            print(text, flush=True)
+    except OSError:  # nobody reads it, or it has no space: the exit code is what is left
+        drop_output()
 
 
-def _print_document(
+def _document(
     name: str,
     result: Document | None,
     findings: tuple[Finding, ...],
-    code: int,
-    reason: str,
+    ending: tuple[int, str],
     failed: Failure | None = None,
-) -> None:
+) -> str:
     from grainmotion.cli.json_output import document_text
 
-    print(document_text(name, result, findings, (code, reason), failed), flush=True)
+    return document_text(name, result, findings, ending, failed)

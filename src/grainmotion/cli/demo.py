@@ -21,7 +21,7 @@ from grainmotion.io.geometry_csv import write_geometry
 from grainmotion.io.motions_csv import read_motions, write_motions
 from grainmotion.io.results import read_reference
 from grainmotion.workflow import outputs
-from grainmotion.workflow.dataset import write_dataset
+from grainmotion.workflow.dataset import check_new_dataset, write_dataset
 from grainmotion.workflow.reference_stages import REFERENCE
 from grainmotion.workflow.run import RunResult, run
 
@@ -54,6 +54,7 @@ def write_case(
     true views are not those of the experiment file, they are in ``STATE-true-views.csv``.  True motions of pistons are
     in ``STATE-bodies-truth.csv``; ``case.json`` says what is hard, with its sizes.
     """
+    check_new_dataset(folder)  # before minutes of simulation
     if case in simulate.HARD_CASES:
         return _write_hard_case(Path(folder), simulate.hard_case(case, seed, progress=progress), progress)
     if case not in PLAIN_CASES:

@@ -69,6 +69,7 @@ class DryRunOutcome:
     folder: Annotated[str, "folder of the results"]
     stages: Annotated[list[StagePlan], "the stages in order"]
     seconds: Annotated[float, "estimate of the CPU time of all that would be done, s"]
+    start: Annotated[float, "its part before the first stage, to load libraries and to read and check radiographs, s"]
     memory: Annotated[int, "estimate of the memory at the peak, bytes"]
     disk: Annotated[int, "estimate of what would be written, bytes"]
     disk_free: Annotated[int, "free bytes where the results go"]

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from grainmotion.workflow.run import Until
 
 ROUGH = (
-    "times that no log of an earlier run tells hold within a factor of about 3; after an installation a minute is "
-    "added once, for compiling"
+    "times of stages that no log of an earlier run tells hold within a factor of about 3; after an installation a "
+    "minute is added once, for compiling"
 )
 UNCHECKED = "checks of the radiographs may stop a run, leave a state out, or repeat a stage that is kept here"
 MAX_STAGES_SHOWN = 60
@@ -39,6 +39,7 @@ def dry_run(experiment: Experiment, out: Path | None, until: Until) -> Outcome:
             for stage, time in zip(planned.planned, needs.stages, strict=True)
         ],
         seconds=needs.seconds,
+        start=needs.start,
         memory=int(needs.memory),
         disk=int(needs.disk),
         disk_free=int(needs.disk_free),
@@ -68,7 +69,8 @@ def _show(document: DryRunOutcome, terminal: Terminal) -> None:
     print(f"dry run: {done} of {len(document.stages)} stages would be done; nothing was written")
     print(f"results: {document.folder}")
     if done:
-        print(f"time: about {duration(document.seconds)} of CPU time")
+        start = "to load libraries, read radiographs and check them"
+        print(f"time: about {duration(document.seconds)} of CPU time, {duration(document.start)} of it {start}")
         print(f"memory: about {document.memory / 1e9:.2f} GB at the peak")
         print(f"disk: about {document.disk / 1e9:.2f} GB, of {document.disk_free / 1e9:.1f} GB that are free")
         for note in document.notes:

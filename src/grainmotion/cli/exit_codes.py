@@ -12,6 +12,8 @@ BAD_INPUT = 2
 NO_RESULT = 3
 """No grain of some state is usable, or there is a warning and ``--strict`` is given."""
 INTERRUPTED_BY_USER = 130
+OUTPUT_CLOSED = 141
+"""As shells tell of programs that SIGPIPE ended."""
 TERMINATED = 143
 
 EXIT_CODES = MappingProxyType({
@@ -20,6 +22,7 @@ EXIT_CODES = MappingProxyType({
     BAD_INPUT: "an input or an option cannot be used",
     NO_RESULT: "no grain of some state is usable, or --strict is given and there is a warning",
     INTERRUPTED_BY_USER: "interrupted by Ctrl-C; the same command continues",
+    OUTPUT_CLOSED: "the program that read the output has ended, as `head` does; the same command continues",
     TERMINATED: "ended by SIGTERM, as batch systems send it; the same command continues",
 })  # fmt: skip
 EPILOG = "Exit codes: " + "; ".join(f"{code} {meaning.split(';')[0]}" for code, meaning in EXIT_CODES.items()) + "."

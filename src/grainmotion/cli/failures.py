@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import tempfile
 import traceback
@@ -11,9 +12,11 @@ from pathlib import Path
 from typing import Literal
 
 from grainmotion.cli.exit_codes import BAD_INPUT, FAULT
-from grainmotion.cli.interrupts import INTERRUPTED, Stop
+from grainmotion.cli.interrupts import CONTINUE, INTERRUPTED, Stop
 from grainmotion.errors import LOG_NOTE, BackendError, GrainmotionError
 
+FULL_DISK = (errno.ENOSPC, errno.EDQUOT)
+"""Errors of a disk, or a share of it, that is full; writing files tells them as a `WriteError`."""
 Kind = Literal["usage", "input", "device", "memory", "interrupted", "fault"]
 
 
@@ -43,13 +46,16 @@ def failure(error: BaseException, stop: Stop) -> Failure:
     """What an exception that ended a command means to its user."""
     log = log_of(error)
     if stop.signal is not None or isinstance(error, KeyboardInterrupt):
-        return Failure("interrupted", stop.code, "", "interrupted", "the same command continues", log)
+        return Failure("interrupted", stop.code, "", "interrupted", CONTINUE, log)
     if isinstance(error, GrainmotionError):
         kind: Kind = "device" if isinstance(error, BackendError) else "input"
         return Failure(kind, BAD_INPUT, error.where, error.fact, error.remedy, log)
     if isinstance(error, MemoryError):
         fact = str(error) or "not enough of it"
         return Failure("memory", FAULT, "memory", fact, "give larger voxels or fewer of them", log)
+    if isinstance(error, OSError) and error.errno in FULL_DISK and error.filename is None:
+        fact = "cannot be written: no space left on the disk"
+        return Failure("input", BAD_INPUT, "standard output", fact, "make room, then go on", log)
     return _fault(error, log)
 
 

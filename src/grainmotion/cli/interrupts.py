@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from importlib.metadata import version
+from types import FrameType
 
 INTERRUPTED = "interrupted: finished stages are kept; the same command continues"
+CONTINUE = "the same command continues"
 SHELL_BASE = 128
 """Shells tell a command that a signal ended by this number plus that of the signal."""
 
@@ -24,6 +28,12 @@ class Stop:
     def code(self) -> int:
         """130 after Ctrl-C (also where another handler than ours raised it), 143 after SIGTERM."""
         return SHELL_BASE + (self.signal or signal.SIGINT)
+
+    def is_late(self) -> None:
+        """Ignore signals: the work is done, and what is being printed is to stay whole."""
+        if threading.current_thread() is threading.main_thread():
+            for number in (signal.SIGINT, signal.SIGTERM):
+                signal.signal(number, signal.SIG_IGN)
 
     def check(self) -> None:
         """Raise the interrupt again if it was lost."""
@@ -56,12 +66,52 @@ def stoppable() -> Iterator[Stop]:
 
 @contextmanager
 def signals_end_the_command() -> Iterator[None]:
-    """End the process with the interrupt's exit code, whatever a library made of it while it was imported."""
-    with stoppable() as stop:
-        try:
-            yield
-        except BaseException as error:
-            if stop.signal is None and not isinstance(error, KeyboardInterrupt):
-                raise  # also the end of the command by its exit code
-            print(INTERRUPTED, file=sys.stderr, flush=True)
-            os._exit(stop.code)  # what is half imported may hang when Python tidies up
+    """End the process with the interrupt's exit code, whatever a library made of it while it was imported.
+
+    Once the command has ended by itself a signal can change nothing: the process ends at once, with the code that the
+    command told.
+    """
+    try:
+        with stoppable() as stop:
+            try:
+                yield
+            except BaseException as error:
+                if stop.signal is None and not isinstance(error, KeyboardInterrupt):
+                    raise  # also the end of the command by its exit code
+                _print_interrupted(stop.code)
+                os._exit(stop.code)  # what is half imported may hang when Python tidies up
+    except SystemExit as end:
+        _signals_end_at_once(end.code if isinstance(end.code, int) else 0)
+        raise
+
+
+def _print_interrupted(code: int) -> None:
+    """The line, and the JSON document of a command that no command has been made of yet."""
+    print(INTERRUPTED, file=sys.stderr, flush=True)
+    if "--json" in sys.argv:
+        print(json.dumps(interrupted_document(code), indent=2), flush=True)
+
+
+def interrupted_document(code: int) -> dict[str, object]:
+    """The document of a command that is interrupted while the program is still being loaded.
+
+    It has the names of `grainmotion.cli.documents.Envelope`, which may be what could not be loaded.
+    """
+    error = {"kind": "interrupted", "where": "", "fact": "interrupted", "remedy": CONTINUE, "log": None}
+    return {
+        "schema": 1, "grainmotion": version("grainmotion"), "command": "grainmotion", "exit_code": code,
+        "reason": "interrupted", "error": error, "findings": [], "result": None,
+    }  # fmt: skip
+
+
+def _signals_end_at_once(code: int) -> None:
+    """From here on Ctrl-C and SIGTERM end the process with a code that is settled."""
+
+    def end(_number: int, _frame: FrameType | None) -> None:
+        with suppress(OSError, RuntimeError, ValueError):  # as of a pipe that is closed
+            sys.stdout.flush()
+        os._exit(code)
+
+    if threading.current_thread() is threading.main_thread():
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, end)

@@ -1,4 +1,4 @@
-"""The group of all commands: nearest names for mistyped ones, paths instead of a command, errors of usage."""
+"""The group of all commands: nearest names for mistyped ones, paths instead of a command, how the process ends."""
 
 from __future__ import annotations
 
@@ -11,13 +11,16 @@ import typer
 from typer.core import TyperGroup
 
 from grainmotion.cli.command import print_failure
-from grainmotion.cli.exit_codes import BAD_INPUT
-from grainmotion.cli.failures import Failure
+from grainmotion.cli.exit_codes import OUTPUT_CLOSED
+from grainmotion.cli.failures import failure
+from grainmotion.cli.help_options import readable
+from grainmotion.cli.interrupts import Stop
+from grainmotion.cli.parameters import NAME, Parameter
+from grainmotion.cli.streams import drop_output
 from grainmotion.cli.terminal import Terminal
+from grainmotion.cli.usage import UsageError, print_usage_error
 
-UsageError: type[Exception] = typer.BadParameter.__mro__[1]
-"""Wrong use of options and arguments; typer has no public name for it."""
-NAME, LOOK_COMMAND = "grainmotion", "inspect"
+LOOK_COMMAND = "inspect"
 COMMAND_ORDER = (
     "demo", "inspect", "init", "run", "watch", "reconstruct", "segment", "track", "report", "view",
     "export", "plan", "simulate", "version",
@@ -27,6 +30,10 @@ COMMAND_ORDER = (
 
 class Suggesting(TyperGroup):
     """A group that names the nearest command for a mistyped one."""
+
+    def get_params(self, ctx: typer.Context) -> list[Parameter]:  # type: ignore[override]  # base is private
+        """Options of the group."""
+        return readable(super().get_params(ctx), ctx)
 
     def parse_args(self, ctx: typer.Context, args: list[str]) -> list[str]:  # type: ignore[override]  # base is private
         """Arguments of the group, with a command in front where the first word stands for one."""
@@ -83,40 +90,14 @@ class Program(Suggesting):
         try:
             code = super().main(wanted, NAME, complete_var, False, windows_expand_args)
         except UsageError as error:
-            sys.exit(_told(error, wanted))
+            sys.exit(print_usage_error(error, wanted))
+        except SystemExit as end:
+            if isinstance(end.__context__, BrokenPipeError):  # as of `--help | head`
+                sys.exit(OUTPUT_CLOSED)
+            raise
+        except OSError as error:  # as of `--help > file` on a full disk
+            failed = failure(error, Stop())
+            print_failure(failed, NAME, Terminal())
+            drop_output()
+            sys.exit(failed.code)
         sys.exit(code if isinstance(code, int) else 0)
-
-
-def _told(error: Exception, args: Sequence[str]) -> int:
-    """Tell about wrong use of options and arguments; returns the exit code."""
-    context = getattr(error, "ctx", None)
-    if type(error).__name__ == "NoArgsIsHelpError":  # the help is the message
-        print(getattr(error, "message", ""), file=sys.stderr)
-        return BAD_INPUT
-    path = context.command_path if context is not None else NAME
-    command = path.removeprefix(NAME).strip() or "grainmotion"
-    fact, _, remedy = _sentence(error, context).partition("; ")
-    remedy = f"{remedy}; " if remedy else ""
-    failed = Failure("usage", BAD_INPUT, "", fact, f"{remedy}see `{path} --help`")
-    print_failure(failed, command, Terminal(json="--json" in args))
-    return BAD_INPUT
-
-
-def _sentence(error: Exception, context: object) -> str:
-    """What is wrong, and after a semicolon what may have been meant."""
-    option = getattr(error, "option_name", None)
-    if type(error).__name__ == "NoSuchOption" and option:
-        command = getattr(context, "command", None)
-        later = [name for name, inner in getattr(command, "commands", {}).items() if option in _options(inner)]
-        if later:
-            return f"no option '{option}' before the command; put it behind, as in grainmotion {later[0]} {option}"
-        near = get_close_matches(option, _options(command), n=1, cutoff=0.5)
-        return f"no option '{option}'" + (f"; did you mean '{near[0]}'?" if near else "")
-    text = error.format_message() if hasattr(error, "format_message") else str(error)
-    return f"{text[:1].lower()}{text[1:]}".rstrip(".")
-
-
-def _options(command: object) -> list[str]:
-    """The names of the options of a command."""
-    parameters = getattr(command, "params", [])
-    return [name for parameter in parameters for name in parameter.opts if name.startswith("-")]

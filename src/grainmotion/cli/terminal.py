@@ -6,6 +6,7 @@ and errors go to standard error, so that ``grainmotion run … > results.txt`` a
 
 from __future__ import annotations
 
+import os
 import sys
 import textwrap
 from dataclasses import dataclass
@@ -24,7 +25,8 @@ LEVEL_STYLES = {"error": "bold red", "warning": "yellow", "note": "cyan"}
 class Terminal:
     """How a command talks: as text or JSON, how much, and whether in colour.
 
-    ``auto`` is colour on a terminal; the variables ``NO_COLOR`` and ``FORCE_COLOR`` of the environment change that.
+    ``auto`` is colour on a terminal; the variables ``NO_COLOR`` and ``FORCE_COLOR`` of the environment change that,
+    and ``always`` and ``never`` replace them.
     """
 
     json: bool = False
@@ -38,10 +40,13 @@ class Terminal:
 
         stream = sys.stderr if stderr else sys.stdout
         width = None if stream.isatty() else log_width
-        if self.color == "never":
-            return Console(stderr=stderr, width=width, no_color=True, highlight=False)
-        forced = True if self.color == "always" else None
-        return Console(stderr=stderr, width=width, force_terminal=forced, highlight=False)
+        if self.color == "always":  # whatever the environment says
+            console = Console(stderr=stderr, width=width, force_terminal=True, color_system="standard", highlight=False)
+            console.no_color = False
+            return console
+        if self.color == "never" or os.environ.get("NO_COLOR"):  # without colours there are no bold letters either
+            return Console(stderr=stderr, width=width, color_system=None, highlight=False)
+        return Console(stderr=stderr, width=width, highlight=False)
 
     def say(self, message: str) -> None:
         """A result: a line on standard output, on standard error where that has a JSON document."""

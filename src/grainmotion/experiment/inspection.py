@@ -31,7 +31,9 @@ MAX_AIR_LINE_INTEGRAL = 0.02  # median over the outermost columns; more gives a 
 USUAL_VOXEL_PIXEL_RATIO = (0.4, 2.5)  # of a voxel and a pixel at the sample; others give a warning
 MAX_PANEL_OVERHANG = 0.1  # of the volume beyond the panel, as a share of its columns; more gives a warning
 DRAWN_STEPS_DEG = np.array([0.0, 15.0, 40.0, 90.0])  # angles from view 0 of the radiographs that a picture shows
-BYTES_PER_VOXEL = 30  # float volume, labels, distances and the grown labels at the peak of the segmentation
+BYTES_OF_PROGRAM = 0.44e9  # Python, the libraries and the compiled kernels
+BYTES_PER_VOXEL = 60  # volume, labels, distances and grown labels in segmentation; grains and their patches in tracking
+BYTES_PER_REFERENCE_PIXEL = 8  # radiographs of the reference scan and their residuals
 
 
 @dataclass(frozen=True)
@@ -124,11 +126,10 @@ def inspect_inputs(inputs: Inputs, tables: ExperimentFile) -> Inspection:
 
 def peak_memory(inputs: Inputs) -> float:
     """Estimate of the memory of a run at its peak, bytes: by voxels and pixels, without reading a radiograph."""
-    voxels = float(np.prod(inputs.grid.shape))
-    memory = BYTES_PER_VOXEL * voxels
+    memory = BYTES_OF_PROGRAM + BYTES_PER_VOXEL * float(np.prod(inputs.grid.shape))
     if inputs.reference is not None:
         geometry = inputs.reference.geometry
-        memory = max(memory, 8.0 * voxels + 9.0 * len(geometry) * float(np.prod(geometry.shape)))
+        memory += BYTES_PER_REFERENCE_PIXEL * len(geometry) * float(np.prod(geometry.shape))
     return memory
 
 

@@ -7,8 +7,11 @@ FOLDER/experiment.toml
 
 from __future__ import annotations
 
+import os
 import re
-from collections.abc import Mapping
+import shutil
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Literal
 
@@ -16,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion.errors import InputError
+from grainmotion.io.files import checked_folder
 from grainmotion.io.geometry_csv import write_geometry
 from grainmotion.io.motions_csv import write_motions
 from grainmotion.io.tiff import write_tiff
@@ -25,6 +29,43 @@ from grainmotion.simulate.detector import Recording
 
 MAX_COUNT = 65_535  # of a 16-bit detector; a pixel with this count is saturated
 _RESERVED = ("reference", "flats", "darks", "results")
+_EXPERIMENT, _UNFINISHED = "experiment.toml", ".unfinished-simulation"
+
+
+def check_new_dataset(folder: str | Path, states: Iterable[str] = ()) -> None:
+    """Refuse a folder whose files a simulated experiment would replace or be mixed with.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be written to, or holds an experiment file, or files where those of the reference or of
+        one of the ``states`` would be.
+    """
+    folder = checked_folder(folder)
+    remedy = "choose another folder, so that no file of yours is replaced"
+    names = ["reference", *states]
+    for name in ("flats", "darks", *names):
+        if (folder / name).is_dir() and any((folder / name).iterdir()):
+            raise InputError(str(folder / name), "it already holds files", remedy)
+    for file in (_EXPERIMENT, *(f"{name}.csv" for name in names), *(f"{name}-truth.csv" for name in names)):
+        if (folder / file).exists():
+            raise InputError(str(folder / file), "it is there already", remedy)
+
+
+@contextmanager
+def _moved_when_complete(folder: Path) -> Iterator[Path]:
+    """A folder inside ``folder``, whose files are moved there at the end: an interrupted simulation leaves none."""
+    unfinished = folder / _UNFINISHED
+    shutil.rmtree(unfinished, ignore_errors=True)
+    unfinished.mkdir(parents=True)
+    try:
+        yield unfinished
+        for path in sorted(unfinished.iterdir(), key=lambda path: path.name == _EXPERIMENT):  # the file comes last
+            if (folder / path.name).is_dir():  # an empty one
+                (folder / path.name).rmdir()
+            os.replace(path, folder / path.name)
+    finally:
+        shutil.rmtree(unfinished, ignore_errors=True)
 
 
 def write_dataset(
@@ -48,20 +89,18 @@ def write_dataset(
             raise InputError(f"state '{name}'", "the name cannot be its folder's", "use letters, digits, - and _")
         if recording.geometry.beam != beam:
             raise InputError(f"state '{name}'", f"a {recording.geometry.beam} beam", f"give a {beam} beam")
-    for name in ("flats", "darks", "reference", *states):
-        if (folder / name).is_dir() and any((folder / name).iterdir()):
-            raise InputError(str(folder / name), "it already holds files", "empty it, or choose another folder")
-    _write_images(folder / "flats", reference.flats)
-    _write_images(folder / "darks", reference.darks)
-    _write_images(folder / "reference", reference.counts)
-    write_geometry(folder / "reference.csv", reference.geometry)
-    for name, (recording, truth) in states.items():
-        _write_images(folder / name, recording.counts)
-        write_geometry(folder / f"{name}.csv", recording.geometry)
-        write_motions(folder / f"{name}-truth.csv", truth)
-    path = folder / "experiment.toml"
-    path.write_text(_experiment(beam, list(states), grid, initial), encoding="utf-8")
-    return path
+    check_new_dataset(folder, states)
+    with _moved_when_complete(folder) as new:
+        _write_images(new / "flats", reference.flats)
+        _write_images(new / "darks", reference.darks)
+        _write_images(new / "reference", reference.counts)
+        write_geometry(new / "reference.csv", reference.geometry)
+        for name, (recording, truth) in states.items():
+            _write_images(new / name, recording.counts)
+            write_geometry(new / f"{name}.csv", recording.geometry)
+            write_motions(new / f"{name}-truth.csv", truth)
+        (new / _EXPERIMENT).write_text(_experiment(beam, list(states), grid, initial), encoding="utf-8")
+    return folder / _EXPERIMENT
 
 
 def _write_images(folder: Path, images: NDArray[np.float32]) -> None:

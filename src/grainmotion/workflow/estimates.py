@@ -1,15 +1,17 @@
 """Estimates of what a run needs: time of each stage, memory, and bytes on the disk.
 
-Times are those that the same stages took before, from ``run.log``; else they follow from voxels, pixels and views by
-the times that the benchmarks measured on two cores of a server (``validation/benchmarks``).  They hold within a factor
-of about 3: shapes of grains, large motions and other processors are not in them.
+Times are those that the same stages took before, from ``run.log``, if scan and volume had the same sizes; else they
+follow from voxels, pixels and views by the CPU times of 15 experiments of 60 x 72 x 72 to 280 x 180 x 180 voxels on two
+cores of a server.  The estimate of a whole run was between 0.75 and 1.3 times its time for 13 of them, and half of it
+where the scanner was misaligned, or a state was refused; memory held within 15 %.  Of single stages it may be off by a
+factor of about 3: shapes of grains, large motions and other processors are not in it.
 """
 
 from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,29 +19,35 @@ import numpy as np
 
 from grainmotion.experiment.inspection import peak_memory
 from grainmotion.workflow.dry_run import PlannedRun, PlannedStage
-from grainmotion.workflow.log import RUN_LOG
+from grainmotion.workflow.log import RUN_LOG, SIZE_LINE, size_of_scan, size_of_volume
 
-SECONDS_PER_RAY_VOXEL = 5e-9
-"""CPU seconds of the default reconstruction: 16 s for 352 views of 280 x 180 pixels and 180 voxels along a ray."""
-CALIBRATION_SHARE = 1.5
-"""Time of the calibration over that of the reconstruction."""
-SECONDS_PER_SEGMENTED_VOXEL = 1.4e-6
-"""13 s for 280 x 180 x 180 voxels."""
+SECONDS_OF_PROGRAM = 3.9
+"""CPU seconds of a run for loading libraries and compiled kernels."""
+SECONDS_PER_CHECKED_PIXEL = 7.5e-7
+"""Of reading and checking the radiographs of the reference scan."""
+SECONDS_PER_RECONSTRUCTED_VOXEL, SECONDS_PER_RAY_VOXEL = 1.8e-6, 8e-10
+"""Of the reconstruction: more views need fewer sweeps, so that it depends on the volume first."""
+SECONDS_OF_CALIBRATION, CALIBRATION_SHARE = 1.5, 0.9
+"""Of the calibration: without any volume, and for its part as a share of the reconstruction."""
+SECONDS_PER_SEGMENTED_VOXEL = 1.6e-6
 SECONDS_PER_TRACKED_VOXEL = 7e-7
-"""Of a voxel of grains in one view: 2 s for 15 grains of 48,000 voxels in 4 views."""
-GRAIN_SHARE = 0.3
-"""Share of the volume's voxels that belong to grains, before they are known."""
-SECONDS_OF_ANY_STAGE = 1.0
+"""Of a voxel of the volume, for a state of `USUAL_VIEWS` views; how many grains it holds is not known before."""
+USUAL_VIEWS, SHARE_WITHOUT_VIEWS = 4, 0.3
+"""Views of a usual state, and the share of its time that does not depend on their number."""
+SECONDS_PER_VOXEL_OF_REPORT = 1.5e-7
+SECONDS_OF_ANY_STAGE = 0.4
 SECONDS_OF_COMPILATION = 60.0
 """CPU seconds of compilation after an installation; later runs load what was compiled."""
-BYTES_PER_STORED_VOXEL = 8  # volume and labels
-BYTES_PER_REPORT = 5e6
+BYTES_PER_STORED_VOXEL, BYTES_PER_EXPORTED_VOXEL = 4, 8
+"""Volume and labels: compressed in the results, plain in files for other software."""
+BYTES_PER_REPORT = 2e6
 _LOGGED_TIME = re.compile(r" done: (\S+(?: \S+)*), [\d.]+ s, ([\d.]+) s of CPU")
+_BEGIN_OF_RUN = "===="
 
 
 @dataclass(frozen=True)
 class StageEstimate:
-    """CPU seconds of a stage, and whether it took them before."""
+    """CPU seconds of a stage, and whether it took them before, at the same sizes."""
 
     seconds: float | None
     from_log: bool = False
@@ -59,17 +67,20 @@ class Needs:
         Bytes that are written.
     disk_free : float
         Free bytes where the results go.
+    start : float
+        CPU seconds before the first stage: loading of libraries, reading and checks of radiographs.
     """
 
     stages: tuple[StageEstimate, ...]
     memory: float
     disk: float
     disk_free: float
+    start: float
 
     @property
     def seconds(self) -> float:
-        """CPU seconds of all stages whose time is known."""
-        return sum(stage.seconds or 0.0 for stage in self.stages)
+        """CPU seconds of the run: of its start, and of all stages whose time is known."""
+        return self.start + sum(stage.seconds or 0.0 for stage in self.stages)
 
 
 def estimate(planned: PlannedRun) -> Needs:
@@ -85,61 +96,96 @@ def estimate(planned: PlannedRun) -> Needs:
     Needs
         Times, memory and disk space.
     """
-    before = logged_times(planned.folder / RUN_LOG)
+    before = logged_times(planned.folder / RUN_LOG, sizes(planned))
     stages = tuple(_of_stage(planned, stage, before) for stage in planned.planned)
     existing = next(path for path in (planned.folder, *planned.folder.absolute().parents) if path.exists())
     disk = sum(_bytes(planned, stage.name) for stage in planned.planned if not stage.kept)
-    return Needs(stages, peak_memory(planned.inputs), disk, shutil.disk_usage(existing).free)
+    start = SECONDS_OF_PROGRAM + SECONDS_PER_CHECKED_PIXEL * _reference_pixels(planned)
+    return Needs(stages, peak_memory(planned.inputs), disk, shutil.disk_usage(existing).free, start)
 
 
-def logged_times(log: Path) -> dict[str, float]:
-    """CPU seconds of each stage when it was last done, from the log of runs."""
+def sizes(planned: PlannedRun) -> dict[str, str]:
+    """Sizes of the volume and of each scan, as the log of a run has them."""
+    scans = [source for _, source in planned.states]
+    if planned.inputs.reference is not None:
+        scans.append(planned.inputs.reference)
+    return {"volume": size_of_volume(planned.inputs), **{scan.key: size_of_scan(scan) for scan in scans}}
+
+
+def logged_times(log: Path, wanted: Mapping[str, str]) -> dict[str, float]:
+    """CPU seconds of each stage when it was last done on a volume and scans of the wanted sizes, from the log of runs.
+
+    A state's stages do not depend on the other states.
+    """
     try:
         lines = log.read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:
         return {}
-    found = (_LOGGED_TIME.search(line) for line in lines)
-    return {match[1]: float(match[2]) for match in found if match is not None}
+    found: dict[str, float] = {}
+    logged: dict[str, str] = {}
+    for line in lines:
+        if line.startswith(_BEGIN_OF_RUN):
+            logged = {}
+        elif size := SIZE_LINE.fullmatch(line):
+            logged[size["key"]] = size["size"]
+        elif time := _LOGGED_TIME.search(line):
+            keys = {"volume", "reference", f"states.{time[1].rpartition('/')[0]}"} & {*logged, *wanted}
+            if all(logged.get(key) == wanted.get(key) for key in keys):
+                found[time[1]] = float(time[2])
+            else:
+                found.pop(time[1], None)
+    return found
 
 
-def _of_stage(planned: PlannedRun, stage: PlannedStage, before: dict[str, float]) -> StageEstimate:
+def _of_stage(planned: PlannedRun, stage: PlannedStage, before: Mapping[str, float]) -> StageEstimate:
     if stage.kept:
         return StageEstimate(0.0)
     if stage.name in before:
         return StageEstimate(before[stage.name], from_log=True)
-    seconds = _seconds(planned, stage.name)
-    return StageEstimate(None if seconds is None else SECONDS_OF_ANY_STAGE + seconds)
+    like_it = [seconds for name, seconds in before.items() if name.endswith("/track") and stage.name.endswith("/track")]
+    if like_it:  # other states of the same grains; the first of them may have waited for the compiler
+        return StageEstimate(float(np.median(like_it)))
+    return StageEstimate(_seconds(planned, stage.name))
 
 
 def _seconds(planned: PlannedRun, name: str) -> float | None:
     """CPU seconds of a stage by the size of what it works on; None for exports whose time depends on the grains."""
-    inputs = planned.inputs
-    voxels, reference = float(np.prod(inputs.grid.shape)), inputs.reference
-    rays = 0.0 if reference is None else len(reference.geometry) * float(np.prod(reference.geometry.shape))
-    reconstruction = SECONDS_PER_RAY_VOXEL * rays * float(np.mean(inputs.grid.shape[1:]))
+    shape = planned.inputs.grid.shape
+    voxels, ray = float(np.prod(shape)), float(np.mean(shape[1:]))
+    reconstruction = SECONDS_PER_RECONSTRUCTED_VOXEL * voxels
+    reconstruction += SECONDS_PER_RAY_VOXEL * _reference_pixels(planned) * ray
     if name == "reconstruct":
-        return reconstruction
+        return SECONDS_OF_ANY_STAGE + reconstruction
     if name == "calibrate":
-        return CALIBRATION_SHARE * reconstruction
+        return SECONDS_OF_CALIBRATION + CALIBRATION_SHARE * reconstruction
     if name == "segment":
-        return SECONDS_PER_SEGMENTED_VOXEL * voxels
+        return SECONDS_OF_ANY_STAGE + SECONDS_PER_SEGMENTED_VOXEL * voxels
     if name.endswith("/track"):
         views = _views(planned, name.removesuffix("/track"))
-        return SECONDS_PER_TRACKED_VOXEL * GRAIN_SHARE * voxels * views
-    if name == "report" or name.rpartition("/")[2] in ("residuals", "bodies", "h5", "csv"):
-        return 0.0
-    return None
+        share = SHARE_WITHOUT_VIEWS + (1 - SHARE_WITHOUT_VIEWS) * views / USUAL_VIEWS
+        return SECONDS_OF_ANY_STAGE + SECONDS_PER_TRACKED_VOXEL * share * voxels
+    if name == "report":
+        return SECONDS_OF_ANY_STAGE + SECONDS_PER_VOXEL_OF_REPORT * voxels
+    return 0.0 if name.rpartition("/")[2] in ("residuals", "bodies", "h5", "csv") else None
 
 
 def _bytes(planned: PlannedRun, name: str) -> float:
     """Bytes that a stage writes."""
-    stored = BYTES_PER_STORED_VOXEL * float(np.prod(planned.inputs.grid.shape))
+    voxels = float(np.prod(planned.inputs.grid.shape))
     state, _, what = name.rpartition("/")
-    if name == "segment" or what.startswith(("rebuilt", "vtk", "tiff", "ome-zarr", "spam")):
-        return stored
+    if name == "segment":
+        return BYTES_PER_STORED_VOXEL * voxels
+    if what.startswith(("rebuilt", "vtk", "tiff", "ome-zarr", "spam")):
+        return BYTES_PER_EXPORTED_VOXEL * voxels
     if what == "residuals":
         return 4.0 * _pixels(planned, state)
     return BYTES_PER_REPORT if name == "report" else 0.0
+
+
+def _reference_pixels(planned: PlannedRun) -> float:
+    """Pixels of all radiographs of the reference scan; 0 where a volume is given instead."""
+    reference = planned.inputs.reference
+    return 0.0 if reference is None else len(reference.geometry) * float(np.prod(reference.geometry.shape))
 
 
 def _views(planned: PlannedRun, state: str) -> int:

@@ -11,6 +11,7 @@ import json
 import logging
 import os
 import platform
+import re
 import shlex
 import sys
 import time
@@ -23,11 +24,14 @@ from pathlib import Path
 from grainmotion.errors import LOG_NOTE, GrainmotionError
 from grainmotion.experiment.config import Experiment
 from grainmotion.experiment.inputs import Inputs
+from grainmotion.experiment.scan_inputs import ScanInput
 from grainmotion.io.stacks import Stack
 from grainmotion.io.volumes.record import VolumeFile
 from grainmotion.workflow.versions import package_versions
 
 RUN_LOG = "run.log"
+SIZE_LINE = re.compile(r"  (?P<key>\S.*): (?P<size>\d+ views of \d+ x \d+ pixels|[\d x]+ voxels of \S+ mm)(, .*)?")
+"""Line of the head of an entry that has the size of a scan or of the volume."""
 PACKAGE_LOG = logging.getLogger("grainmotion")
 STAGE_LOG = logging.getLogger("grainmotion.run")  # for the file alone: terminals have progress instead
 
@@ -105,10 +109,21 @@ def _head(folder: Path, experiment: Experiment, inputs: Inputs, call: str) -> It
         files = len(set(stack.files))
         yield f"  {name}: {stack.spec}, {files} file{'s' * (files != 1)}"
     for scan in inputs.states if inputs.reference is None else (inputs.reference, *inputs.states):
-        rows, columns = scan.geometry.shape
-        yield f"  {scan.key}: {len(scan.geometry)} views of {rows} x {columns} pixels, {scan.kind}"
+        yield f"  {scan.key}: {size_of_scan(scan)}, {scan.kind}"
+    yield f"  volume: {size_of_volume(inputs)}"
     yield "settings that differ from the defaults:"
     yield from (f"  {line}" for line in toml_lines(changed_settings(experiment)))
+
+
+def size_of_scan(scan: ScanInput) -> str:
+    """Views and pixels of a scan, as the log has them."""
+    rows, columns = scan.geometry.shape
+    return f"{len(scan.geometry)} views of {rows} x {columns} pixels"
+
+
+def size_of_volume(inputs: Inputs) -> str:
+    """Voxels of the reference volume, as the log has them."""
+    return f"{' x '.join(map(str, inputs.grid.shape))} voxels of {inputs.grid.voxel_size:g} mm"
 
 
 def input_stacks(inputs: Inputs) -> Iterator[tuple[str, Stack | VolumeFile]]:
