@@ -17,6 +17,7 @@ from playwright.sync_api import Browser, Page, expect
 from grainmotion.model.motions import Motions, Status
 from grainmotion.report import ReportData, StateReport, write_report
 from grainmotion.report.data import RunRecord
+from grainmotion.report.tables import significant
 
 pytestmark = pytest.mark.browser
 
@@ -78,7 +79,18 @@ def test_figures_are_those_of_the_state(report):
     text = report.locator("#figures").inner_text()
     assert f"{int(motions.ok_translation.sum())}\ntranslations to use" in text
     assert "33 % of 6" in text
+    u = np.linalg.norm(motions.translations + 1.0, axis=1)[motions.ok_translation]
+    w = np.rad2deg(np.linalg.norm(motions.rotations, axis=1))[motions.ok_rotation]
+    assert f"{significant(np.median(u))} mm\nmedian displacement" in text
+    assert f"{significant(np.median(w))} °\nmedian rotation" in text
     expect(report.locator("#status-bar .chip")).to_have_count(5)
+
+
+def test_numbers_that_are_no_results_to_use_look_otherwise(report):
+    motions = example.motions()
+    unused = report.locator("#grain-table td.unused")
+    columns = 5  # length, three components and sd
+    expect(unused).to_have_count(int(columns * ((~motions.ok_translation).sum() + (~motions.ok_rotation).sum())))
 
 
 def test_theme_follows_the_system_and_the_button(chromium, report_path):

@@ -35,6 +35,20 @@ class TestNumbers:
         assert tables.length_decimals(voxel_size) == decimals
 
 
+def test_medians_of_a_state_are_over_the_results_to_use():
+    images, all_grains = np.zeros((1, 2, 2)), motions()
+    wrong = replace(
+        all_grains, translations=np.where(all_grains.ok_translation[:, None], all_grains.translations, 99.0)
+    )
+    values = tables.summary_row(StateReport("a", images, images, wrong, 0.1)).values
+    u = np.linalg.norm(wrong.translations[wrong.ok_translation], axis=1)
+    w = np.rad2deg(np.linalg.norm(wrong.rotations[wrong.ok_rotation], axis=1))
+    sd = np.sqrt(np.diagonal(wrong.covariances, axis1=1, axis2=2)[wrong.ok_translation, :3].mean(axis=1))
+    assert values[0] == tables.number(np.median(u), 4)
+    assert values[2] == tables.number(np.median(w), 3)
+    assert values[3] == tables.significant(np.median(sd), 2)
+
+
 def test_bodies_have_motions_with_standard_deviations():
     images, covariance = np.zeros((1, 2, 2)), np.diag([0.01, 0.01, 0.02, *np.deg2rad([0.1, 0.1, 104.0])]) ** 2
     moved = BodyMotion(

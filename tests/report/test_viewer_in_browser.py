@@ -212,6 +212,33 @@ class TestLook:
         hidden = np.array(page.evaluate(f"Array.from({SHOWN}.grains.hidden)"), dtype=bool)
         np.testing.assert_array_equal(hidden, data.states[-1].motions.ok)
 
+    def test_motions_that_are_no_results_are_grey_and_have_no_arrow(self, page, data):
+        motions = data.states[-1].motions
+        grey = [0.659, 0.682, 0.714]
+        for quantity, ok in (
+            ("u", motions.ok_translation),
+            ("w", motions.ok_rotation),
+            ("u_less_mean", motions.ok_translation),
+        ):
+            choose(page, "colour", quantity)
+            page.wait_for_timeout(200)
+            np.testing.assert_array_equal((np.abs(colours(page) - grey) < 0.01).all(axis=1), ~ok)
+            expect(page.locator(".viewer-legend")).to_contain_text("Grey: no result to use.")
+        u = np.linalg.norm(motions.translations, axis=1)[motions.ok_translation]
+        choose(page, "colour", "u")
+        page.wait_for_timeout(200)
+        top = float(page.get_by_label("Highest value of the colours").input_value())
+        assert top <= 1.1 * u.max()  # of the results alone
+        choose(page, "arrows", "u")
+        page.wait_for_timeout(200)
+        arrows = page.evaluate(f"""(() => {{
+            let most = 0;
+            const count = ({{ geometry }}) => {{ most = Math.max(most, geometry?.attributes.along?.count ?? 0); }};
+            {SHOWN}.scene.traverse(count);
+            return most;
+        }})()""")
+        assert arrows == motions.ok_translation.sum()
+
     def test_cut_hides_what_is_in_front(self, page):
         row = nearest_row(page)
         spot = seen_at(page, row)

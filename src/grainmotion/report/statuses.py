@@ -20,11 +20,10 @@ STATUS_MEANINGS = {
 
 
 def status_records() -> list[dict[str, str]]:
-    """Name, title, meaning and colour of each status, in the order of `Status`."""
+    """Name, meaning and colour of each status, in the order of `Status`."""
     return [
         {
             "name": status.value,
-            "title": status.value.replace("-", " "),
             "meaning": STATUS_MEANINGS[status.value],
             "colour": STATUS_COLOURS[status.value],
         }

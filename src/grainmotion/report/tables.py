@@ -49,25 +49,26 @@ class SummaryRow:
 
 
 def summary_row(state: StateReport) -> SummaryRow:
-    """Counts by status, typical motion, typical uncertainty, fit."""
+    """Counts by status; medians of motion and standard deviation over the results to use; fit."""
     motions, fit = state.motions, state.motions.fit
     counts = tuple((s.value, int((motions.statuses == s.value).sum())) for s in Status)
-    translation = _median(np.linalg.norm(motions.translations, axis=1))
-    rotation_deg = _median(np.rad2deg(np.linalg.norm(motions.rotations, axis=1)))
-    with np.errstate(invalid="ignore"):
-        sd = np.sqrt(np.diagonal(motions.covariances, axis1=1, axis2=2))
+    translations, rotations = motions.ok_translation, motions.ok_rotation
+    translation = _median(np.linalg.norm(motions.translations[translations], axis=1))
+    rotation_deg = _median(np.rad2deg(np.linalg.norm(motions.rotations[rotations], axis=1)))
+    variances = np.diagonal(motions.covariances, axis1=1, axis2=2)
+    sd_translation = _median(np.sqrt(variances[translations, :3].mean(axis=1)))
+    sd_rotation_deg = _median(np.rad2deg(np.sqrt(variances[rotations, 3:].mean(axis=1))))
     values = (
         number(translation, length_decimals(state.voxel_size)),
         number(translation / state.voxel_size, 3),
         number(rotation_deg, 3),
-        significant(_median(sd[:, :3]), 2),
-        significant(_median(np.rad2deg(sd[:, 3:])), 2),
+        significant(sd_translation, 2),
+        significant(sd_rotation_deg, 2),
         significant(fit.costs[-1][1]) if fit.costs else "–",
         f"{fit.gain:.4f}",
         significant(fit.offset),
     )
-    to_use = int(motions.ok_translation.sum()), int(motions.ok_rotation.sum())
-    return SummaryRow(state.name, len(motions), counts, to_use, values)
+    return SummaryRow(state.name, len(motions), counts, (int(translations.sum()), int(rotations.sum())), values)
 
 
 def fit_facts(state: StateReport) -> Rows:

@@ -77,6 +77,12 @@
       if (!derived.has(id)) derived.set(id, column(index, key));
       return derived.get(id);
     },
+    /** As `column`, with NaN for translations and rotations that are no results to use. */
+    usable(index, key) {
+      const id = `usable ${index} ${key}`;
+      if (!derived.has(id)) derived.set(id, usable(index, key));
+      return derived.get(id);
+    },
     status: (index) => gm.decode(data.states[index].status), // 255 where the state lacks the grain
     ok: (index, part) => gm.decode(data.states[index].ok[part]), // part: "translation" or "rotation"
     reasons: (index) => gm.decode(data.states[index].reasons), // sentences by row
@@ -108,6 +114,14 @@
     const { of = [], how } = quantities.get(key) ?? {};
     if (!of.length) return new Float32Array(data.grains.labels.length).fill(NaN);
     return combine(await Promise.all(of.map((name) => app.column(index, name))), how);
+  };
+
+  const usable = async (index, key) => {
+    const { group, of = [], how } = quantities.get(key) ?? {}, part = { Translation: "translation", Rotation: "rotation" }[group];
+    if (!part) return app.column(index, key);
+    if (of.length) return combine(await Promise.all(of.map((name) => app.usable(index, name))), how);
+    const [values, ok] = await Promise.all([app.column(index, key), app.ok(index, part)]);
+    return values.map((value, row) => (ok[row] ? value : NaN));
   };
 
   system.addEventListener("change", () => app.setTheme(null));

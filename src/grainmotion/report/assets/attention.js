@@ -37,7 +37,7 @@
 
   const item = (app, { record, reason, labels }) => el("li", {},
     el("span", { class: "chip", style: `--dot: ${record.colour}`, title: record.meaning },
-      el("span", { class: "dot" }), `${labels.length} ${record.title}`),
+      el("span", { class: "dot" }), `${labels.length} ${record.name}`),
     el("p", { class: "reason" }, reason || record.meaning),
     labelButtons(app, labels));
 

@@ -10,13 +10,15 @@
   const figures = async (place, app) => {
     const index = app.state, { data } = app;
     const [u, w, sdU, sdW, translation, rotation] = await Promise.all([
-      ...["u", "w", "sd_u", "sd_w"].map((key) => app.column(index, key)), app.ok(index, "translation"), app.ok(index, "rotation"),
+      ...["u", "w"].map((key) => app.usable(index, key)), ...["sd_u", "sd_w"].map((key) => app.column(index, key)),
+      app.ok(index, "translation"), app.ok(index, "rotation"),
     ]);
     if (index !== app.state) return;
     const total = data.states[index].grains, voxel = data.voxel_size;
     const usable = (flags) => `${gm.count(flags, 1)}`;
     const share = (flags) => (total ? `${Math.floor((100 * gm.count(flags, 1)) / total)} % of ${total}` : "");
-    const displacement = gm.median(u), deviation = gm.median(sdU);
+    const used = (column, flags) => column.filter((_, row) => flags[row]);
+    const displacement = gm.median(u), deviation = gm.median(used(sdU, translation));
     const voxels = (length) => (Number.isFinite(length) && voxel ? `${gm.significant(length / voxel, 2)} voxels` : "");
     place.replaceChildren(
       merit(String(total), "", total === 1 ? "grain" : "grains"),
@@ -25,7 +27,7 @@
       merit(gm.significant(displacement), "mm", "median displacement", voxels(displacement)),
       merit(gm.significant(gm.median(w)), "°", "median rotation"),
       merit(gm.significant(deviation, 2), "mm", "median sd, translation", voxels(deviation)),
-      merit(gm.significant(gm.median(sdW), 2), "°", "median sd, rotation"),
+      merit(gm.significant(gm.median(used(sdW, rotation)), 2), "°", "median sd, rotation"),
     );
   };
 
@@ -37,7 +39,7 @@
       found.map(([record, count]) => el("span", { style: `flex: ${count}; --dot: ${record.colour}` })));
     const legend = el("div", { class: "legend" }, found.map(([record, count]) => el("span", {
       class: "chip", title: record.meaning, style: `--dot: ${record.colour}`,
-    }, el("span", { class: "dot" }), `${count} ${record.title}`)));
+    }, el("span", { class: "dot" }), `${count} ${record.name}`)));
     place.replaceChildren(bar, legend);
   };
 

@@ -1,5 +1,5 @@
 "use strict";
-// The motion of the chosen grain over all states, with a band of one standard deviation.
+// The motion of the chosen grain over all states, with a band of one standard deviation; a gap where it is no result to use.
 (() => {
   const gm = (window.gm ??= {});
   const { el } = gm;
@@ -7,7 +7,7 @@
 
   const chart = async (app, row, [letter, title, unit]) => {
     const { states, state_numbers: numbers } = app.data;
-    const line = (key) => Promise.all(states.map(async (_, i) => (await app.column(i, key))[row]));
+    const line = (key) => Promise.all(states.map(async (_, i) => (await app.usable(i, key))[row]));
     const series = await Promise.all([..."xyz"].map(async (a) => ({ name: a, values: await line(letter + a), sd: await line(`sd_${letter}${a}`) })));
     return [el("h4", {}, `${title} (${unit})`), gm.chart({
       title: `${title} of grain ${app.grain} over states`, series, x: numbers, xTitle: "state", yTitle: unit, height: 180,

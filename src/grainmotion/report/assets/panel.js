@@ -95,7 +95,7 @@
       type: "button", class: "button icon", "aria-label": name, title: name, disabled: !labels[row + by], onclick: () => app.setGrain(labels[row + by]),
     }, sign);
     return el("div", { class: "panel-head" }, el("h3", {}, `Grain ${app.grain}`),
-      record ? el("span", { class: "chip", style: `--dot: ${record.colour}`, title: record.meaning }, el("span", { class: "dot" }), record.title) : null,
+      record ? el("span", { class: "chip", style: `--dot: ${record.colour}`, title: record.meaning }, el("span", { class: "dot" }), record.name) : null,
       el("span", { class: "steps" }, step(-1, "‹", "Previous grain"), step(1, "›", "Next grain"),
         el("button", { type: "button", class: "button icon", "aria-label": "Choose no grain", title: "Choose no grain", onclick: () => app.setGrain(null) }, "×")));
   };

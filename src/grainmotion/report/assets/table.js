@@ -34,23 +34,23 @@
   const columnsOf = (app, tables) => {
     const { labels } = app.data.grains, columns = [
       { key: "label", head: "Grain", group: "", width: 62, value: (row) => labels[row], text: (row) => String(labels[row]), class: "first" },
-      { key: "status", head: "Status", group: "", width: 40 + 15 * digit, value: (row) => app.data.statuses[tables.status[row]].title, cell: (row) => statusCell(app, tables.status[row]), class: "text" },
+      { key: "status", head: "Status", group: "", width: 40 + 15 * digit, value: (row) => app.data.statuses[tables.status[row]].name, cell: (row) => statusCell(app, tables.status[row]), class: "text" },
     ];
-    const add = (key, head, group, set) => {
+    const add = (key, head, group, set, used = null) => {
       const quantity = app.quantity(key), column = tables.columns.get(key);
       const text = (row) => gm.quantityText(quantity, column[row], app.data.length_decimals);
-      columns.push({ key, head, group, set, width: widthOf(head, column, text), title: quantity.title, value: (row) => column[row], text });
+      columns.push({ key, head, group, set, width: widthOf(head, column, text), title: quantity.title, value: (row) => column[row], text, used });
     };
     "xyz".split("").forEach((a, k) => columns.push({
       key: a, head: a, group: "Centre (mm)", set: "place", width: 14 + 9 * digit, value: (row) => tables.centers[3 * row + k],
       text: (row) => gm.fixed(tables.centers[3 * row + k], app.data.length_decimals),
     }));
     for (const [letter, group, head] of [["u", "Translation (mm)", "|u|"], ["w", "Rotation (°)", "|ω|"]]) {
-      add(letter, head, group, null);
-      for (const a of "xyz") add(letter + a, a, group, "components");
-      add(`sd_${letter}`, "sd", group, null);
-      for (const a of "xyz") add(`sd_${letter}${a}`, `sd ${a}`, group, "deviations");
-      const ok = tables.ok[letter];
+      const ok = tables.ok[letter], used = (row) => ok[row];
+      add(letter, head, group, null, used);
+      for (const a of "xyz") add(letter + a, a, group, "components", used);
+      add(`sd_${letter}`, "sd", group, null, used);
+      for (const a of "xyz") add(`sd_${letter}${a}`, `sd ${a}`, group, "deviations", used);
       columns.push({ key: `ok_${letter}`, head: "use", group, width: 44, value: (row) => ok[row], text: (row) => (ok[row] ? "yes" : "no"), title: "Whether it is a result to use" });
     }
     add("residual", "residual", "Fit", null);
@@ -64,8 +64,8 @@
   };
 
   const statusCell = (app, index) => {
-    const { colour, title } = app.data.statuses[index];
-    return el("span", { class: "status-name", style: `--dot: ${colour}` }, el("span", { class: "dot" }), title);
+    const { colour, name } = app.data.statuses[index];
+    return el("span", { class: "status-name", style: `--dot: ${colour}` }, el("span", { class: "dot" }), name);
   };
 
   /** All columns of a state, ready to be read row by row. */
@@ -132,7 +132,7 @@
     const rowElement = (row, place_) => {
       const label = app.data.grains.labels[row];
       return el("tr", { "data-label": label, "aria-rowindex": place_ + 3, "aria-selected": String(label === app.grain), tabindex: -1, onclick: () => app.setGrain(label) },
-        visible().map((column) => el("td", { class: column.class, title: column.key === "reason" ? column.text(row) : null }, column.cell ? column.cell(row) : column.text(row))));
+        visible().map((column) => el("td", { class: column.used && !column.used(row) ? "unused" : column.class, title: column.key === "reason" ? column.text(row) : null }, column.cell ? column.cell(row) : column.text(row))));
     };
 
     let drawn = [0, -1];
@@ -167,7 +167,7 @@
     const drawChips = () => {
       const present = app.data.statuses.map((record, k) => [record, k, gm.count(tables.status, k)]).filter(([, k, n]) => n || filter.statuses.has(k));
       gm.refill(chips, [el("legend", {}, "Status"), ...present.map(([record, k, n]) => {
-        const chip = toggle(filter.statuses, k, [el("span", { class: "dot" }), `${record.title} ${n}`], arrange);
+        const chip = toggle(filter.statuses, k, [el("span", { class: "dot" }), `${record.name} ${n}`], arrange);
         chip.style.setProperty("--dot", record.colour);
         return chip;
       })], search);

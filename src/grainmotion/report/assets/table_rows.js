@@ -5,14 +5,15 @@
 
   /** Rows of the grains of a state that pass the filter: `statuses` a set of indices (empty: all), `text` a search. */
   gm.filteredRows = ({ app, status, reasons, statuses, text, needLook }) => {
-    const words = text.trim().toLowerCase(), test = gm.labelTest(text);
+    const plain = (sentence) => sentence.toLowerCase().replaceAll("-", " "); // "not fitted" finds not-fitted
+    const words = plain(text.trim()), test = gm.labelTest(text);
     const { labels } = app.data.grains;
     const rows = [];
     for (let row = 0; row < labels.length; row++) {
       if (status[row] === 255 || (statuses.size && !statuses.has(status[row]))) continue;
-      const name = app.data.statuses[status[row]].title;
+      const name = app.data.statuses[status[row]].name;
       if (needLook && name === "converged") continue;
-      if (words && !(test ? test(labels[row]) : `${name} ${reasons[row] ?? ""}`.toLowerCase().includes(words))) continue;
+      if (words && !(test ? test(labels[row]) : plain(`${name} ${reasons[row] ?? ""}`).includes(words))) continue;
       rows.push(row);
     }
     return rows;

@@ -66,7 +66,7 @@
       view.view(name);
     };
 
-    let values = null, colours = null, numbers = null, moved = null, range = [0, 1], hovered = -1, turn = 0;
+    let values = null, colours = null, numbers = null, moved = null, used = null, range = [0, 1], hovered = -1, turn = 0;
     const row = () => (app.grain === null ? -1 : app.row(app.grain));
     const titles = gm.viewerPanel.titles(data.quantities);
     const quantity = () => ({ ...app.quantity(settings.colour), title: titles.get(settings.colour) });
@@ -84,14 +84,15 @@
       const { state } = app, relative = settings.relative;
       const columns = state < 0 ? MOTION.map(() => new Float32Array(labels.length))
         : await Promise.all(MOTION.map((key) => app.column(state, key)));
-      const statusNumbers = state < 0 ? new Uint8Array(labels.length).fill(NO_STATUS) : await app.status(state);
-      return [statusNumbers, gm.viewerMotion.motions(centers, columns, relative)];
+      if (state < 0) return [new Uint8Array(labels.length).fill(NO_STATUS), gm.viewerMotion.motions(centers, columns, relative)];
+      const [statusNumbers, u, w] = await Promise.all([app.status(state), app.ok(state, "translation"), app.ok(state, "rotation")]);
+      return [statusNumbers, gm.viewerMotion.motions(centers, columns, relative, u), { u, w }];
     };
     const coloursNow = async (statusNumbers) => {
       const { state, theme } = app, { key, kind } = quantity(), map = gm.viewerLegend.mapName(quantity());
-      const shown = state < 0 ? new Float32Array(labels.length).fill(NaN) : await app.column(state, key);
+      const shown = state < 0 ? new Float32Array(labels.length).fill(NaN) : await app.usable(state, key);
       if (map === null) return [shown, gm.viewerScale.statusColours(statusNumbers, data.statuses, theme), [0, 1]];
-      const all = await Promise.all(data.states.map((_, index) => app.column(index, key)));
+      const all = await Promise.all(data.states.map((_, index) => app.usable(index, key)));
       const now = ranges.get(key) ?? gm.viewerScale.robustRange(all, kind);
       return [shown, gm.viewerScale.colours(shown, gm.colours.map(map), now, theme), now];
     };
@@ -121,7 +122,8 @@
     };
     const arrows = () => {
       const vectors = { none: null, u: moved.shifts, w: moved.turns }[settings.arrows];
-      const shown = labels.map((_, i) => i).filter((i) => moved.known[i] && !grains.hidden[i]);
+      const results = used?.[settings.arrows]; // an arrow would make a motion that is none look like one
+      const shown = labels.map((_, i) => i).filter((i) => moved.known[i] && !grains.hidden[i] && (!results || results[i]));
       const factor = overlays.showArrows(vectors, shown, colours);
       grains.uniforms.size.value = vectors ? 0.4 : 1; // grains give way to their arrows
       return vectors ? factor : null;
@@ -138,7 +140,8 @@
       const unknown = moved.known.filter((known) => !known).length;
       if (unknown && app.state >= 0) {
         const [have, are] = unknown === 1 ? ["grain has", "is"] : ["grains have", "are"];
-        sentences.push(`${unknown} ${have} no measured motion and ${are} drawn moved with the sample as a whole.`);
+        const where = unknown < labels.length ? "moved with the sample as a whole" : "in the places of the reference";
+        sentences.push(`${unknown} ${have} no measured motion and ${are} drawn ${where}.`);
       }
       if (bodies) sentences.push(`Coloured boxes bound ${bodies}${settings.relative ? ", in their places of the reference" : ""}.`);
       const text = sentences.join(" ");
@@ -150,17 +153,17 @@
     const refresh = async (what) => {
       changed.add(what);
       const own = ++turn, has = (...names) => names.some((name) => changed.has(name));
-      const motion = has("all", "state", "relative") ? await motionNow() : [numbers, moved];
+      const motion = has("all", "state", "relative") ? await motionNow() : [numbers, moved, used];
       const shades = has("all", "state", "colour") ? await coloursNow(motion[0]) : [values, colours, range];
       if (own !== turn) return;
       changed.clear();
-      [numbers, moved] = motion;
+      [numbers, moved, used] = motion;
       [values, colours, range] = shades;
       place();
       cut();
       grains.setColours(colours);
       const factor = arrows();
-      legend.update(quantity(), range, ranges.has(settings.colour));
+      legend.update(quantity(), range, ranges.has(settings.colour), app.state >= 0 && values.some(Number.isNaN));
       statuses.update(numbers);
       statuses.element.hidden = app.state < 0;
       tell(factor);
@@ -201,7 +204,9 @@
       tip.hidden = at < 0;
       if (at < 0) return;
       const { kind, title, unit } = quantity();
-      const text = kind === "categorical" ? data.statuses[numbers[at]]?.title ?? "no status"
+      const status = data.statuses[numbers[at]]?.name ?? "no status";
+      const text = kind === "categorical" ? status
+        : Number.isNaN(values[at]) && app.state >= 0 ? `${title}: no result to use (${status})`
         : `${title}: ${gm.quantityText(quantity(), values[at], data.length_decimals)}${unit ? ` ${unit}` : ""}`;
       tip.replaceChildren(el("b", {}, `Grain ${labels[at]}`), el("br"), text);
       tip.style.left = `${Math.min(x + 14, stage.clientWidth - tip.offsetWidth - 6)}px`;

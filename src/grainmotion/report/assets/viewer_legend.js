@@ -9,7 +9,7 @@
   /** A number for people to edit: short. */
   const editable = (value) => String(Number(value.toPrecision(4))).replaceAll("-", "−");
 
-  /** The legend: { element, update(quantity, range, isOwn) }; `changed(range)` gets [low, high], or null for automatic. */
+  /** The legend: { element, update(quantity, range, isOwn, lacking) }; `changed(range)` gets [low, high], or null for automatic. */
   const create = (changed) => {
     const title = el("div", { class: "viewer-legend-title" }), bar = el("div", { class: "viewer-legend-bar" });
     const field = (label) => el("input", { type: "text", inputmode: "decimal", "aria-label": label, onchange: (event) => edited(event.target) });
@@ -28,12 +28,12 @@
       if (range[0] >= range[1]) range[input === low ? 1 : 0] = input === low ? range[0] + width : range[1] - width;
       changed(range);
     };
-    const update = (quantity, range, isOwn) => {
+    const update = (quantity, range, isOwn, lacking) => {
       const name = mapName(quantity);
       title.textContent = quantity.title + (quantity.unit ? ` (${quantity.unit})` : "");
       for (const part of [bar, low, high]) part.hidden = name === null;
       automatic.hidden = !isOwn;
-      note.textContent = name === null ? "Colours are those of the buttons below." : "";
+      note.textContent = name === null ? "Colours are those of the buttons below." : lacking ? "Grey: no result to use." : "";
       if (name === null) return;
       shown = range;
       bar.style.background = gm.colours.gradient(name);

@@ -69,13 +69,13 @@
 
   /**
    * Translations (3 a grain, mm) and rotation vectors (3 a grain, radians) to draw, from columns ux uy uz wx wy wz
-   * (mm, degrees): as measured, or less the sample's rigid motion.  Grains without a measured motion follow the
-   * sample's; `known` says which have one.
+   * (mm, degrees): as measured, or less the sample's rigid motion, which is that of the translations to use (`used`; all
+   * unless given).  Grains without a measured motion follow the sample's; `known` says which have one.
    */
-  const motions = (centers, columns, relative) => {
+  const motions = (centers, columns, relative, used = null) => {
     const n = centers.length / 3, u = columns.slice(0, 3), w = columns.slice(3);
     const known = Array.from({ length: n }, (_, i) => u.every((c) => Number.isFinite(c[i])));
-    const whole = rigid(centers, u, known), back = inverse(whole.turn), turnOfWhole = toVector(whole.turn);
+    const whole = rigid(centers, u, known.map((yes, i) => yes && (!used || Boolean(used[i])))), back = inverse(whole.turn), turnOfWhole = toVector(whole.turn);
     const shifts = new Float32Array(3 * n), turns = new Float32Array(3 * n);
     for (let i = 0; i < n; i++) {
       const arm = [0, 1, 2].map((k) => centers[3 * i + k] - whole.pivot[k]);

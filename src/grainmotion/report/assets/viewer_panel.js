@@ -114,7 +114,7 @@
           if (!hidden.delete(k)) hidden.add(k);
           changed();
         },
-      }, el("span", { class: "dot", style: `--dot: ${status.colour}` }), `${status.title} ${counts[k]}`)]));
+      }, el("span", { class: "dot", style: `--dot: ${status.colour}` }), `${status.name} ${counts[k]}`)]));
     };
     return { element, update };
   };
