@@ -185,3 +185,10 @@ def test_search_orders_pages_that_exist():
     pages = [page.relative_to(ROOT).as_posix() for page in [*PAGES, *(ROOT / "release").glob("*.md")]]
     assert {"decisions", "how-to", "validation"} < names
     assert {name for name in names if not any(re.match(rf"(docs/)?{name}", page) for page in pages)} == set()
+
+
+def test_style_sheets_name_files_that_exist():
+    sheets = sorted((ROOT / "docs" / "_static").glob("*.css"))
+    files = [sheet.parent / name for sheet in sheets for name in re.findall(r"url\(\"([^\"]+)\"\)", sheet.read_text())]
+    assert files
+    assert [file for file in files if not file.is_file()] == []
