@@ -142,3 +142,13 @@ def test_reliability_quotes_the_wrong_grains_of_the_capture_study():
     assert wrong[0] == sum(wrong)  # of 2 views
     assert f"{sum(wrong)} of {stones * sum(map(len, cells))} in a study of how far grains may move" in page
     assert "all four with 2 views" in page
+
+
+def test_more_views_lower_errors_as_the_plan_checks_say():
+    page = (ROOT / "docs" / "how-to" / "choosing-angles.md").read_text(encoding="utf-8")
+    planning = (ROOT / "docs" / "planning.md").read_text(encoding="utf-8")
+    checks = rows(planning[planning.index("<!-- begin check -->") :])
+    two, four = ([(float(row[4]), float(row[7])) for row in checks if row[2:3] == [views]] for views in "24")
+    assert len(two) == len(four) == 5
+    falls = [a / b for few, many in zip(two, four, strict=True) for a, b in zip(few, many, strict=True)]
+    assert f"by a factor of {min(falls):.1f} to {max(falls):.1f} from 2 to 4 views" in page
