@@ -23,6 +23,7 @@ from .errors import InputWarning as InputWarning
 from .experiment.config import read_experiment as read_experiment
 from .experiment.scan_files import read_scan as read_scan
 from .experiment.scan_tables import Air as Air
+from .experiment.scan_tables import ScanSettings as ScanSettings
 from .grain_shapes.clump import Clump as Clump
 from .grain_shapes.clump import clump as clump
 from .grain_shapes.harmonics import Harmonics as Harmonics

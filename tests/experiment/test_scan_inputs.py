@@ -1,5 +1,8 @@
 """Scans read from files: NXtomo files, which include flats, darks and angles, and `read_scan`."""
 
+import dataclasses
+import inspect
+
 import h5py
 import numpy as np
 import pytest
@@ -9,7 +12,7 @@ from grainmotion.errors import InputError, InputWarning
 from grainmotion.experiment.config import read_experiment
 from grainmotion.experiment.inputs import find_inputs
 from grainmotion.experiment.scan_files import read_scan
-from grainmotion.experiment.scan_tables import Air
+from grainmotion.experiment.scan_tables import Air, ScanSettings, ScanTable
 from grainmotion.io.tiff import read_tiff, write_tiff
 from grainmotion.model.finding import Level
 from tiny_experiment import PANEL, geometry, write_tiny
@@ -68,7 +71,7 @@ class TestReadScan:
 
     def test_geometry_object_and_air_correction(self, tiny):
         files = {"flats": [tiny / "flats.tif"], "darks": str(tiny / "darks.tif")}
-        scan = read_scan(tiny / "two.npy", geometry([10, 55, 100]), air=Air(margin=2), **files)
+        scan = read_scan(tiny / "two.npy", geometry([10, 55, 100]), ScanSettings(air=Air(margin=2)), **files)
         assert abs(np.median(scan.line_integrals[:, :, :2])) < 1e-3
 
     @pytest.mark.parametrize(
@@ -82,6 +85,34 @@ class TestReadScan:
     def test_bad_options_are_refused(self, tiny, options, fact):
         with pytest.raises(InputError, match=fact):
             read_scan(tiny / "one.tif", **{"geometry": tiny / "one.csv", **options})
+
+    def test_arguments_and_settings_are_the_keys_of_a_scans_table(self):
+        given = {field.name for field in dataclasses.fields(ScanSettings)}
+        arguments = set(inspect.signature(read_scan).parameters) - {"settings"}
+        assert given | arguments == set(ScanTable.model_fields)
+        assert not given & arguments
+
+    @pytest.mark.parametrize("views", ["::2", [0, 2], np.array([0, 2]), range(0, 3, 2)])
+    def test_views_may_be_chosen(self, tiny, views):
+        files = {"flats": tiny / "flats.tif", "darks": tiny / "darks.tif"}
+        whole = read_scan(tiny / "two.npy", geometry([10, 55, 100]), **files)
+        some = read_scan(tiny / "two.npy", geometry([10, 55, 100]), ScanSettings(views=views), **files)
+        np.testing.assert_array_equal(some.line_integrals, whole.line_integrals[::2])
+        np.testing.assert_allclose(some.geometry.azimuths_deg, [10, 100])
+
+    def test_a_white_level_stands_for_flats_and_saturated_pixels_are_masked(self, tmp_path):
+        counts = np.random.default_rng(0).poisson(500.0, (2, *PANEL)).astype(float)
+        counts[0, 1, 2] = 1600
+        np.save(tmp_path / "state.npy", counts)
+        scan = read_scan(tmp_path / "state.npy", geometry([0, 90]), ScanSettings(white_level=1000, saturation=1500))
+        assert not scan.valid[0, 1, 2]
+        assert np.median(scan.line_integrals) == pytest.approx(np.log(2), abs=0.01)
+
+    def test_bad_settings_are_refused(self, tiny):
+        with pytest.raises(InputError, match=r"ScanSettings.saturation: .* greater than 0"):
+            ScanSettings(saturation=0)
+        with pytest.raises(InputError, match=r"read_scan\(settings\): got dict, wants ScanSettings"):
+            read_scan(tiny / "one.tif", tiny / "one.csv", {"views": "::2"})
 
     def test_bad_air_margin_is_refused(self):
         with pytest.raises(InputError, match=r"Air\.margin: .* greater than 0, got 0"):

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from grainmotion.errors import InputError
 from grainmotion.mechanics.contact_changes import contact_changes
 from grainmotion.mechanics.contacts import contacts
 from grainmotion.rotations import rotation_matrix
@@ -135,3 +136,13 @@ def test_tables_without_pairs(touching):
     nothing = known_motions(grains.centers, np.zeros((2, 3)), statuses=["absent", "absent"])
     state = contacts(grains, nothing)
     assert len(contact_changes(state, state, nothing).to_dataframe()) == 0
+
+
+def test_contacts_and_motions_of_other_grains_are_refused(touching):
+    grains, before = touching
+    motions = known_motions(grains.centers, np.zeros((2, 3)), np.zeros((2, 3)))
+    others = replace(motions, labels=motions.labels + 100)
+    with pytest.raises(InputError, match=r"contact_changes\(motions\): none of its grains is in reference"):
+        contact_changes(before, before, others)
+    with pytest.raises(InputError, match=r"contact_changes\(state\): none"):
+        contact_changes(before, replace(before, labels=before.labels + 100), motions)

@@ -88,4 +88,4 @@ def test_strains_are_drawn_by_their_columns():
     with pytest.raises(InputError, match="strains do not hold"):
         plot.grain_map(found, "volumetric", moved=True)
     with pytest.raises(InputError, match="use one of label"):
-        plot.grain_map(found)
+        plot.grain_map(found, "status")

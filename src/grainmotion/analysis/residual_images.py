@@ -8,6 +8,7 @@ import numpy as np
 
 from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Image, Projector
+from grainmotion.errors import InputError
 from grainmotion.model.detector_response import Response
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.grains import GrainSet
@@ -39,12 +40,18 @@ def residual_images(grains: GrainSet, motions: Motions, scan: Scan, *, projector
     (views, rows, columns) array
         Line integrals, dimensionless; NaN where a pixel is masked.
 
+    Raises
+    ------
+    InputError
+        If the motions were fitted to another number of views, or are of other grains.
+
     Examples
     --------
     >>> left = gm.residual_images(grains, motions, state)
     >>> bool(np.abs(left).mean() < 0.05 * state.line_integrals.max())
     True
     """
+    check_views(motions.fit, scan)
     scan, fit, views = grains.scene.hardening.apply(scan), motions.fit, len(scan)
     geometry = fitted_geometry(scan.geometry, fit)
     simulated = simulate_radiographs(grains, motions, geometry, projector=projector)
@@ -53,6 +60,16 @@ def residual_images(grains: GrainSet, motions: Motions, scan: Scan, *, projector
     if scan.valid is not None:
         residual[~scan.valid] = np.nan
     return residual
+
+
+def check_views(fit: StateFit, scan: Scan) -> None:
+    """Refuse a scan of another number of views than the fit has gains or corrections for."""
+    response, corrections = fit.response, fit.view_corrections
+    fitted = len(response.polynomial) if response is not None else len(scan)
+    fitted = len(corrections.angles) if corrections is not None else fitted
+    if fitted != len(scan):
+        fact = f"{len(scan)} views, but these motions were fitted to {fitted}"
+        raise InputError("scan", fact, "give the radiographs of the state, as they were given to track")
 
 
 def fitted_geometry(geometry: Geometry, fit: StateFit) -> Geometry:

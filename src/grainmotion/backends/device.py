@@ -7,7 +7,7 @@ from functools import cache
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Literal
 
-from grainmotion.errors import BackendError
+from grainmotion.errors import BackendError, InputError
 
 if TYPE_CHECKING:  # the command line and settings import this module, and need no kernels
     from grainmotion.backends.base import PatchBackend
@@ -42,6 +42,8 @@ def backend_of(device: DeviceName | Device | PatchBackend) -> PatchBackend:
     """
     if not isinstance(device, str):
         return device
+    if device not in tuple(Device):
+        raise InputError("device", f"'{device}' is unknown", f"use {', '.join(Device)}")
     if uses_cuda(device):
         from grainmotion.backends.cuda import CudaBackend
 

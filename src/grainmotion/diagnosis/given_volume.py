@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from skimage.filters import threshold_otsu
 
+from grainmotion._arguments import checked_arguments
 from grainmotion.diagnosis.coarse_projection import CoarseScan, Match, coarse_volume
 from grainmotion.diagnosis.labels import check_labels
 from grainmotion.diagnosis.orientations import (
@@ -107,6 +108,7 @@ class _Comparison:
         return self.scan.match(Volume(array, scale * self.volume.voxel_size, center))
 
 
+@checked_arguments
 def check_volume(
     volume: Volume,
     labels: NDArray[np.integer] | None,

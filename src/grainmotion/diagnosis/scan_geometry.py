@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from grainmotion._arguments import checked_arguments
 from grainmotion.calibration.calibrate import MIN_CALIBRATION_VIEWS
 from grainmotion.diagnosis.coarse_projection import CoarseScan
 from grainmotion.diagnosis.coinciding_views import coinciding_findings
@@ -82,6 +83,7 @@ CAUSES = (
 )
 
 
+@checked_arguments
 def check_scan(
     scan: Scan, grid: Volume, settings: CheckSettings | None = None, *, where: str = "reference"
 ) -> tuple[Finding, ...]:

@@ -16,6 +16,7 @@ from typing import Literal
 
 from pydantic import Field, ValidationError
 
+from grainmotion._arguments import checked_arguments
 from grainmotion.backends.device import DeviceName
 from grainmotion.calibration.settings import ReferenceSettings, ScannerSettings
 from grainmotion.diagnosis.settings import CheckSettings
@@ -170,6 +171,7 @@ class Experiment(Summarised):
         return Summary("Experiment", f"{self.path}; states {names_text(states) or 'none'}", tuple(rows))
 
 
+@checked_arguments
 def read_experiment(path: str | Path) -> Experiment:
     """Read and validate an experiment file.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,7 @@ from grainmotion.experiment.recorded import (
 )
 from grainmotion.experiment.scan_geometry import ScanSources, find_views, recorded_levels
 from grainmotion.experiment.scan_inputs import ScanInput
-from grainmotion.experiment.scan_tables import Air, Circular, ReferenceTable, ScanTable
+from grainmotion.experiment.scan_tables import Circular, ReferenceTable, ScanSettings, ScanTable
 from grainmotion.io.hdf5 import DARK, FLAT
 from grainmotion.io.scanners.description import ScannerFile
 from grainmotion.io.stacks import Stack, find_stack
@@ -39,12 +40,12 @@ from grainmotion.model.scan import Scan
 def read_scan(
     radiographs: str | Path | Sequence[str | Path],
     geometry: Geometry | str | Path,
+    settings: ScanSettings | None = None,
     *,
     flats: str | Path | Sequence[str | Path] | None = None,
     darks: str | Path | Sequence[str | Path] | None = None,
     kind: Kind = "counts",
     beam: Beam = "cone",
-    air: Air | None = None,
 ) -> Scan:
     """Read a scan from files, as a table of the experiment file would.
 
@@ -54,14 +55,14 @@ def read_scan(
         TIFF, .npy, HDF5 or one file of a scanner, which brings flats and darks unless they are given.
     geometry : Geometry or path
         One view a radiograph, mm; a path names its CSV, or the file of a scanner.
+    settings : ScanSettings, optional
+        The other keys of a scan's table: radiographs to use, air, white level, saturation, stage motors, fixes.
     flats, darks : like ``radiographs``, optional
         Images of the open beam and of no beam; averaged.  Only counts need them.
     kind : {"counts", "transmission", "line-integrals"}
         What the pixels of the radiographs are.
     beam : {"cone", "parallel"}
         Beam of a geometry read from CSV.
-    air : Air, optional
-        Where the radiographs show only air, ``Air(margin=8)`` or ``Air(region=(0, 20, 0, 20))``.
 
     Returns
     -------
@@ -86,6 +87,9 @@ def read_scan(
     >>> scan = gm.read_scan("state.npy", state.geometry, kind="line-integrals")
     >>> len(scan)
     4
+    >>> two = gm.read_scan("state.npy", state.geometry, gm.ScanSettings(views=[0, 2]), kind="line-integrals")
+    >>> len(two)
+    2
     """
     given = geometry if isinstance(geometry, Geometry) else None
     try:
@@ -95,8 +99,8 @@ def read_scan(
             darks=_names(darks),
             kind=kind,
             beam=beam,
-            air=air,
             geometry=None if given is not None else str(geometry),
+            **({} if settings is None else {key.name: getattr(settings, key.name) for key in fields(settings)}),
         )
     except ValidationError as error:
         raise input_error(error, ReferenceTable, {}) from error

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import field
 from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from grainmotion._typing import Beam, Kind
@@ -77,6 +79,52 @@ class Air:
     region: Annotated[tuple[int, int, int, int] | None, Field(description="row0, row1, column0, column1")] = None
 
 
+def _as_plain_list(views: object) -> object:
+    return views.tolist() if isinstance(views, np.ndarray) else list(views) if isinstance(views, range) else views
+
+
+Views = Annotated[
+    str | list[int] | None,
+    BeforeValidator(_as_plain_list),
+    Field(description='radiographs to use, "start:stop:step" or a list; the geometry holds these or all of them'),
+]
+WhiteLevel = Annotated[
+    float | None,
+    Field(gt=0, description="count of the open beam, if the scanner has divided the counts by its flats"),
+]
+Saturation = Annotated[float | None, Field(gt=0, description="count from which a pixel is saturated")]
+Motors = Annotated[
+    Literal[False] | tuple[Direction, Direction, Direction] | None,
+    Field(
+        description="directions in which x_, y_ and z_translation of an NXtomo file move the sample, in the lab frame "
+        '(["x", "y", "z"] unless given); false: they are not used'
+    ),
+]
+Fixes = Annotated[
+    list[Fix], Field(description="mistakes in the geometry to undo, by the names that a check gave, in turn")
+]
+
+
+AirPlace = Annotated[Air | None, Field(description="where the radiographs show only air, for one factor a view")]
+
+
+@validated
+class ScanSettings:
+    """How the radiographs of a scan are read: the keys of its table that `read_scan` has no argument for.
+
+    Examples
+    --------
+    >>> every_other = gm.ScanSettings(views="::2", saturation=65_000)
+    """
+
+    views: Views = None
+    air: AirPlace = None
+    white_level: WhiteLevel = None
+    saturation: Saturation = None
+    motors: Motors = None
+    fixes: Fixes = field(default_factory=list)
+
+
 class AngleRange(Table):
     """Equally spaced angles, first and last included, degrees."""
 
@@ -127,23 +175,12 @@ class ScanTable(Table):
     kind: Kind | None = Field(default=None, description='"counts" (default), "transmission" or "line-integrals"')
     geometry: str | Circular | None = Field(default=None, description="file with one row a view, or a table")
     beam: Beam | None = Field(default=None, description='"cone" (default) or "parallel"')
-    views: str | list[int] | None = Field(
-        default=None,
-        description='radiographs to use, "start:stop:step" or a list; the geometry holds these or all of them',
-    )
-    air: Air | None = Field(default=None, description="where the radiographs show only air, for one factor a view")
-    white_level: float | None = Field(
-        default=None, gt=0, description="count of the open beam, if the scanner has divided the counts by its flats"
-    )
-    saturation: float | None = Field(default=None, gt=0, description="count from which a pixel is saturated")
-    motors: Literal[False] | tuple[Direction, Direction, Direction] | None = Field(
-        default=None,
-        description="directions in which x_, y_ and z_translation of an NXtomo file move the sample, in the lab frame "
-        '(["x", "y", "z"] unless given); false: they are not used',
-    )
-    fixes: list[Fix] = Field(
-        default=[], description="mistakes in the geometry to undo, by the names that a check gave, in turn"
-    )
+    views: Views = None
+    air: AirPlace = None
+    white_level: WhiteLevel = None
+    saturation: Saturation = None
+    motors: Motors = None
+    fixes: Fixes = []
 
 
 class ReferenceTable(ScanTable):

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Float
 from grainmotion.grain_shapes.triangle_mesh import Surface
 from grainmotion.model.summary import Summarised
@@ -78,6 +79,7 @@ class MassProperties(Summarised):
         return axes
 
 
+@checked_arguments
 def mass_properties(surface: Surface) -> MassProperties:
     """Volume, centre and inertia tensor of the solid in a closed surface.
 

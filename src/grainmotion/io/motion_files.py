@@ -14,6 +14,7 @@ _HDF5_SUFFIXES = (".h5", ".hdf5")
 _CSV_SUFFIXES = (".csv", ".txt", "")
 
 
+@checked_arguments
 def read_motions(path: str | Path) -> Motions:
     """Read the motions of one state from a ``motions.csv`` or a ``motions.h5``.
 

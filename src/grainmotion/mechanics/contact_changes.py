@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Float
+from grainmotion.errors import InputError
 from grainmotion.mechanics.columns import CHANGE_COLUMNS, CHANGES_CONTENT
 from grainmotion.mechanics.contacts import INDETERMINATE, OPEN, OVERLAP, TOUCHING, Contacts
 from grainmotion.model.described_table import described
@@ -121,6 +122,11 @@ def contact_changes(reference: Contacts, state: Contacts, motions: Motions) -> C
     ContactChanges
         A row for every pair that is near in either.
 
+    Raises
+    ------
+    InputError
+        If the contacts of the state or the motions are of other grains.
+
     Examples
     --------
     >>> before, after = gm.contacts(grains), gm.contacts(grains, motions)
@@ -128,6 +134,11 @@ def contact_changes(reference: Contacts, state: Contacts, motions: Motions) -> C
     >>> len(changes) == len(changes.to_dataframe())
     True
     """
+    for name, labels in (("state", state.labels), ("motions", motions.labels)):
+        if len(labels) and len(reference.labels) and not np.isin(labels, reference.labels).any():
+            raise InputError(
+                f"contact_changes({name})", "none of its grains is in reference", "give those of one sample"
+            )
     pairs = np.unique(np.concatenate([reference.pairs, state.pairs]), axis=0)
     rows = [_rows_of(contacts, pairs) for contacts in (reference, state)]
     kinds = [_at(contacts.kinds, row, OPEN) for contacts, row in zip((reference, state), rows, strict=True)]

@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from typing_extensions import Unpack
 
+from grainmotion._arguments import check_argument, checked_arguments
 from grainmotion._typing import Beam, Float
 from grainmotion.errors import InputError
 from grainmotion.model.astra_geometry import ASTRA_TYPES, AstraGeometry, astra_geometry, views_of_astra
@@ -75,6 +76,7 @@ class Geometry(Summarised):
             raise InputError("geometry", f"shape {vectors.shape} is not (views, 12)", f"give {','.join(VIEW_COLUMNS)}")
         if self.beam not in ASTRA_TYPES:
             raise InputError("beam", f"'{self.beam}' is unknown", 'use "cone" or "parallel"')
+        check_argument("Geometry(shape)", self.shape, ["tuple[int, int]"])
         rows, columns = (int(n) for n in self.shape)
         if rows < 1 or columns < 1:
             raise InputError("geometry", f"a panel of {self.shape} pixels", "give rows and columns >= 1")
@@ -84,6 +86,7 @@ class Geometry(Summarised):
         object.__setattr__(self, "shape", (rows, columns))
 
     @classmethod
+    @checked_arguments
     def cone(
         cls,
         angles_deg: ArrayLike,
@@ -136,6 +139,7 @@ class Geometry(Summarised):
         return cls(circular_views(start, center, angles_deg, pixel_size, panel, cone=True), shape, "cone")
 
     @classmethod
+    @checked_arguments
     def parallel(
         cls,
         angles_deg: ArrayLike,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from grainmotion._arguments import check_argument
 from grainmotion.errors import InputError
 from grainmotion.model.described_table import SAMPLE_FRAME
 from grainmotion.model.field_of_view import FieldOfView
@@ -65,6 +66,7 @@ class Volume(Summarised):
             raise InputError("volume", f"shape {array.shape} is not (z, y, x)", "give a 3-D stack")
         if not np.isfinite(array).all():
             raise InputError("volume", "it holds NaN or infinite voxels", "replace them, by 0 for air")
+        check_argument("Volume(voxel_size)", self.voxel_size, ["float"])
         if not (np.isfinite(self.voxel_size) and self.voxel_size > 0):
             raise InputError("volume.voxel_size", f"must be > 0, got {self.voxel_size}", "give it in mm")
         if np.shape(self.center) != (3,) or not np.isfinite(self.center).all():
@@ -93,7 +95,15 @@ class Volume(Summarised):
         -------
         Volume
             Of zeros.
+
+        Raises
+        ------
+        InputError
+            If the shape is not three whole numbers above 0.
         """
+        check_argument("Volume.zeros(shape)", shape, ["tuple[int, int, int]"])
+        if min(shape) < 1:
+            raise InputError("Volume.zeros(shape)", f"it is {shape_text(shape)} voxels", "give whole numbers above 0")
         return cls(np.zeros(shape, np.float32), voxel_size, center)
 
     @property

@@ -17,6 +17,7 @@ from grainmotion.plot.canvas import (
     Plane,
     axes_3d_of,
     axes_of,
+    checked_scale,
     colour_bar,
     frame_plane,
     note,
@@ -32,6 +33,8 @@ Quantity = Literal["translation", "fluctuation", "rotation"]
 QUANTITY_LABELS = {"translation": "|u| (mm)", "fluctuation": "|u − mean| (mm)", "rotation": "|ω| (°)"}
 ARROW_LENGTH_SHARE = 0.2
 """Of the sample's size, for the longest arrow."""
+MIN_BOX_RATIO = 0.3
+"""Of the longest side of a figure's box in three dimensions, for its other sides."""
 
 
 @checked_arguments
@@ -80,7 +83,7 @@ def motions(
     right, up = plane_axes(plane)
     vectors, used = arrow_vectors(motions, quantity)
     lengths = np.linalg.norm(vectors, axis=1)
-    factor = arrow_scale(motions.centers, lengths) if scale is None else scale
+    factor = checked_scale(scale) or arrow_scale(motions.centers, lengths)
     starts = motions.centers[:, [right, up]]
     ax = axes_of(ax)
     ax.plot(*starts[~used].T, "x", color=UNUSED_COLOUR, ms=5, zorder=1)
@@ -139,7 +142,7 @@ def motions_3d(
 
     vectors, used = arrow_vectors(motions, quantity)
     lengths = np.linalg.norm(vectors, axis=1)
-    factor = arrow_scale(motions.centers, lengths) if scale is None else scale
+    factor = checked_scale(scale) or arrow_scale(motions.centers, lengths)
     ax = axes_3d_of(ax)
     ax.scatter(*motions.centers[~used].T, marker="x", color=UNUSED_COLOUR)
     if used.any():
@@ -149,11 +152,21 @@ def motions_3d(
         ax.quiver(*motions.centers[used].T, *(factor * vectors[used]).T, colors=colours, lw=1.8, arrow_length_ratio=0.3)
         ax.figure.colorbar(scale_of_colours, ax=ax, label=QUANTITY_LABELS[quantity], shrink=0.7, pad=0.1)
     ends = np.concatenate([motions.centers, motions.centers + factor * np.nan_to_num(vectors)])
-    spans = np.maximum(np.ptp(ends, axis=0), 1e-3 * max(float(np.ptp(ends, axis=0).max()), 1e-9))
-    ax.set_box_aspect(spans / spans.max())
+    if len(ends):
+        _frame_box(ax, ends)
     ax.set(xlabel="x (mm)", ylabel="y (mm)", zlabel="z (mm)")
     ax.set_title(scale_note(quantity, factor, int((~used).sum())), fontsize="medium")
     return ax
+
+
+def _frame_box(ax: Axes3D, points: Float) -> None:
+    """Equal scales, and limits with room around points ``(n, 3)``, mm."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    half = (high - low) / 2 + (0.05 * float((high - low).max()) or 1.0)
+    half = np.maximum(half, MIN_BOX_RATIO * half.max())
+    for axis, center, reach in zip("xyz", (low + high) / 2, half, strict=True):
+        getattr(ax, f"set_{axis}lim")(center - reach, center + reach)
+    ax.set_box_aspect(half / half.max())
 
 
 def arrow_vectors(motions: Motions, quantity: Quantity) -> tuple[Float, NDArray[np.bool_]]:

@@ -26,11 +26,16 @@ UNUSED_COLOUR = "0.6"
 """Colour of grains without a result to use."""
 TEXT_SIZE = 8.0
 """Of notes inside axes, points."""
+MIN_FRAME_RATIO = 0.6
+"""Of the longer side of a plane's frame, for the shorter one."""
 
 
 def axes_of(ax: Axes | None, size: tuple[float, float] = (6.0, 4.5)) -> Axes:
     """The axes that are given, or those of a new figure of ``size`` inches."""
     if ax is not None:
+        if getattr(ax, "name", "") == "3d":
+            remedy = "make them by plt.subplots(), or leave ax out"
+            raise InputError("ax", "the axes have three dimensions, the figure has two", remedy)
         return ax
     import matplotlib.pyplot as plt  # so that a notebook shows the new figure
 
@@ -66,8 +71,10 @@ def frame_plane(ax: Axes, plane: str, points: Float, around: float = 0.0) -> Non
     if len(points):
         low, high = points.min(axis=0), points.max(axis=0)
         room = max(around, 0.12 * float((high - low).max())) or 1.0
-        ax.set_xlim(low[0] - room, high[0] + room)
-        ax.set_ylim(low[1] - room, high[1] + room)
+        middle, half = (low + high) / 2, (high - low) / 2 + room
+        half = np.maximum(half, MIN_FRAME_RATIO * half.max())  # arrows in a slit would have no heads
+        ax.set_xlim(middle[0] - half[0], middle[0] + half[0])
+        ax.set_ylim(middle[1] - half[1], middle[1] + half[1])
 
 
 def colour_bar(ax: Axes, drawn: ScalarMappable, label: str) -> None:
@@ -75,6 +82,19 @@ def colour_bar(ax: Axes, drawn: ScalarMappable, label: str) -> None:
     figure = ax.get_figure(root=True)
     assert figure is not None  # axes are made by a figure
     figure.colorbar(drawn, ax=ax, label=label, fraction=0.046, pad=0.03, aspect=26)
+
+
+def legend_beside(ax: Axes, size: str | None = None) -> None:
+    """A legend to the right of the axes, where it covers nothing; none where nothing has a name."""
+    if ax.get_legend_handles_labels()[1]:
+        ax.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False, fontsize=size)
+
+
+def checked_scale(scale: float | None) -> float | None:
+    """A factor for lengths in a figure, which turns nothing round; None for one that the figure chooses."""
+    if scale is not None and not 0 < scale < np.inf:
+        raise InputError("scale", f"it is {scale:g}", "give a positive number, or leave it out")
+    return scale
 
 
 def note(ax: Axes, text: str) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from grainmotion._arguments import checked_arguments
 from grainmotion.analysis.validation import Comparison
-from grainmotion.plot.canvas import LINE_COLOURS, axes_of, note
+from grainmotion.plot.canvas import LINE_COLOURS, axes_of, legend_beside, note
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -50,15 +50,15 @@ def comparison(comparison: Comparison, *, rotation: bool = False, ax: Axes | Non
     name = "°" if rotation else "voxel" if comparison.voxel_size else "mm"
     ax = axes_of(ax, (6.4, 3.8))
     places = np.arange(len(comparison))
+    size = 4.0 if len(comparison) <= 10 * MAX_TICKED_GRAINS else 1.0
     if np.isfinite(rms):
         ax.axhspan(-rms, rms, color="0.9", zorder=0, label=f"rms {rms:.2g} {name}")
     ax.axhline(0, color="0.5", lw=0.8, zorder=1)
     for k, axis in enumerate("xyz"):
         shifted, colour = places + 0.22 * (k - 1), LINE_COLOURS[k]
-        ax.plot(
-            shifted[~failed], errors[~failed, k], "o", color=colour, ms=4, label=f"{'ω' if rotation else 'u'}{axis}"
-        )
-        ax.plot(shifted[failed], errors[failed, k], "o", mfc="none", mec=colour, ms=5)
+        name_of_part = f"{'ω' if rotation else 'u'}{axis}"
+        ax.plot(shifted[~failed], errors[~failed, k], "o", color=colour, ms=size, label=name_of_part)
+        ax.plot(shifted[failed], errors[failed, k], "o", mfc="none", mec=colour, ms=size + 1)
     if len(comparison) <= MAX_TICKED_GRAINS:
         ax.set_xticks(places, [str(label) for label in comparison.labels], fontsize="small")
         ax.set_xlabel("grain")
@@ -66,7 +66,7 @@ def comparison(comparison: Comparison, *, rotation: bool = False, ax: Axes | Non
         ax.set_xlabel("grain, by its row")
     ax.set_ylabel(f"error ({name})")
     ax.set_xlim(-0.6, len(comparison) - 0.4)
-    ax.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
+    legend_beside(ax)
     facts = [f"{failed.sum()} failed (hollow)" if failed.any() else ""]
     facts.append(f"{comparison.missing} without a measured one" if comparison.missing else "")
     note(ax, ", ".join(fact for fact in facts if fact))

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Float
 from grainmotion.errors import InputError
 from grainmotion.model.motions import Motions
 from grainmotion.model.state_fit import StateFit
-from grainmotion.plot.canvas import LINE_COLOURS, axes_of
+from grainmotion.plot.canvas import LINE_COLOURS, axes_of, legend_beside
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 FIT_SIZE = (6.4, 3.6)
 
 
+@checked_arguments
 def convergence(fit: Motions | StateFit | Sequence[float], *, ax: Axes | None = None) -> Axes:
     """Relative residual by iteration, a colour for each stage of the fit; logarithmic.
 
@@ -68,11 +70,11 @@ def convergence(fit: Motions | StateFit | Sequence[float], *, ax: Axes | None = 
     ax.set_xlabel("iteration")
     ax.set_ylabel("relative residual")
     ax.grid(alpha=0.2)
-    if any(name for name, _, _ in stages):
-        ax.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False, fontsize="small")
+    legend_beside(ax, "small")
     return ax
 
 
+@checked_arguments
 def gains(fit: Motions | StateFit, *, ax: Axes | None = None) -> Axes:
     """Gain of each view, measured ≈ gain · simulated + offset, less one; and the offset.
 
@@ -109,10 +111,11 @@ def gains(fit: Motions | StateFit, *, ax: Axes | None = None) -> Axes:
     else:
         _name_views(ax, len(gain))
     ax.set_ylabel("gain − 1, offset")
-    ax.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
+    legend_beside(ax)
     return ax
 
 
+@checked_arguments
 def view_corrections(
     fit: Motions | StateFit, *, quantity: Literal["shift", "angle"] = "shift", ax: Axes | None = None
 ) -> Axes:
@@ -167,7 +170,7 @@ def view_corrections(
     ax.set_ylabel("shift of the panel (pixel)" if quantity == "shift" else "excess rotation of the stage (°)")
     ax.grid(alpha=0.2, axis="y")
     if len(lines) > 1:
-        ax.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
+        legend_beside(ax)
     return ax
 
 

@@ -19,8 +19,10 @@ from grainmotion.plot.canvas import (
     UNUSED_COLOUR,
     Plane,
     axes_of,
+    checked_scale,
     colour_bar,
     frame_plane,
+    legend_beside,
     note,
     plane_axes,
     round_factor,
@@ -45,7 +47,7 @@ LARGEST_ELLIPSE = 4.0
 @checked_arguments
 def grain_map(
     motions: Motions | Strains,
-    values: str | ArrayLike = "status",
+    values: str | ArrayLike | None = None,
     *,
     label: str | None = None,
     plane: Plane = "xz",
@@ -62,7 +64,7 @@ def grain_map(
         A column of ``motions.to_dataframe()``, such as "uz", "sd_wx", "residual" or "status"; "u" or "w", the length
         of the translation (mm) or the angle of the rotation (degrees); of strains "volumetric", "deviatoric" and the
         others of ``strains.to_dataframe()``; or one number a grain.  Translations and rotations that are no results to
-        use are grey, as NaN is.
+        use are grey, as NaN is.  Unless given, the status of motions and the volumetric strain of strains.
     label : str, optional
         Text of the colour bar; the name of the column with its unit unless given.
     plane : {"xz", "yz", "xy"}
@@ -91,6 +93,8 @@ def grain_map(
     """
     right, up = plane_axes(plane)
     centers = motions.centers
+    if values is None:
+        values = "status" if isinstance(motions, Motions) else "volumetric"
     if moved and isinstance(motions, Strains):
         raise InputError("moved", "strains do not hold where the grains are", "give motions, and the strain as values")
     if moved and isinstance(motions, Motions):
@@ -98,19 +102,20 @@ def grain_map(
     points = centers[:, [right, up]]
     ax = axes_of(ax)
     size = MARKER_SIZE * min(1.0, 40 / max(1, len(motions))) + 6
+    edge = 0.4 * min(1.0, size / 40)  # the edges of many small points would hide their colours
     if isinstance(motions, Motions) and isinstance(values, str) and values == "status":
         for status, colour in STATUS_COLOURS.items():
             rows = motions.statuses == status
             if rows.any():
                 ax.scatter(
-                    points[rows, 0], points[rows, 1], s=size, color=colour, edgecolor="white", lw=0.4, label=status
+                    points[rows, 0], points[rows, 1], s=size, color=colour, edgecolor="white", lw=edge, label=status
                 )
-        ax.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
+        legend_beside(ax)
     else:
         numbers, name = _values(motions, values)
         known = np.isfinite(numbers)
         ax.scatter(points[~known, 0], points[~known, 1], s=size, color=UNUSED_COLOUR, marker="x")
-        drawn = ax.scatter(points[known, 0], points[known, 1], s=size, c=numbers[known], edgecolor="0.3", lw=0.4)
+        drawn = ax.scatter(points[known, 0], points[known, 1], s=size, c=numbers[known], edgecolor="0.3", lw=edge)
         _set_colours(drawn, numbers[known])
         colour_bar(ax, drawn, name if label is None else label)
         note(ax, f"×: {(~known).sum()} without a value" if not known.all() else "")
@@ -171,7 +176,7 @@ def sd_ellipses(
     radii, angles = _ellipses(motions, axes, rotation=rotation)
     known = np.isfinite(radii).all(axis=1)
     usual = float(np.median(radii[known, 0])) if known.any() else 0.0
-    factor = _ellipse_scale(motions.centers, usual) if scale is None else scale
+    factor = checked_scale(scale) or _ellipse_scale(motions.centers, usual)
     larger = known & (radii[:, 0] > LARGEST_ELLIPSE * usual) & (scale is None)
     shrunk = np.where(larger, LARGEST_ELLIPSE * usual / np.maximum(radii[:, 0], 1e-300), 1.0)[:, None] * radii
     ax = axes_of(ax)

@@ -12,7 +12,7 @@ from grainmotion.errors import InputError
 from grainmotion.mechanics.contacts import Contacts
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions
-from grainmotion.plot.canvas import LINE_COLOURS, Plane, axes_of, frame_plane, note, plane_axes
+from grainmotion.plot.canvas import LINE_COLOURS, Plane, axes_of, frame_plane, legend_beside, note, plane_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -76,11 +76,13 @@ def contact_network(
             name = f"{rows.sum()} {kind}"
             ax.add_collection(LineCollection(list(ends[rows]), colors=colour, linestyles=style, lw=width, label=name))
     touching = contacts.touching
-    ax.plot(*contacts.points[touching][:, axes].T, "D", color="white", mec=LINE_COLOURS[0], ms=4, zorder=4)
+    places = "place of a contact" if touching.any() else None
+    ax.plot(
+        *contacts.points[touching][:, axes].T, "D", color="white", mec=LINE_COLOURS[0], ms=4, zorder=4, label=places
+    )
     ax.plot(*centers[:, axes].T, "o", color="0.3", ms=6, zorder=3)
     frame_plane(ax, plane, centers[:, axes])
-    if len(contacts):
-        ax.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
+    legend_beside(ax)
     note(ax, f"{len(contacts.left_out)} grains left out" if contacts.left_out else "")
     return ax
 

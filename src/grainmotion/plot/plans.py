@@ -21,6 +21,7 @@ VIEW_SET_KINDS = {
 """Label, colour, marker and horizontal shift of each kind of set of views."""
 
 
+@checked_arguments
 def plan_precision(plan: Plan, *, rotation: bool = False, ax: Axes | None = None) -> Axes:
     """Predicted standard deviation by number of views: median over the grains with the range that holds 80 % of them.
 

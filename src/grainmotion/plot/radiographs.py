@@ -9,7 +9,7 @@ import numpy as np
 
 from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Float, Image
-from grainmotion.analysis.residual_images import residual_images
+from grainmotion.analysis.residual_images import check_views, residual_images
 from grainmotion.errors import InputError
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions
@@ -63,6 +63,9 @@ def radiograph(scan: Scan, view: int = 0, *, points: Float | None = None, ax: Ax
         image = np.where(scan.valid[view], image, np.nan)
     ax = _draw(ax, image, scan, view, "line integral", diverging=False)
     if points is not None:
+        points = np.asarray(points, dtype=float)
+        if points.ndim != 2 or points.shape[1] != 3:
+            raise InputError("points", f"shape {points.shape}", "give (m, 3): x, y, z of each point, mm")
         seen = scan.geometry[view].project_points(points)[0]
         ax.plot(seen[:, 1], seen[:, 0], "o", mfc="none", mec=LINE_COLOURS[1], ms=5, mew=1.2, scalex=False, scaley=False)
     return ax
@@ -93,7 +96,7 @@ def simulated(grains: GrainSet, motions: Motions, scan: Scan, view: int = 0, *, 
     Raises
     ------
     InputError
-        If there is no such view.
+        If there is no such view, or the motions were fitted to another number of views.
 
     Examples
     --------
@@ -137,7 +140,7 @@ def residual(grains: GrainSet, motions: Motions, scan: Scan, view: int = 0, *, a
     Raises
     ------
     InputError
-        If there is no such view.
+        If there is no such view, or the motions were fitted to another number of views.
 
     Examples
     --------
@@ -166,6 +169,7 @@ def _checked(scan: Scan, view: int) -> int:
 
 def _residual(grains: GrainSet, motions: Motions, scan: Scan, view: int) -> Image:
     """Measured − simulated of one view; other views are not simulated."""
+    check_views(motions.fit, scan)
     one = replace(motions, fit=motions.fit.of_views([view]))
     return residual_images(grains, one, scan.select([view]))[0]
 

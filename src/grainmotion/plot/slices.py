@@ -68,9 +68,11 @@ def volume_slice(
     """
     if axis not in ACROSS:
         raise InputError("axis", f"'{axis}' is unknown", 'use "x", "y" or "z"')
-    shown = labels.labels if isinstance(labels, Segmentation) else labels
+    shown = labels.labels if isinstance(labels, Segmentation) else None if labels is None else np.asarray(labels)
     if shown is not None and shown.shape != volume.shape:
         raise InputError("labels", f"shape {shown.shape}, the volume's is {volume.shape}", "give those of this volume")
+    if shown is not None and shown.dtype.kind not in "iu":
+        raise InputError("labels", f"they are {shown.dtype}", "give integers")
     plane, across = ACROSS[axis]
     index = _index(volume, axis, at)
     image = np.take(volume.array, index, across)
@@ -78,7 +80,11 @@ def volume_slice(
     edges = np.array([volume.origin[k] - volume.voxel_size / 2 for k in (right, up)])
     far = edges + volume.voxel_size * np.array(image.shape[::-1])
     ax = axes_of(ax, (5.6, 4.8))
-    drawn = ax.imshow(image, cmap=GREYS, origin="lower", extent=(edges[0], far[0], edges[1], far[1]))
+    low, high = (float(image.min()), float(image.max())) if image.size else (0.0, 0.0)
+    drawn = ax.imshow(
+        image, cmap=GREYS, origin="lower", extent=(edges[0], far[0], edges[1], far[1]), vmin=low,
+        vmax=high if high > low else low + 1.0,
+    )  # fmt: skip
     colour_bar(ax, drawn, "attenuation (1/mm)")
     if shown is not None:
         _draw_labels(ax, np.take(shown, index, across), edges, volume.voxel_size)
@@ -94,7 +100,7 @@ def _index(volume: Volume, axis: str, at: float | None) -> int:
     count, first = volume.shape[2 - k], volume.origin[k]
     if at is None:
         return count // 2
-    index = round((at - first) / volume.voxel_size)
+    index = round((at - first) / volume.voxel_size) if np.isfinite(at) else -1
     if not 0 <= index < count:
         last = first + (count - 1) * volume.voxel_size
         raise InputError("at", f"{axis} = {at:g} mm is outside the volume", f"give {first:.4g} to {last:.4g} mm")

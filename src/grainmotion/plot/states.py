@@ -10,7 +10,7 @@ import numpy as np
 from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Float
 from grainmotion.errors import InputError
-from grainmotion.plot.canvas import LINE_COLOURS, axes_of, note
+from grainmotion.plot.canvas import LINE_COLOURS, axes_of, legend_beside, note
 from grainmotion.sequences.series import Series
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ def history(series: Series, value: str = "u", *, labels: Sequence[int] | None = 
         for k, row in enumerate(rows):
             colour, style = LINE_COLOURS[k % len(LINE_COLOURS)], ("-", "--", ":")[k // len(LINE_COLOURS) % 3]
             ax.plot(places, values[:, row], "o", ls=style, color=colour, ms=4, label=f"grain {series.labels[row]}")
-        ax.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False, fontsize="small")
+        legend_beside(ax, "small")
     else:
         _draw_range(ax, places, values)
     if not np.isfinite(series.times).all():
@@ -91,7 +91,10 @@ def _draw_range(ax: Axes, places: Float, values: Float) -> None:
     low, middle, high = np.nanquantile(values[known], [0.1, 0.5, 0.9], axis=1)
     ax.fill_between(places[known], low, high, color=LINE_COLOURS[0], alpha=0.25, label="80 % of the grains")
     ax.plot(places[known], middle, "o-", color=LINE_COLOURS[0], lw=2, ms=4, label="median")
-    ax.legend(frameon=False, fontsize="small")
+    legend_beside(ax, "small")
+    legend = ax.get_legend()
+    if legend is not None:
+        legend.get_lines()[0].set(alpha=1.0, linewidth=1.0)  # one grain's line is too pale to be seen
     note(ax, f"{values.shape[1]} grains")
 
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Image, Projector
+from grainmotion.errors import InputError
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.volume import Volume
 from grainmotion.projection.volume_operator import VolumeOperator
@@ -57,12 +60,21 @@ def back_project(images: Image, geometry: Geometry, grid: Volume, *, projector: 
     Volume
         Aᵀ y on the grid, in the units of the images times mm.
 
+    Raises
+    ------
+    InputError
+        If the images are not those of the views.
+
     Examples
     --------
     >>> spread = gm.back_project(state.line_integrals, state.geometry, case.scanner.grid)
     >>> spread.shape
     (96, 72, 72)
     """
+    wanted = (len(geometry), *geometry.shape)
+    if np.shape(images) != wanted:
+        fact = f"shape {np.shape(images)}, the geometry has {wanted}: views, rows, columns"
+        raise InputError("images", fact, "give one image for each view, of the size of the panel")
     operator = VolumeOperator(geometry, grid, projector)
     image = operator.empty()
     operator.add_adjoint(images, image)

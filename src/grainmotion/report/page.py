@@ -11,6 +11,7 @@ from pathlib import Path
 from jinja2 import Environment
 from markupsafe import Markup
 
+from grainmotion._arguments import checked_arguments
 from grainmotion.io.files import atomic_write
 from grainmotion.model.finding import worst_first
 from grainmotion.model.motions import Status
@@ -33,6 +34,7 @@ SCRIPTS = (
 PACKAGES = ("grainmotion", "numpy", "scipy", "numba", "scikit-image", "matplotlib")
 
 
+@checked_arguments
 def write_report(path: str | Path, data: ReportData) -> None:
     """Write one HTML page that opens offline: findings, grains in 3-D and as a table, radiographs, fit, settings.
 

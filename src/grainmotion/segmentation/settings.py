@@ -82,7 +82,7 @@ class SegmentSettings:
     """
 
     threshold: Annotated[
-        float | None, Field(description="attenuation from which a voxel is grain, 1/mm; Otsu's unless given")
+        float | None, Field(gt=0, description="attenuation from which a voxel is grain, 1/mm; Otsu's unless given")
     ] = None
     depth: Annotated[
         float, Field(ge=0, description="least height of a distance peak over its saddle (H-minima), voxels")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Float
 from grainmotion.errors import InputError
 from grainmotion.model.motions import Motions
@@ -67,6 +68,7 @@ class Series(Summarised):
                 raise InputError("series", fact, "give motions from one reference; Series.of sorts their rows")
 
     @classmethod
+    @checked_arguments
     def of(cls, motions: Mapping[str, Motions], times: Mapping[str, float] | None = None) -> Series:
         """The series of motions by the names of their states.
 

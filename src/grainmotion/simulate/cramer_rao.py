@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.ndimage import gaussian_filter
 
+from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Float, Progress
 from grainmotion.model.geometry import Geometry
 from grainmotion.rotations import rotation_matrix
@@ -36,6 +37,7 @@ from grainmotion.simulate.shapes import Ellipsoid
 SINGULAR_EIGENVALUE_RATIO = 1e-10  # an eigenvalue of the information over the largest below which it is rounding error
 
 
+@checked_arguments
 def motion_bounds(
     sample: Sample,
     geometry: Geometry,

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 from scipy.ndimage import gaussian_filter
 
+from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Float
 from grainmotion._validation import validated
 from grainmotion.errors import InputError
@@ -81,6 +82,7 @@ class Recording(Summarised):
     geometry: Geometry
 
 
+@checked_arguments
 def record(sample: Sample, geometry: Geometry, physics: Physics, seed: int, beam: ArrayLike = 1.0) -> Recording:
     """Radiographs of a sample as counts, with flats and darks of the same detector.
 
@@ -122,6 +124,7 @@ def record(sample: Sample, geometry: Geometry, physics: Physics, seed: int, beam
     )
 
 
+@checked_arguments
 def record_line_integrals(
     sample: Sample, geometry: Geometry, physics: Physics, seed: int, beam: ArrayLike = 1.0
 ) -> Scan:
@@ -154,6 +157,7 @@ def record_line_integrals(
     return Scan((-np.log(np.maximum(photons, 0.5) / physics.photons)).astype(np.float32), geometry)
 
 
+@checked_arguments
 def detector_gain(shape: tuple[int, int], physics: Physics) -> Float:
     """Relative gain of each pixel, the same in every state.
 
@@ -183,6 +187,7 @@ def detector_gain(shape: tuple[int, int], physics: Physics) -> Float:
     return np.clip(1 + physics.flat_variation * field / field.std(), 0.2, None)
 
 
+@checked_arguments
 def photons_for_snr(line_integrals: ArrayLike, snr: float) -> float:
     """Photons a pixel that give a signal-to-noise ratio ‖b‖/‖noise‖ of line integrals b.
 

@@ -11,12 +11,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Float
 from grainmotion.errors import InputError
 from grainmotion.simulate.sample import Particle
 from grainmotion.simulate.shapes import Ellipsoid, Mesh, Shape, extent
 
 
+@checked_arguments
 def cut(mesh: Mesh, normal: ArrayLike) -> tuple[Mesh, Mesh]:
     """Cut a mesh in two by the plane through its star point.
 
@@ -53,6 +55,7 @@ def cut(mesh: Mesh, normal: ArrayLike) -> tuple[Mesh, Mesh]:
     return _half(mesh, heights, n), _half(mesh, -heights, -n)
 
 
+@checked_arguments
 def broken(particle: Particle, normal: ArrayLike) -> tuple[Particle, Particle]:
     """Split a particle by the plane through the star point of its mesh; the halves stay in place.
 

@@ -14,6 +14,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from scipy.optimize import brentq
 
+from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Progress
 from grainmotion.errors import InputError
 from grainmotion.model.motions import Status
@@ -193,6 +194,7 @@ HARD_CASES: Mapping[str, Recipe] = MappingProxyType(
 """Cases by name, each with the function that makes it; `hard_case` makes one."""
 
 
+@checked_arguments
 def hard_case(
     name: str,
     seed: int = 0,

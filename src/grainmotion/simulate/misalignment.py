@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from grainmotion._arguments import checked_arguments
 from grainmotion.errors import InputError
 from grainmotion.model.geometry import Geometry
 from grainmotion.rotations import rotation_matrix
@@ -36,6 +37,7 @@ class Misalignment:
     stage_deg: float = 0.0
 
 
+@checked_arguments
 def misaligned(
     geometry: Geometry,
     *,

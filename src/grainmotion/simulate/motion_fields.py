@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import ArrayLike
 
+from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Float
 from grainmotion.errors import InputError
 from grainmotion.model.motions import Motions, Status
@@ -14,6 +15,7 @@ from grainmotion.rotations import apply_motion, rotation_matrix
 from grainmotion.simulate.sample import Sample
 
 
+@checked_arguments
 def unmoved(sample: Sample) -> Motions:
     """No motion.
 
@@ -35,6 +37,7 @@ def unmoved(sample: Sample) -> Motions:
     return _truth(sample, np.zeros((len(sample), 3)), np.zeros((len(sample), 3)))
 
 
+@checked_arguments
 def rigid(
     sample: Sample,
     translation: ArrayLike = (0.0, 0.0, 0.0),
@@ -68,6 +71,7 @@ def rigid(
     return _truth(sample, moved - sample.centers, np.tile(vector, (len(sample), 1)))
 
 
+@checked_arguments
 def random(sample: Sample, max_translation: float, max_angle_deg: float, seed: int) -> Motions:
     """Independent random motions: translations uniform in a ball, axes of rotation random, angles uniform.
 
@@ -108,6 +112,7 @@ def random(sample: Sample, max_translation: float, max_angle_deg: float, seed: i
     return _truth(sample, translations, rotations)
 
 
+@checked_arguments
 def affine(sample: Sample, gradient: ArrayLike, center: ArrayLike = (0.0, 0.0, 0.0)) -> Motions:
     """Homogeneous deformation: u = A (X − center), each grain rotates by the axial vector of A's skew part.
 
@@ -137,6 +142,7 @@ def affine(sample: Sample, gradient: ArrayLike, center: ArrayLike = (0.0, 0.0, 0
     return _truth(sample, (sample.centers - np.asarray(center, dtype=float)) @ a.T, np.tile(rotation, (len(sample), 1)))
 
 
+@checked_arguments
 def shear_band(
     sample: Sample,
     slip: float,

@@ -15,6 +15,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
+from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Float, Progress
 from grainmotion._validation import validated
 from grainmotion.errors import InputError
@@ -43,6 +44,7 @@ class PackingSettings:
     sweeps: Annotated[int, Field(ge=0, description="times that all particles settle again after the last one")] = 2
 
 
+@checked_arguments
 def pack(
     particles: Sequence[Particle], settings: PackingSettings, seed: int, progress: Progress | None = None
 ) -> Sample:
@@ -109,6 +111,7 @@ def pack(
     )
 
 
+@checked_arguments
 def gaps(sample: Sample, reach: float | None = None) -> Float:
     """Least distance between the surfaces of each pair of particles.
 

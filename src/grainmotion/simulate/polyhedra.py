@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import ConvexHull
 
+from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Float
 from grainmotion.errors import InputError
 from grainmotion.simulate.shapes import Mesh
@@ -64,6 +65,7 @@ def icosphere(level: int) -> tuple[Float, NDArray[np.int64]]:
     return vertices, faces
 
 
+@checked_arguments
 def sphere(diameter: float, level: int = 4) -> Mesh:
     """A triangulated sphere at the origin.
 
@@ -88,6 +90,7 @@ def sphere(diameter: float, level: int = 4) -> Mesh:
     return Mesh(directions * diameter / 2, faces, np.zeros(3))
 
 
+@checked_arguments
 def polyhedron(points: ArrayLike) -> Mesh:
     """The convex hull of points.
 
@@ -117,6 +120,7 @@ def polyhedron(points: ArrayLike) -> Mesh:
     return Mesh(vertices, _outward(vertices - inner, rename[hull.simplices].astype(np.int64)), inner)
 
 
+@checked_arguments
 def disc(radius: float, bottom: float, top: float, corners: int = 48) -> Mesh:
     """An upright prism about the z axis that is nearly a cylinder, such as a piston.
 
@@ -144,6 +148,7 @@ def disc(radius: float, bottom: float, top: float, corners: int = 48) -> Mesh:
     return polyhedron(np.concatenate([np.column_stack([ring, np.full(corners, z)]) for z in (bottom, top)]))
 
 
+@checked_arguments
 def random_polyhedron(rng: np.random.Generator, diameter: float, corners: int = 16) -> Mesh:
     """A convex polyhedron with random corners on an ellipsoid of moderate aspect ratio.
 

@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Float
 from grainmotion.errors import InputError
 from grainmotion.kernels import mesh_projection
@@ -18,6 +19,7 @@ from grainmotion.simulate.shapes import Ellipsoid, Mesh
 Averaging = Literal["intensity", "line-integral"]
 
 
+@checked_arguments
 def line_integrals(
     sample: Sample,
     geometry: Geometry,
@@ -62,6 +64,7 @@ def line_integrals(
     return (-np.log(fraction)).astype(np.float32)
 
 
+@checked_arguments
 def transmission(
     sample: Sample,
     geometry: Geometry,

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Float
 from grainmotion.errors import InputError
 from grainmotion.model.motions import Motions
@@ -203,6 +204,7 @@ class Sample(Summarised):
         return Summary("Sample", f"{len(self.particles)} particles", tuple(rows))
 
 
+@checked_arguments
 def ellipsoid_particle(
     rng: np.random.Generator,
     diameter: float,
@@ -250,6 +252,7 @@ def ellipsoid_particle(
     return Particle(body, attenuation, ((inclusion, inclusion_attenuation),))
 
 
+@checked_arguments
 def inscribed(mesh: Mesh, rng: np.random.Generator) -> Ellipsoid:
     """A random, off-centre ellipsoid inside a mesh, about half as wide as the largest ball that fits.
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Float, Progress
 from grainmotion.errors import InputError
 from grainmotion.model.geometry import Geometry
@@ -193,6 +194,7 @@ PAPER_SCALE = Scale(Scanner((280, 180), 0.508, 150.0, 0.508 * 150.0 / 0.112, 352
 SMALL_SCALE = Scale(Scanner((96, 72), 0.5, 120.0, 480.0, 90), 20, 26, (0.4, -0.5, 0.7), 4)
 
 
+@checked_arguments
 def paper_scale(
     seed: int = 0,
     n_grains: int = 15,
@@ -234,6 +236,7 @@ def paper_scale(
     return case_of(stones(PAPER_SCALE, seed, n_grains, inclusion, progress), PAPER_SCALE, seed, snr)
 
 
+@checked_arguments
 def small(
     seed: int = 0,
     n_grains: int = 6,

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import sph_harm_y
 
+from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Float
 from grainmotion.errors import InputError
 from grainmotion.simulate.polyhedra import icosphere, resized
@@ -47,6 +48,7 @@ def read_stone_shapes() -> StoneShapes:
         )
 
 
+@checked_arguments
 def stone_radius(stone: int, directions: ArrayLike) -> Float:
     """Radius r(θ, φ) of one FDOT-57 stone about its centre of mass.
 
@@ -70,6 +72,7 @@ def stone_radius(stone: int, directions: ArrayLike) -> Float:
     return _basis(np.asarray(directions, dtype=float)) @ _real_coefficients(stone)
 
 
+@checked_arguments
 def stone(index: int, diameter: float | None = None, level: int = 4) -> Mesh:
     """A real gravel stone about its own centre of mass.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Float
 from grainmotion.model.volume import Volume
 from grainmotion.simulate.sample import Sample
@@ -12,6 +13,7 @@ from grainmotion.simulate.shapes import Ellipsoid, Shape, extent
 from grainmotion.simulate.signed_distance import locator, signed_distances
 
 
+@checked_arguments
 def inside(shape: Shape, points: Float) -> NDArray[np.bool_]:
     """Find the points that lie inside a shape.
 
@@ -39,6 +41,7 @@ def inside(shape: Shape, points: Float) -> NDArray[np.bool_]:
     return signed_distances(body, points - origin) <= 0
 
 
+@checked_arguments
 def label_volume(sample: Sample, grid: Volume) -> NDArray[np.int16]:
     """Label each voxel by the particle that holds its centre.
 
@@ -67,6 +70,7 @@ def label_volume(sample: Sample, grid: Volume) -> NDArray[np.int16]:
     return out
 
 
+@checked_arguments
 def attenuation_volume(sample: Sample, grid: Volume, samples: int = 3) -> Volume:
     """Average the attenuation over each voxel; the tube is left out.
 

@@ -39,7 +39,7 @@ class TrackSettings:
         "analytic"
     )
     filters: Annotated[
-        tuple[float, ...],
+        tuple[Annotated[float, Field(ge=0)], ...],
         Field(
             min_length=1, description="Gaussian widths of the free stages in turn, pixels, for grains 45 pixels across"
         ),

@@ -19,7 +19,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from grainmotion._arguments import check_argument
+from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Progress
 from grainmotion.cluster.connection import LOCAL, ComputeConfig, connect
 from grainmotion.diagnosis.results import check_motions
@@ -134,10 +134,11 @@ class RunResult(Summarised):
         return results_summary("RunResult", self.folder, self.motions, tuple(rows))
 
 
+@checked_arguments
 def run(
     experiment: Experiment,
     *,
-    out: Path | None = None,
+    out: str | Path | None = None,
     until: Until = "report",
     progress: Progress | None = None,
     workplace: ComputeConfig = LOCAL,
@@ -148,7 +149,7 @@ def run(
     ----------
     experiment : Experiment
         A file read by `read_experiment`.
-    out : Path, optional
+    out : str or Path, optional
         Folder of the results; by default ``[output] directory``.
     until : {"reconstruct", "segment", "track", "report"}
         The last stage to do.
@@ -175,10 +176,9 @@ def run(
     >>> result.done  # all was there already
     ()
     """
-    check_argument("run(experiment)", experiment, ["Experiment"])
     check_formats(experiment)
     inputs, with_states = find_inputs(experiment), until in ("track", "report")
-    folder = checked_folder(out if out is not None else experiment.output)
+    folder = checked_folder(Path(out) if out is not None else experiment.output)
     check_overwriting(inputs, folder)
     place = "" if workplace == LOCAL else f", {workplace}"
     tracked: dict[str, TrackedState] = {}

@@ -22,6 +22,7 @@ _TIFF_NAMES, _HDF5_NAMES = (".tif", ".tiff"), (".h5", ".hdf5")
 _OME_TIFF_NAMES = (".ome.tif", ".ome.tiff")
 
 
+@checked_arguments
 def read_volume(
     path: str | Path | Sequence[str | Path],
     *,
@@ -72,6 +73,7 @@ def read_volume(
         raise InputError(file.spec, error.fact, error.remedy) from error
 
 
+@checked_arguments
 def read_labels(path: str | Path | Sequence[str | Path]) -> NDArray[np.int32]:
     """Read labels of grains from a file of this or another program.
 
