@@ -4,10 +4,11 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 SPAM   := .venv-spam
+VIEWER := .venv-viewer
 unexport PYTHONDONTWRITEBYTECODE  # tests start many processes that import the package: compiled modules are kept
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-targets test-browser test-spam test-all check docs notebooks format bench bench-gpu bench-history bench-compare paper accuracy clean vendor-three
+.PHONY: help install demo test test-targets test-browser test-spam test-viewer test-all check docs notebooks format bench bench-gpu bench-history bench-compare paper accuracy clean vendor-three
 
 help:            ## list the targets
 	@grep -hE '^[a-z-]+: .*##|^[a-z-]+:  *##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -25,7 +26,7 @@ demo: $(STAMP)   ## run the whole job on a small simulated packing; ends by nami
 
 test: $(STAMP)   ## run the fast tests
 	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder \
-		-m "not slow and not browser and not spam and not targets"
+		-m "not slow and not browser and not spam and not targets and not qt"
 
 test-targets: $(STAMP) ## compare the motions that kernels compiled for other processors give
 	$(BIN)/python -m pytest -m "targets and not slow" -rP --no-header
@@ -42,8 +43,17 @@ $(SPAM)/.installed:
 test-spam: $(STAMP) $(SPAM)/.installed ## exchange files with a real spam in .venv-spam
 	$(BIN)/python -m pytest -m spam
 
-test-all: $(STAMP) $(SPAM)/.installed ## run every test (needs chromium on the PATH)
-	$(BIN)/python -m pytest
+$(VIEWER)/.installed: pyproject.toml
+	$(PYTHON) -m venv $(VIEWER)
+	$(VIEWER)/bin/python -m pip install --quiet --upgrade pip
+	$(VIEWER)/bin/python -m pip install --quiet -e '.[dev,viewer]'
+	touch $@
+
+test-viewer: $(VIEWER)/.installed ## open real windows of napari in .venv-viewer, on a virtual display (needs xvfb-run)
+	xvfb-run -a -s "-screen 0 1600x1100x24" $(VIEWER)/bin/python -m pytest -m qt
+
+test-all: $(STAMP) $(SPAM)/.installed ## run every test but those of test-viewer (needs chromium on the PATH)
+	$(BIN)/python -m pytest -m "not qt"
 
 check: $(STAMP)  ## formatting, lint, types, import rules and public docstrings
 	$(BIN)/ruff format --check .

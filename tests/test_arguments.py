@@ -15,6 +15,8 @@ ARRAY = np.ones((4, 10, 10), np.float32)
 SCAN = gm.Scan(ARRAY, GEOMETRY)
 VOLUME = gm.Volume(np.ones((8, 8, 8)), 0.1)
 MOTIONS = gm.Motions.identity([1, 2, 3, 4, 5], np.random.default_rng(0).uniform(-1, 1, (5, 3)))
+COUNTS = gm.Scan(20_000 * ARRAY, GEOMETRY)
+SAMPLE = gm.simulate.Sample((gm.simulate.Particle(gm.simulate.sphere(1.0, 2), 0.1),))
 SERIES = gm.Series.of({"step-01": MOTIONS})
 
 WRONG = {
@@ -66,6 +68,23 @@ WRONG = {
     "negative filter": (
         lambda: gm.TrackSettings(filters=(6, -2)),
         "TrackSettings.filters: .* greater than or equal to 0",
+    ),
+    "counts for line integrals": (lambda: gm.Reference.from_scan(COUNTS, VOLUME), "line_integrals_from_counts"),
+    "array to correct": (lambda: gm.ScannerCalibration().apply(ARRAY), r"apply\(scan\): got an array"),
+    "two rows of a grain": (lambda: gm.Motions.identity([1, 1], np.zeros((2, 3))), "grain 1 is there twice"),
+    "broken labels": (lambda: gm.Motions.identity([1.5, 2], np.zeros((2, 3))), "motions.labels: they are float64"),
+    "labels of a file": (lambda: gm.write_labels("a.tif", np.ones((8, 8, 8)), VOLUME), "labels: they are float64"),
+    "time of no state": (lambda: gm.Series.of({"a": MOTIONS}, {"b": 1.0}), "a time of 'b', which is no state"),
+    "flat points": (lambda: gm.simulate.polyhedron(np.zeros((5, 3))), "its 5 points span no volume"),
+    "ball without a size": (lambda: gm.simulate.sphere(-1.0), "diameter: must be > 0, got -1.0"),
+    "disc upside down": (lambda: gm.simulate.disc(1.0, 2.0, 1.0), "disc: radius 1.0, from 2.0 to 1.0 mm"),
+    "negative axis": (
+        lambda: gm.simulate.Ellipsoid(np.zeros(3), np.array([1, -1, 1]), np.eye(3)),
+        "ellipsoid: semi-axes",
+    ),
+    "gradient as a vector": (
+        lambda: gm.simulate.affine(SAMPLE, np.ones(3)),
+        r"affine motions: a gradient of shape \(3,\)",
     ),
     "axes in an array": (lambda: gm.plot.motions(MOTIONS, ax=np.array([None])), r"motions\(ax\).*axes\[0\]"),
 }

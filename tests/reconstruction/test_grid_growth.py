@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from grainmotion.errors import InputError
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
@@ -124,3 +125,13 @@ def test_rays_that_leave_the_grid_spoil_it_no_more():
     assert kept.notes == ()
     assert grown.volume.field is not None
     assert grown.volume.field.beside
+
+
+@pytest.mark.parametrize("geometry", [CONE, PARALLEL], ids=["cone", "parallel"])
+def test_a_grid_beside_the_sample_is_refused(geometry):
+    """A centre in voxels instead of mm: the grid would grow over all that is between, and fill the memory."""
+    scan = scanned(cylinder(8.0), geometry)
+    with pytest.raises(InputError, match=r"volume.center: a grid about \(500.0, 0.0, 0.0\) mm lies beside the panel"):
+        fitted(scan, Volume.zeros((24, 32, 32), VOXEL, (500.0, 0.0, 0.0)))
+    near = Volume.zeros((24, 32, 32), VOXEL, (4 * VOXEL, 0.0, 0.0))
+    assert fitted(scan, near).grid.shape[1] < 64

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Progress, prefixed
 from grainmotion.calibration.calibrate import CalibrateSettings, calibrate
 from grainmotion.calibration.corrections import DEFAULT_PARAMETERS, Calibration
@@ -43,6 +44,7 @@ class ScannerCalibration(Summarised):
     calibration: Calibration | None = None
     hardening: Hardening | None = None
 
+    @checked_arguments
     def apply(self, scan: Scan) -> Scan:
         """Correct a scan of this scanner.
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from grainmotion.errors import InputError
 from grainmotion.model.grain_motion import GrainMotion
@@ -29,6 +29,17 @@ PARTIAL = (Status.CUT.value, Status.DEFORMED.value, Status.BROKEN.value)
 """Statuses of grains whose translation or rotation may be a result to use; the classification says which."""
 POORLY_DETERMINED_REASON = "poorly determined: "
 """Beginning of the reason of a poorly determined grain; what is not determined follows, up to a semicolon."""
+
+
+def _checked_labels(labels: ArrayLike) -> NDArray[np.integer]:
+    """Labels as an array; rows of other numbers, or two rows of one grain, would be joined to the wrong grains."""
+    array = np.asarray(labels)
+    if array.size and array.dtype.kind not in "iu":
+        raise InputError("motions.labels", f"they are {array.dtype}", "give integers")
+    known, counts = np.unique(array, return_counts=True)
+    if counts.size and counts.max() > 1:
+        raise InputError("motions.labels", f"grain {known[counts.argmax()]} is there twice", "give each grain one row")
+    return array
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -97,7 +108,7 @@ class Motions(Summarised):
         }  # fmt: skip
         if self.strains is not None:
             shapes |= {"strains": (n, 6), "strain_covariances": (n, 6, 6)}
-        object.__setattr__(self, "labels", np.asarray(self.labels))
+        object.__setattr__(self, "labels", _checked_labels(self.labels))
         for name, shape in shapes.items():
             object.__setattr__(self, name, np.asarray(getattr(self, name)))  # lists would not compare by element
             if np.shape(getattr(self, name)) != shape:

@@ -267,13 +267,7 @@ def checked_line_integrals(
     values = np.asarray(images, dtype=np.float32)
     check_shape("line-integrals", values, geometry)
     check_missing("line-integrals", values)
-    typical = typical_value(values)
-    if typical > MAX_MEDIAN:
-        raise InputError(
-            "line-integrals",
-            f"the median is {typical:.4g}, and exp(-{typical:.4g}) of the beam reaches no camera",
-            'if these are camera counts, set kind = "counts" and give flats and darks',
-        )
+    refuse_counts(values)
     panel = panel_facts(values) if panel is None else panel
     masks = {"missing": ~np.isfinite(values), "stuck": panel.stuck}
     good, report = _masked(
@@ -282,6 +276,18 @@ def checked_line_integrals(
     if good.all():
         return Scan(values, geometry), report
     return Scan(_repaired(values, good), geometry, good), report
+
+
+def refuse_counts(line_integrals: NDArray) -> None:
+    """An error where what should be line integrals can only be counts."""
+    typical = typical_value(line_integrals)
+    if typical > MAX_MEDIAN:
+        raise InputError(
+            "line-integrals",
+            f"the median is {typical:.4g}, and exp(-{typical:.4g}) of the beam reaches no camera",
+            'if these are camera counts, set kind = "counts" and give flats and darks; arrays of counts become line '
+            "integrals by gm.line_integrals_from_counts",
+        )
 
 
 def _saturation_level(dtype: np.dtype, saturation: float | None) -> float | None:

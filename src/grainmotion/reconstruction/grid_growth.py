@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion._typing import Float, Image, Progress
+from grainmotion.errors import InputError
 from grainmotion.model.field_of_view import FieldOfView, evenly_spaced
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.scan import Scan
@@ -83,6 +84,7 @@ def fitted_grid(some: Scan, geometry: Geometry, grid: Volume, settings: Reconstr
     center, size = np.array(grid.center), grid.voxel_size
     own = min(grid.shape[1:]) / 2 * size
     rays = _MiddleRays.of(some.geometry, center)
+    _check_seen(grid, rays, own)
     lit = _lit_radius(some, rays, size)
     beside = lit >= rays.reach - EDGE_PIXELS * some.geometry.pixel_at(grid.center)
     radius = min(lit + size, own)
@@ -108,6 +110,16 @@ def fitted_grid(some: Scan, geometry: Geometry, grid: Volume, settings: Reconstr
         notes = (_sentence(grid, layers, sides[0], radius, beside),)
         grid = _grown(grid, layers, sides[0])
     return FittedGrid(grid, settings, field, notes)
+
+
+def _check_seen(grid: Volume, rays: _MiddleRays, own: float) -> None:
+    """Refuse a grid that lies beside the rays of most views: it would grow over all that is between."""
+    seen = (rays.distances.min(axis=1) < own) & (rays.distances.max(axis=1) > -own)
+    if seen.mean() <= 0.5:
+        fact = f"a grid about {grid.center} mm lies beside the panel in {1 - seen.mean():.0%} of the views"
+        raise InputError(
+            "volume.center", fact, "give its centre and its voxel size in mm; the rotation axis is at x = y = 0"
+        )
 
 
 def _sentence(grid: Volume, layers: tuple[int, int], sides: int, radius: float, beside: bool) -> str:

@@ -96,6 +96,11 @@ class Series(Summarised):
             for m in rows
         )
         told = {} if times is None else times
+        unknown = [name for name in told if name not in motions]
+        if unknown:
+            raise InputError(
+                "series", f"a time of '{unknown[0]}', which is no state", f"the states are {', '.join(motions)}"
+            )
         return cls(tuple(motions), ordered, np.array([told.get(name, np.nan) for name in motions], dtype=float))
 
     def __len__(self) -> int:

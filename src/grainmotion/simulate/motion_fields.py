@@ -130,13 +130,20 @@ def affine(sample: Sample, gradient: ArrayLike, center: ArrayLike = (0.0, 0.0, 0
     Motions
         The exact motions of the particles.
 
+    Raises
+    ------
+    InputError
+        If the gradient is not 3 × 3 finite numbers.
+
     Examples
     --------
     >>> squeeze = gm.simulate.affine(case.sample, np.diag([0.0, 0.0, -0.02]))
     >>> np.allclose(squeeze.translations[:, 2], -0.02 * squeeze.centers[:, 2])
     True
     """
-    a = np.asarray(gradient, dtype=float).reshape(3, 3)
+    a = np.asarray(gradient, dtype=float)
+    if a.shape != (3, 3) or not np.isfinite(a).all():
+        raise InputError("affine motions", f"a gradient of shape {a.shape}", "give 3 × 3 finite numbers, ∂u/∂X")
     skew = (a - a.T) / 2
     rotation = np.array([skew[2, 1], skew[0, 2], skew[1, 0]])
     return _truth(sample, (sample.centers - np.asarray(center, dtype=float)) @ a.T, np.tile(rotation, (len(sample), 1)))

@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import ConvexHull
+from scipy.spatial import ConvexHull, QhullError
 
 from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Float
@@ -81,11 +81,18 @@ def sphere(diameter: float, level: int = 4) -> Mesh:
     Mesh
         The inscribed polyhedron.
 
+    Raises
+    ------
+    InputError
+        If the diameter is not above 0, or the level is out of range.
+
     Examples
     --------
     >>> round(gm.simulate.sphere(2.0, 4).volume, 2)  # a little less than 4/3 π
     4.18
     """
+    if not diameter > 0:
+        raise InputError("diameter", f"must be > 0, got {diameter}", "give it in mm")
     directions, faces = icosphere(level)
     return Mesh(directions * diameter / 2, faces, np.zeros(3))
 
@@ -104,6 +111,11 @@ def polyhedron(points: ArrayLike) -> Mesh:
     Mesh
         The hull; points inside it are dropped.
 
+    Raises
+    ------
+    InputError
+        If the points lie in one plane, or are not ``(m, 3)``.
+
     Examples
     --------
     >>> cube = gm.simulate.polyhedron(np.array([[x, y, z] for x in (0.0, 1) for y in (0, 1) for z in (0, 1)]))
@@ -111,7 +123,12 @@ def polyhedron(points: ArrayLike) -> Mesh:
     1.0
     """
     points = np.asarray(points, dtype=float)
-    hull = ConvexHull(points)
+    try:
+        hull = ConvexHull(points)
+    except (QhullError, ValueError) as error:
+        raise InputError(
+            "polyhedron", f"its {len(points)} points span no volume", "give (m, 3), mm, not all in one plane"
+        ) from error
     keep = np.unique(hull.simplices)
     rename = np.full(len(points), -1)
     rename[keep] = np.arange(len(keep))
@@ -138,11 +155,19 @@ def disc(radius: float, bottom: float, top: float, corners: int = 48) -> Mesh:
     Mesh
         The prism.
 
+    Raises
+    ------
+    InputError
+        If the radius is not above 0, its top is not above its bottom, or it has fewer than three sides.
+
     Examples
     --------
     >>> round(gm.simulate.disc(2.0, 0.0, 0.5).volume, 1)
     6.3
     """
+    if not (radius > 0 and top > bottom and corners >= 3):
+        fact = f"radius {radius}, from {bottom} to {top} mm, {corners} sides"
+        raise InputError("disc", fact, "give a radius > 0, the bottom below the top, and 3 sides or more")
     angles = np.arange(corners) * 2 * np.pi / corners
     ring = radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
     return polyhedron(np.concatenate([np.column_stack([ring, np.full(corners, z)]) for z in (bottom, top)]))

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from grainmotion._typing import Float
+from grainmotion.errors import InputError
 from grainmotion.model.summary import Summarised
 
 CUBE_CORNERS = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
@@ -114,6 +115,10 @@ class Ellipsoid(Summarised):
     center: Float
     semi_axes: Float
     axes: Float
+
+    def __post_init__(self) -> None:
+        if np.shape(self.semi_axes) != (3,) or not np.all(np.asarray(self.semi_axes) > 0):
+            raise InputError("ellipsoid", f"semi-axes {self.semi_axes}", "give three lengths > 0, mm")
 
     @property
     def volume(self) -> float:

@@ -26,6 +26,7 @@ from grainmotion.errors import InputError
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions, Status
 from grainmotion.model.scan import Scan
+from grainmotion.preprocessing.flat_field import refuse_counts
 from grainmotion.tracking.absent_grains import without_absent
 from grainmotion.tracking.attempt import Attempt, Job, approach, attempt, finish, unsolved
 from grainmotion.tracking.best_start import Start, best_start, with_start_residuals
@@ -105,6 +106,7 @@ def track(
     >>> bool(np.abs(motions.translations - truth.translations).max() < 0.02)  # mm
     True
     """
+    refuse_counts(scan.line_integrals)
     return track_with_residual(grains, scan, initial, settings, progress=progress, device=device)[0]
 
 

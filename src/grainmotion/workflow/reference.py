@@ -17,6 +17,7 @@ from grainmotion.model.scan import Scan
 from grainmotion.model.summary import Summarised, Summary, names_text, shape_text
 from grainmotion.model.thumbnails import grey_picture
 from grainmotion.model.volume import Volume
+from grainmotion.preprocessing.flat_field import refuse_counts
 from grainmotion.reconstruction.reconstruct import reconstruct
 from grainmotion.segmentation.border import cut_labels
 from grainmotion.segmentation.extraction import extract_grains
@@ -92,6 +93,7 @@ class Reference(Summarised):
         InputError
             If the scan has too few views for what is to be calibrated, or no grain is found.
         """
+        refuse_counts(scan.line_integrals)
         settings = settings or ReferenceSettings()
         given = None if labels is None else labels.astype(np.int32)
         if settings.calibrate.beam_level == "auto":
@@ -111,6 +113,7 @@ class Reference(Summarised):
         grains = extract_grains(volume, segmentation, settings.segment)
         return cls(volume, segmentation, grains, scanner, reconstruction.residuals)
 
+    @checked_arguments
     def correct(self, scan: Scan) -> Scan:
         """Correct radiographs of a later state by the calibration of the scanner.
 

@@ -19,7 +19,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from grainmotion._arguments import checked_arguments
+from grainmotion._arguments import check_argument
 from grainmotion._typing import Progress
 from grainmotion.cluster.connection import LOCAL, ComputeConfig, connect
 from grainmotion.diagnosis.results import check_motions
@@ -134,7 +134,6 @@ class RunResult(Summarised):
         return results_summary("RunResult", self.folder, self.motions, tuple(rows))
 
 
-@checked_arguments
 def run(
     experiment: Experiment,
     *,
@@ -176,6 +175,10 @@ def run(
     >>> result.done  # all was there already
     ()
     """
+    check_argument(
+        "run(experiment)", experiment, ["Experiment"]
+    )  # a decorator would be one more call above the kernels
+    check_argument("run(out)", out, ["str", "Path", "None"])
     check_formats(experiment)
     inputs, with_states = find_inputs(experiment), until in ("track", "report")
     folder = checked_folder(Path(out) if out is not None else experiment.output)

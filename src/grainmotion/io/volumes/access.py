@@ -185,4 +185,6 @@ def _on_grid(labels: NDArray[np.integer], grid: Volume) -> NDArray[np.integer]:
     labels = np.asarray(labels)
     if labels.shape != grid.shape:
         raise InputError("labels", f"shape {labels.shape} is not the volume's {grid.shape}", "give them on one grid")
+    if labels.dtype.kind not in "iu":
+        raise InputError("labels", f"they are {labels.dtype}", "give integers, 0 where there is no grain")
     return labels
