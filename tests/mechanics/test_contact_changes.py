@@ -146,3 +146,10 @@ def test_contacts_and_motions_of_other_grains_are_refused(touching):
         contact_changes(before, before, others)
     with pytest.raises(InputError, match=r"contact_changes\(state\): none"):
         contact_changes(before, replace(before, labels=before.labels + 100), motions)
+
+
+def test_exchanged_contacts_are_refused(touching):
+    grains, before = touching
+    motions = known_motions(grains.centers, [np.zeros(3), 0.5 * AXIS], np.zeros((2, 3)))
+    with pytest.raises(InputError, match=r"contact_changes\(state\): its grains stand where they stood"):
+        contact_changes(contacts(grains, motions), before, motions)

@@ -34,6 +34,9 @@ if TYPE_CHECKING:
 
 KEPT, GAINED, LOST, UNKNOWN = "kept", "gained", "lost", "unknown"
 
+SAME_PLACE = 1e-6
+"""Of the distance between centres: places that differ by less are the same."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ContactChanges(Summarised):
@@ -125,7 +128,7 @@ def contact_changes(reference: Contacts, state: Contacts, motions: Motions) -> C
     Raises
     ------
     InputError
-        If the contacts of the state or the motions are of other grains.
+        If the contacts of the state or the motions are of other grains, or the contacts are exchanged.
 
     Examples
     --------
@@ -139,6 +142,7 @@ def contact_changes(reference: Contacts, state: Contacts, motions: Motions) -> C
             raise InputError(
                 f"contact_changes({name})", "none of its grains is in reference", "give those of one sample"
             )
+    _check_moved(state, motions)
     pairs = np.unique(np.concatenate([reference.pairs, state.pairs]), axis=0)
     rows = [_rows_of(contacts, pairs) for contacts in (reference, state)]
     kinds = [_at(contacts.kinds, row, OPEN) for contacts, row in zip((reference, state), rows, strict=True)]
@@ -152,6 +156,24 @@ def contact_changes(reference: Contacts, state: Contacts, motions: Motions) -> C
     return ContactChanges(
         pairs, _changes(kinds[0], kinds[1], known), *gaps, *_relative_motions(motions, pairs, known, places)
     )
+
+
+def _check_moved(state: Contacts, motions: Motions) -> None:
+    """Refuse contacts whose grains stand where they stood in the reference, although they moved: an exchange."""
+    row_of = {int(label): row for row, label in enumerate(motions.labels)}
+    ends = np.array([[row_of.get(int(label), -1) for label in pair] for pair in state.pairs], np.int64).reshape(-1, 2)
+    known = (ends >= 0).all(axis=1)
+    known[known] &= np.isfinite(motions.translations[ends[known]]).all(axis=(1, 2))
+    if not known.any():
+        return
+    first, second = ends[known].T
+    still = motions.centers[second] - motions.centers[first]
+    moved = still + motions.translations[second] - motions.translations[first]
+    size = float(np.abs(still).max())
+    off_still, off_moved = (float(np.abs(state.branches[known] - branch).max()) for branch in (still, moved))
+    if off_still < SAME_PLACE * size and off_moved > 1e3 * SAME_PLACE * size:
+        remedy = "give contacts(grains) first, then contacts(grains, motions)"
+        raise InputError("contact_changes(state)", "its grains stand where they stood in the reference", remedy)
 
 
 def _rows_of(contacts: Contacts, pairs: NDArray[np.int64]) -> NDArray[np.int64]:
