@@ -72,3 +72,8 @@ def test_nothing_to_count():
 def test_an_unknown_direction_is_named():
     with pytest.raises(InputError, match="'axes' is unknown"):
         fabric(contacts_along(np.zeros((0, 3))), directions="axes")
+
+
+def test_its_line_tells_what_the_numbers_are_of():
+    shown = repr(fabric(contacts_along(np.eye(3))))
+    assert shown.startswith("<Fabric: 3 normals of 2 grains; anisotropy 0, by chance 4.33; ")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -11,7 +11,7 @@ from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Float
 from grainmotion.errors import InputError
 from grainmotion.mechanics.contacts import INDETERMINATE, TOUCHING, Contacts
-from grainmotion.model.summary import Summarised
+from grainmotion.model.summary import Summarised, Summary
 
 Directions = Literal["normals", "branches"]
 
@@ -64,6 +64,13 @@ class Fabric(Summarised):
     coordination_bounds: tuple[float, float]
     mechanical_coordination: float
     rattlers: int
+
+    def _summary(self) -> Summary:
+        line = (
+            f"{self.contacts} {self.directions} of {self.grains} grains; anisotropy {self.anisotropy:.3g}, by chance "
+            f"{self.isotropic_anisotropy:.3g}; {self.coordination:.3g} contacts a grain"
+        )
+        return replace(super()._summary(), line=line)
 
     def to_dict(self) -> dict[str, object]:
         """Plain data as JSON holds it, all fields by name; what is not known (NaN) is null.

@@ -33,7 +33,9 @@ Quantity = Literal["translation", "fluctuation", "rotation"]
 QUANTITY_LABELS = {"translation": "|u| (mm)", "fluctuation": "|u − mean| (mm)", "rotation": "|ω| (°)"}
 ARROW_LENGTH_SHARE = 0.2
 """Of the sample's size, for the longest arrow."""
-MIN_BOX_RATIO = 0.3
+ARROW_WIDTH = 0.025
+"""Of the shaft, inches: in narrow axes heads of arrows stay as large as in wide ones."""
+MIN_BOX_RATIO = 0.5
 """Of the longest side of a figure's box in three dimensions, for its other sides."""
 
 
@@ -91,7 +93,7 @@ def motions(
     if used.any():
         drawn = ax.quiver(
             *starts[used].T, *(factor * shown[used]).T, lengths[used], cmap=SEQUENTIAL, angles="xy", scale_units="xy",
-            scale=1, width=0.006, zorder=3,
+            scale=1, units="inches", width=ARROW_WIDTH, zorder=3,
         )  # fmt: skip
         drawn.set_clim(0, float(lengths[used].max()) or 1.0)
         ax.plot(*starts[used].T, "o", color="0.75", ms=3, zorder=2)
