@@ -162,7 +162,7 @@ def _check_moved(state: Contacts, motions: Motions) -> None:
     """Refuse contacts whose grains stand where they stood in the reference, although they moved: an exchange."""
     row_of = {int(label): row for row, label in enumerate(motions.labels)}
     ends = np.array([[row_of.get(int(label), -1) for label in pair] for pair in state.pairs], np.int64).reshape(-1, 2)
-    known = (ends >= 0).all(axis=1)
+    known: NDArray[np.bool_] = np.asarray((ends >= 0).all(axis=1))
     known[known] &= np.isfinite(motions.translations[ends[known]]).all(axis=(1, 2))
     if not known.any():
         return
