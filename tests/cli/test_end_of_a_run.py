@@ -29,7 +29,7 @@ def test_motions_of_bodies_are_told(capsys):
     }
     print_states(Terminal(), {name: dataclasses.replace(motions, fit=fit) for name, fit in fits.items()})
     lines = capsys.readouterr().out.splitlines()
-    assert "one: rest moved by 0.25 mm and 0 deg" in lines
+    assert "one: rest moved by 0.25 mm and 0°" in lines
     assert "two: rest did not move" in lines
 
 

@@ -59,8 +59,19 @@ def test_bodies_have_motions_with_standard_deviations():
     first, second = tables.body_rows(StateReport("a", images, images, with_bodies, 0.1))
     assert first[:2] == ("upper piston", "moved")
     assert first[2][2] == "−0.2500 ± 0.020"
-    assert first[2][5] == "0.000 ± 104"
+    assert first[2][5] == "not determined"
     assert second == ("wall", "did not move", ["–"] * 6)
+
+
+def test_a_round_pistons_turn_about_its_axis_is_not_told_as_if_it_were_measured():
+    covariance = np.diag([0.01, 0.01, 0.0031, *np.deg2rad([0.07, 0.07, 104.0])]) ** 2
+    turned = np.deg2rad([0.3, 0.4, 20.0])
+    piston = BodyMotion(
+        "upper piston", "piston", "free", np.zeros(3), np.array([0, 0, -0.2517]), turned, covariance, True
+    )
+    sentences = tables.scene_sentences(replace(motions().fit, bodies=(piston, replace(piston, moved=False))))
+    told = "upper piston moved by 0.2517 ± 0.0031 mm and 0.500 ± 0.070°, its turn about z not determined"
+    assert sentences == [told, "upper piston did not move"]
 
 
 def test_new_grains_and_pieces_have_rows_and_sentences():

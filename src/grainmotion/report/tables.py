@@ -9,8 +9,11 @@ import numpy as np
 
 from grainmotion.model.fluid import FluidFit
 from grainmotion.model.motions import Status
-from grainmotion.model.state_fit import StateFit
+from grainmotion.model.state_fit import BodyMotion, StateFit
 from grainmotion.report.data import Rows, StateReport
+
+UNKNOWN_TURN_DEG = 30.0
+"""Standard deviation from which a turn is not known: a round piston's about its axis has 104°, that of any angle."""
 
 
 def number(value: float, decimals: int) -> str:
@@ -116,9 +119,7 @@ def scene_sentences(fit: StateFit) -> list[str]:
     """What bodies did in a state, what appeared or broke, and where the liquid is: a sentence each."""
     sentences = []
     for body in fit.bodies:
-        u, w = np.linalg.norm(body.translation), np.rad2deg(np.linalg.norm(body.rotation))
-        what = f"moved by {u:.4g} mm and {w:.4g} deg" if body.moved else "did not move"
-        sentences.append(f"{body.name} {what}")
+        sentences.append(f"{body.name} {_moved_by(body)}")
     if fit.appeared:
         places = "; ".join(
             f"x = {g.center[0]:.3g}, y = {g.center[1]:.3g}, z = {g.center[2]:.3g}, radius {g.radius:.3g} mm"
@@ -133,6 +134,25 @@ def scene_sentences(fit: StateFit) -> list[str]:
     if fit.fluid is not None:
         sentences.append("; ".join(f"{name} {value}" for name, value in fluid_facts(fit.fluid)))
     return sentences
+
+
+def _moved_by(body: BodyMotion) -> str:
+    """How far a body moved and turned, with standard deviations; the axes about which its turn is not known."""
+    if not body.moved:
+        return "did not move"
+    degrees, covariance = np.rad2deg(body.rotation), np.rad2deg(np.rad2deg(body.covariance[3:, 3:]))
+    known = ~(np.sqrt(np.diagonal(covariance)) > UNKNOWN_TURN_DEG)
+    turn = _length_with_sd(degrees[known], covariance[np.ix_(known, known)])
+    text = f"moved by {_length_with_sd(body.translation, body.covariance[:3, :3])} mm and {turn}°"
+    unknown = [axis for axis, is_known in zip("xyz", known) if not is_known]
+    return text + (f", its turn about {' and '.join(unknown)} not determined" if unknown else "")
+
+
+def _length_with_sd(vector: np.ndarray, covariance: np.ndarray) -> str:
+    """Length of a vector with the standard deviation along it."""
+    length = float(np.linalg.norm(vector))
+    along = vector / length if length > 0 else vector
+    return _with_sd(length, float(np.sqrt(max(along @ covariance @ along, 0.0))))
 
 
 def correction_rows(fit: StateFit, views: tuple[str, ...]) -> list[tuple[str, list[str]]]:
@@ -158,7 +178,9 @@ def body_rows(state: StateReport) -> list[tuple[str, str, list[str]]]:
         if body.moved:
             values = [f"{number(u, decimals)} ± {significant(d, 2)}" for u, d in zip(body.translation, sd[:3])]
             turns = zip(np.rad2deg(body.rotation), np.rad2deg(sd[3:]))
-            values += [f"{number(w, 3)} ± {significant(d, 2)}" for w, d in turns]
+            values += [
+                "not determined" if d > UNKNOWN_TURN_DEG else f"{number(w, 3)} ± {significant(d, 2)}" for w, d in turns
+            ]
         word = "moved" if body.moved else ("fixed" if body.freedom == "fixed" else "did not move")
         rows.append((body.name, word, values))
     return rows
