@@ -2,6 +2,7 @@
 
 import gc
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -29,11 +30,18 @@ def single(volume):
     return replace(volume, array=volume.array.astype(np.float32))
 
 
-GRAINS = GrainSet(tuple(replace(g, volume=single(g.volume), fine=single(g.fine)) for g in grain_set().grains))
-"""In single precision, as in a run: double precision shows the order of sums in the last digit."""
-SCAN = radiographs(GRAINS, small_motions(GRAINS))
-REST_POSE = Pose(np.zeros((len(GRAINS), 3)), np.tile(np.eye(3), (len(GRAINS), 1, 1)))
-IMAGES_SHAPE = SCAN.line_integrals.shape
+@cache
+def grains():
+    """In single precision, as in a run: double precision shows the order of sums in the last digit."""
+    return GrainSet(tuple(replace(g, volume=single(g.volume), fine=single(g.fine)) for g in grain_set().grains))
+
+
+@cache
+def scan():
+    return radiographs(grains(), small_motions(grains()))
+
+
+REST_POSE = Pose(np.zeros((5, 3)), np.tile(np.eye(3), (5, 1, 1)))
 
 
 @pytest.fixture(autouse=True)
@@ -53,22 +61,22 @@ def workers(tmp_path, request):
 @pytest.fixture
 def both(workers):
     """Grains on the CPU and on workers, their patches, and the values and derivatives of both."""
-    one = GrainArrays.of(GRAINS)
+    one = GrainArrays.of(grains())
     many = one.on(workers)
-    patches = footprint_patches(one, REST_POSE, SCAN.geometry, margin=2)
-    projected = [differentiate_in_place(g, REST_POSE, SCAN.geometry, patches, "trilinear") for g in (one, many)]
+    patches = footprint_patches(one, REST_POSE, scan().geometry, margin=2)
+    projected = [differentiate_in_place(g, REST_POSE, scan().geometry, patches, "trilinear") for g in (one, many)]
     return one, many, patches, projected
 
 
 def test_voxels_are_divided_among_all_workers(workers):
-    placed = GrainArrays.of(GRAINS).on(workers).placed
+    placed = GrainArrays.of(grains()).on(workers).placed
     assert len(placed.pieces) == workers.executor.worker_count
-    assert sum(map(len, placed.pieces)) == len(GrainArrays.of(GRAINS).images)
+    assert sum(map(len, placed.pieces)) == len(GrainArrays.of(grains()).images)
 
 
 def test_voxels_are_distributed_once(workers):
     """They are distributed again if the number of workers changes, and released with the grains."""
-    one = GrainArrays.of(GRAINS)
+    one = GrainArrays.of(grains())
     placed = one.on(workers).placed
     assert one.on(workers).placed is placed
     workers.executor.worker_count += 1
@@ -87,18 +95,18 @@ def test_same_projections(both):
     _, many, patches, ((values, jacobian), (worker_values, worker_jacobian)) = both
     np.testing.assert_array_equal(np.asarray(worker_values), values)
     np.testing.assert_array_equal(np.asarray(worker_jacobian.derivatives), jacobian.derivatives)
-    values_only = project_in_place(many, REST_POSE, SCAN.geometry, patches, "trilinear")
+    values_only = project_in_place(many, REST_POSE, scan().geometry, patches, "trilinear")
     np.testing.assert_allclose(np.asarray(values_only), values, atol=1e-6)
     np.testing.assert_array_equal(
-        assemble(worker_values, patches, SCAN.geometry, worker_jacobian.backend),
-        assemble(values, patches, SCAN.geometry),
+        assemble(worker_values, patches, scan().geometry, worker_jacobian.backend),
+        assemble(values, patches, scan().geometry),
     )
 
 
 def test_same_products_with_the_jacobian(both):
     _, _, _, ((_, on_cpu), (_, on_workers)) = both
-    n, rng = len(GRAINS), np.random.default_rng(0)
-    images = rng.random(IMAGES_SHAPE, np.float32)
+    n, rng = len(grains()), np.random.default_rng(0)
+    images = rng.random(scan().line_integrals.shape, np.float32)
     np.testing.assert_array_equal(on_workers.gradient(images), on_cpu.gradient(images))
     np.testing.assert_array_equal(normal_matrix(on_workers).toarray(), normal_matrix(on_cpu).toarray())
     x = rng.random((2, n, 6))
@@ -112,16 +120,16 @@ def test_same_products_with_the_jacobian(both):
 
 def test_selected_grains_in_another_order(workers):
     rows = [2, 0, 2]
-    one, many = (g.select(rows) for g in (GrainArrays.of(GRAINS), GrainArrays.of(GRAINS).on(workers)))
+    one, many = (g.select(rows) for g in (GrainArrays.of(grains()), GrainArrays.of(grains()).on(workers)))
     pose = Pose(REST_POSE.translations[rows], REST_POSE.matrices[rows])
-    patches = footprint_patches(one, pose, SCAN.geometry)
-    on_cpu, on_workers = (project_in_place(g, pose, SCAN.geometry, patches, "trilinear") for g in (one, many))
+    patches = footprint_patches(one, pose, scan().geometry)
+    on_cpu, on_workers = (project_in_place(g, pose, scan().geometry, patches, "trilinear") for g in (one, many))
     np.testing.assert_array_equal(np.asarray(on_workers), on_cpu)
 
 
 def test_same_linearization(workers):
     """Cost, gradient and Hessian of a filtered evaluation."""
-    fit = MultistageFit.of(GRAINS, SCAN, TrackSettings())
+    fit = MultistageFit.of(grains(), scan(), TrackSettings())
     problem = StateProblem(fit.grains, replace(fit.target, sigma=2.0))
     on_workers = replace(problem, grains=problem.grains.on(workers))
     expected, result = problem.linearize(REST_POSE), on_workers.linearize(REST_POSE)
@@ -144,7 +152,7 @@ def test_same_unconfirmed_rotations(workers):
 
 def test_same_fits_of_alternative_poses(workers):
     """Two alternatives of one grain and one of another, which workers fit where the grains' voxels are."""
-    fit = MultistageFit.of(GRAINS, SCAN, TrackSettings())
+    fit = MultistageFit.of(grains(), scan(), TrackSettings())
     problem = StateProblem(fit.grains, replace(fit.target, sigma=0.7))
     on_workers = replace(problem, grains=problem.grains.on(workers))
     owners, matrices = (
@@ -161,7 +169,7 @@ def test_same_fits_of_alternative_poses(workers):
 @pytest.mark.parametrize("search", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_same_motions(workers, search):
     settings = TrackSettings(search=search, device="cpu")
-    expected, motions = track(GRAINS, SCAN, settings=settings), track(GRAINS, SCAN, settings=settings, device=workers)
+    expected, motions = (track(grains(), scan(), settings=settings, device=d) for d in (None, workers))
     np.testing.assert_array_equal(motions.translations, expected.translations)
     np.testing.assert_array_equal(motions.rotations, expected.rotations)
     np.testing.assert_array_equal(motions.statuses, expected.statuses)
@@ -172,7 +180,7 @@ def test_same_motions(workers, search):
 def test_same_strains(workers):
     """Stages with strains run on the client's processor, those before them on the workers."""
     settings = TrackSettings(search=False, alternatives=False, strain=True, device="cpu")
-    expected, motions = track(GRAINS, SCAN, settings=settings), track(GRAINS, SCAN, settings=settings, device=workers)
+    expected, motions = (track(grains(), scan(), settings=settings, device=d) for d in (None, workers))
     np.testing.assert_array_equal(motions.strains, expected.strains)
     np.testing.assert_array_equal(motions.strain_covariances, expected.strain_covariances)
     assert workers.executor.done.count("differentiate") > 4

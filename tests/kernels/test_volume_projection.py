@@ -14,6 +14,7 @@ VIEWS = np.array(
         [0.1, 0.2, -9, -0.2, -0.5, 20, 0.3, 0.05, 0, -0.04, 0.3, 0.01],
     ]
 )
+VIEWS.setflags(write=False)  # as those of a geometry
 PANEL = (10, 12)
 ORIGIN, VOXEL = np.array([-0.9, -0.95, -0.85]), 0.3
 PADDED = (7, 6, 7)  # of 3 × 2 × 3 voxels

@@ -417,3 +417,11 @@ class TestWindowAndBinning:
     def test_a_factor_that_does_not_divide_the_panel(self):
         with pytest.raises(InputError, match="divide by 7"):
             circular().binned(7)
+
+
+def test_vectors_of_a_table_are_stored_row_by_row():
+    """As all others: a kernel that gets them in another order is compiled again."""
+    vectors = np.asfortranarray(circular(angles=(0.0, 30.0)).vectors)
+    geometry = Geometry(vectors, SHAPE)
+    assert geometry.vectors.flags.c_contiguous
+    np.testing.assert_array_equal(geometry.vectors, vectors)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from grainmotion.kernels import footprints
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions
@@ -79,6 +80,7 @@ class TestFootprints:
         geometry = scanner(angles=[0.0])
         patches = footprint_patches(arrays, shifted(arrays, *shift), geometry)
         assert patches.seen.shape == (3, 1)
+        assert all(signature[4].mutable for signature in footprints.extents.signatures)  # one view compiles nothing
         assert (patches.seen >= least).all()
         assert (patches.seen <= most).all()
         if most == 0:

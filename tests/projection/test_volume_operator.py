@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from grainmotion.kernels import volume_projection_vertical
 from grainmotion.model.detector_alignment import DetectorAlignment
 from grainmotion.model.geometry import Geometry
 from grainmotion.projection.volume_operator import MIN_VERTICAL_VIEWS, VolumeOperator
@@ -22,6 +23,8 @@ def test_adjoint_of_selected_views_is_added():
     np.testing.assert_allclose(operator.unpadded(selected), operator.unpadded(whole), atol=1e-12)
     image = operator.padded(body.array)
     np.testing.assert_array_equal(operator.forward(image, views), operator.forward(image)[views])
+    kernels = volume_projection_vertical.forward, volume_projection_vertical.adjoint
+    assert not any(signature[3].mutable for kernel in kernels for signature in kernel.signatures)  # some views as all
 
 
 class TestProjectorChoice:

@@ -1,5 +1,6 @@
 """The library gives the same results as the command, bit by bit, and the example of its docstring runs."""
 
+import json
 import re
 import subprocess
 import sys
@@ -11,7 +12,20 @@ import grainmotion as gm
 from grainmotion.io.results import read_motions_h5, read_reference
 from tiny_experiment import TOML, write_tiny
 
-COMMAND = [sys.executable, "-c", "from grainmotion.__main__ import main; main()"]
+PROGRAM = """
+import atexit, json, sys
+from grainmotion.__main__ import main
+
+def signatures():
+    modules = [m for name, m in sys.modules.items() if name.startswith("grainmotion.kernels.")]
+    kernels = {f"{k.py_func.__module__}.{n}": k for m in modules for n, k in vars(m).items() if hasattr(k, "py_func")}
+    print(json.dumps({name: [str(s) for s in k.signatures] for name, k in kernels.items()}))
+
+atexit.register(signatures)
+main()
+"""
+LAYOUT = re.compile(r"readonly |(?<=[1-9]d, )[CFA](?=\))|(?<=, )'[CFA]', (True|False)")
+"""What the types of arrays with the same numbers can differ in: their layout, and whether they can be written."""
 WITHOUT_CALIBRATION = TOML.replace("[reconstruct]", "[calibrate]\ngeometry = false\n\n[reconstruct]")
 WITH_CALIBRATION = TOML.replace("[reconstruct]", '[calibrate]\ngeometry = ["shift_u"]\nhardening = 2\n\n[reconstruct]')
 OTHER_SEGMENTATION = 'threshold = 0.5\nreach = 1.0\nfiner = 1\nbackground = "moving"'
@@ -44,6 +58,14 @@ def assert_equal_motions(one, other):
     assert one.fit.costs == other.fit.costs
 
 
+def assert_compiled_once(signatures):
+    """No kernel was compiled once more, which takes seconds, because of the layout of an array."""
+    assert len([s for s in signatures.values() if s]) > 10
+    for name, each in signatures.items():
+        kinds = {LAYOUT.sub("", signature) for signature in each}
+        assert len(kinds) == len(each), f"{name} has different arrays: {each}"
+
+
 @pytest.mark.parametrize("case", [pytest.param("plain", marks=pytest.mark.slow), "calibrated", "segmented otherwise"])
 def test_library_and_command_give_the_same_bits(tmp_path, case):
     path = write_tiny(tmp_path, CASES[case])
@@ -52,7 +74,8 @@ def test_library_and_command_give_the_same_bits(tmp_path, case):
     from grainmotion.io.geometry_csv import write_geometry
 
     write_geometry(tmp_path / "two.csv", find_inputs(settings).states[1].geometry)
-    subprocess.run([*COMMAND, "run", path, "--quiet"], check=True, capture_output=True)
+    command = [sys.executable, "-c", PROGRAM, "run", path, "--quiet"]
+    signatures = json.loads(subprocess.check_output(command, text=True).splitlines()[-1])
     reference, motions = by_library(tmp_path, settings)
     stored = read_reference(tmp_path / "results" / "reference.h5")
     np.testing.assert_array_equal(reference.volume.array, stored.volume.array)
@@ -61,6 +84,7 @@ def test_library_and_command_give_the_same_bits(tmp_path, case):
     assert (reference.scanner.calibration is None) == (case != "calibrated")
     for name, motions_of_state in zip(("one", "two"), motions, strict=True):
         assert_equal_motions(read_motions_h5(tmp_path / "results" / name / "motions.h5"), motions_of_state)
+    assert_compiled_once(signatures)
 
 
 def test_given_labels_replace_the_segmentation(tmp_path):

@@ -65,10 +65,11 @@ class CpuBackend:
         return images.astype(values.dtype, copy=False)
 
     def filter_images(self, images: Image, kernel: Image) -> None:
-        filters.filter_images(images, kernel)
+        filters.filter_images(images, _as_precise(kernel, images))
 
     def filter_patches(self, derivatives: BackendArray, patches: PatchTable, factor: Image, kernel: Image) -> None:
-        filters.filter_patches(derivatives, patches.boxes, patches.offsets, factor, kernel)
+        weights = _as_precise(kernel, derivatives)
+        filters.filter_patches(derivatives, patches.boxes, patches.offsets, factor, weights)
 
     def vjp(self, derivatives: BackendArray, patches: PatchTable, stacks: ImageStacks | Sequence[Image]) -> Float:
         out = np.zeros((len(stacks), len(patches.boxes), 6))
@@ -100,6 +101,11 @@ class CpuBackend:
         settings: Settings,
     ) -> Float:
         return function(grains, pose, images, settings)
+
+
+def _as_precise(kernel: Image, values: BackendArray) -> Image:
+    """A kernel in the precision of what it filters, if that is higher, so that one combination is compiled."""
+    return kernel.astype(np.promote_types(kernel.dtype, values.dtype), copy=False)
 
 
 CPU = CpuBackend()

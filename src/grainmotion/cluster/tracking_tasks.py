@@ -28,6 +28,13 @@ class Rays:
     patches: PatchTable
     exact: bool
 
+    @property
+    def fixed_views(self) -> ViewTable:
+        """The views, read-only as those of a geometry, which pickling forgets: kernels are compiled once for both."""
+        vectors = self.views.vectors.view()
+        vectors.setflags(write=False)
+        return self.views._replace(vectors=vectors)
+
 
 @dataclass(frozen=True, eq=False)
 class ProjectedPatches:
@@ -76,14 +83,14 @@ def below(patches: PatchTable, first: int) -> PatchTable:
 def project(voxels: Image, rays: Rays) -> Image:
     """Line integrals of all patches, flat."""
     with use_worker_threads():
-        return CPU.project(rays.grains._replace(voxels=voxels), rays.views, rays.patches, rays.exact)
+        return CPU.project(rays.grains._replace(voxels=voxels), rays.fixed_views, rays.patches, rays.exact)
 
 
 def differentiate(voxels: Image, rays: Rays) -> ProjectedPatches:
     """These and their derivatives."""
     with use_worker_threads():
         grains = rays.grains._replace(voxels=voxels)
-        return ProjectedPatches(*CPU.project_with_derivatives(grains, rays.views, rays.patches, rays.exact))
+        return ProjectedPatches(*CPU.project_with_derivatives(grains, rays.fixed_views, rays.patches, rays.exact))
 
 
 def values_of(piece: Piece) -> Image:
@@ -112,7 +119,7 @@ def jvp(piece: Piece, patches: PatchTable, increments: Float, like: tuple[int, i
     stacks = np.zeros((len(increments), views, max(end - first, 0), columns))
     tables = below(patches, first).boxes, patches.offsets, patches.order, patches.view_starts
     with use_worker_threads():
-        for each, images in zip(increments, stacks, strict=True):
+        for each, images in zip(np.ascontiguousarray(increments), stacks, strict=True):
             normal_equations.jvp(derivatives_of(piece), *tables, each, images)
     return ImageStrip(first, stacks)
 

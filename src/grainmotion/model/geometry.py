@@ -71,7 +71,7 @@ class Geometry(Summarised):
     beam: Beam = "cone"
 
     def __post_init__(self) -> None:
-        vectors = np.array(self.vectors, dtype=float, ndmin=2)
+        vectors = np.array(self.vectors, dtype=float, order="C", ndmin=2)  # a table's columns are in the other order
         if vectors.ndim != 2 or vectors.shape[1] != 12 or len(vectors) == 0:
             raise InputError("geometry", f"shape {vectors.shape} is not (views, 12)", f"give {','.join(VIEW_COLUMNS)}")
         if self.beam not in ASTRA_TYPES:

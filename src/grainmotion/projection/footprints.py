@@ -90,4 +90,4 @@ def _frames(geometry: Geometry) -> tuple[Float, Float]:
     """What carries a point to pixels of each view, see `kernels.footprints.extents`."""
     start = geometry.source if geometry.beam == "cone" else geometry.detector
     frames: Float = np.linalg.inv(np.stack([geometry.u, geometry.v, geometry.rays], axis=-1))
-    return frames, np.ascontiguousarray(start)
+    return frames, start.copy()  # that of one view is contiguous, and read-only: another type to the kernel

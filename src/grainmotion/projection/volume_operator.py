@@ -112,7 +112,9 @@ class VolumeOperator:
 
     def _vectors(self, views: NDArray[np.int64] | None) -> Float:
         vectors = self.geometry.vectors if views is None else self.geometry.vectors[views]
-        return np.ascontiguousarray(vectors)
+        vectors = np.ascontiguousarray(vectors)
+        vectors.setflags(write=False)  # of some views as of all: the kernel is compiled once for both
+        return vectors
 
 
 def pad(array: Image) -> Image:
