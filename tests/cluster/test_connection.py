@@ -7,12 +7,13 @@ import signal
 import subprocess
 import sys
 from contextlib import contextmanager
+from functools import cache
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from few_grains import grain_set, radiographs, small_motions
+from few_grains import VOXEL, grain_set, radiographs, small_motions
 from grainmotion.cli.app import app
 from grainmotion.cluster import distributed_iterate
 from grainmotion.cluster.connection import ComputeConfig, connect
@@ -33,10 +34,12 @@ from tiny_experiment import TOML, write_tiny
 distributed = pytest.importorskip("distributed")
 dask = pytest.importorskip("dask")
 
-GRAINS = grain_set()
-SCAN = radiographs(GRAINS, small_motions(GRAINS))
 QUICK = TrackSettings(search=False, fields=False, view_corrections="never")
-VOXEL = GRAINS.voxel_size
+
+
+@cache
+def scan():
+    return radiographs(grain_set(), small_motions(grain_set()))
 
 
 @pytest.fixture(autouse=True)
@@ -84,7 +87,7 @@ def assert_same_motions(one, other):
 class TestWorkers:
     def test_tracking_survives_a_late_and_a_killed_worker(self, tmp_path):
         """The only worker that holds grains is killed during the run, after another one has joined."""
-        local = track(GRAINS, SCAN, settings=QUICK)
+        local = track(grain_set(), scan(), settings=QUICK)
         messages = []
         with scheduler() as workers, connect(ComputeConfig(workers.start().address), tmp_path) as cluster:
 
@@ -96,7 +99,7 @@ class TestWorkers:
                 if len(messages) == 6:
                     workers.kill()
 
-            distributed_motions = track(GRAINS, SCAN, settings=QUICK, progress=listen, device=cluster.backend)
+            distributed_motions = track(grain_set(), scan(), settings=QUICK, progress=listen, device=cluster.backend)
             assert len(cluster.executor.client.scheduler_info()["workers"]) == 1
         assert len(messages) > 8
         assert_same_motions(local, distributed_motions)

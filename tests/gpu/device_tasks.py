@@ -213,9 +213,9 @@ if __name__ == "__main__":
     import time
 
     if os.environ.get("NUMBA_ENABLE_CUDASIM") == "1":
-        from gpu.simulated_shared_memory import allocate_once
+        from gpu.simulated_blocks import mend_simulator
 
-        allocate_once()
+        mend_simulator()
     results = {}
     for task in sys.argv[2:]:
         t = time.time()

@@ -1,6 +1,7 @@
 """Projection of grains patch by patch: values, derivatives and the sum of patches."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -19,20 +20,24 @@ GRAINS = replace(PACKED, images=PACKED.images.astype(float))
 GEOMETRY = few_grains.geometry([10.0, 75.0])
 VIEWS = ViewTable(GEOMETRY.vectors, True, np.array(GEOMETRY.shape))
 POSE = Pose(np.array([[0.03, -0.02, 0.01], [0.0, 0.05, -0.04]]), rotation_matrix([[0.1, 0.2, -0.1], [0.0, -0.2, 0.3]]))
-PATCHES = footprint_patches(GRAINS, POSE, GEOMETRY, margin=1)
+
+
+@cache
+def patches():
+    return footprint_patches(GRAINS, POSE, GEOMETRY, margin=1)
 
 
 def values_at(pose, exact=False):
-    values = np.full(PATCHES.offsets[-1], 7.0)
-    grain_projection.project(GRAINS.table(pose), VIEWS, PATCHES.table, exact, values)
+    values = np.full(patches().offsets[-1], 7.0)
+    grain_projection.project(GRAINS.table(pose), VIEWS, patches().table, exact, values)
     return values
 
 
 @pytest.mark.parametrize("exact", [False, True], ids=["trilinear", "exact"])
 def test_both_kernels_have_the_same_values(exact):
-    values = np.full(PATCHES.offsets[-1], 7.0)
+    values = np.full(patches().offsets[-1], 7.0)
     derivatives = np.full((6, len(values)), 7.0)
-    grain_projection.project_with_derivatives(GRAINS.table(POSE), VIEWS, PATCHES.table, exact, values, derivatives)
+    grain_projection.project_with_derivatives(GRAINS.table(POSE), VIEWS, patches().table, exact, values, derivatives)
     np.testing.assert_allclose(values_at(POSE, exact), values, atol=1e-12)
     untouched = values == 7.0  # the margin: pixels of no run
     assert untouched.any()
@@ -42,8 +47,8 @@ def test_both_kernels_have_the_same_values(exact):
 
 def test_derivatives_are_the_limits_of_differences():
     """Steps are so short that no ray passes a voxel's corner, where the trilinear image has a kink."""
-    values, derivatives = np.zeros(PATCHES.offsets[-1]), np.zeros((6, PATCHES.offsets[-1]))
-    grain_projection.project_with_derivatives(GRAINS.table(POSE), VIEWS, PATCHES.table, False, values, derivatives)
+    values, derivatives = np.zeros(patches().offsets[-1]), np.zeros((6, patches().offsets[-1]))
+    grain_projection.project_with_derivatives(GRAINS.table(POSE), VIEWS, patches().table, False, values, derivatives)
     step = 1e-7
     for k in range(6):
         ends = []

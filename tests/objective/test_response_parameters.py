@@ -1,6 +1,7 @@
 """Estimating the detector's response at the true pose (`objective.response_parameters`)."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -18,13 +19,22 @@ from grainmotion.projection.grains import simulate_radiographs
 GRAINS = grain_set(finer=1)
 TRUTH = small_motions(GRAINS)
 POSE = Pose(TRUTH.translations, TRUTH.matrices)
-IDEAL = simulate_radiographs(GRAINS, TRUTH, geometry())
-NOTHING = np.zeros(IDEAL.shape, np.float32)
+
+
+@cache
+def ideal():
+    return simulate_radiographs(GRAINS, TRUTH, geometry())
 
 
 def evaluated(response_of, response_model, sigma=0.7, noise=0.0):
-    images = response_of.apply(IDEAL) + noise * np.random.default_rng(0).standard_normal(IDEAL.shape)
-    target = Target(Scan(images.astype(np.float32), geometry()), NOTHING, "trilinear", sigma, response_model)
+    images = response_of.apply(ideal()) + noise * np.random.default_rng(0).standard_normal(ideal().shape)
+    target = Target(
+        Scan(images.astype(np.float32), geometry()),
+        np.zeros(ideal().shape, np.float32),
+        "trilinear",
+        sigma,
+        response_model,
+    )
     return StateProblem(GrainArrays.of(GRAINS), target).evaluate_with_derivatives(POSE)
 
 
@@ -71,16 +81,22 @@ class TestSimulatedResponse:
     def test_a_fixed_response_is_not_estimated(self):
         evaluation = evaluated(response_of(1.1), IDENTITY_RESPONSE)
         assert (evaluation.response.gain, evaluation.response.offset) == (1.0, 0.0)
-        np.testing.assert_allclose(evaluation.raw_residual, 0.1 * IDEAL, atol=1e-5)
+        np.testing.assert_allclose(evaluation.raw_residual, 0.1 * ideal(), atol=1e-5)
 
     def test_a_view_without_a_visible_grain_keeps_a_gain_of_one(self):
         """Its gain is not determined and stays 1; its background is determined."""
         views = geometry().vectors.copy()
         views[1, 3:6] += 80 * views[1, 9:12]
         away = replace(geometry(), vectors=views)
-        ideal = simulate_radiographs(GRAINS, TRUTH, away)
+        images = simulate_radiographs(GRAINS, TRUTH, away)
         response = response_of(GAINS, (), (DRIFTS,))
-        target = Target(Scan(response.apply(ideal), away), NOTHING, "trilinear", 0.7, ResponseModel("view"))
+        target = Target(
+            Scan(response.apply(images), away),
+            np.zeros(images.shape, np.float32),
+            "trilinear",
+            0.7,
+            ResponseModel("view"),
+        )
         estimated = StateProblem(GrainArrays.of(GRAINS), target).evaluate_with_derivatives(POSE).response
         np.testing.assert_allclose(estimated.polynomial[:, 0], np.where(np.arange(4) == 1, 1.0, GAINS), atol=2e-4)
         np.testing.assert_allclose(estimated.background[:, 0], DRIFTS, atol=2e-4)
@@ -89,17 +105,17 @@ class TestSimulatedResponse:
 class TestMonotone:
     def test_a_curve_that_is_not_monotone_loses_a_degree(self):
         """Line integrals that fall where the grains are thick: the best parabola is refused, the best line used."""
-        bent = response_of(1.0, (-0.9 / IDEAL.max(),), (0.0,))
+        bent = response_of(1.0, (-0.9 / ideal().max(),), (0.0,))
         quadratic = evaluated(bent, ResponseModel("global", "none", 2))
         linear = evaluated(bent, ResponseModel("global", "none", 1))
         assert quadratic.response.polynomial.shape == (4, 1)
         np.testing.assert_allclose(quadratic.response.polynomial, linear.response.polynomial)
-        assert quadratic.response.is_monotone(float(IDEAL.max()))
+        assert quadratic.response.is_monotone(float(ideal().max()))
 
     def test_a_monotone_curve_keeps_its_degree(self):
         assert evaluated(
-            response_of(1.0, (-0.2 / IDEAL.max(),), (0.0,)), ResponseModel("global", "none", 2)
-        ).response.polynomial[0, 1] == pytest.approx(-0.2 / IDEAL.max(), rel=1e-3)
+            response_of(1.0, (-0.2 / ideal().max(),), (0.0,)), ResponseModel("global", "none", 2)
+        ).response.polynomial[0, 1] == pytest.approx(-0.2 / ideal().max(), rel=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,7 @@
 """Global search (`tracking.global_search`): large motions, when it stops, and ambiguous placements."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from validation.paper import images
@@ -12,7 +14,6 @@ from grainmotion.rotations import rotation_matrix
 from grainmotion.tracking.global_search import affine_field_through
 from grainmotion.tracking.track import TrackSettings, track
 
-GRAINS = grain_set()
 EXACTLY = TrackSettings(gain=False, trend="none", tolerance=1e-10, iterations=60)
 
 
@@ -27,73 +28,86 @@ class TestThreeDimensions:
         rotations, shifts = rng.normal(size=(2, 5, 3))
         rotations *= 75.0 / np.linalg.norm(rotations, axis=1, keepdims=True)
         shifts *= 0.7 / np.linalg.norm(shifts, axis=1, keepdims=True)
-        truth = motions(GRAINS, shifts, rotations)
-        scan = radiographs(GRAINS, truth)
-        plain = track(GRAINS, scan, settings=TrackSettings(search=False))
+        truth = motions(grain_set(), shifts, rotations)
+        scan = radiographs(grain_set(), truth)
+        plain = track(grain_set(), scan, settings=TrackSettings(search=False))
         assert not plain.ok.all()
-        measured = track(GRAINS, scan)
+        measured = track(grain_set(), scan)
         u, w = errors(measured, truth)
         assert measured.ok.all(), measured.reasons
         assert np.abs(u).max() < 0.05
         assert np.abs(w).max() < 1.0
 
     def test_no_search_if_all_grains_fit(self):
-        assert not attempts(track(GRAINS, radiographs(GRAINS, motions(GRAINS, 0.05, 2.0))))
+        assert not attempts(track(grain_set(), radiographs(grain_set(), motions(grain_set(), 0.05, 2.0))))
 
     def test_radiographs_of_other_grains_end_the_search_early(self):
         """No placement fits: the search ends after two failed attempts, and no grain converges."""
-        scan = radiographs(grain_set(seed=7), motions(GRAINS, 0.3, 40.0))
-        measured = track(GRAINS, scan)
+        scan = radiographs(grain_set(seed=7), motions(grain_set(), 0.3, 40.0))
+        measured = track(grain_set(), scan)
         assert len(attempts(measured)) <= 4
         assert not measured.ok.any()
+
+
+@cache
+def discs():
+    return GrainArrays.of(images.draw(0).grains())
+
+
+@cache
+def dense():
+    """Six grains in a plane, and their motions."""
+    grains = images.draw(3).grains("dense")
+    return grains, images.large_motions(grains, 3)
 
 
 class TestAffineField:
     """The affine field of the registered grains predicts the positions of the others."""
 
-    GRAINS = GrainArrays.of(images.draw(0).grains())
     BASE = Pose(np.zeros((30, 3)), np.tile(np.eye(3), (30, 1, 1)))
-    AFFINE = GRAINS.centers * (0.15, 0.1, 0.0) + (3.0, -2.0, 0.0)
+
+    def affine(self):
+        return discs().centers * (0.15, 0.1, 0.0) + (3.0, -2.0, 0.0)
 
     def test_misregistered_grains_count_little(self):
         rng = np.random.default_rng(0)
-        positions = self.AFFINE.copy()
+        positions = self.affine()
         wrong = rng.permutation(30)[:9]
         positions[wrong, :2] += rng.uniform(-12, 12, (9, 2))
-        field = affine_field_through(Pose(positions, rotation_matrix(rng.normal(size=(30, 3)))), self.GRAINS, self.BASE)
-        assert np.abs(field.translations - self.AFFINE).max() < 0.5
+        field = affine_field_through(Pose(positions, rotation_matrix(rng.normal(size=(30, 3)))), discs(), self.BASE)
+        assert np.abs(field.translations - self.affine()).max() < 0.5
         np.testing.assert_array_equal(field.matrices, self.BASE.matrices)
 
     def test_few_grains_have_no_field(self):
-        few = self.GRAINS.select(range(5))
+        few = discs().select(range(5))
         base = Pose(np.zeros((5, 3)), np.tile(np.eye(3), (5, 1, 1)))
-        assert affine_field_through(Pose(self.AFFINE[:5], base.matrices), few, base) is base
+        assert affine_field_through(Pose(self.affine()[:5], base.matrices), few, base) is base
 
 
 class TestPlane:
-    GRAINS = images.draw(3).grains("dense")
-    TRUTH = images.large_motions(GRAINS, 3)
-
     def test_motions_are_exact_without_noise(self):
-        measured = track(self.GRAINS, images.observe(self.GRAINS, self.TRUTH, 4), settings=EXACTLY)
+        grains, truth = dense()
+        measured = track(grains, images.observe(grains, truth, 4), settings=EXACTLY)
         assert measured.ok.all()
-        assert images.errors(measured, self.TRUTH).max() < 1e-9
+        assert images.errors(measured, truth).max() < 1e-9
 
     def test_with_noise_a_placement_is_confirmed_by_another_attempt(self):
-        scan = images.observe(self.GRAINS, self.TRUTH, 4)
+        grains, truth = dense()
+        scan = images.observe(grains, truth, 4)
         noisy = scan.line_integrals + 0.01 * np.random.default_rng(0).normal(size=scan.line_integrals.shape)
-        measured = track(self.GRAINS, type(scan)(noisy, scan.geometry))
+        measured = track(grains, type(scan)(noisy, scan.geometry))
         assert len(attempts(measured)) >= 1
         assert measured.ok.all(), measured.reasons
-        placement_errors = images.errors(measured, self.TRUTH)
+        placement_errors = images.errors(measured, truth)
         assert placement_errors[:, 0].max() < 0.1
         assert np.rad2deg(placement_errors[:, 1].max()) < 1.0
 
     def test_no_wrong_placement_from_one_view_is_converged(self):
         """One view of six grains determines little: other placements fit too, and must not be converged."""
-        scan = images.observe(self.GRAINS, self.TRUTH, 2).select([0])
-        measured = track(self.GRAINS, scan, settings=EXACTLY)
-        placement_errors = images.errors(measured, self.TRUTH)
+        grains, truth = dense()
+        scan = images.observe(grains, truth, 2).select([0])
+        measured = track(grains, scan, settings=EXACTLY)
+        placement_errors = images.errors(measured, truth)
         off = (placement_errors[:, 0] > 0.1) | (placement_errors[:, 1] > np.deg2rad(1.0))
         assert off.any()
         assert not (measured.ok & off).any()
