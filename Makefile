@@ -24,8 +24,9 @@ $(STAMP): pyproject.toml
 demo: $(STAMP)   ## run the whole job on a small simulated packing; ends by naming the report
 	$(BIN)/grainmotion demo demo
 
+# one process a core: threads of OpenBLAS would take the cores from each other, waiting
 test: $(STAMP)   ## run the fast tests
-	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder \
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder \
 		-m "not slow and not browser and not spam and not targets and not qt"
 
 test-targets: $(STAMP) ## compare the motions that kernels compiled for other processors give

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from grainmotion._arguments import checked_arguments
 from grainmotion.calibration.calibrate import MIN_CALIBRATION_VIEWS
@@ -111,7 +112,8 @@ def check_scan(
     >>> gm.check_scan(case.reference(), case.scanner.grid)  # nothing is wrong
     ()
     """
-    found = _contradictions(scan, grid, settings or CheckSettings(), where)
+    with threadpool_limits(limits=1, user_api="blas"):  # matrices are small: threads would wait for each other
+        found = _contradictions(scan, grid, settings or CheckSettings(), where)
     if len(scan) < MIN_CALIBRATION_VIEWS or any(finding.level is Level.ERROR for finding in found):
         return found
     return (*found, *missing_directions(scan.geometry, where))

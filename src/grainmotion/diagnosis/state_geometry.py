@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from grainmotion._arguments import checked_arguments, renamed_arguments
 from grainmotion.diagnosis.coarse_likeness import Fit, Likeness
@@ -118,7 +119,13 @@ def check_state(
     >>> gm.check_state(grains, state)  # nothing is wrong
     ()
     """
-    words, count = ViewNames(where, tuple(names)), len(scan)
+    with threadpool_limits(limits=1, user_api="blas"):  # matrices are small: threads would wait for each other
+        return _checked(grains, scan, initial, ViewNames(where, tuple(names)))
+
+
+def _checked(grains: GrainSet, scan: Scan, initial: Motions | None, words: ViewNames) -> tuple[Finding, ...]:
+    """What is wrong with the views that show something, and which show nothing or one thing twice."""
+    count = len(scan)
     likeness = Likeness.of(grains, starting_pose(grains, initial), scan)
     blank = blank_views(likeness, scan)
     findings = words.blank([int(k) for k in np.flatnonzero(blank)], count)
