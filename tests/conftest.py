@@ -11,8 +11,20 @@ settings.load_profile("reproducible")
 
 COMPILING = ("kernels", "backends", "projection")
 """Folders that come first: each file compiles kernels of its own, and later files of all processes find them cached."""
-LONG = ("tracking", "workflow", "diagnosis", "physics", "cli", "simulate", "cluster", "validation", "reconstruction")
-"""Folders with files of half a minute, which come next: at the end, short files keep all processes busy."""
+LONG = (
+    "tracking",
+    "workflow",
+    "diagnosis",
+    "physics",
+    "cli",
+    "simulate",
+    "cluster",
+    "validation",
+    "reconstruction",
+    "tests",
+)
+"""Folders with files of half a minute, which come next (pages of the documentation are tested by files in ``tests``):
+at the end, short files keep all processes busy."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -322,6 +322,7 @@ def changed(**columns):
 
 
 class TestRefused:
+    @pytest.mark.filterwarnings("error")
     @pytest.mark.parametrize(
         ("vectors", "fact"),
         [

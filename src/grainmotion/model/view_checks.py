@@ -35,9 +35,11 @@ def _are_fine(vectors: Float, beam: Beam) -> bool:
 
     A little stricter than the loop that names the view.
     """
+    if not np.isfinite(vectors).all():
+        return False
     s, d, u, v = vectors[:, :3], vectors[:, 3:6], vectors[:, 6:9], vectors[:, 9:]
     n = np.stack([u[:, 1] * v[:, 2] - u[:, 2] * v[:, 1], u[:, 2] * v[:, 0] - u[:, 0] * v[:, 2],
                   u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]], axis=1)  # fmt: skip
     ray = d - s if beam == "cone" else s
     uu, vv, nn, rr, rn = ((a * b).sum(axis=1) for a, b in ((u, u), (v, v), (n, n), (ray, ray), (ray, n)))
-    return bool(np.isfinite(vectors).all() and (nn > 1.01e-12 * uu * vv).all() and (rn**2 > 1.01e-18 * rr * nn).all())
+    return bool((nn > 1.01e-12 * uu * vv).all() and (rn**2 > 1.01e-18 * rr * nn).all())
