@@ -1,6 +1,7 @@
 """Noise model and weights of pixels (`uncertainty.noise_model`): simulated noise, outliers, Poisson likelihood."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -33,8 +34,12 @@ GRAINS = grain_set(finer=1)
 PACKED = GrainArrays.of(GRAINS)
 TRUTH = small_motions(GRAINS)
 POSE = Pose(TRUTH.translations, TRUTH.matrices)
-IDEAL = simulate_radiographs(GRAINS, TRUTH, geometry()).astype(float)
 BEAM = 1 + 0.4 * np.linspace(-1, 1, 64) * np.ones((52, 1))
+
+
+@cache
+def ideal():
+    return simulate_radiographs(GRAINS, TRUTH, geometry()).astype(float)
 
 
 def rng(seed=0):
@@ -43,13 +48,13 @@ def rng(seed=0):
 
 def poisson_line_integrals(photons, beam=1.0, seed=0):
     """Line integrals of Poisson counts."""
-    counts = rng(seed).poisson(photons * beam * np.exp(-IDEAL))
+    counts = rng(seed).poisson(photons * beam * np.exp(-ideal()))
     return -np.log(np.maximum(counts, 0.5) / (photons * beam))
 
 
 def problem(images, valid=None, beam=None, response_model=IDENTITY_RESPONSE, sigma=0.0):
     scan = Scan(images.astype(np.float32), geometry(), valid, beam)
-    return StateProblem(PACKED, Target(scan, np.zeros(IDEAL.shape, np.float32), "trilinear", sigma, response_model))
+    return StateProblem(PACKED, Target(scan, np.zeros(ideal().shape, np.float32), "trilinear", sigma, response_model))
 
 
 def model(images, pose=POSE, **target):
@@ -65,46 +70,46 @@ class TestNoiseModel:
         assert np.mean([f.photons for f in models]) == pytest.approx(photons, rel=0.15)
         assert max(f.even for f in models) < 0.7 * np.sqrt(1 / photons)
         assert max(f.edge for f in models) < 0.05
-        truth = NoiseModel(photons, 0.0, 0.0).variance(IDEAL, open_beam(problem(IDEAL, beam=beam).target))
-        np.testing.assert_allclose(np.mean([f.variance(IDEAL, 1.0) for f in models]) / truth.mean(), 1, atol=0.25)
+        truth = NoiseModel(photons, 0.0, 0.0).variance(ideal(), open_beam(problem(ideal(), beam=beam).target))
+        np.testing.assert_allclose(np.mean([f.variance(ideal(), 1.0) for f in models]) / truth.mean(), 1, atol=0.25)
 
     def test_white_noise_is_estimated(self):
-        estimated = model(IDEAL + 0.03 * rng().standard_normal(IDEAL.shape))
+        estimated = model(ideal() + 0.03 * rng().standard_normal(ideal().shape))
         assert estimated.even == pytest.approx(0.03, rel=0.1)
         assert 1 / estimated.photons < 0.3 * 0.03**2
 
     def test_photon_noise_and_white_noise_are_separated(self):
-        estimated = model(poisson_line_integrals(2e3) + 0.05 * rng(1).standard_normal(IDEAL.shape))
+        estimated = model(poisson_line_integrals(2e3) + 0.05 * rng(1).standard_normal(ideal().shape))
         assert estimated.even == pytest.approx(0.05, rel=0.2)
         assert estimated.photons == pytest.approx(2e3, rel=0.4)
-        truth = NoiseModel(2e3, 0.05, 0.0).variance(IDEAL, 1.0)
-        np.testing.assert_allclose(estimated.variance(IDEAL, 1.0), truth, rtol=0.2)
+        truth = NoiseModel(2e3, 0.05, 0.0).variance(ideal(), 1.0)
+        np.testing.assert_allclose(estimated.variance(ideal(), 1.0), truth, rtol=0.2)
 
     def test_an_error_at_edges_is_estimated(self):
         """Views shifted by a fraction of a pixel leave residuals proportional to the image's gradient."""
-        along_columns = np.gradient(IDEAL, axis=2)
+        along_columns = np.gradient(ideal(), axis=2)
         shifted = (
-            IDEAL
+            ideal()
             + 0.3 * rng(2).choice([-1, 1], size=(4, 1, 1)) * along_columns
-            + 0.005 * rng().standard_normal(IDEAL.shape)
+            + 0.005 * rng().standard_normal(ideal().shape)
         )
         estimated = model(shifted)
-        along_rows = np.gradient(IDEAL, axis=1)
+        along_rows = np.gradient(ideal(), axis=1)
         share = np.sqrt((along_columns**2).sum() / (along_columns**2 + along_rows**2).sum())
         assert estimated.edge == pytest.approx(0.3 * share, rel=0.3)
         assert estimated.even < 0.02
 
     def test_outliers_and_masked_pixels_do_not_matter(self):
         images = poisson_line_integrals(2e3)
-        valid = rng(3).uniform(size=IDEAL.shape) > 0.05
+        valid = rng(3).uniform(size=ideal().shape) > 0.05
         plain = model(images)
         spoiled = np.where(valid, images, 50.0)
         np.testing.assert_allclose(model(spoiled, valid=valid).photons, plain.photons, rtol=0.15)
-        with_outliers = np.where(rng(4).uniform(size=IDEAL.shape) < 0.01, images + 1.0, images)
+        with_outliers = np.where(rng(4).uniform(size=ideal().shape) < 0.01, images + 1.0, images)
         np.testing.assert_allclose(model(with_outliers).photons, plain.photons, rtol=0.25)
 
     def test_discounted_pixels_show_nothing_about_the_others(self):
-        at = problem(IDEAL + 0.01 * rng().standard_normal(IDEAL.shape))
+        at = problem(ideal() + 0.01 * rng().standard_normal(ideal().shape))
         target, evaluation = at.target, at.evaluate(POSE)
         raw, discount = evaluation.raw_residual.copy(), np.ones_like(evaluation.raw_residual)
         raw[:, 20:30] += 0.2
@@ -116,9 +121,9 @@ class TestNoiseModel:
         assert noise_model(target, wrong).even > 2 * expected.even
 
     def test_without_noise_the_variance_is_small_and_finite(self):
-        estimated = model(IDEAL)
-        assert np.isfinite(estimated.variance(IDEAL, 1.0)).all()
-        assert estimated.variance(IDEAL, 1.0).max() < 1e-6
+        estimated = model(ideal())
+        assert np.isfinite(estimated.variance(ideal(), 1.0)).all()
+        assert estimated.variance(ideal(), 1.0).max() < 1e-6
 
     @pytest.mark.parametrize("shape", [(1, 1), (5, 2), (1, 64)])
     def test_tiny_panels_give_finite_shares(self, shape):
@@ -142,22 +147,22 @@ class TestWeights:
     def test_photon_weights_are_the_inverse_variance(self):
         at = problem(poisson_line_integrals(1e3, BEAM), beam=BEAM)
         target, _ = reweighted(at.target, at.evaluate_with_derivatives(POSE), "photons", "squares")
-        truth = BEAM * np.exp(-IDEAL)
+        truth = BEAM * np.exp(-ideal())
         assert target.weights.mean() == pytest.approx(1)
         np.testing.assert_allclose(target.weights, truth / truth.mean(), rtol=0.15)
 
     def test_masked_pixels_do_not_count_in_the_mean_weight(self):
-        valid = rng(3).uniform(size=IDEAL.shape) > 0.5
+        valid = rng(3).uniform(size=ideal().shape) > 0.5
         at = problem(poisson_line_integrals(1e3), valid)
         target, _ = reweighted(at.target, at.evaluate_with_derivatives(POSE), "photons", "squares")
         assert target.weights[valid].mean() == pytest.approx(1)
 
     def test_downweighted_share_is_that_of_the_outliers(self):
-        images = IDEAL + 0.02 * rng().standard_normal(IDEAL.shape)
+        images = ideal() + 0.02 * rng().standard_normal(ideal().shape)
         clean = problem(images)
         target, share = reweighted(clean.target, clean.evaluate_with_derivatives(POSE), "uniform", "huber")
         assert share < 0.01  # 0.27 % of normal numbers are beyond three deviations
-        outliers = rng(5).uniform(size=IDEAL.shape) < 0.05
+        outliers = rng(5).uniform(size=ideal().shape) < 0.05
         spoiled = problem(np.where(outliers, images + 0.8, images))
         target, share = reweighted(spoiled.target, spoiled.evaluate_with_derivatives(POSE), "uniform", "huber")
         shaded = shaded_pixels(spoiled.target, spoiled.evaluate_with_derivatives(POSE))
@@ -167,19 +172,19 @@ class TestWeights:
         assert (target.weights[~outliers] > 0.99 * inside).mean() > 0.98
 
     def test_huber_weight_is_three_deviations_over_the_residual(self):
-        noisy = IDEAL + 0.02 * rng().standard_normal(IDEAL.shape)
-        at = problem(np.where(rng(5).uniform(size=IDEAL.shape) < 0.01, noisy + 0.5, noisy))
+        noisy = ideal() + 0.02 * rng().standard_normal(ideal().shape)
+        at = problem(np.where(rng(5).uniform(size=ideal().shape) < 0.01, noisy + 0.5, noisy))
         evaluation = at.evaluate_with_derivatives(POSE)
         target, _ = reweighted(at.target, evaluation, "uniform", "huber")
         noise = noise_model(at.target, evaluation, HUBER_SD)
         assert noise.even == pytest.approx(0.02, rel=0.1)
-        size = np.abs(evaluation.raw_residual) / np.sqrt(noise.variance(IDEAL, 1.0))
+        size = np.abs(evaluation.raw_residual) / np.sqrt(noise.variance(ideal(), 1.0))
         expected = np.minimum(1, HUBER_SD / size)
         np.testing.assert_allclose(target.weights / target.weights.max(), expected / expected.max(), rtol=1e-3)
 
     def test_open_beam_is_one_unless_given(self):
-        assert open_beam(problem(IDEAL).target) == 1.0
-        assert open_beam(problem(IDEAL, beam=BEAM).target) is not None
+        assert open_beam(problem(ideal()).target) == 1.0
+        assert open_beam(problem(ideal(), beam=BEAM).target) is not None
 
 
 SMOOTH = GrainArrays.of(smooth_grains())
@@ -189,7 +194,7 @@ TRUE_POSE = Pose(np.array([[0.05, -0.08, 0.1], [-0.1, 0.03, 0.06]]), np.tile(np.
 def counts(photons):
     """The problem of two smooth grains from Poisson counts, and the counts."""
     views = geometry()
-    nothing = Target(Scan(np.zeros(IDEAL.shape, np.float32), views), np.zeros(IDEAL.shape), "trilinear", 0.0)
+    nothing = Target(Scan(np.zeros(ideal().shape, np.float32), views), np.zeros(ideal().shape), "trilinear", 0.0)
     path = StateProblem(SMOOTH, nothing).evaluate_with_derivatives(TRUE_POSE).line_integrals
     drawn = np.maximum(rng().poisson(photons * np.exp(-path)), 0.5)
     return StateProblem(SMOOTH, replace(nothing, scan=Scan(-np.log(drawn / photons), views))), drawn
