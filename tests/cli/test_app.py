@@ -1,12 +1,15 @@
 """Commands of `cli.app`: what they print, where they write, and their exit codes."""
 
+import base64
 import contextlib
 import os
+import re
 import shutil
 import signal
 import subprocess
 import sys
 import time
+import zlib
 
 import numpy as np
 import pandas as pd
@@ -16,6 +19,7 @@ from typer.testing import CliRunner
 from grainmotion import __version__
 from grainmotion.backends import device
 from grainmotion.cli.app import app
+from grainmotion.cli.demo import DEMO_STATES, write_case
 from grainmotion.cli.interrupts import stoppable
 from grainmotion.cli.progress import progress
 from grainmotion.cli.terminal import Terminal
@@ -274,6 +278,12 @@ class TestSimulated:
         assert again.exit_code == 2
         assert "already holds files" in again.stderr
 
+    def test_an_earlier_demo_is_not_taken_for_one_of_another_seed(self, tmp_path):
+        write_case(tmp_path, seed=4, states=DEMO_STATES)
+        refused = CliRunner().invoke(app, ["demo", str(tmp_path), "--seed", "5"])
+        assert refused.exit_code == 2
+        assert f"error: --seed: {tmp_path} holds the demo of seed 4, not 5; choose another folder" in refused.stderr
+
     @pytest.mark.slow
     def test_demo_prints_errors_against_the_true_motions(self, tmp_path):
         text = invoke("demo", tmp_path / "demo").stdout
@@ -284,5 +294,12 @@ class TestSimulated:
             assert int(failures) == 0
             assert float(voxels) < 0.1
             assert float(degrees) < 1.0
-        assert text.strip().splitlines()[-1] == f"report: {tmp_path / 'demo' / 'results' / 'report.html'}"
-        assert "rms a component" in (tmp_path / "demo" / "results" / "report.html").read_text()
+        *_, report, tables, log, after = text.strip().splitlines()
+        assert report == f"report: {tmp_path / 'demo' / 'results' / 'report.html'}"
+        assert tables.startswith("tables: ")
+        assert log.startswith("log: ")
+        assert "grainmotion init" in after
+        page = (tmp_path / "demo" / "results" / "report.html").read_text(encoding="utf-8")
+        fits = re.findall(r'"fit":\{"dtype":"json","data":"([^"]+)"', page)  # of each state, compressed
+        assert len(fits) == 2
+        assert all("rms a component" in zlib.decompress(base64.b64decode(fit)).decode() for fit in fits)

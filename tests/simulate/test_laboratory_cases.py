@@ -255,7 +255,7 @@ class TestFiles:
         scan, _ = inputs.reference.read()
         assert scan.line_integrals.shape == (45, *case.case.scanner.panel)
         facts = json.loads((tmp_path / "case.json").read_text())
-        assert facts == {"name": name, "summary": case.summary, "facts": dict(case.facts)}
+        assert facts == {"name": name, "seed": 3, "summary": case.summary, "facts": dict(case.facts)}
         truth = read_motions(tmp_path / f"{name}-4-truth.csv")
         np.testing.assert_allclose(truth.translations, case.motions.translations)
         bodies = tmp_path / f"{name}-2-bodies-truth.csv"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -28,6 +28,8 @@ from grainmotion.workflow.run import RunResult, run
 PLAIN_CASES = {"small": simulate.small, "paper": simulate.paper_scale}
 ALL_STATES = (("unmoved", 4), ("shift", 4), ("shift", 2), ("random", 4), ("random", 2))
 DEMO_STATES = (("shift", 4), ("random", 4))
+CASE_FILE = "case.json"
+"""What was simulated, with its seed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,11 +54,14 @@ def write_case(
     `simulate.HARD_CASES`.  Each of ``states`` is the name of a motion of the case and a number of views (2 or 4); the
     state is called ``NAME-VIEWS``.  A hard case has one motion, and the states ``CASE-4`` and ``CASE-2``; where its
     true views are not those of the experiment file, they are in ``STATE-true-views.csv``.  True motions of pistons are
-    in ``STATE-bodies-truth.csv``; ``case.json`` says what is hard, with its sizes.
+    in ``STATE-bodies-truth.csv``; ``case.json`` holds name and seed, and says what is hard, with its sizes.
     """
     check_new_dataset(folder)  # before minutes of simulation
     if case in simulate.HARD_CASES:
-        return _write_hard_case(Path(folder), simulate.hard_case(case, seed, progress=progress), progress)
+        hard = simulate.hard_case(case, seed, progress=progress)
+        path = _write_hard_case(Path(folder), hard, progress)
+        _write_facts(path, {"name": hard.name, "seed": seed, "summary": hard.summary, "facts": dict(hard.facts)})
+        return path
     if case not in PLAIN_CASES:
         known = ", ".join([*PLAIN_CASES, *simulate.HARD_CASES])
         raise InputError("case", f"'{case}' is unknown", f"choose one of {known}")
@@ -71,7 +76,15 @@ def write_case(
     if progress is not None:
         progress("simulating radiographs", len(states), len(states) + 1)
     grid = simulated.scanner.grid
-    return write_dataset(folder, simulated.reference_counts(), recordings, grid, initial="reference")
+    path = write_dataset(folder, simulated.reference_counts(), recordings, grid, initial="reference")
+    _write_facts(path, {"name": case, "seed": seed})
+    return path
+
+
+def _write_facts(experiment: Path, facts: Mapping[str, object]) -> None:
+    """What was simulated, beside its experiment file."""
+    text = json.dumps(facts, indent=2, ensure_ascii=False) + "\n"
+    (experiment.parent / CASE_FILE).write_text(text, encoding="utf-8")
 
 
 def _write_hard_case(folder: Path, hard: simulate.HardCase, progress: Progress | None) -> Path:
@@ -86,17 +99,15 @@ def _write_hard_case(folder: Path, hard: simulate.HardCase, progress: Progress |
         progress("simulating radiographs", 2, 3)
     grid = hard.case.scanner.grid
     path = write_dataset(folder, hard.reference_counts(), recordings, grid, initial="reference")
-    _write_more_truth(folder, hard, list(recordings))
+    _write_body_truth(folder, hard, list(recordings))
     for name, (nominal, true) in views.items():
         if not np.allclose(nominal.vectors, true.vectors, rtol=0, atol=1e-9):
             write_geometry(folder / f"{name}-true-views.csv", true)
     return path
 
 
-def _write_more_truth(folder: Path, hard: simulate.HardCase, states: Sequence[str]) -> None:
-    """What the true motions of the grains do not hold: summary and sizes, and the motions of bodies."""
-    facts = {"name": hard.name, "summary": hard.summary, "facts": dict(hard.facts)}
-    (folder / "case.json").write_text(json.dumps(facts, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+def _write_body_truth(folder: Path, hard: simulate.HardCase, states: Sequence[str]) -> None:
+    """The true motions of bodies."""
     for state in states:
         if hard.body_motions is not None:
             write_motions(folder / f"{state}-bodies-truth.csv", hard.body_motions)
@@ -105,12 +116,21 @@ def _write_more_truth(folder: Path, hard: simulate.HardCase, states: Sequence[st
 def run_demo(
     folder: str | Path, seed: int = 0, *, device: DeviceName = "auto", progress: Progress | None = None
 ) -> Demo:
-    """Simulate the small case, measure its motions, and compare them with the truth; an earlier demo is continued."""
+    """Simulate the small case, measure its motions, and compare them with the truth.
+
+    An earlier demo in the folder is continued, if it has the same seed.
+    """
     folder = Path(folder)
+    earlier = folder / CASE_FILE
     names = [f"{name}-{views}" for name, views in DEMO_STATES]
     files = ["experiment.toml", *(f"{name}-truth.csv" for name in names)]
     if not all((folder / name).is_file() for name in files):
         write_case(folder, "small", seed, DEMO_STATES, progress=progress)
+    elif earlier.is_file():
+        made_with = json.loads(earlier.read_text(encoding="utf-8")).get("seed", seed)
+        if made_with != seed:
+            fact = f"{folder} holds the demo of seed {made_with}, not {seed}"
+            raise InputError("--seed", fact, "choose another folder")
     experiment = read_experiment(folder / "experiment.toml").on(device)
     result = run(experiment, progress=progress)
     reference = read_reference(result.folder / REFERENCE)

@@ -64,10 +64,14 @@ def demo(
 
 
 def _show(terminal: Terminal, made: Demo) -> None:
-    """Print the errors, the findings, and the path of the report."""
-    from grainmotion.cli.summary import print_findings
+    """Print the errors, the findings, where the results are, and how to go on with a scan of one's own."""
+    from grainmotion.cli.summary import places, print_findings
     from grainmotion.cli.tables import print_comparisons
 
     print_comparisons(terminal, made.comparisons)
+    print("translations, rotations: grains whose translation, rotation is a result to use")
+    print("errors: root mean squares of single components, against the true motions")
     print_findings(terminal, made.result.findings)
-    print(f"report: {made.result.report}")
+    for line in places(made.result):
+        print(line)
+    print("next: open the report in a browser; with your own scan in the folder FOLDER: grainmotion init FOLDER")

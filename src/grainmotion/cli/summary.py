@@ -27,11 +27,11 @@ def print_run(terminal: Terminal, result: RunResult, lines: Iterable[str] = ()) 
         terminal.message(f"done: {', '.join(result.done) or 'nothing'}; kept: {kept}")
     print_states(terminal, result.motions)
     print_findings(terminal, result.findings)
-    for line in (*lines, *_places(result)):
+    for line in (*lines, *places(result)):
         print(line)
 
 
-def _places(result: RunResult) -> Iterable[str]:
+def places(result: RunResult) -> Iterable[str]:
     """The report, the tables and the log, by their paths."""
     from grainmotion.workflow.log import RUN_LOG
 
