@@ -4,6 +4,8 @@ from __future__ import annotations
 
 LOG_NOTE = "log: "
 """Beginning of the note on an exception that names the log file of its run."""
+ALSO = "\n  also "
+"""Between the errors of a message that tells several, each on its own line."""
 
 
 class GrainmotionError(Exception):

@@ -109,3 +109,38 @@ def test_states_without_a_reference_do_not_hide_that_it_is_missing(tiny):
     toml = TOML[TOML.index("[volume]") :].replace("pixel_size = 0.4", "")
     with pytest.raises(InputError, match=r"reference: it is missing; add this key$"):
         inputs_of(tiny, toml)
+
+
+CIRCLE = """\
+[reference]
+radiographs = "reference/*.tif"
+flats = "flats.tif"
+[reference.geometry]
+beam = "cone"
+[volume]
+shape = [28, 36, 36]
+voxel_size = 0.1
+"""
+
+
+def missing_keys_of(tiny, toml):
+    with pytest.raises(InputError) as error:
+        inputs_of(tiny, toml)
+    return [line.split(": it is missing")[0].split(".")[-1] for line in str(error.value).splitlines()]
+
+
+def test_all_keys_that_the_circle_of_the_reference_lacks_are_told_at_once(tiny):
+    everything = ["pixel_size", "first_row", "source_to_axis", "source_to_detector", "angles_deg"]
+    assert missing_keys_of(tiny, CIRCLE) == everything
+    assert missing_keys_of(tiny, CIRCLE.replace("cone", "parallel")) == ["pixel_size", "first_row", "angles_deg"]
+    turn = 'beam = "cone"\nfirst = 0\nstep = 4\nfirst_row = "top"'
+    missing = ["pixel_size", "source_to_axis", "source_to_detector"]
+    assert missing_keys_of(tiny, CIRCLE.replace('beam = "cone"', turn)) == missing
+    assert missing_keys_of(tiny, CIRCLE.replace('beam = "cone"', turn + "\npixel_size = 0.4")) == missing[1:]
+
+
+def test_a_state_beside_a_circular_reference_is_asked_for_its_angles_alone(tiny):
+    circle = 'pixel_size = 0.4\nfirst_row = "top"\nsource_to_axis = 50\nsource_to_detector = 200\nfirst = 0\nstep = 30'
+    toml = CIRCLE.replace('beam = "cone"', circle) + '[[states]]\nname = "one"\nradiographs = "one.tif"\n'
+    with pytest.raises(InputError, match=r"states.one.geometry: it is missing; give its angles: geometry = \{ angles_"):
+        inputs_of(tiny, toml)

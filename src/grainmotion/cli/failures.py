@@ -13,7 +13,7 @@ from typing import Literal
 
 from grainmotion.cli.exit_codes import BAD_INPUT, FAULT
 from grainmotion.cli.interrupts import CONTINUE, INTERRUPTED, Stop
-from grainmotion.errors import LOG_NOTE, BackendError, GrainmotionError
+from grainmotion.errors import ALSO, LOG_NOTE, BackendError, GrainmotionError
 
 FULL_DISK = (errno.ENOSPC, errno.EDQUOT)
 """Errors of a disk, or a share of it, that is full; writing files tells them as a `WriteError`."""
@@ -33,13 +33,14 @@ class Failure:
 
     @property
     def line(self) -> str:
-        """One line for standard error."""
+        """One line for standard error; where several errors are told, one for each."""
         if self.kind == "interrupted":
             return INTERRUPTED
         sentence = f"{self.where}: {self.fact}" if self.where else self.fact
         more = f"; {self.remedy}" if self.remedy else ""
         log = f" (log: {self.log})" if self.log is not None and self.kind != "fault" else ""
-        return " ".join(f"error: {sentence}{more}{log}".split())
+        told = f"error: {sentence}{more}{log}".split(ALSO)
+        return ALSO.join(" ".join(one.split()) for one in told)
 
 
 def failure(error: BaseException, stop: Stop) -> Failure:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from grainmotion._typing import Beam, Float
 from grainmotion.errors import InputError
-from grainmotion.experiment.config_errors import FIRST_ROW_REMEDY, together
+from grainmotion.experiment.config_errors import DISTANCE_REMEDY, DISTANCES, FIRST_ROW_REMEDY, together
 from grainmotion.experiment.scan_tables import Circular
 from grainmotion.model.detector_alignment import DetectorAlignment
 from grainmotion.model.geometry import Geometry
@@ -28,8 +28,8 @@ def circular_geometry(table: Circular, beam: Beam, shape: tuple[int, int], angle
     if beam == "parallel":
         return Geometry.parallel(angles_deg, shape, table.pixel_size, panel=panel)
     if table.source_to_axis is None or table.source_to_detector is None:
-        missing = "source_to_axis" if table.source_to_axis is None else "source_to_detector"
-        raise InputError(f"geometry.{missing}", "it is missing", 'give it in mm, or set beam = "parallel"')
+        unknown = [name for name in DISTANCES if getattr(table, name) is None]
+        raise together([InputError(f"geometry.{name}", "it is missing", DISTANCE_REMEDY) for name in unknown])
     return Geometry.cone(
         angles_deg,
         shape,

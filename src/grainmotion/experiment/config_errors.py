@@ -15,7 +15,8 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from grainmotion._validation import refusal
-from grainmotion.errors import InputError
+from grainmotion.errors import ALSO, InputError
+from grainmotion.experiment.inherited_keys import ANGLE_KEYS
 
 UNKNOWN_KEY = ("extra_forbidden", "unexpected_keyword_argument")  # of a table; of the settings of a stage
 MISSING_KEY = "missing"
@@ -26,6 +27,10 @@ FIRST_ROW_REMEDY = (
     "stands on its head there, give the other one"
 )
 """What to do about a missing ``first_row``: it has no default, since a wrong one mirrors every result unnoticed."""
+DISTANCE_REMEDY = 'give it in mm, or set beam = "parallel"'
+ANGLES_REMEDY = "give a list, a text file, first and step, or first, last and count"
+DISTANCES = ("source_to_axis", "source_to_detector")
+CIRCLE_OF_REFERENCE = ("reference", "geometry")
 
 
 @dataclass(frozen=True)
@@ -80,14 +85,34 @@ def input_error(error: ValidationError, schema: type[BaseModel], data: Mapping[s
     """All unknown keys, missing keys and invalid values of ``data`` that ``schema`` refused, in one error."""
     places = [_place(e, schema.model_fields, data) for e in error.errors(include_url=False)]
     kept = sorted(_without_repetitions(places), key=lambda place: place.rank)
-    return together([place.told() for place in kept])
+    return together([place.told() for place in kept] + _missing_beside(kept, data))
+
+
+def _missing_beside(places: Sequence[_Place], data: Mapping[str, object]) -> list[InputError]:
+    """Where the circle of the reference lacks a required key: its distances and angles, if they are missing as well.
+
+    The schema does not require them, as a parallel beam has no distances and a scanner's file may tell all of them.
+    """
+    of_circle = [place for place in places if place.table == CIRCLE_OF_REFERENCE]
+    reference = data.get("reference")
+    if not isinstance(reference, Mapping) or not any(place.missing for place in of_circle):
+        return []
+    circle = reference["geometry"]
+    given = {*circle, *(place.near for place in of_circle)}
+    parallel = "parallel" in (circle.get("beam"), reference.get("beam"))
+    needed = {} if parallel else dict.fromkeys(DISTANCES, DISTANCE_REMEDY)
+    missing = {key: remedy for key, remedy in needed.items() if key not in given}
+    if not given & set(ANGLE_KEYS):
+        missing["angles_deg"] = ANGLES_REMEDY
+    where = ".".join(CIRCLE_OF_REFERENCE)
+    return [InputError(f"{where}.{key}", "it is missing", remedy) for key, remedy in missing.items()]
 
 
 def together(errors: Sequence[InputError]) -> InputError:
     """One error that tells several, each on its own line; it is named after the first."""
     first = errors[0]
     others = [text for text in dict.fromkeys(map(str, errors)) if text != str(first)]
-    return InputError(first.where, first.fact, "\n  also ".join([first.remedy, *others])) if others else first
+    return InputError(first.where, first.fact, ALSO.join([first.remedy, *others])) if others else first
 
 
 def _without_repetitions(places: Iterable[_Place]) -> list[_Place]:
@@ -101,7 +126,7 @@ def _without_repetitions(places: Iterable[_Place]) -> list[_Place]:
     wheres = [place.where for place in places]
     typed = {(place.table, place.near) for place in places if place.unknown}
     top = {place.where for place in places if place.missing and not place.table}
-    circle = {(place.key, place.error["type"]) for place in places if place.table == ("reference", "geometry")}
+    circle = {(place.key, place.error["type"]) for place in places if place.table == CIRCLE_OF_REFERENCE}
     for place in places:
         inherited = place.table[-1:] == ("geometry",) and place.table[0] != "reference"
         if any(where.startswith((f"{place.where}.", f"{place.where}[")) for where in wheres):

@@ -11,6 +11,7 @@ from grainmotion._typing import Float
 from grainmotion.diagnosis.file_names import Series, series_of
 from grainmotion.diagnosis.file_series import DIGITS_OF_TIMES, FILE_SERIES, missing_numbers
 from grainmotion.errors import InputError
+from grainmotion.experiment.config_errors import ANGLES_REMEDY
 from grainmotion.experiment.scan_tables import AngleRange, Circular
 from grainmotion.io.angles import read_angles
 from grainmotion.io.files import checked_file
@@ -84,9 +85,7 @@ def scan_angles_deg(
         return np.linspace(table.first, table.last, table.count), ()
     if recorded is not None:
         return recorded, ()
-    raise InputError(
-        ANGLES_PLACE, "it is missing", "give a list, a text file, first and step, or first, last and count"
-    )
+    raise InputError(ANGLES_PLACE, "it is missing", ANGLES_REMEDY)
 
 
 def _by_steps(table: Circular, files: RadiographFiles) -> tuple[Float, tuple[Finding, ...]]:

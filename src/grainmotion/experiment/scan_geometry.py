@@ -177,6 +177,8 @@ def _circle(sources: ScanSources, given: Circular | None, own: ScannerFile | Non
     told_by_file = own is not None and (own.circle.angles_deg is not None or bool(own.circle.known))
     if given is None and not told_by_file and (own is None or told is None):
         remedy = "name a file with the views, or give a table for a circular scan"
+        if told is not None and sources.table is not sources.reference:
+            remedy = "give its angles: geometry = { angles_deg = [0, 45, 90, 135] }; it has the reference's other keys"
         beside = [f for name in sources.table.radiographs or [] for f in scanner_files_beside(name, sources.folder)]
         remedy += f'; or name the scanner\'s file: radiographs = "{beside[0]}"' if beside else ""
         raise InputError(f"{sources.key}.geometry", "it is missing", remedy)
