@@ -114,6 +114,18 @@ class TestDraft:
         assert "[[states]]" in draft.todo[1]
         for key in ("source_to_axis", "pixel_size", "first_row", "angles_deg"):
             assert f"# {key} = " in draft.text
+        assert "pixel_size, first_row and angles" in draft.todo[0]
+        assert "# angles_deg = { first = 0, last = 342, count = 20 }  # TODO" in draft.text
+
+    def test_angles_in_a_folder_above_the_images_are_those_of_the_scan_with_as_many(self, tmp_path):
+        images(tmp_path / "full", 20)
+        images(tmp_path / "load", 3)
+        for name, count in (("angles.csv", 20), ("angles of loads.txt", 3), ("force.txt", 20)):
+            (tmp_path / name).write_text("\n".join(map(str, range(0, 18 * count, 18))))
+        draft = draft_experiment(folder_contents(tmp_path))
+        assert '\nangles_deg = "angles.csv"\n' in draft.text
+        assert 'geometry = { angles_deg = "angles of loads.txt" }' in draft.text
+        assert draft.todo == ("[reference.geometry]: distances, pixel_size and first_row, in the lines with TODO",)
 
     def test_angles_in_the_names_of_a_state_are_proposed(self, tmp_path):
         images(tmp_path / "full", 12)

@@ -88,8 +88,10 @@ def draft_experiment(contents: FolderContents, name: str = "experiment.toml") ->
     elif views is not None:
         lines += [f'geometry = "{views}"']
     else:
-        lines += ["", CIRCLE.format(angles=_angles(contents, reference) or "# angles_deg = TODO").rstrip()]
-        todo.append("[reference.geometry]: distances, pixel_size and first_row, in the lines with TODO")
+        angles = _angles(contents, reference)
+        lines += ["", CIRCLE.format(angles=angles or _one_turn(reference.count)).rstrip()]
+        keys = "distances, pixel_size and first_row" if angles else "distances, pixel_size, first_row and angles"
+        todo.append(f"[reference.geometry]: {keys}, in the lines with TODO")
     if not states:
         lines += ["", *_example_state()]
         todo.append("[[states]]: the later radiographs, which this folder does not hold")
@@ -199,9 +201,16 @@ def _view_table(contents: FolderContents, scan: FoundScan) -> str | None:
     return None
 
 
+def _one_turn(count: int) -> str:
+    """The line for angles that no file tells, with those of one turn to be changed."""
+    angles = f"{{ first = 0, last = {360 - 360 / count:.10g}, count = {count} }}"
+    return f"# angles_deg = {angles}  # TODO: degrees; this is one turn. Or a list, or a text file"
+
+
 def _angles(contents: FolderContents, scan: FoundScan) -> str | None:
-    """The key for the angles of a scan: a file beside it that is named after angles and has as many as it."""
-    for name in _tables_of(contents, scan):
+    """The key for the angles of a scan: a file named after angles that has as many, beside it or in a folder above."""
+    above = [name for name in contents.tables if Path(name).parent in scan.folder.parents]
+    for name in dict.fromkeys([*_tables_of(contents, scan), *above]):
         if _ANGLE_FILE.search(Path(name).name.lower()) is None:
             continue  # a log of forces has as many rows as well
         try:
