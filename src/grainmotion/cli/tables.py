@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from grainmotion.cli.terminal import Terminal
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from grainmotion.analysis.validation import Comparison
     from grainmotion.experiment.inspection import Inspection
     from grainmotion.planning.plan import Plan
@@ -16,14 +19,13 @@ WIDE_LOG, WIDEST_LOG = 160, 180  # columns of wide tables that go to no terminal
 
 def print_inspection(terminal: Terminal, inspection: Inspection) -> None:
     """Print the scans of an experiment, its volume and the memory that it needs."""
-    from rich.table import Table
+    from rich.markup import escape
 
     console = terminal.console(log_width=WIDE_LOG)
-    table = Table("scan", "radiographs", "type", "kind", "beam", "pixel at sample", "magnification", "air", "highest")
-    table.add_column("masked pixels")
-    for s in inspection.scans:
-        table.add_row(
-            s.key,
+    names = ["scan", "radiographs", "type", "kind", "beam", "pixel at sample", "magnification", "air", "highest"]
+    rows = [
+        (
+            escape(s.key),
             f"{s.views} x {s.rows} x {s.columns}",
             s.dtype,
             s.kind,
@@ -34,7 +36,9 @@ def print_inspection(terminal: Terminal, inspection: Inspection) -> None:
             f"{s.highest:.3g}",
             f"{s.pixels.bad} ({s.pixels.dead} dead, {s.pixels.dark} dark, {s.pixels.saturated} saturated)",
         )
-    console.print(table)
+        for s in inspection.scans
+    ]
+    print_within(console, [*names, "masked pixels"], rows)
     shape = " x ".join(str(n) for n in inspection.volume_shape)
     console.print(f"volume: {shape} voxels (z, y, x) of {inspection.voxel_size:.4g} mm")
     console.print(
@@ -42,6 +46,32 @@ def print_inspection(terminal: Terminal, inspection: Inspection) -> None:
         "translations; no radiograph shows it"
     )
     console.print(f"memory: about {inspection.memory / 1e9:.2f} GB at the peak")
+
+
+def print_within(console: Console, names: Sequence[str], rows: Sequence[Sequence[str]], *, keys: int = 1) -> None:
+    """Print a table, as several ones below each other where it is wider than the console.
+
+    Each of them begins with the first ``keys`` columns, which name a row.  Nothing is cut off: what does not fit into
+    one column is folded.
+    """
+    from rich.table import Table
+
+    def of(columns: Sequence[int]) -> Table:
+        table = Table()
+        for k in columns:
+            table.add_column(names[k], overflow="fold")
+        for row in rows:
+            table.add_row(*(row[k] for k in columns))
+        return table
+
+    unlimited = console.options.update(width=100 * console.width)  # else a table is measured as it will be squeezed
+    named, rest = list(range(keys)), list(range(keys, len(names)))
+    while rest:
+        count = len(rest)
+        while count > 1 and console.measure(of([*named, *rest[:count]]), options=unlimited).maximum > console.width:
+            count -= 1
+        console.print(of([*named, *rest[:count]]))
+        rest = rest[count:]
 
 
 def print_comparisons(terminal: Terminal, comparisons: dict[str, Comparison]) -> None:
@@ -62,15 +92,13 @@ def print_comparisons(terminal: Terminal, comparisons: dict[str, Comparison]) ->
 def print_plan(terminal: Terminal, plan: Plan) -> None:
     """Print each set of views: angles, predicted precision, and the motions to expect of tracking."""
     import numpy as np
-    from rich.table import Table
 
     from grainmotion.planning.capture_range import CAPTURE_SOURCE
 
-    table = Table("views", "set", "angles (deg)", "sd of u (voxel)", "(mm)", "sd of w (deg)")
-    for name in ("worst (voxel, deg)", "captured (diameters, deg)", "free across, along (mm)"):
-        table.add_column(name)
-    for s, row in zip(plan.sets, plan.angles_table().itertuples()):
-        table.add_row(
+    names = ["views", "set", "angles (deg)", "sd of u (voxel)", "(mm)", "sd of w (deg)"]
+    names += ["worst (voxel, deg)", "captured (diameters, deg)", "free across, along (mm)"]
+    rows = [
+        (
             str(len(s)),
             s.kind,
             str(row.angles_deg),
@@ -81,7 +109,9 @@ def print_plan(terminal: Terminal, plan: Plan) -> None:
             "; ".join(f"{d:g}, {a:g}" for d, a in s.capture.ranges),
             f"{row.room_across_mm:.3g}, {row.room_along_mm:.3g}",
         )
-    terminal.console(log_width=WIDEST_LOG).print(table)
+        for s, row in zip(plan.sets, plan.angles_table().itertuples())
+    ]
+    print_within(terminal.console(log_width=WIDEST_LOG), names, rows, keys=2)
     exposure = f"{plan.settings.photons:.4g} photons a pixel of open beam, model error {plan.settings.model_error:g}"
     print(f"sd of a component: medians over {len(plan.labels)} grains; worst: of any grain; {exposure}")
     diameter = f"a diameter is {np.median(plan.diameters):.4g} mm"
