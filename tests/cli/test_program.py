@@ -83,6 +83,15 @@ def test_mistakes_are_told_in_one_line_with_what_may_be_meant(arguments, hint):
     assert "--help`" in line
 
 
+def test_each_of_several_errors_has_its_own_line(measurements, tmp_path):
+    text = (measurements / "experiment.toml").read_text()
+    wrong = tmp_path / "experiment.toml"
+    wrong.write_text(text.replace("voxel_size = 0.1", "voxel_size = -0.1").replace("sweeps = 3", "sweep = 3"))
+    first, second = invoke("inspect", wrong, code=2).stderr.splitlines()
+    assert first == f"error: {wrong}: reconstruct.sweep: unknown key; did you mean 'sweeps'?"
+    assert second.startswith("  also volume.voxel_size: ")
+
+
 def test_wrong_use_is_told_as_json_too():
     document = json.loads(invoke("run", "a.toml", "--json", "--frob", code=2).stdout)
     assert (document["exit_code"], document["error"]["kind"], document["result"]) == (2, "usage", None)
@@ -118,6 +127,13 @@ class TestNoExperimentFile:
         error = invoke("run", tmp_path / "one.tif", code=2).stderr
         assert "images or another file of data" in error
         assert f"grainmotion init {tmp_path}" in error
+
+    def test_images_in_a_folder_of_their_own_name_the_experiment_above(self, measurements, monkeypatch):
+        image = next((measurements / "reference").iterdir())
+        here = f"did you mean grainmotion run {measurements / 'experiment.toml'}?"
+        assert here in invoke("run", image, code=2).stderr
+        monkeypatch.chdir(image.parent)
+        assert here in invoke("run", image.name, code=2).stderr
 
     def test_another_toml(self, tmp_path):
         (tmp_path / "pyproject.toml").write_text("[project]\n")

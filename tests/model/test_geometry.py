@@ -339,6 +339,7 @@ class TestRefused:
             (np.zeros((1, 2, 12)), "not \\(views, 12\\)"),
         ],
     )
+    @pytest.mark.filterwarnings("error")
     def test_invalid_views(self, vectors, fact):
         with pytest.raises(InputError, match=fact):
             Geometry(vectors, SHAPE)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from grainmotion.cli.description import Description
-from grainmotion.cli.no_experiment import EXPERIMENT, command
+from grainmotion.cli.no_experiment import EXPERIMENT, command, experiment_near
 from grainmotion.cli.options import Display, Strict
 from grainmotion.cli.outcome import Ending, Outcome, ending_of_inspection
 from grainmotion.cli.stages import read
@@ -163,9 +163,8 @@ def _next_of_file(file: Path, told: Description) -> None:
 
     if not (is_scanner_file(file.name) or family(file) is not None):
         return
-    near = [folder / EXPERIMENT for folder in (file.parent, file.absolute().parent.parent)]
-    there = [experiment for experiment in near if experiment.exists()]
-    told.line("next", command("inspect", there[0]) if there else command("init", file.parent))
+    near = experiment_near(file)
+    told.line("next", command("init", file.parent) if near is None else command("inspect", near))
 
 
 def _inspect_folder(folder: Path, told: Description, drawn: Drawing) -> None:

@@ -27,7 +27,7 @@ def check_experiment_file(file: Path) -> None:
     except (UnicodeDecodeError, tomllib.TOMLDecodeError):
         if file.suffix.lower() == ".toml":
             return
-        raise InputError(str(file), f"it is {_kind(file)}, and no experiment file", _init(file.parent)) from None
+        raise InputError(str(file), f"it is {_kind(file)}, and no experiment file", _instead_of_data(file)) from None
     if not tables & TABLES_OF_EXPERIMENTS:
         fact = "it has none of the tables of an experiment file ([reference], [volume], [[states]])"
         raise InputError(str(file), fact, _init(file.parent))
@@ -44,6 +44,21 @@ def _kind(file: Path) -> str:
     if is_scanner_file(file.name) and family(file) != HDF5:
         return "a scanner's file"
     return "images or another file of data" if family(file) is not None else "another file"
+
+
+def experiment_near(file: Path) -> Path | None:
+    """The experiment file beside a file of data, or in the folder above it: each scan may have a folder of its own."""
+    folder = file.parent
+    above = folder.parent if folder.name not in ("", "..") else folder.absolute().parent
+    return next((path for path in (folder / EXPERIMENT, above / EXPERIMENT) if path.exists()), None)
+
+
+def _instead_of_data(file: Path) -> str:
+    """The command to type instead of one with a file of data."""
+    near = experiment_near(file)
+    if near is not None:
+        return f"did you mean {command(current_call().name, near)}?"
+    return f"{_init(file.parent)}; if each scan has a folder of its own, the folder above is the one to name"
 
 
 def _instead_of_folder(folder: Path) -> str:
