@@ -2,6 +2,7 @@
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
+PACKAGE := $(VENV)/.package
 STAMP  := $(VENV)/.installed
 SPAM   := .venv-spam
 VIEWER := .venv-viewer
@@ -15,13 +16,19 @@ help:            ## list the targets
 
 install: $(STAMP) ## create .venv with grainmotion and its tools
 
-$(STAMP): pyproject.toml
-	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet -e '.[dev]'
-	touch $(STAMP)
+$(PACKAGE): pyproject.toml
+	@echo "installing grainmotion into $(VENV), 1 GB on the disk; the first time takes some minutes"
+	@$(PYTHON) -m venv $(VENV)
+	@$(BIN)/python -m pip install --quiet --upgrade pip
+	@$(BIN)/python -m pip install --quiet -e .
+	@touch $@
 
-demo: $(STAMP)   ## run the whole job on a small simulated packing; ends by naming the report
+$(STAMP): $(PACKAGE)
+	@echo "installing the tools of developers into $(VENV), 2 GB more; the first time takes some minutes"
+	@$(BIN)/python -m pip install --quiet -e '.[dev]'
+	@touch $@
+
+demo: $(PACKAGE) ## run the whole job on a small simulated packing; ends by naming the report
 	$(BIN)/grainmotion demo demo
 
 # one process a core: threads of OpenBLAS would take the cores from each other, waiting

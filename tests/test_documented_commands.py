@@ -96,9 +96,15 @@ def check_python(words: list[str]) -> None:
         assert any(ROOT.glob(words[0])) or any((ROOT / "examples").rglob(words[0])), words[0]
 
 
+def check_activation(words: list[str]) -> None:
+    """An environment of Python is activated as `venv` makes it on Linux and macOS."""
+    (script,) = words
+    assert script.endswith("/bin/activate")
+
+
 def check_make(words: list[str]) -> None:
     """The Makefile has the targets."""
-    assert not set(words) - TARGETS, words
+    assert not {word for word in words if not word.startswith("PYTHON=")} - TARGETS, words
 
 
 def check_dask(words: list[str]) -> None:
@@ -113,6 +119,8 @@ CHECKS = {
     "grainmotion": check_grainmotion,
     "pip": check_pip,
     "python": check_python,
+    "python3": check_python,
+    "source": check_activation,
     ".venv/bin/python": check_python,
     "pytest": lambda words: check_python(["-m", "pytest", *words]),
     "make": check_make,
