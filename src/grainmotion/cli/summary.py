@@ -14,8 +14,6 @@ if TYPE_CHECKING:
 
 MAX_GROUPS = 12
 """Groups of grains that are told, of all states; the report has all."""
-MAX_NAME_WIDTH = 24
-"""Columns of the terminal that the name of a state gets at least, if it is so long."""
 MAX_LABELS = 10
 """Grains that are named of each group."""
 
@@ -58,27 +56,23 @@ def print_states(terminal: Terminal, motions: Mapping[str, Motions]) -> None:
     """Print how the tracking of each state went: a table, what else moved, and the grains that need a look."""
     import numpy as np
     from rich.markup import escape
-    from rich.table import Table
 
+    from grainmotion.cli.tables import print_within
     from grainmotion.report.tables import scene_sentences
 
     if not motions:
         return
     names = "state", "grains", "converged", "translations", "rotations", "others", "median |u| (mm)", "median |w| (deg)"
-    table = Table(*names)
+    rows = []
     for name, m in motions.items():
         statuses, counts = np.unique(m.statuses[~m.ok], return_counts=True)
         others = ", ".join(f"{n} {status}" for status, n in zip(statuses, counts))
         u = np.linalg.norm(m.translations[m.ok_translation], axis=1)
         w = np.rad2deg(np.linalg.norm(m.rotations[m.ok_rotation], axis=1))
         medians = [f"{np.median(v):.4g}" if len(v) else "-" for v in (u, w)]
-        table.add_row(
-            escape(name), str(len(m)), str(int(m.ok.sum())), str(len(u)), str(len(w)), others or "-", *medians
-        )
-    for column in table.columns:
-        column.overflow = "fold"  # on a narrow terminal nothing is cut off
-    table.columns[0].min_width = min(max(map(len, motions)), MAX_NAME_WIDTH)
-    terminal.console().print(table)
+        counted = str(len(m)), str(int(m.ok.sum())), str(len(u)), str(len(w))
+        rows.append((escape(name), *counted, others or "-", *medians))
+    print_within(terminal.console(), names, rows)
     for name, m in motions.items():
         for sentence in scene_sentences(m.fit):
             terminal.message(f"{name}: {sentence}")

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from grainmotion.planning.plan import Plan
 
 WIDE_LOG, WIDEST_LOG = 160, 180  # columns of wide tables that go to no terminal
+MAX_NAME_WIDTH = 24
+"""Columns of the terminal that the name of a row gets at most in a table that is divided; longer ones are folded."""
 
 
 def print_inspection(terminal: Terminal, inspection: Inspection) -> None:
@@ -56,15 +58,19 @@ def print_within(console: Console, names: Sequence[str], rows: Sequence[Sequence
     """
     from rich.table import Table
 
-    def of(columns: Sequence[int]) -> Table:
+    def of(columns: Sequence[int], name_width: int | None = MAX_NAME_WIDTH) -> Table:
         table = Table()
         for k in columns:
-            table.add_column(names[k], overflow="fold")
+            table.add_column(names[k], overflow="fold", max_width=name_width if k < keys else None)
         for row in rows:
             table.add_row(*(row[k] for k in columns))
         return table
 
     unlimited = console.options.update(width=100 * console.width)  # else a table is measured as it will be squeezed
+    whole = of(range(len(names)), None)
+    if console.measure(whole, options=unlimited).maximum <= console.width:
+        console.print(whole)
+        return
     named, rest = list(range(keys)), list(range(keys, len(names)))
     while rest:
         count = len(rest)
@@ -77,16 +83,15 @@ def print_within(console: Console, names: Sequence[str], rows: Sequence[Sequence
 def print_comparisons(terminal: Terminal, comparisons: dict[str, Comparison]) -> None:
     """Print the errors of each state against the truth, root mean square over grains and components."""
     from rich.markup import escape
-    from rich.table import Table
 
-    table = Table("state", "grains", "failures", "translations", "rotations")
-    table.add_column("translation error (voxel)")
-    table.add_column("rotation error (deg)")
+    names = ["state", "grains", "failures", "translations", "rotations"]
+    names += ["translation error (voxel)", "rotation error (deg)"]
+    rows = []
     for name, c in comparisons.items():
         errors = f"{c.translation_rms_voxels:.4f}", f"{c.rotation_rms_deg:.4f}"
         good = str(int((~c.failed_translation).sum())), str(int((~c.failed_rotation).sum()))
-        table.add_row(escape(name), str(len(c)), str(c.failures), *good, *errors)
-    terminal.console().print(table)
+        rows.append((escape(name), str(len(c)), str(c.failures), *good, *errors))
+    print_within(terminal.console(), names, rows)
 
 
 def print_plan(terminal: Terminal, plan: Plan) -> None:
