@@ -40,8 +40,8 @@ def test_arrays_are_decoded_by_the_page(report):
         "async () => [[...await gm.app.column(0, 'ux')].map(String), [...await gm.app.column(0, 'u')].map(String)]"
     )
     translations = example.motions().translations
-    np.testing.assert_allclose([float(x) for x in ux], translations[:, 0], rtol=1e-6, atol=0.5e-5)
-    np.testing.assert_allclose([float(x) for x in u], np.linalg.norm(translations, axis=1), rtol=1e-6, atol=0.9e-5)
+    np.testing.assert_allclose([float(x) for x in ux], translations[:, 0], rtol=1e-6, atol=0.5e-6)
+    np.testing.assert_allclose([float(x) for x in u], np.linalg.norm(translations, axis=1), rtol=1e-6, atol=0.9e-6)
 
 
 def test_errors_and_requests_of_a_page_are_noticed(chromium, tmp_path):

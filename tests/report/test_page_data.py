@@ -44,8 +44,8 @@ def test_columns_are_those_of_the_motions_in_mm_and_degrees():
     state = record["states"][0]
     columns = {name: of_states(column)[0] for name, column in record["columns"].items()}
     assert state["columns"] == list(columns)
-    np.testing.assert_allclose(columns["uy"], motions.translations[:, 1], rtol=0, atol=0.501e-5)  # of a voxel of 0.1
-    np.testing.assert_allclose(columns["wz"], np.rad2deg(motions.rotations[:, 2]), rtol=0, atol=0.501e-4)
+    np.testing.assert_allclose(columns["uy"], motions.translations[:, 1], rtol=0, atol=0.501e-6)  # of a voxel of 0.1
+    np.testing.assert_allclose(columns["wz"], np.rad2deg(motions.rotations[:, 2]), rtol=0, atol=0.501e-5)
     np.testing.assert_allclose(columns["residual"], motions.residuals, rtol=1.1e-4)
     np.testing.assert_array_equal(columns["iterations"], motions.iterations)
     sd = np.rad2deg(np.sqrt(motions.covariances[:, 3, 3]))
@@ -67,6 +67,9 @@ def test_strains_are_columns_and_quantities_where_they_were_measured():
     assert "eyz" not in data["states"][1]["columns"]
     keys = [quantity["key"] for quantity in data["quantities"]]
     assert {"volume_strain", "exx", "sd_exy"} <= set(keys)
+    notes = {quantity["key"]: quantity["note"] for quantity in data["quantities"]}
+    assert all(notes[key].startswith("Biot's strain U − I") for key in ("volume_strain", "exx", "exy"))
+    assert "half of the change of angle" in notes["eyz"]
     assert "exx" not in [quantity["key"] for quantity in page_data(example.data())["quantities"]]
 
 

@@ -84,6 +84,7 @@ def test_figures_are_those_of_the_state(report):
     assert f"{significant(np.median(u))} mm\nmedian displacement" in text
     assert f"{significant(np.median(w))} °\nmedian rotation" in text
     expect(report.locator("#status-bar .chip")).to_have_count(5)
+    assert report.evaluate("[0.0099996, 0.00998, 999.6].map(v => gm.significant(v))") == ["0.0100", "0.00998", "1000"]
 
 
 def test_numbers_that_are_no_results_to_use_look_otherwise(report):
@@ -163,8 +164,8 @@ def test_table_is_searched_and_filtered_and_saved_as_shown(report, tmp_path):
     read, motions = Motions.from_table(saved), example.motions()
     rows = np.flatnonzero(motions.statuses == Status.CONVERGED.value)
     np.testing.assert_array_equal(read.labels, motions.labels[rows])
-    np.testing.assert_allclose(read.translations, motions.translations[rows] + 1, rtol=1e-6, atol=0.5e-5)
-    np.testing.assert_allclose(read.rotations, motions.rotations[rows], rtol=1e-6, atol=np.deg2rad(0.5e-4))
+    np.testing.assert_allclose(read.translations, motions.translations[rows] + 1, rtol=1e-6, atol=0.5e-6)
+    np.testing.assert_allclose(read.rotations, motions.rotations[rows], rtol=1e-6, atol=np.deg2rad(0.5e-5))
     np.testing.assert_allclose(saved["sd_wx"], np.rad2deg(np.sqrt(motions.covariances[rows, 3, 3])), rtol=1.2e-3)
     np.testing.assert_allclose(saved["residual"], motions.residuals[rows], rtol=1.5e-4)
     np.testing.assert_array_equal(read.ok_rotation, motions.ok_rotation[rows])

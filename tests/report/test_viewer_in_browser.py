@@ -207,6 +207,8 @@ class TestLook:
         choose(page, "colour", "status")
         page.wait_for_timeout(200)
         assert len(np.unique(colours(page), axis=0)) == len(set(data.states[-1].motions.statuses))
+        choose(page, "colour", "residual")
+        expect(page.locator(".viewer-legend")).to_contain_text("measured minus simulated line integrals")
         page.locator("[data-status=converged]").click()
         page.wait_for_timeout(100)
         hidden = np.array(page.evaluate(f"Array.from({SHOWN}.grains.hidden)"), dtype=bool)

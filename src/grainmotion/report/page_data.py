@@ -31,7 +31,7 @@ ROUND_CHARACTERS = 1_000_000
 """Scripts, styles and what the templates write."""
 LEAST_RADIOGRAPHS = 1_500_000
 """Characters for the radiographs however many grains there are."""
-ANGLE_STEP, STRAIN_STEP = 1e-4, 1e-6  # degrees; the least that counts is a hundred times as large
+ANGLE_STEP, STRAIN_STEP = 1e-5, 1e-6  # degrees; the page writes 0.001° and 0.0001, rounded as the files do
 SD_PRECISION, RESIDUAL_PRECISION = 2e-3, 2e-4
 
 
@@ -68,7 +68,7 @@ def page_data(data: ReportData) -> dict[str, object]:
         "quantities": quantity_records(any(state.motions.strains is not None for state in data.states)),
         "reconstruction_errors": [float(e) if np.isfinite(e) else None for e in data.reconstruction_errors],
         "slices": None if data.volume is None else slice_records(data.volume, data.labels, rows.labels),
-        "columns": _columns(data.states, rows, 10.0 ** -(decimals + 1)),
+        "columns": _columns(data.states, rows, 10.0 ** -(decimals + 2)),
         "weak": weak_directions([rows.spread(s.motions.labels, s.motions.covariances, np.nan) for s in data.states]),
     }
     states = [_state(state, rows) for state in data.states]

@@ -43,7 +43,7 @@
   gm.significant = (value, digits = 3) => {
     if (!Number.isFinite(value)) return "–";
     if (value === 0) return "0";
-    const size = Math.abs(value);
+    const size = Math.abs(Number(value.toPrecision(digits))); // 0.00999 becomes 0.010 with two digits, not 0.0100
     if (size >= 1e-4 && size < 1e6) {
       return gm.fixed(value, Math.max(0, digits - 1 - Math.floor(Math.log10(size))));
     }

@@ -33,7 +33,8 @@
       title.textContent = quantity.title + (quantity.unit ? ` (${quantity.unit})` : "");
       for (const part of [bar, low, high]) part.hidden = name === null;
       automatic.hidden = !isOwn;
-      note.textContent = name === null ? "Colours are those of the buttons below." : lacking ? "Grey: no result to use." : "";
+      note.textContent = name === null ? "Colours are those of the buttons below."
+        : [quantity.note, lacking ? "Grey: no result to use." : ""].filter(Boolean).join(" ");
       if (name === null) return;
       shown = range;
       bar.style.background = gm.colours.gradient(name);
