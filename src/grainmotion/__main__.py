@@ -10,7 +10,7 @@ import sys
 import warnings
 
 from grainmotion.cli.interrupts import signals_end_the_command
-from grainmotion.cli.streams import open_missing_streams
+from grainmotion.cli.streams import prepare_streams
 
 
 def main() -> None:
@@ -19,7 +19,7 @@ def main() -> None:
         sys.argv[0] = "grainmotion"
     warnings.simplefilter("ignore", FutureWarning)  # of libraries: users can do nothing about them
     with signals_end_the_command():
-        open_missing_streams()
+        prepare_streams()
         from grainmotion.cli.app import app
 
         app(prog_name="grainmotion")

@@ -92,6 +92,18 @@ def test_each_of_several_errors_has_its_own_line(measurements, tmp_path):
     assert second.startswith("  also volume.voxel_size: ")
 
 
+def test_a_file_whose_name_begins_like_an_option(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "-mine.toml").touch()
+    assert "write the file's name as './-mine.toml'" in invoke("run", "-mine.toml", code=2).stderr
+    assert "did you mean" not in invoke("run", "-d", code=2).stderr
+
+
+def test_a_dry_run_refuses_what_a_run_would(measurements):
+    error = invoke("run", measurements / "experiment.toml", "--dry-run", "--workers", "0", code=2).stderr
+    assert error.startswith("error: --workers: must be at least 1")
+
+
 def test_wrong_use_is_told_as_json_too():
     document = json.loads(invoke("run", "a.toml", "--json", "--frob", code=2).stdout)
     assert (document["exit_code"], document["error"]["kind"], document["result"]) == (2, "usage", None)

@@ -43,3 +43,13 @@ def test_messages_do_not_go_to_standard_output_where_standard_error_is_closed():
     done = subprocess.run(shell, stdout=subprocess.PIPE, text=True)
     assert done.returncode == 2
     assert json.loads(done.stdout)["error"]["fact"] == "no command 'rnu'"
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "utf-8"])
+def test_names_that_the_encoding_of_the_output_lacks(tmp_path, encoding):
+    folder = tmp_path / "Körner-粒"  # empty: the error tells its name
+    folder.mkdir()
+    environment = {**os.environ, "PYTHONIOENCODING": encoding}
+    done = subprocess.run([*PROGRAM, "inspect", folder, "--json"], capture_output=True, env=environment)
+    assert done.returncode == 2
+    assert json.loads(done.stdout.decode(encoding))["error"]["where"] == str(folder)

@@ -72,9 +72,14 @@ def _show(document: DryRunOutcome, terminal: Terminal) -> None:
         start = "to load libraries, read radiographs and check them"
         print(f"time: about {duration(document.seconds)} of CPU time, {duration(document.start)} of it {start}")
         print(f"memory: about {document.memory / 1e9:.2f} GB at the peak")
-        print(f"disk: about {document.disk / 1e9:.2f} GB, of {document.disk_free / 1e9:.1f} GB that are free")
-        for note in document.notes:
+        print(f"disk: about {_size(document.disk)}, of {_size(document.disk_free)} that are free")
+        for note in () if terminal.quiet else document.notes:
             print(f"note: {note}")
+
+
+def _size(bytes_: float) -> str:
+    """Bytes as a person says them."""
+    return f"{bytes_ / 1e9:.1f} GB" if bytes_ > 0.5e9 else f"{max(1, round(bytes_ / 1e6))} MB"
 
 
 def _time(stage: StagePlan) -> str:

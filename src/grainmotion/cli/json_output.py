@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -36,7 +37,8 @@ def document_text(
         error = d.ErrorOutcome(failed.kind, failed.where, failed.fact, failed.remedy, log)
     found = [d.FindingOutcome(**f.to_dict()) for f in worst_first(findings)]
     envelope = d.Envelope(d.SCHEMA, grainmotion.__version__, command, *ending, error, found, result)
-    return json.dumps(_plain(dataclasses.asdict(envelope)), indent=2, ensure_ascii=False)
+    readable = (getattr(sys.stdout, "encoding", None) or "").lower() in ("utf-8", "utf8")
+    return json.dumps(_plain(dataclasses.asdict(envelope)), indent=2, ensure_ascii=not readable)
 
 
 def _plain(value: object) -> object:

@@ -79,7 +79,9 @@ def run_stages(
     checks, out = call.checks, call.out
     if call.dry_run:
         from grainmotion.cli.dry_run import dry_run
+        from grainmotion.cluster.connection import ComputeConfig
 
+        ComputeConfig(call.execution.scheduler, call.execution.workers)  # refuses what a run would refuse
         return dry_run(experiment.checked(force=checks.force, try_fixes=checks.try_fixes), out, until)
     with prepared(experiment, call.execution, checks, call.display) as (wanted, options):
         result = gm.run(wanted, out=out, until=until, **options)

@@ -6,18 +6,24 @@ import os
 import select
 import sys
 from contextlib import suppress
+from io import TextIOWrapper
 from typing import TextIO
 
 
-def open_missing_streams() -> None:
-    """Give a process that was started with a closed standard output or error one that goes nowhere.
+def prepare_streams() -> None:
+    """Make standard output and error take all that is printed.
 
-    Otherwise ``print`` would write to standard output what is meant for standard error.
+    Where one of them was closed before the start it goes nowhere; otherwise ``print`` would write to standard output
+    what is meant for standard error.  A character that their encoding lacks, as in the name of a folder, is written as
+    an escape instead of ending the command.
     """
     if sys.stdout is None:
         sys.stdout = _nowhere()
     if sys.stderr is None:
         sys.stderr = _nowhere()
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _nowhere() -> TextIO:

@@ -6,6 +6,7 @@ import re
 import sys
 from collections.abc import Sequence
 from difflib import get_close_matches
+from pathlib import Path
 
 import typer
 
@@ -29,19 +30,22 @@ def print_usage_error(error: Exception, args: Sequence[str]) -> int:
         return BAD_INPUT
     path = context.command_path if context is not None else NAME
     command = path.removeprefix(NAME).strip() or NAME
-    fact, _, remedy = _sentence(error, context).partition("; ")
+    fact, _, remedy = _sentence(error, context, args).partition("; ")
     remedy = f"{remedy}; " if remedy else ""
     failed = Failure("usage", BAD_INPUT, "", fact, f"{remedy}see `{path} --help`")
     print_failure(failed, command, Terminal(json="--json" in args))
     return BAD_INPUT
 
 
-def _sentence(error: Exception, context: object) -> str:
+def _sentence(error: Exception, context: object, args: Sequence[str]) -> str:
     """What is wrong, and after a semicolon what may have been meant."""
     kind, option = type(error).__name__, getattr(error, "option_name", None)
     if kind == "NoArgsIsHelpError":
         return "no command is named"
     if kind == "NoSuchOption" and option:
+        file = next((word for word in args if word.startswith("-") and Path(word).exists()), None)
+        if file is not None:
+            return f"'{file}' is read as options; write the file's name as './{file}'"
         return _unknown_option(str(option), getattr(context, "command", None))
     parameter: Parameter | None = getattr(error, "param", None)
     if parameter is not None:
@@ -59,7 +63,7 @@ def _unknown_option(option: str, command: object) -> str:
     later = [name for name, inner in getattr(command, "commands", {}).items() if option in _options(inner)]
     if later:
         return f"no option '{option}' before the command; put it behind, as in grainmotion {later[0]} {option}"
-    near = get_close_matches(option, _options(command), n=1, cutoff=0.5)
+    near = get_close_matches(option, _options(command), n=1, cutoff=0.5) if option.startswith("--") else []
     return f"no option '{option}'" + (f"; did you mean '{near[0]}'?" if near else "")
 
 
