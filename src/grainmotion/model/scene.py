@@ -55,7 +55,7 @@ class Freedom:
 
     def __post_init__(self) -> None:
         basis = self.basis
-        if not np.isfinite(basis).all() or np.linalg.matrix_rank(basis) < len(self.ways):
+        if self.ways and not (np.isfinite(basis).all() and np.linalg.matrix_rank(basis) == len(self.ways)):
             raise InputError("freedom", f"{self.ways} are no independent motions", f'give "fixed", "free" or {WAYS}')
 
     @classmethod

@@ -11,10 +11,11 @@ import warnings
 import lazy_loader
 
 _load, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_FORMER_NAMES = {"Slip": "Misalignment"}
 
 
 def __getattr__(name: str) -> object:
-    if name == "Slip":
-        warnings.warn("simulate.Slip is now simulate.Misalignment", DeprecationWarning, stacklevel=2)
-        name = "Misalignment"
+    if name in _FORMER_NAMES:
+        warnings.warn(f"simulate.{name} is now simulate.{_FORMER_NAMES[name]}", DeprecationWarning, stacklevel=2)
+        name = _FORMER_NAMES[name]
     return _load(name)
