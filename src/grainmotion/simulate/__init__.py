@@ -11,11 +11,13 @@ import warnings
 import lazy_loader
 
 _load, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
-_FORMER_NAMES = {"Slip": "Misalignment"}
+_FORMER_SIMULATE_NAMES = {"Slip": "Misalignment"}
 
 
 def __getattr__(name: str) -> object:
-    if name in _FORMER_NAMES:
-        warnings.warn(f"simulate.{name} is now simulate.{_FORMER_NAMES[name]}", DeprecationWarning, stacklevel=2)
-        name = _FORMER_NAMES[name]
+    if name in _FORMER_SIMULATE_NAMES:
+        warnings.warn(
+            f"simulate.{name} is now simulate.{_FORMER_SIMULATE_NAMES[name]}", DeprecationWarning, stacklevel=2
+        )
+        name = _FORMER_SIMULATE_NAMES[name]
     return _load(name)
