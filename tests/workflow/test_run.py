@@ -180,6 +180,15 @@ class TestFindings:
         assert told == {"reference", "states.one", "states.two"}
         assert again.findings == first.findings
 
+    def test_grown_grid_is_told_by_later_runs_too(self, copied):
+        first = run(copied, "sweeps = 3", "sweeps = 3\noutline = 2.2", until="segment")
+        again = run(copied, until="segment")
+        assert "reconstruct" in first.done
+        assert again.done == ()
+        assert "field-of-view" in {f.check for f in first.findings}
+        assert again.findings == first.findings
+        assert run(copied, "\noutline = 2.2", "", until="segment").findings == ()
+
     def test_common_cause_is_found_again_in_stored_motions(self, copied, monkeypatch):
         def nothing(grains, *_, **__):
             labels = np.arange(1, 7)

@@ -22,8 +22,8 @@ RESERVED_STATE_NAMES = (
     "reference.h5", "reconstruction.h5", "report.html", "stages.json", "reference.tif", "reference.vti",
     "reference_labels.tif", "reference_grains.vtp", "reference_surfaces.vtp", "grains.pvd", "surfaces.pvd",
     "reference.ome.zarr",
-    "beam_level.json", "calibration.json", "checks.json", "checks-grains.json", "checks-volume.json", "run.log",
-    "series.h5", "series.csv", "series.parquet", "watch.html", "datapackage.json",
+    "beam_level.json", "calibration.json", "checks.json", "checks-grains.json", "checks-grid.json",
+    "checks-volume.json", "run.log", "series.h5", "series.csv", "series.parquet", "watch.html", "datapackage.json",
     "reference_contacts.csv", "reference_body_contacts.csv", "reference_void_ratio.csv",
     "reference_mechanics.json", "dem",
 )  # fmt: skip

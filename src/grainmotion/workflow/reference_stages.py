@@ -23,11 +23,13 @@ from grainmotion.segmentation.labels import CleanLabels
 from grainmotion.segmentation.segment import Segmentation, segment
 from grainmotion.segmentation.settings import SegmentSettings
 from grainmotion.workflow.calibration_stage import corrected_source
+from grainmotion.workflow.checks import Findings, findings_once
 from grainmotion.workflow.context import RunContext, load_result
 from grainmotion.workflow.provenance import Stage
 
 CHECKPOINT = "reconstruction.h5"  # the volume until it is segmented; then REFERENCE holds volume and labels
 REFERENCE = "reference.h5"
+CHECKS_OF_GRID = "checks-grid.json"
 
 
 @dataclass(eq=False)
@@ -57,10 +59,13 @@ def reconstruct_stage(context: RunContext) -> Callable[[], StoredReference]:
     """Reconstruct the reference, or take the volume that was given."""
     if context.inputs.volume is not None:
         return lambda: StoredReference(context.given_volume)
+    fingerprint = context.fingerprints.reconstruct
+    if context.cache.is_done("check grid", fingerprint):  # what an earlier run told is told again
+        context.add(_kept_grid_findings(context, lambda: ()))
     return context.complete(
         Stage(
             "reconstruct",
-            context.fingerprints.reconstruct,
+            fingerprint,
             [context.folder / CHECKPOINT],
             run=functools.partial(_reconstruct, context),
             write=functools.partial(write_reference, context.folder / CHECKPOINT),
@@ -114,5 +119,12 @@ def _reconstruct(context: RunContext) -> StoredReference:
     else:
         result = reconstruct(context.radiographs(source), grid, settings, progress=progress)
         context.forget(source)
-    context.add(Finding(Level.NOTE, "field-of-view", "reference", note, remedy=GROWN_REMEDY) for note in result.notes)
+    found = tuple(Finding(Level.NOTE, "field-of-view", "reference", n, remedy=GROWN_REMEDY) for n in result.notes)
+    context.add(_kept_grid_findings(context, lambda: found))
     return StoredReference(result.volume, result.residuals)
+
+
+def _kept_grid_findings(context: RunContext, check: Callable[[], Findings]) -> Findings:
+    """What was noticed of the grid when the volume was reconstructed, from its file if an earlier run did that."""
+    path = context.folder / CHECKS_OF_GRID
+    return findings_once(context, "check grid", path, context.fingerprints.reconstruct, check)
