@@ -96,8 +96,8 @@ Saturation = Annotated[float | None, Field(gt=0, description="count from which a
 Motors = Annotated[
     Literal[False] | tuple[Direction, Direction, Direction] | None,
     Field(
-        description="directions in which x_, y_ and z_translation of an NXtomo file move the sample, in the lab frame "
-        '(["x", "y", "z"] unless given); false: they are not used'
+        description="directions in which x_translation, y_translation and z_translation of an NXtomo file move the "
+        'sample, in the lab frame (["x", "y", "z"] unless given); false: they are not used'
     ),
 ]
 Fixes = Annotated[
