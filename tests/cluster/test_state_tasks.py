@@ -132,7 +132,7 @@ def test_finished_states_are_reused(tmp_path):
 def test_error_names_the_state(tmp_path):
     experiment = tiny(tmp_path, a="reference")
     scan, _ = find_inputs(experiment).states[0].read()
-    wrong = Motions.identity(np.array([7, 7, 8]), np.zeros((3, 3)))
+    wrong = Motions.identity(np.array([7, 8, 9]), np.zeros((3, 3)))
     store, states = SharedStore(tmp_path / "store"), [State("a", scan, "wrong.csv", starts=lambda tracked: (wrong,))]
     with pytest.raises(InputError, match=r"states\.a\.initial \(wrong\.csv\)"):
         list(track_distributed(InlineExecutor(), store, grain_set(), states, TrackSettings()))
