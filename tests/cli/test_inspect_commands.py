@@ -1,5 +1,6 @@
 """`grainmotion inspect FILE_OR_FOLDER` and `grainmotion init FOLDER`."""
 
+import os
 import shutil
 from pathlib import Path
 
@@ -172,7 +173,31 @@ class TestInspect:
 
     def test_folders_without_measurements_and_missing_files_are_refused(self, tmp_path):
         assert "no scan and no images" in invoke("inspect", tmp_path, code=2).stderr
-        assert "no such file" in invoke("inspect", tmp_path / "none.xtekct", code=2).stderr
+        error = invoke("inspect", tmp_path / "none.xtekct", code=2).stderr
+        assert f"no such file or folder; check the name; the folder {tmp_path} holds" in error
+        assert "check the path" in invoke("inspect", tmp_path / "no" / "none.tif", code=2).stderr
+
+    def test_a_mistyped_name_is_told(self, tmp_path):
+        (tmp_path / "measurements").mkdir()
+        error = invoke("inspect", tmp_path / "mesurements", code=2).stderr
+        assert f"did you mean grainmotion inspect {tmp_path / 'measurements'}?" in error
+
+    @pytest.mark.skipif(os.name != "posix", reason="a named pipe is made")
+    def test_a_pipe_is_told_from_a_missing_file(self, tmp_path):
+        os.mkfifo(tmp_path / "pipe.tif")
+        error = invoke("inspect", tmp_path / "pipe.tif", code=2).stderr
+        assert "it is a device or a pipe, and no file; name a file on a disk" in error
+
+    def test_results_in_a_folder_are_named(self, tiny, tmp_path):
+        folder = shutil.copytree(tiny, tmp_path / "copy")
+        for name, file in (("results", "report.html"), ("half", "run.log")):
+            (folder / name).mkdir()
+            (folder / name / "stages.json").write_text("{}")
+            (folder / name / file).touch()
+        lines = invoke("inspect", folder).stdout.splitlines()
+        assert f"results: {folder / 'results' / 'report.html'}" in lines
+        assert f"results: {folder / 'half'}" in lines  # without a report
+        assert lines[-1] == f"next: grainmotion inspect {folder / 'experiment.toml'}"
 
 
 class TestInit:

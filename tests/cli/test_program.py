@@ -147,6 +147,29 @@ class TestNoExperimentFile:
         monkeypatch.chdir(image.parent)
         assert here in invoke("run", image.name, code=2).stderr
 
+    def test_a_folder_beside_an_experiment_file_names_that_file(self, measurements, monkeypatch):
+        folder = measurements / "reference"
+        here = f"did you mean grainmotion run {measurements / 'experiment.toml'}?"
+        assert here in invoke("run", folder, code=2).stderr
+        monkeypatch.chdir(folder)
+        assert here in invoke("run", ".", code=2).stderr
+
+    def test_the_folder_above_is_not_taken_for_this_one(self, measurements, tmp_path, monkeypatch):
+        inner = tmp_path / "a" / "b"
+        inner.mkdir(parents=True)
+        shutil.copy(measurements / "experiment.toml", inner)
+        monkeypatch.chdir(inner)
+        assert "grainmotion init .., then" in invoke("run", "..", code=2).stderr
+
+    def test_a_folder_with_two_files(self, measurements, tmp_path):
+        for name in ("a.toml", "b.toml"):
+            shutil.copy(measurements / "experiment.toml", tmp_path / name)
+        assert (
+            f"one of the 2 files in it: grainmotion run {tmp_path / 'a.toml'}" in invoke("run", tmp_path, code=2).stderr
+        )
+        lines = invoke("inspect", tmp_path).stdout.splitlines()
+        assert lines[-2:] == [f"next: grainmotion inspect {tmp_path / name}" for name in ("a.toml", "b.toml")]
+
     def test_another_toml(self, tmp_path):
         (tmp_path / "pyproject.toml").write_text("[project]\n")
         assert "none of the tables of an experiment file" in invoke("run", tmp_path / "pyproject.toml", code=2).stderr

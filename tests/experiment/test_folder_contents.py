@@ -65,7 +65,9 @@ class TestContents:
         (laboratory / "results" / "stages.json").write_text("{}")
         images(laboratory / ".cache", 3)
         (laboratory / "inspection.png").write_bytes(b"drawn by an earlier inspection")
-        assert len(folder_contents(laboratory).images) == 5
+        contents = folder_contents(laboratory)
+        assert len(contents.images) == 5
+        assert contents.results == ("results",)
 
     def test_a_scanners_file_owns_its_images(self, tmp_path):
         write_nxtomo(tmp_path / "scan.nxs", np.zeros((4, *PANEL)), np.arange(4.0))

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 ROUGH = (
     "times of stages that no log of an earlier run tells hold within a factor of about 3; after an installation a "
-    "minute is added once, for compiling"
+    "minute and 0.2 GB of memory are added once, for compiling"
 )
 UNCHECKED = "checks of the radiographs may stop a run, leave a state out, or repeat a stage that is kept here"
 MAX_STAGES_SHOWN = 60

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from grainmotion.cli.description import Description
-from grainmotion.cli.no_experiment import EXPERIMENT, command, experiment_near
+from grainmotion.cli.no_experiment import EXPERIMENT, check_there, command, experiment_near
 from grainmotion.cli.options import Display, Strict
 from grainmotion.cli.outcome import Ending, Outcome, ending_of_inspection
 from grainmotion.cli.stages import read
@@ -47,6 +47,7 @@ def inspect(
     from grainmotion.experiment.volume_contents import describe_volume
     from grainmotion.io.volumes.find import is_volume
 
+    check_there(file)
     told, drawn = Description(file, display.terminal), Drawing(picture, terminal)
     if is_volume(file):
         told.facts(file.name, describe_volume(file))
@@ -239,6 +240,8 @@ def _show_lacking(summary: ScanSummary, told: Description) -> None:
 
 def _show_rest(contents: FolderContents, told: Description) -> None:
     """What a folder holds beside scanners' files."""
+    from grainmotion.workflow.outputs import REPORT
+
     for images in contents.images:
         told.line("images", images.sentence)
     for name in contents.tables:
@@ -249,10 +252,13 @@ def _show_rest(contents: FolderContents, told: Description) -> None:
         told.line("not usable", problem)
     if contents.others:
         told.line("other files", ", ".join(f"{n} {suffix}" for suffix, n in sorted(contents.others.items())))
-    if not (contents.scans or contents.images):
+    for name in contents.results:
+        report = contents.path / name / REPORT
+        told.line("results", report if report.is_file() else report.parent)
+    if not (contents.scans or contents.images or contents.experiments):
         raise InputError(str(contents.path), "it holds no scan and no images", "name the folder of the measurements")
-    if len(contents.experiments) == 1:
-        told.line("next", command("inspect", contents.path / contents.experiments[0]))
+    for name in [EXPERIMENT] if EXPERIMENT in contents.experiments else contents.experiments:
+        told.line("next", command("inspect", contents.path / name))
     if not contents.experiments:
         told.line("next", command("init", contents.path))
 

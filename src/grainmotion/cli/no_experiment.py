@@ -33,6 +33,22 @@ def check_experiment_file(file: Path) -> None:
         raise InputError(str(file), fact, _init(file.parent))
 
 
+def check_there(path: Path) -> None:
+    """Refuse a path of the command line that leads nowhere, with the name that is most like it."""
+    if path.exists():
+        return
+    folder = path.parent
+    names = [item.name for item in folder.glob("*")] if folder.is_dir() else []
+    near = get_close_matches(path.name, names, n=1)
+    if near:
+        remedy = f"did you mean {command(current_call().name, folder / near[0])}?"
+    elif folder.is_dir():
+        remedy = f"check the name; the folder {folder.absolute()} holds nothing of that name"
+    else:
+        remedy = f"there is no folder {folder} either; check the path"
+    raise InputError(str(path), "no such file or folder", remedy)
+
+
 def _kind(file: Path) -> str:
     """What a file is, by its name."""
     from grainmotion.io.formats import HDF5, family
@@ -49,7 +65,7 @@ def _kind(file: Path) -> str:
 def experiment_near(file: Path) -> Path | None:
     """The experiment file beside a file of data, or in the folder above it: each scan may have a folder of its own."""
     folder = file.parent
-    above = folder.parent if folder.name not in ("", "..") else folder.absolute().parent
+    above = folder.parent if folder.name not in ("", "..") else folder.resolve().parent
     return next((path for path in (folder / EXPERIMENT, above / EXPERIMENT) if path.exists()), None)
 
 
@@ -67,8 +83,10 @@ def _instead_of_folder(folder: Path) -> str:
     if (folder / EXPERIMENT) in found:
         found = [folder / EXPERIMENT]
     if found:
-        return f"name the file in it: {command(current_call().name, found[0])}"
-    return _init(folder)
+        which = "the file" if len(found) == 1 else f"one of the {len(found)} files"
+        return f"name {which} in it: {command(current_call().name, found[0])}"
+    near = experiment_near(folder / EXPERIMENT)
+    return _init(folder) if near is None else f"did you mean {command(current_call().name, near)}?"
 
 
 def _instead_of_missing(file: Path) -> str:

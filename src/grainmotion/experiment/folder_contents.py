@@ -80,6 +80,7 @@ class FolderContents:
     images: tuple[ImageSet, ...] = ()
     tables: tuple[str, ...] = ()  # files that may hold views or angles
     experiments: tuple[str, ...] = ()
+    results: tuple[str, ...] = ()  # folders with results of a run
     problems: tuple[str, ...] = ()  # scanners' files that cannot be used, and why
     others: dict[str, int] = field(default_factory=dict)  # number of other files by their suffix
 
@@ -91,9 +92,10 @@ class FolderContents:
 def folder_contents(folder: Path) -> FolderContents:
     """Look into a folder and up to `MAX_FOLDER_DEPTH` below it; only headers of images are read.
 
-    Folders with results of a run and hidden ones are left out.  Images that a scanner's file refers to belong to it.
+    Hidden folders are left out, and of folders with results of a run all but their names.  Images that a scanner's file
+    refers to belong to it.
     """
-    files, problems = _files(folder), list[str]()
+    (files, results), problems = _files(folder), list[str]()
     scans: list[tuple[str, ScannerFile]] = []
     owned: set[Path] = set()
     for path in files:
@@ -129,6 +131,7 @@ def folder_contents(folder: Path) -> FolderContents:
         tuple(images),
         tuple(tables[k] for k in natural_order(tables)),
         tuple(experiments),
+        tuple(place.relative_to(folder).as_posix() for place in results),
         tuple(problems),
         dict(others),
     )
@@ -142,9 +145,10 @@ def _holds_views(path: Path) -> bool:
         return False
 
 
-def _files(folder: Path) -> list[Path]:
-    """The files of a folder and of those in it, in the order of the numbers in their names."""
+def _files(folder: Path) -> tuple[list[Path], list[Path]]:
+    """The files of a folder and of those in it, in the order of the numbers in their names; folders of results."""
     found: list[Path] = []
+    results: list[Path] = []
     level = [folder]
     for _ in range(MAX_FOLDER_DEPTH + 1):
         below: list[Path] = []
@@ -155,6 +159,7 @@ def _files(folder: Path) -> list[Path]:
                 fact = f"the folder cannot be read: {error.strerror}"
                 raise InputError(str(place), fact, "name a folder that you may read") from error
             if any(item.name == RESULT_MARK for item in items):
+                results.append(place)
                 continue
             items = [item for item in items if item.name != INSPECTION_PICTURE]
             items = [items[k] for k in natural_order([item.name for item in items])]
@@ -164,7 +169,7 @@ def _files(folder: Path) -> list[Path]:
             fact = f"it holds more than {MAX_FILES_LOOKED_AT} files"
             raise InputError(str(folder), fact, "name the folder of one experiment")
         level = below
-    return found
+    return found, results
 
 
 def _images_of(scan: ScannerFile) -> list[Path]:

@@ -19,6 +19,8 @@ def checked_file(path: str | Path) -> Path:
     if path.is_dir():
         raise InputError(str(path), "it is a folder", "name the file in it")
     if not path.is_file():
+        if path.exists():
+            raise InputError(str(path), "it is a device or a pipe, and no file", "name a file on a disk")
         raise InputError(str(path), "no such file", "check the path; paths start at the experiment file's folder")
     if path.stat().st_size == 0:
         raise InputError(str(path), "the file is empty (0 bytes)", "copy it again from the source")
