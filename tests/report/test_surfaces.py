@@ -10,7 +10,7 @@ from many_grains_report import VOXEL_SIZE, packing
 
 from grainmotion.model.volume import Volume
 from grainmotion.report import surfaces
-from grainmotion.report.surfaces import GrainMeshes, ellipsoids, grain_meshes, surface_record, triangle_budget
+from grainmotion.report.surfaces import Meshes, ellipsoids, grain_meshes, surface_record, triangle_budget
 
 CENTER = np.array([0.37, -0.12, 0.21])  # mm
 
@@ -36,7 +36,7 @@ def test_few_triangles_follow_a_ball_within_half_a_voxel(across, monkeypatch):
     monkeypatch.setattr(surfaces, "GRAIN_TRIANGLES", (120, 120))
     labels, grid = ball(across)
     meshes = grain_meshes(labels, grid, np.array([4]), CENTER[None])
-    vertices, triangles = meshes.of_grain(0)
+    vertices, triangles = meshes.of_row(0)
     radius = across * VOXEL_SIZE / 2
     assert len(triangles) <= 120
     assert volume(vertices, triangles) == pytest.approx(4 / 3 * np.pi * radius**3, rel=0.05)
@@ -49,7 +49,7 @@ def test_surfaces_are_closed_and_face_outwards():
     packed = packing(12, 16)
     meshes = grain_meshes(packed.labels, packed.volume, np.arange(1, 13), packed.centers)
     for row in range(12):
-        vertices, triangles = meshes.of_grain(row)
+        vertices, triangles = meshes.of_row(row)
         edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]).astype(np.int64)
         there, back = (set(map(tuple, e)) for e in (edges, edges[:, ::-1]))
         assert there == back
@@ -69,7 +69,7 @@ def test_a_slice_has_surfaces_too():
     middle = len(labels) // 2
     flat = Volume(grid.array[middle : middle + 1], VOXEL_SIZE)
     meshes = grain_meshes(labels[middle : middle + 1], flat, np.array([4]), CENTER[None] * [1, 1, 0])
-    vertices, _ = meshes.of_grain(0)
+    vertices, _ = meshes.of_row(0)
     assert np.ptp(vertices[:, 2]) < 4 * VOXEL_SIZE
     assert np.ptp(vertices[:, 0]) == pytest.approx(20 * VOXEL_SIZE, rel=0.2)
 
@@ -85,7 +85,7 @@ def test_packed_numbers_give_the_meshes_back():
     assert np.count_nonzero(codes == 0) == len(meshes.vertices)
 
 
-def decoded(meshes: GrainMeshes, steps: np.ndarray, codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def decoded(meshes: Meshes, steps: np.ndarray, codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Vertices and triangles, as ``assets/viewer_shapes.js`` undoes the packing."""
     vertices, triangles, v, t = steps.copy(), codes.astype(np.int64).ravel(), 0, 0
     for points, faces in zip(meshes.vertex_counts.astype(int), meshes.triangle_counts.astype(int)):

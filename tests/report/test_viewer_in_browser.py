@@ -14,6 +14,8 @@ from many_grains_report import VOXEL_SIZE, many_grains_report
 from PIL import Image
 from playwright.sync_api import Browser, Page, expect
 
+from grainmotion.model.scene import Body
+from grainmotion.model.state_fit import BodyMotion
 from grainmotion.model.volume import Volume
 from grainmotion.report import ReportData, surfaces, write_report
 from grainmotion.rotations import rotation_matrix
@@ -353,6 +355,73 @@ class TestOtherPages:
         write_report(tmp_path / "empty.html", empty)
         with clean(chromium, tmp_path / "empty.html") as page:
             expect(page.locator("#viewer[data-drawn=yes]")).to_be_visible()
+
+
+class TestBodies:
+    """A plate above the grains, which moves down and tilts in the second of two states."""
+
+    MOTION = (0.1, 0.0, -0.4, 0.0, 0.05, 0.0)
+
+    @pytest.fixture
+    def plate(self, data) -> Body:
+        top = data.volume.center[2] + data.volume.shape[0] * VOXEL_SIZE / 2
+        return Body("upper piston", "piston", Volume(np.full((8, 60, 70), 0.5), VOXEL_SIZE, (0.0, 0.0, top)))
+
+    @pytest.fixture
+    def page(self, chromium, tmp_path, data, plate) -> Iterator[Page]:
+        u, w = np.array(self.MOTION[:3]), np.array(self.MOTION[3:])
+        moved = BodyMotion(plate.name, plate.kind, "free", plate.center, u, w, np.eye(6), True)
+        first, last = data.states
+        last = replace(last, motions=replace(last.motions, fit=replace(last.motions.fit, bodies=(moved,))))
+        write_report(tmp_path / "bodies.html", replace(data, states=(first, last), bodies=(plate,)))
+        with clean(chromium, tmp_path / "bodies.html", width=1200, height=800) as opened:
+            expect(opened.locator("#viewer[data-drawn=yes]")).to_be_visible()
+            yield opened
+
+    def corners(self, page: Page) -> np.ndarray:
+        """Vertices of the body as they are drawn ``(n, 3)``, mm."""
+        points = page.evaluate(f"""(() => {{
+            const [mesh] = {SHOWN}.bodies.group.children, v = new THREE.Vector3();
+            mesh.updateMatrixWorld();
+            return Array.from({{ length: mesh.geometry.attributes.position.count }}, (_, i) =>
+              v.fromBufferAttribute(mesh.geometry.attributes.position, i).applyMatrix4(mesh.matrixWorld).toArray());
+        }})()""")
+        return np.array(points)
+
+    def test_surfaces_move_with_the_body(self, page, data, plate):
+        expect(page.locator(".viewer-note[aria-live]")).to_contain_text("Translucent bodies: upper piston.")
+        page.evaluate("gm.app.setState(0)")
+        page.wait_for_timeout(200)
+        half = np.array([7.0, 6.0, 0.8]) / 2
+        still = self.corners(page) - plate.center
+        np.testing.assert_allclose([still.min(axis=0), still.max(axis=0)], [-half, half], atol=VOXEL_SIZE)
+        page.evaluate("gm.app.setState(1)")
+        page.wait_for_timeout(200)
+        turn = rotation_matrix(np.array(self.MOTION[3:]))
+        np.testing.assert_allclose(self.corners(page), still @ turn.T + plate.center + self.MOTION[:3], atol=1e-3)
+
+    def test_grains_are_seen_and_chosen_through_it(self, page):
+        page.locator("#viewer [data-control=view-top]").click()
+        page.wait_for_timeout(200)
+        row = int(np.argmin(np.hypot(*places(page)[:, :2].T) - places(page)[:, 2]))
+        page.mouse.click(*seen_at(page, row))
+        assert page.evaluate("gm.app.grain") is not None
+        with_plate, without = self.picture(page, True), self.picture(page, False)
+        changed = np.abs(with_plate - without).max(axis=-1)[without[..., 3] == 255]  # where grains are
+        assert np.median(changed) > 4
+        assert np.percentile(changed, 98) < 128
+
+    def picture(self, page: Page, bodies: bool) -> np.ndarray:
+        """The canvas ``(rows, columns, 4)``, with or without bodies."""
+        values = page.evaluate(f"""(() => {{
+            const {{ canvas, bodies }} = {SHOWN}, {{ width, height }} = canvas.canvas;
+            bodies.group.visible = {str(bodies).lower()};
+            canvas.draw();
+            const copy = Object.assign(document.createElement("canvas"), {{ width, height }}).getContext("2d");
+            copy.drawImage(canvas.canvas, 0, 0);
+            return [width, height, ...copy.getImageData(0, 0, width, height).data];
+        }})()""")
+        return np.array(values[2:], int).reshape(values[1], values[0], 4)
 
 
 def test_slow_machines_draw_fewer_triangles_while_the_view_turns(page):

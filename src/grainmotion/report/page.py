@@ -27,8 +27,8 @@ SCRIPTS = (
     "attention.js", "table_rows.js", "table.js", "projection.js", "footprints.js", "radiograph_images.js",
     "pan_zoom.js", "radiograph_panes.js", "radiograph_levels.js", "radiographs.js", "shadows.js", "slices.js",
     "fit.js", "vendor/three.min.js", "viewer_shapes.js", "viewer_motion.js", "viewer_scale.js", "viewer_cap.js",
-    "viewer_grains.js", "viewer_overlays.js", "viewer_camera.js", "viewer_panel.js", "viewer_legend.js",
-    "viewer_canvas.js", "viewer.js", "start.js",
+    "viewer_grains.js", "viewer_bodies.js", "viewer_overlays.js", "viewer_camera.js", "viewer_panel.js",
+    "viewer_legend.js", "viewer_canvas.js", "viewer.js", "start.js",
 )  # fmt: skip
 """Files of ``assets/`` in the order in which the page holds them."""
 PACKAGES = ("grainmotion", "numpy", "scipy", "numba", "scikit-image", "matplotlib")

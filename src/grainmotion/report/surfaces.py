@@ -10,7 +10,7 @@ Beyond `MAX_MESHES` grains each is the ellipsoid with the label's second moments
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import fast_simplification
@@ -40,19 +40,19 @@ COORDINATE_STEPS = 2047
 
 
 @dataclass(frozen=True, eq=False)
-class GrainMeshes:
-    """Closed surfaces of n grains, one after another.
+class Meshes:
+    """Closed surfaces of n grains or bodies, one after another.
 
     Attributes
     ----------
     vertices : (m, 3) int array
-        Relative to the centre of each grain, in steps of its scale, x y z.
+        Relative to the centre of each, in steps of its scale, x y z.
     triangles : (k, 3) int array
-        Vertices of the own grain, counted from 0, counter-clockwise seen from outside.
+        Its own vertices, counted from 0, counter-clockwise seen from outside.
     scales : (n,) array
         mm a step.
     vertex_counts, triangle_counts : (n,) int arrays
-        0 for grains without a surface.
+        0 for those without a surface.
     """
 
     vertices: NDArray[np.int16]
@@ -61,8 +61,24 @@ class GrainMeshes:
     vertex_counts: NDArray[np.uint16]
     triangle_counts: NDArray[np.uint16]
 
-    def of_grain(self, row: int) -> tuple[Float, NDArray[np.uint16]]:
-        """Vertices relative to the centre, mm, and triangles of one grain."""
+    @classmethod
+    def packed(cls, surfaces: Sequence[tuple[Float, NDArray[np.int64]] | None]) -> Meshes:
+        """From vertices relative to the centre, mm, and triangles of each; None for those without a surface."""
+        vertices, triangles = [np.zeros((0, 3), np.int16)], [np.zeros((0, 3), np.uint16)]
+        scales = np.ones(len(surfaces), np.float32)
+        counts = np.zeros((2, len(surfaces)), np.uint16)
+        for row, surface in enumerate(surfaces):
+            if surface is None:
+                continue
+            offsets, faces = _by_first_use(*surface)
+            scales[row] = max(float(np.abs(offsets).max()), 1e-12) / COORDINATE_STEPS
+            vertices.append(np.round(offsets / float(scales[row])).astype(np.int16))
+            triangles.append(faces.astype(np.uint16))
+            counts[:, row] = len(offsets), len(faces)
+        return cls(np.concatenate(vertices), np.concatenate(triangles), scales, counts[0], counts[1])
+
+    def of_row(self, row: int) -> tuple[Float, NDArray[np.uint16]]:
+        """Vertices relative to the centre, mm, and triangles of one of them."""
         v, t = (int(counts[:row].sum()) for counts in (self.vertex_counts, self.triangle_counts))
         vertices = self.vertices[v : v + int(self.vertex_counts[row])]
         return np.asarray(vertices * float(self.scales[row]), dtype=float), self.triangles[
@@ -89,14 +105,17 @@ def surface_record(
     Returns
     -------
     dict
-        Of kind "meshes" (`GrainMeshes`, as ``assets/viewer_shapes.js`` decodes them) or "ellipsoids" (a matrix a grain
+        Of kind "meshes" (`mesh_record`) or "ellipsoids" (a matrix a grain
         that takes the unit ball to it, mm).
     """
     if len(grains) > MAX_MESHES:
         return {"kind": "ellipsoids", "matrices": embed(ellipsoids(labels, grid, grains))}
-    meshes = grain_meshes(labels, grid, grains, centers)
+    return {"kind": "meshes"} | mesh_record(grain_meshes(labels, grid, grains, centers))
+
+
+def mesh_record(meshes: Meshes) -> dict[str, object]:
+    """Surfaces for the page's JSON, as ``assets/viewer_shapes.js`` decodes them."""
     return {
-        "kind": "meshes",
         "vertices": embed(_differences(meshes.vertices, meshes.vertex_counts)),
         "triangles": embed(_below_highest(meshes.triangles, meshes.triangle_counts)),
         "scales": embed(meshes.scales),
@@ -110,23 +129,16 @@ def triangle_budget(count: int) -> int:
     return int(np.clip(MAX_TRIANGLES // max(1, count), *GRAIN_TRIANGLES))
 
 
-def grain_meshes(labels: NDArray[np.integer], grid: Volume, grains: NDArray[np.integer], centers: Float) -> GrainMeshes:
+def grain_meshes(labels: NDArray[np.integer], grid: Volume, grains: NDArray[np.integer], centers: Float) -> Meshes:
     """Surfaces of the grains of these labels; arguments as of `surface_record`."""
     budget = triangle_budget(len(grains))
-    vertices, triangles = [np.zeros((0, 3), np.int16)], [np.zeros((0, 3), np.uint16)]
-    scales = np.ones(len(grains), np.float32)
-    counts = np.zeros((2, len(grains)), np.uint16)
+    surfaces: list[tuple[Float, NDArray[np.int64]] | None] = [None] * len(grains)
     for row, mask, first in _masks(labels, grains):
         marched = _surface(mask, budget)
-        if marched is None or not np.isfinite(centers[row]).all():
-            continue
-        places, faces = _by_first_use(*marched)
-        offsets = grid.origin + grid.voxel_size * (first + places) - centers[row]
-        scales[row] = max(float(np.abs(offsets).max()), 1e-12) / COORDINATE_STEPS
-        vertices.append(np.round(offsets / float(scales[row])).astype(np.int16))
-        triangles.append(faces.astype(np.uint16))
-        counts[:, row] = len(places), len(faces)
-    return GrainMeshes(np.concatenate(vertices), np.concatenate(triangles), scales, counts[0], counts[1])
+        if marched is not None and np.isfinite(centers[row]).all():
+            places, faces = marched
+            surfaces[row] = grid.origin + grid.voxel_size * (first + places) - centers[row], faces
+    return Meshes.packed(surfaces)
 
 
 def ellipsoids(labels: NDArray[np.integer], grid: Volume, grains: NDArray[np.integer]) -> NDArray[np.float32]:
@@ -156,28 +168,35 @@ def _surface(mask: NDArray[np.bool_], budget: int) -> tuple[Float, NDArray[np.in
     """Vertices (voxels from the mask's first one, x y z) and triangles of a mask; None if it has no surface."""
     cells = np.sqrt(MARCHED_SHARE * budget / TRIANGLES_A_CELL)
     blocks = [max(1, round(n / cells)) if n > 2 else 1 for n in mask.shape]
-    share = _block_means(mask, blocks)
+    share = block_means(mask, blocks)
     margin = 3
     field = ndimage.gaussian_filter(np.pad(share, margin), CELL_SIGMA, truncate=3)
     inside = min(max(1, round(float(share.sum()))), field.size - 1)
     level = float(np.partition(field.ravel(), -inside)[-inside])  # as many cells above it as the grain fills
     level = min(max(level, 1e-3), 0.999 * float(field.max()))
     points, faces, _, _ = marching_cubes(field, level, allow_degenerate=False)
-    if len(faces) > budget:
-        with warnings.catch_warnings():  # a target that collapses cannot reach is no fault
-            warnings.simplefilter("ignore")
-            points, faces = fast_simplification.simplify(
-                points.astype(np.float32), faces.astype(np.int32), target_count=budget
-            )
+    points, faces = simplified(points, faces, budget)
     if len(faces) < 4:
         return None
     places = (points[:, ::-1] - margin + 0.5) * blocks[::-1] - 0.5
     return _with_volume(places, faces.astype(np.int64), float(np.count_nonzero(mask)))
 
 
-def _block_means(mask: NDArray[np.bool_], blocks: list[int]) -> NDArray[np.float32]:
+def simplified(points: Float, faces: NDArray[np.integer], budget: int) -> tuple[Float, NDArray[np.integer]]:
+    """A mesh of about ``budget`` triangles, or what edge collapses leave of it."""
+    if len(faces) <= budget:
+        return points, faces
+    with warnings.catch_warnings():  # a target that collapses cannot reach is no fault
+        warnings.simplefilter("ignore")
+        few: tuple[Float, NDArray[np.integer]] = fast_simplification.simplify(
+            points.astype(np.float32), faces.astype(np.int32), target_count=budget
+        )
+    return few
+
+
+def block_means(values: NDArray[np.generic], blocks: list[int]) -> NDArray[np.float32]:
     """Means over blocks of voxels; the last block of an axis is filled up with nothing."""
-    padded = np.pad(mask, [(0, -n % k) for n, k in zip(mask.shape, blocks, strict=True)])
+    padded = np.pad(values, [(0, -n % k) for n, k in zip(values.shape, blocks, strict=True)])
     sums = padded.astype(np.float32)
     for axis, k in enumerate(blocks):
         if k > 1:
@@ -189,12 +208,17 @@ def _block_means(mask: NDArray[np.bool_], blocks: list[int]) -> NDArray[np.float
 def _with_volume(places: Float, faces: NDArray[np.int64], volume: float) -> tuple[Float, NDArray[np.int64]]:
     """The mesh scaled about its middle to a volume, facing outwards."""
     middle = places.mean(axis=0)
-    a, b, c = (places[faces] - middle).transpose(1, 0, 2)
-    signed = float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6
+    signed = signed_volume(places - middle, faces)
     if signed < 0:
         faces = faces[:, ::-1]
     scale = np.clip(np.cbrt(volume / max(abs(signed), 1e-9)), 0.8, 1.25)
     return middle + scale * (places - middle), faces
+
+
+def signed_volume(places: Float, faces: NDArray[np.integer]) -> float:
+    """Volume within a closed mesh; negative if its triangles face inwards."""
+    a, b, c = places[faces].transpose(1, 0, 2)
+    return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6
 
 
 def _by_first_use(places: Float, faces: NDArray[np.int64]) -> tuple[Float, NDArray[np.int64]]:

@@ -49,16 +49,17 @@
       colour: data.states.length ? "u" : "status", arrows: "none", share: 1, magnification: 1, relative: false,
       cutAxis: "", cutPlace: 0.5, cutThickness: 1,
     };
-    const bodies = (data.scene?.bodies ?? []).map((body) => body.name).join(", ");
+    const names = data.scene.bodies.map((body) => body.name).join(", ");
     const hidden = new Set(), ranges = new Map(); // numbers of hidden statuses; [low, high] given by the user
 
     const [centers, shapes] = await Promise.all([gm.decode(data.grains.centers), gm.viewerShapes.load(data)]);
     const grains = gm.viewerGrains.create(shapes, centers);
     const { low, high } = wide(centers, shapes.radii);
     const size = Math.hypot(...high.map((v, k) => v - low[k]));
-    const overlays = gm.viewerOverlays.create(grains, data.scene, size);
+    const overlays = gm.viewerOverlays.create(grains, data.scene.box, size);
+    const bodies = await gm.viewerBodies.create(data.scene, grains.uniforms);
     const scene = new THREE.Scene();
-    scene.add(grains.group, overlays.group);
+    scene.add(grains.group, overlays.group, bodies.group);
     /** Look at all grains where they are now, from one of the views. */
     const look = (name) => {
       const now = wide(grains.places, shapes.radii);
@@ -100,7 +101,7 @@
       grains.hidden.forEach((_, i) => { grains.hidden[i] = hidden.has(numbers[i]) ? 1 : 0; });
       const factor = settings.share * settings.magnification;
       grains.setPoses(moved, factor);
-      overlays.moveBodies(app.state, settings.relative ? 0 : factor);
+      bodies.move(app.state, settings.relative ? 0 : factor);
     };
     const mark = async () => {
       const now = row();
@@ -143,7 +144,7 @@
         const where = unknown < labels.length ? "moved with the sample as a whole" : "in the places of the reference";
         sentences.push(`${unknown} ${have} no measured motion and ${are} drawn ${where}.`);
       }
-      if (bodies) sentences.push(`Coloured boxes bound ${bodies}${settings.relative ? ", in their places of the reference" : ""}.`);
+      if (names) sentences.push(`Translucent bodies: ${names}${settings.relative ? ", in their places of the reference" : ""}.`);
       const text = sentences.join(" ");
       if (told.textContent !== text) told.textContent = text;
     };
@@ -233,7 +234,9 @@
     const theme = () => {
       const [accent, line] = ["--accent", "--quiet"].map((name) => cssColour(element, name));
       grains.uniforms.accent.value.set(...accent.map((c) => (c / 255) ** 2.2));
-      overlays.setTheme(...[line, accent].map((colour) => new THREE.Color(...colour.map((c) => (c / 255) ** 2.2))));
+      const [lineColour, bodyColour] = [line, accent].map((colour) => new THREE.Color(...colour.map((c) => (c / 255) ** 2.2)));
+      overlays.setColour(lineColour);
+      bodies.setColour(bodyColour);
     };
     stage.append(triad.element, legend.element, tip, lost);
     element.replaceChildren(panel.top, stage, panel.bottom, statuses.element, told, weakNote, help);
@@ -244,7 +247,7 @@
     await refresh("all");
     view.resize(stage.clientWidth, stage.clientHeight);
     look("default");
-    gm.viewer.shown = { grains, view, canvas, settings, scene }; // for tests and measurements
+    gm.viewer.shown = { grains, bodies, view, canvas, settings, scene }; // for tests and measurements
     element.dataset.drawn = "yes";
   };
 

@@ -1,5 +1,5 @@
 "use strict";
-// What is drawn beside the grains: arrows, weak directions of the chosen grain, and boxes of the field and of bodies.
+// What is drawn beside the grains: arrows, weak directions of the chosen grain, and the box of the field.
 (() => {
   const gm = (window.gm ??= {});
   const LONGEST = 0.16; // of the sample's size, of the longest arrow
@@ -122,33 +122,15 @@
     return points;
   };
 
-  /** The overlays of a scene of this size (mm) about grains. */
-  const create = (grains, scene, size) => {
-    const arrows = arrowMesh(grains.uniforms, {}), group = new THREE.Group(), outlines = new THREE.Group();
+  /** The overlays about grains; `box` has the corners of the field, if it is known, `size` is that of the sample (mm). */
+  const create = (grains, box, size) => {
+    const arrows = arrowMesh(grains.uniforms, {}), group = new THREE.Group();
     const weak = arrowMesh({ cutAxis: { value: new THREE.Vector3() }, cutRange: { value: new THREE.Vector2(-1, 1) } },
       { depthTest: false });
     weak.renderOrder = 3;
-    group.add(arrows, weak, outlines);
+    const field = box ? lines(boxEdges(...box), { opacity: 0.4 }) : null;
+    group.add(...[arrows, weak, field].filter(Boolean));
     let ring = null;
-    const shapes = [];
-    if (scene?.box) shapes.push(["field", boxEdges(...scene.box)]);
-    for (const body of scene?.bodies ?? []) shapes.push(["body", boxEdges(body.low, body.high), body]);
-    for (const [kind, points, body] of shapes) {
-      const center = body?.center ?? [0, 0, 0];
-      const line = lines(points.map((value, i) => value - center[i % 3]), { opacity: kind === "field" ? 0.4 : 0.9 });
-      line.position.set(...center);
-      Object.assign(line.userData, { kind, body });
-      outlines.add(line);
-    }
-    /** Put the bodies where a multiple of their motion in a state takes them. */
-    const moveBodies = (state, factor) => {
-      for (const { userData: { body }, position, quaternion } of outlines.children) {
-        if (!body) continue;
-        const motion = body.motions[state]?.map((value) => factor * value) ?? [0, 0, 0, 0, 0, 0];
-        position.set(...body.center.map((value, k) => value + motion[k]));
-        quaternion.set(...gm.viewerMotion.ofVector(motion.slice(3)));
-      }
-    };
 
     /** Arrows of vectors (3 a grain) at rows; returns the factor by which they are longer than the vectors. */
     const showArrows = (vectors, rows, colours) => {
@@ -185,10 +167,8 @@
       return true;
     };
 
-    const setTheme = (line, accent) => {
-      for (const child of outlines.children) child.material.color.set(child.userData.kind === "field" ? line : accent);
-    };
-    return { group, moveBodies, showArrows, showWeak, setTheme };
+    const setColour = (colour) => field?.material.color.set(colour);
+    return { group, showArrows, showWeak, setColour };
   };
 
   gm.viewerOverlays = { create };

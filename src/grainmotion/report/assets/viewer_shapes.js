@@ -29,7 +29,7 @@
     return { points, faces };
   };
 
-  /** Undo the differences of report/surfaces.py: vertices and triangles of the grains, one after another. */
+  /** Undo the differences of report/surfaces.py: vertices and triangles of grains or bodies, one after another. */
   const unpacked = async (surfaces) => {
     const names = ["vertices", "triangles", "scales", "vertex_counts", "triangle_counts"];
     const [steps, codes, scales, vertexCounts, triangleCounts] =
@@ -139,5 +139,5 @@
     return { positions, normals: smoothNormals(positions, index, vertexTotal), owners, index, scales, radii, starts };
   };
 
-  gm.viewerShapes = { load, icosphere };
+  gm.viewerShapes = { load, unpacked };
 })();
