@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 import zlib
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -118,6 +119,22 @@ class TestExport:
             ["-q", "--format=vtk", copied],
         ):
             assert "exported: " in invoke("export", *arguments).stdout
+
+    def test_names_the_files_of_each_format(self, copied):
+        formats = ("vtk", "tiff", "ome-zarr", "spam", "mechanics")
+        lines = invoke("export", copied, *(word for name in formats for word in ("--format", name))).stdout.splitlines()
+        told = [line.removeprefix("exported: ") for line in lines if line.startswith("exported: ")]
+        results = copied.parent / "results"
+        assert told[0] == str(results / "grains.pvd")
+        assert str(results / "STATE" / "mechanics.json") in told
+        assert len(told) == len(set(told)) == 14
+        for name in SHIFTS:
+            assert all(Path(path.replace("STATE", name)).exists() for path in told)
+
+    def test_a_format_of_the_reference_names_no_state(self, copied):
+        lines = invoke("export", copied, "--format", "ome-zarr").stdout.splitlines()
+        told = [line for line in lines if line.startswith("exported: ")]
+        assert told == [f"exported: {copied.parent / 'results' / 'reference.ome.zarr'}"]
 
     def test_help_lists_the_kinds_of_export(self):
         assert "files" in invoke("export", "--help").stdout

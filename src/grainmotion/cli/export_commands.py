@@ -78,7 +78,12 @@ def files(
     wanted = _with_exports(read(paths.file), [f.value for f in format], **changes)
 
     def lines(result: RunResult) -> list[str]:
-        names = [*result.motions, *(["dem"] if Format.DEM in format else [])]
+        from grainmotion.workflow.exports import exported_files
+
+        state = next(iter(result.motions)) if len(result.motions) == 1 else "STATE"
+        names = exported_files([f.value for f in format], state)
+        names += [f"{state}/mechanics.json"] if Format.MECHANICS in format else []
+        names += ["dem"] if Format.DEM in format else []
         return [f"exported: {result.folder / name}" for name in names]
 
     return partial(run_stages, wanted, StagesCall(paths.out, execution, checks, dry_run, display), lines=lines)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
@@ -86,6 +86,16 @@ class Exporter:
             steps = [(0.0, folder / REFERENCE_EXPORTS["vtk"][k + 1])]
             steps += [(time_of(t, states), folder / t.name / STATE_EXPORTS["vtk"][k]) for t in states]
             write_pvd(path, steps)
+
+
+def exported_files(exports: Collection[str], state: str) -> list[str]:
+    """Files that exports write, from the folder of the results, each once; those of a state in the folder ``state``."""
+    of_reference = [name for key, names in REFERENCE_EXPORTS.items() if key in exports for name in names]
+    of_state = [name for key, names in STATE_EXPORTS.items() if key in exports for name in names]
+    collections = COLLECTIONS if "vtk" in exports else ()
+    deformed = DEFORMED["tiff"] if "tiff" in exports else ()
+    names = [*collections, *of_reference, *(f"{state}/{name}" for name in (*of_state, *deformed))]
+    return list(dict.fromkeys(name.removesuffix("/.zattrs") for name in names))
 
 
 def rebuilt_formats(output: OutputTable) -> list[VolumeFormat]:
