@@ -51,7 +51,7 @@ class TestSceneParts:
         parts = {p.name: p for p in scene_parts(volume(array), LABELS, Scene((piston(),), liquid))}
         assert sum(p.share for p in parts.values()) == pytest.approx(1)
         assert parts["liquid"].share == pytest.approx(array[filled].sum() / array.sum())
-        assert parts["liquid"].detail == "0.5 /mm up to z = -0.5 mm"
+        assert parts["liquid"].detail == "0.5 1/mm up to z = -0.5 mm"
         assert parts["grains"].share == pytest.approx(GRAIN.sum() / array.sum())
         assert parts["no part"].share == 0
 

@@ -17,7 +17,7 @@ def test_level_and_attenuation_of_a_liquid_are_told(capsys):
     motions = Motions.identity(np.array([1, 2]), np.zeros((2, 3)))
     fluid = FluidFit(0.0514, 1.234, attenuation_sd=2e-4, level_sd=0.011)
     print_states(Terminal(), {"wet": dataclasses.replace(motions, fit=StateFit(fluid=fluid))})
-    line = "wet: attenuation of the liquid 0.05140 ± 0.00020 /mm; level of the liquid (z) 1.234 ± 0.011 mm"
+    line = "wet: attenuation of the liquid 0.05140 ± 0.00020 1/mm; level of the liquid (z) 1.234 ± 0.011 mm"
     assert line in capsys.readouterr().out.splitlines()
 
 

@@ -43,6 +43,7 @@ def test_negated_angles_are_named_and_the_columns_beside_them(images):
     assert (finding.level, finding.check, finding.fix) == (gm.Level.ERROR, "sense-of-rotation", "angles-negated")
     assert "columns" in finding.fact
     assert "columns-flipped" in finding.remedy
+    assert "states that have the same mistake, and for no other" in finding.remedy
 
 
 @pytest.mark.parametrize(

@@ -79,6 +79,14 @@ def test_labels_tell_the_grain_of_the_state_that_is_asked_for(folder):
     assert "not-converged" in set(named(folder)["grains"][1]["features"]["status"])
 
 
+def test_standard_deviations_are_of_a_component_as_in_the_report(folder, states):
+    features = named(folder, state="one")["grains"][1]["features"]
+    sd = np.sqrt(np.einsum("nkk->nk", states["one"].covariances))
+    assert np.isfinite(sd).all()
+    np.testing.assert_allclose(features["sd_u"], np.sqrt((sd[:, :3] ** 2).mean(axis=1)), rtol=1e-6)
+    np.testing.assert_allclose(features["sd_w"], np.rad2deg(np.sqrt((sd[:, 3:] ** 2).mean(axis=1))), rtol=1e-6)
+
+
 @pytest.mark.parametrize("value", ["u", "status", "uz", "sd_w", "residual"])
 def test_napari_takes_every_layer(folder, value):
     for data in gm.viewer.layers(folder, value=value):

@@ -78,7 +78,7 @@ def scene_parts(
     if scene.fluid is not None:
         own = free & (scene.fluid.volume.array > 0)
         level = "up to the top of the field" if scene.fluid.level is None else f"up to z = {scene.fluid.level:.4g} mm"
-        detail = f"{scene.fluid.attenuation:.4g} /mm {level}"
+        detail = f"{scene.fluid.attenuation:.4g} 1/mm {level}"
         parts.append(ScenePart("liquid", float(values[own].sum(dtype=float)) / total, detail))
         free &= ~own
     return *parts, ScenePart(NO_PART, float(values[free].sum(dtype=float)) / total, "noise and blurred edges")

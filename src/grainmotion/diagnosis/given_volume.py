@@ -255,7 +255,7 @@ def _attenuation(given: _Comparison, match: Match, air: float) -> Iterable[Findi
     factor = match.gain
     if air != 0:
         fact = "the volume holds grey values, not attenuation in 1/mm"
-        evidence = f"air is at {air:.4g}, and a grey value is {factor:.3g}/mm"
+        evidence = f"air is at {air:.4g}, and a grey value is {factor:.3g} 1/mm"
         yield given.finding(Level.ERROR, fact, evidence, f"give (volume - {air:.6g}) * {factor:.4g}")
         return
     off = max(factor, 1 / factor) if factor > 0 else np.inf

@@ -75,8 +75,8 @@ MIRRORED = (
 )
 TO_UNMIRROR = (
     "the scan alone does not tell which: if the images are as the camera sees them from behind the sample, give the "
-    "angles with the other sign (fix angles-negated), else flip the images (fix columns-flipped), in all states alike; "
-    + HOW_TO_TELL
+    "angles with the other sign (fix angles-negated), else flip the images (fix columns-flipped); the same for the "
+    "states that have the same mistake, and for no other; " + HOW_TO_TELL
 )
 CAUSES = (
     "check the angles (unit, sense, span, end point), the order and number of the radiographs, first_row, distances, "

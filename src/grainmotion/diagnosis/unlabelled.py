@@ -95,7 +95,7 @@ def check_unlabelled(
         else (f"{blobs.count} blobs of attenuation that look like grains have")
     )
     fact = f"{are} no label and will be in no table: a fainter material?"
-    evidence = f"{blobs.share:.0%} of all attenuation, at {blobs.level:.3g}/mm"
+    evidence = f"{blobs.share:.0%} of all attenuation, at {blobs.level:.3g} 1/mm"
     remedy = (
         "lower [segment] threshold" if np.isnan(blobs.threshold) else f"[segment] threshold = {blobs.threshold:.3g}"
     )

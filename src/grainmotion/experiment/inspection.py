@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from grainmotion._typing import Index
+from grainmotion._typing import Float, Index
 from grainmotion.calibration.beam_level import beam_levels
 from grainmotion.diagnosis.hypotheses import stage_angles_deg
 from grainmotion.diagnosis.scan_geometry import check_scan
@@ -28,6 +28,7 @@ from grainmotion.preprocessing.flat_field import PixelReport
 from grainmotion.reconstruction.grid_growth import GROWN_REMEDY, fitted_grid, growth_views
 
 MAX_AIR_LINE_INTEGRAL = 0.02  # median over the outermost columns; more gives a warning
+MAX_AIR_VARIATION = 0.03  # of the outermost columns along them, over their line integral; a sample has 0.05 to 1
 USUAL_VOXEL_PIXEL_RATIO = (0.4, 2.5)  # of a voxel and a pixel at the sample; others give a warning
 MAX_PANEL_OVERHANG = 0.1  # of the volume beyond the panel, as a share of its columns; more gives a warning
 DRAWN_STEPS_DEG = np.array([0.0, 15.0, 40.0, 90.0])  # angles from view 0 of the radiographs that a picture shows
@@ -50,6 +51,7 @@ class ScanFacts:
     pixel_at_sample: float  # pixel size over the magnification, mm
     magnification: float  # at the volume's centre
     air: float  # median line integral of the two outermost columns
+    air_variation: float  # standard deviation of the same along the columns, without the noise
     highest: float  # highest line integral
     pixels: PixelReport
 
@@ -161,9 +163,20 @@ def scan_facts(source: ScanInput, scan: Scan, pixels: PixelReport, grid: Volume)
         pixel_at_sample=pixel,
         magnification=float(geometry.pixel_sizes.mean() / pixel),
         air=float(np.median(scan.line_integrals[:, :, [0, -1]])),
+        air_variation=_variation(scan.line_integrals[:, :, [0, -1]].mean(axis=2)),
         highest=float(scan.line_integrals.max()),
         pixels=pixels,
     )
+
+
+def _variation(columns: Float) -> float:
+    """Standard deviation along columns ``(views, rows)``, that is significant: of what even and odd rows share."""
+    rows = columns.shape[1] // 8 * 8
+    if rows == 0:
+        return 0.0
+    blocks = (columns - np.median(columns, axis=1, keepdims=True))[:, :rows].reshape(len(columns), -1, 4, 2)
+    products = blocks.mean(axis=2, dtype=float).prod(axis=2)
+    return float(np.sqrt(max(products.mean() - 3 * products.std() / np.sqrt(products.size), 0.0)))
 
 
 def scan_findings(source: ScanInput, facts: ScanFacts, grid: Volume) -> tuple[Finding, ...]:
@@ -172,6 +185,9 @@ def scan_findings(source: ScanInput, facts: ScanFacts, grid: Volume) -> tuple[Fi
     if abs(facts.air) > MAX_AIR_LINE_INTEGRAL:
         fact = f"the outermost columns have a line integral of {facts.air:.3f}"
         remedy = f"if they see only air, set {key}.air = {{ margin = 2 }}"
+        if facts.air > 0 and facts.air_variation > MAX_AIR_VARIATION * facts.air:
+            fact += ", which is not the same along them: probably they see the sample"
+            remedy = "leave it if the sample is wider than the panel, else give flats of this scan"
         found.append(Finding(Level.NOTE, "inspect", key, fact, remedy=remedy))  # a level of the beam is fitted
     ratio = grid.voxel_size / facts.pixel_at_sample
     if not USUAL_VOXEL_PIXEL_RATIO[0] < ratio < USUAL_VOXEL_PIXEL_RATIO[1]:

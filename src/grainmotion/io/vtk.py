@@ -54,7 +54,8 @@ def write_grains_vtp(path: str | Path, motions: Motions, *, time: float | None =
     ``sd_displacement`` (mm), ``sd_rotation_deg`` (degrees), ``displacement_covariance`` (tensor, mm²), ``residual``
     (line-integral units) and ``iterations``; where strains were measured ``strain`` (tensor, frame of the reference)
     and ``sd_strain`` (xx, yy, zz, yz, xz, xy).  To colour by: ``displacement_magnitude`` (mm), ``rotation_angle_deg``,
-    and the roots of the summed variances, ``uncertainty_displacement`` (mm) and ``uncertainty_rotation_deg``.
+    and the roots of the summed variances, ``uncertainty_displacement`` (mm) and ``uncertainty_rotation_deg`` (√3 times
+    the root mean squares of the components that the report shows).
     Missing values are NaN: threshold on ``ok_translation`` before drawing glyphs.
 
     ``time`` is the time step; ``reference`` says that the motions are those of the reference state, which did not move.

@@ -174,8 +174,8 @@ def _open_beam(flat: BeamImage, dark_level: NDArray[np.float64]) -> tuple[NDArra
         raise InputError(
             "flats",
             f"{100 * dead.mean():.0f} % of the mean flat is at or below the mean dark",
-            "flats below darks: exchange them if they are swapped, check that the shutter was open, or turn inverted "
-            "grey values round (65535 - counts)",
+            "flats below darks: exchange them if they are swapped, check that the shutter was open for the flats "
+            "and closed for the darks, or turn inverted grey values round (65535 - counts)",
         )
     beam = flat.mean - dark_level
     typical = ndimage.uniform_filter(np.clip(beam, 0, FLAT_RATIOS[1] * np.median(beam)), 7)

@@ -105,7 +105,7 @@ def fit_facts(state: StateReport) -> Rows:
 
 def fluid_facts(fluid: FluidFit) -> list[tuple[str, str]]:
     """Attenuation and level of a liquid, and what the grains displaced where it changed."""
-    facts = [("attenuation of the liquid", f"{_with_sd(fluid.attenuation, fluid.attenuation_sd)} /mm")]
+    facts = [("attenuation of the liquid", f"{_with_sd(fluid.attenuation, fluid.attenuation_sd)} 1/mm")]
     full = np.isnan(fluid.level)
     level = "the top of the field, or above" if full else f"{_with_sd(fluid.level, fluid.level_sd)} mm"
     facts.append(("level of the liquid (z)", level))

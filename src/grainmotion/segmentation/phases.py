@@ -53,7 +53,7 @@ class Phase:
     share: float
 
     def __str__(self) -> str:
-        return f"{self.kind} {self.attenuation:.3g}/mm ({self.share:.1%})"
+        return f"{self.kind} {self.attenuation:.3g} 1/mm ({self.share:.1%})"
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,8 +17,9 @@ from grainmotion.model.status import STATUS_COLOURS
 STATUS = "status"
 TRANSLATION_VALUES, ROTATION_VALUES = ("u", "ux", "uy", "uz"), ("w", "wx", "wy", "wz")
 SUMS: Mapping[str, str] = MappingProxyType({"u": "length of the translation, mm", "w": "angle of the rotation, °",
-    "sd_u": "standard deviation of the place, mm", "sd_w": "standard deviation of the rotation, °"})  # fmt: skip
-"""Values made of three columns of the table, and what they are; standard deviations add up as variances."""
+    "sd_u": "standard deviation of a component of the translation, mm",
+    "sd_w": "standard deviation of a component of the rotation, °"})  # fmt: skip
+"""Values made of three columns of the table: lengths, and root mean squares of standard deviations."""
 UNUSED_RGBA = (0.55, 0.57, 0.6, 1.0)
 """Colour of grains without a value."""
 MAP_OF_LENGTHS, MAP_OF_SIGNS = "viridis", "coolwarm"
@@ -29,7 +30,8 @@ def grain_table(motions: Motions) -> pd.DataFrame:
     """The table of ``motions.csv`` with `SUMS`; motions that are no results to use are NaN."""
     table = motions.to_table()
     for name in SUMS:
-        table[name] = np.linalg.norm(table[[f"{name}{axis}" for axis in "xyz"]].to_numpy(float), axis=1)
+        length = np.linalg.norm(table[[f"{name}{axis}" for axis in "xyz"]].to_numpy(float), axis=1)
+        table[name] = length / np.sqrt(3) if name.startswith("sd_") else length
     table.loc[~motions.ok_translation, list(TRANSLATION_VALUES)] = np.nan
     table.loc[~motions.ok_rotation, list(ROTATION_VALUES)] = np.nan
     return table

@@ -50,8 +50,8 @@ def layers(results: ResultsLike, *, value: str = "u", state: str | None = None) 
         What `read_results` or `run` returned, or the folder of the results.
     value : str
         What grains are coloured by: "u" or "w", length of the translation (mm) and angle of the rotation (degrees);
-        "sd_u" or "sd_w", their standard deviations; "status"; or a number of ``motions.to_table()``, such as "uz" or
-        "residual".
+        "sd_u" or "sd_w", standard deviations of a component (root mean square of the three); "status"; or a number of
+        ``motions.to_table()``, such as "uz" or "residual".
     state : str, optional
         The state that the labels tell; the last one unless given.  The other layers have all states.
 

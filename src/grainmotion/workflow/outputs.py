@@ -256,7 +256,7 @@ def _reference_facts(inputs: Inputs, reference: StoredReference) -> Rows:
         ("Grains", str(0 if labels is None else len(np.unique(labels[labels > 0])))),
     ]
     if np.isfinite(reference.threshold):
-        rows.append(("Threshold", f"{reference.threshold:.4g} /mm"))
+        rows.append(("Threshold", f"{reference.threshold:.4g} 1/mm"))
     if reference.phases:
         rows.append(("Phases, with their shares of the volume", ", ".join(map(str, reference.phases))))
     if sentences := described(reference):

@@ -126,7 +126,7 @@
     element.replaceChildren(
       gm.el("div", { class: "toolbar" },
         slices.planes[0].grains && gm.el("label", {}, outlines, " outlines of the grains"),
-        gm.el("span", { class: "quiet" }, `black to white: attenuation ${gm.significant(low)} to ${gm.significant(high)} /mm; faint lines: the other slices; a click selects a grain`)),
+        gm.el("span", { class: "quiet" }, `black to white: attenuation ${gm.significant(low)} to ${gm.significant(high)} 1/mm; faint lines: the other slices; a click selects a grain`)),
       gm.el("div", { class: "planes" }, planes.map((each) => each.element)));
     app.on("grain", () => {
       const row = app.grain === null ? -1 : app.row(app.grain);
