@@ -81,6 +81,10 @@ class TestCommonCause:
         assert "broken" in common_cause(failed(6)).fact
         assert "broken" not in common_cause(failed(20)).fact
 
+    @pytest.mark.parametrize("count", [6, 20])
+    def test_a_radiograph_of_another_state_is_among_the_causes(self, count):
+        assert "one of another state among them" in common_cause(failed(count)).fact
+
     def test_stored_motions_give_the_same_cause(self):
         before = failed(10, 1, gain=0.01)
         after = with_common_cause(before, common_cause(before))

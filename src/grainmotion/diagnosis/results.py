@@ -30,8 +30,9 @@ SEE_COMMON_CAUSE = "see the common cause"
 
 _GEOMETRY = (
     "the radiographs do not show this sample as its geometry says. Usual causes: angles with the wrong sign, unit or "
-    "start; radiographs in another order, or flipped; wrong distances or voxel size; another sample; a poor reference, "
-    "or a volume or labels that are flipped or shifted; motions far beyond a grain's diameter"
+    "start; radiographs in another order, or flipped, or one of another state among them; wrong distances or voxel "
+    "size; another sample; a poor reference, or a volume or labels that are flipped or shifted; motions far beyond a "
+    "grain's diameter"
 )
 _DISTURBED = f"a grain that is broken, missing or new disturbs all others of so small a sample, or {_GEOMETRY}"
 _SCALE = (
