@@ -521,6 +521,18 @@ class TestChunks:
         assert volume.notes == ()
         np.testing.assert_array_equal(volume.read(), VOLUME)
 
+    def test_zarr_without_a_shard(self, tmp_path):
+        """Shards reach beyond this volume: those that are left hold more chunks than the volume has."""
+        array = zarr.create_array(str(tmp_path / "a.zarr"), shape=SHAPE, shards=(4, 4, 4), chunks=(2, 2, 2), dtype="u2")
+        array[:] = VOLUME
+        (tmp_path / "a.zarr" / "c" / "0" / "0" / "0").unlink()
+        assert "1 of 8 shards are not stored and read as 0" in find_volume("a.zarr", tmp_path).notes[0]
+
+    def test_an_old_zarr(self, tmp_path, monkeypatch):
+        monkeypatch.setattr(zarr, "__version__", "3.1.1")
+        with pytest.raises(InputError, match=r"zarr 3\.1\.1 is too old.*zarr>=3\.1\.2"):
+            find_volume("a.zarr", tmp_path)
+
 
 def test_a_single_page_before_many_planes(tmp_path):
     """ImageJ's way beyond 4 GB: one page directory, all planes behind one another."""

@@ -43,6 +43,7 @@ def read_geometry(path: str | Path, shape: tuple[int, int], beam: Beam = "cone")
         row, column = np.argwhere(bad)[0]
         fact = f"{VIEW_COLUMNS[column]} is '{table[VIEW_COLUMNS[column]].iloc[row]}' in row {row + 1} (view {row})"
         raise InputError(str(path), fact, "give 12 finite numbers a row")
+    numbers = table[list(VIEW_COLUMNS)].to_numpy(object).astype(float)  # to_numeric of pandas before 3.1 loses digits
     try:
         return Geometry(numbers, shape, beam)
     except InputError as error:

@@ -21,6 +21,10 @@ from grainmotion.model.motions import Motions
 
 _YES_OR_NO = {"true": True, "false": False, "1": True, "0": False, "1.0": True, "0.0": False}
 """Words for yes and no."""
+_WHOLE_NUMBERS = ("label", "iterations")
+"""Columns of whole numbers."""
+_TEXT = {column: str for column in (*MOTION_COLUMNS, *STRAIN_COLUMNS)}
+"""Numbers are read as text first: those that pandas before 3.1 makes of a file are not those that were written."""
 
 
 def read_motions(path: str | Path) -> Motions:
@@ -44,20 +48,20 @@ def read_motions(path: str | Path) -> Motions:
     """
     path = checked_file(path)
     try:
-        table = pd.read_csv(path, comment="#", skipinitialspace=True)
+        table = pd.read_csv(path, comment="#", skipinitialspace=True, dtype=_TEXT)
     except (ValueError, UnicodeDecodeError) as error:
         fact = f"not a table ({' '.join(str(error).split())})"
         raise InputError(str(path), fact, f"give a CSV with the header {','.join(MOTION_COLUMNS)}") from error
     for column in (c for c in (*MOTION_COLUMNS, *STRAIN_COLUMNS) if c in table.columns and c != "status"):
         numbers = pd.to_numeric(table[column], errors="coerce")
         wrong = numbers.isna() & table[column].notna()
-        if column in ("label", "iterations"):
+        if column in _WHOLE_NUMBERS:
             wrong = numbers.isna() | (numbers % 1 != 0)
         if wrong.any():
             row = int(np.argmax(wrong.to_numpy()))
             fact = f"{column} is '{table[column].iloc[row]}' in row {row + 1}"
             raise InputError(str(path), fact, "give a number")
-        table[column] = numbers
+        table[column] = numbers if column in _WHOLE_NUMBERS else table[column].astype(float)
     for column in (c for c in OK_COLUMNS if c in table.columns):
         words = table[column].astype(str).str.strip().str.lower()
         if not words.isin(_YES_OR_NO).all():

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +21,8 @@ ZARR_FILES = (".zattrs", ".zgroup", ".zarray", "zarr.json")
 ZIPPED = (".zip", ".ozx")
 _BLOSC_HEADER, _BLOSC_LENGTH = 16, slice(12, 16)
 """Bytes of the header of a chunk, and those that tell the chunk's length."""
+_OLDEST = (3, 1, 2)
+"""Earlier versions of zarr count shards as if each were one chunk."""
 _COPY_STORE = "copy or export the folder again, with all its files"
 
 
@@ -35,11 +39,12 @@ def zarr_volume(path: Path, spec: str, inner: str) -> VolumeFile:
     order = volume_axes(array.shape, _names(array) if image is None else image.axes, where)
     level = array.path.removeprefix("" if group is None else group.path).strip("/")
     voxel, notes = (None, ()) if image is None else image.voxel(level, order)
-    stored, chunks = int(array.nchunks_initialized), int(array.nchunks)
+    stored, objects = _stored(array)
     if stored == 0:
         raise InputError(where, "none of its chunks is stored: it would read as zeros", _COPY_STORE)
-    if stored < chunks:
-        notes = (*notes, f"{chunks - stored} of {chunks} chunks are not stored and read as {array.fill_value}")
+    if stored < objects:
+        held = "shards" if array.shards else "chunks"
+        notes = (*notes, f"{objects - stored} of {objects} {held} are not stored and read as {array.fill_value}")
     shape = (array.shape[order[0]], array.shape[order[1]], array.shape[order[2]])
     files = _files(path, array.path)
 
@@ -57,6 +62,13 @@ def zarr_volume(path: Path, spec: str, inner: str) -> VolumeFile:
     return VolumeFile(spec, files, shape, array.dtype, slabs, voxel, center, notes, (array.path,), depth)
 
 
+def _stored(array: zarr.Array) -> tuple[int, int]:
+    """How many of an array's objects are stored, and how many it has: shards where chunks lie in shards."""
+    held = array.shards or array.chunks
+    objects = prod(-(-size // side) for size, side in zip(array.shape, held))
+    return int(array.nchunks_initialized) * prod(array.chunks) // prod(held), objects
+
+
 def import_zarr(where: str) -> None:
     """Say how to install zarr if it is missing."""
     try:
@@ -64,8 +76,9 @@ def import_zarr(where: str) -> None:
     except ImportError as error:
         remedy = "install it: pip install 'grainmotion[zarr]', or use TIFF or HDF5"
         raise InputError(where, "Zarr needs the package zarr, which is not installed", remedy) from error
-    if int(zarr.__version__.split(".")[0]) < 3:
-        raise InputError(where, f"zarr {zarr.__version__} is too old", "pip install --upgrade 'zarr>=3'")
+    if tuple(map(int, re.findall(r"\d+", zarr.__version__)[:3])) < _OLDEST:
+        oldest = ".".join(map(str, _OLDEST))
+        raise InputError(where, f"zarr {zarr.__version__} is too old", f"pip install --upgrade 'zarr>={oldest}'")
 
 
 def _opened(path: Path) -> zarr.Group | zarr.Array:
