@@ -5,7 +5,8 @@ import sys
 
 import pytest
 
-from grainmotion.cli.progress import _draws_bars
+from grainmotion.cli.interrupts import Stop
+from grainmotion.cli.progress import _draws_bars, progress
 from grainmotion.cli.terminal import Terminal
 
 COLOR_VARIABLES = ("NO_COLOR", "FORCE_COLOR", "TERM", "COLORTERM", "TTY_COMPATIBLE", "TTY_INTERACTIVE")
@@ -82,3 +83,26 @@ def test_no_bar_on_a_dumb_terminal_or_a_file(monkeypatch):
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setattr(sys, "stderr", Screen(False))
     assert not _draws_bars()
+
+
+class TestBesideABar:
+    def say(self, monkeypatch, stdout, stderr):
+        for name in COLOR_VARIABLES:
+            monkeypatch.delenv(name, raising=False)
+        monkeypatch.setenv("TERM", "xterm")
+        monkeypatch.setattr(sys, "stdout", stdout)
+        monkeypatch.setattr(sys, "stderr", stderr)
+        with progress(Terminal(), Stop()) as listen:
+            listen("waiting for radiographs", 0, 2)
+            Terminal().say("one: tracked")
+
+    def test_a_result_stands_above_the_bar(self, monkeypatch):
+        screen = Screen(is_terminal=True)
+        self.say(monkeypatch, screen, screen)
+        assert "\x1b[2Kone: tracked\n" in screen.getvalue()  # the line of the bar is cleared first
+
+    def test_a_result_goes_to_the_file_that_standard_output_is(self, monkeypatch):
+        file, screen = Screen(is_terminal=False), Screen(is_terminal=True)
+        self.say(monkeypatch, file, screen)
+        assert file.getvalue() == "one: tracked\n"
+        assert "tracked" not in screen.getvalue()

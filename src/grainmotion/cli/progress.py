@@ -62,7 +62,9 @@ def _bar(terminal: Terminal, states: Sequence[str]) -> Iterator[tuple[Progress, 
         TimeElapsedColumn(),
         TextColumn("{task.fields[left]}", markup=False, style="dim"),
     )
-    with Bar(*columns, console=terminal.console(stderr=True), transient=True) as bar:
+    above = sys.stdout.isatty()  # lines of standard output stand above the bar, but those for a file go there
+    console = terminal.console(stderr=True)
+    with Bar(*columns, console=console, transient=True, redirect_stdout=above) as bar:
         task = bar.add_task("", total=None, left="")
 
         def listen(message: str, done: int, total: int) -> None:

@@ -64,11 +64,10 @@ class Terminal:
             print(message, file=stream, flush=True)
             return
         console = self.console(stderr=stderr)
-        if stream.isatty():
-            console.print(styled(message, console.width), soft_wrap=True)
-        else:
-            console.print(colored(message), soft_wrap=True)
-            stream.flush()
+        text = styled(message, console.width) if stream.isatty() else colored(message)
+        with console.capture() as rendered:
+            console.print(text, soft_wrap=True)
+        print(rendered.get(), end="", file=stream, flush=True)  # a bar that is drawn stays below it
 
 
 def styled(message: str, width: int) -> Text:
