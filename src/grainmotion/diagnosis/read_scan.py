@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from grainmotion._typing import Float
 from grainmotion.model.scan import Scan
-from grainmotion.preprocessing.flat_field import PixelReport
+from grainmotion.preprocessing.masked_pixels import PixelReport
 from grainmotion.preprocessing.outliers import Mask
 
 MAX_LEVEL_PIXELS = 1 << 14

@@ -24,7 +24,7 @@ from grainmotion.model.finding import Finding, Level
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
-from grainmotion.preprocessing.flat_field import PixelReport
+from grainmotion.preprocessing.masked_pixels import PixelReport
 from grainmotion.reconstruction.grid_growth import GROWN_REMEDY, fitted_grid, growth_views
 
 MAX_AIR_LINE_INTEGRAL = 0.02  # median over the outermost columns; more gives a warning

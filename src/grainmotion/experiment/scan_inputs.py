@@ -17,14 +17,14 @@ from grainmotion.experiment.scan_tables import Air, Circular
 from grainmotion.io.stacks import Stack
 from grainmotion.model.finding import Finding, Level
 from grainmotion.model.geometry import Geometry
-from grainmotion.model.scan import Scan, normalize_air
+from grainmotion.model.scan import Scan, air_levels
 from grainmotion.preprocessing.beam_hardening import Hardening
 from grainmotion.preprocessing.flat_field import (
-    PixelReport,
     checked_line_integrals,
     line_integrals_from_counts,
     line_integrals_from_transmission,
 )
+from grainmotion.preprocessing.masked_pixels import PixelReport
 from grainmotion.preprocessing.outliers import PanelFacts, panel_facts, sample_views
 
 _PANELS: dict[tuple[object, ...], PanelFacts] = {}  # of the scan of which views were read last
@@ -116,9 +116,9 @@ class ScanInput:
             panel = panel_facts(images, flats) if self.sample is None else self._panel(flats)
             scan, pixels = self._line_integrals(images, flats, darks, panel)
             for levels in (self.monitor, self.levels):
-                scan = scan if levels is None else scan.levelled(levels)
+                _subtract(scan, levels)
             if self.air is not None:
-                scan = normalize_air(scan, margin=self.air.margin, region=self.air.region)
+                _subtract(scan, air_levels(scan, margin=self.air.margin, region=self.air.region))
         except InputError as error:
             wrong = wrong_kind(self.kind, images, flats)
             fact, remedy = error.fact, error.remedy
@@ -166,3 +166,10 @@ class ScanInput:
         stack = {"flats": self.flats, "darks": self.darks}.get(where, self.radiographs)
         key = where if where in ("flats", "darks") or where.startswith("air") else "radiographs"
         return f"{stack.spec if stack else ''} ({self.key}.{key})"
+
+
+def _subtract(scan: Scan, levels: Float | None) -> None:
+    """As `Scan.levelled`, in the arrays of a scan that was just read and nobody else has: a copy may not fit."""
+    if levels is not None:
+        for image, level in zip(scan.line_integrals, levels.astype(scan.line_integrals.dtype), strict=True):
+            image -= level

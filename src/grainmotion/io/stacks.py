@@ -76,9 +76,20 @@ class Stack:
         """The pixels ``(images, rows, columns)`` of all or of the chosen images, in the type of the files."""
         if chosen is not None:
             return self._read_chosen(chosen)
-        arrays = [_read(p, self.nxtomo) for p in self.parts]
-        self._check_sizes([a.shape for a in arrays])
-        return arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
+        if len(self.parts) == 1:
+            images = _read(self.parts[0], self.nxtomo)
+            self._check_sizes([images.shape])
+            return images
+        shape, dtype = self.info()
+        images, first = np.empty(shape, dtype), 0  # each file goes to its place, so that no two copies are held
+        for part, (expected, _) in zip(self.parts, self._infos, strict=True):
+            array = _read(part, self.nxtomo)
+            if array.shape != expected:
+                fact = f"it holds {array.shape} (images, rows, columns), and held {expected} a moment ago"
+                raise InputError(str(part.path), fact, "wait until it is written, and start again")
+            images[first : first + len(array)] = array
+            first += len(array)
+        return images
 
     def _read_chosen(self, chosen: Index) -> Pixels:
         """Read only the files that hold a chosen image; of .npy and HDF5, only those images."""

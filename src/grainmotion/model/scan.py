@@ -59,7 +59,7 @@ class Scan(Summarised):
                 f"radiographs {images.shape} do not match the geometry {expected} (views, rows, columns)",
                 "give one geometry row a radiograph",
             )
-        if not np.isfinite(images).all():
+        if not all(np.isfinite(image).all() for image in images):
             raise InputError("scan", "line integrals hold NaN or infinity", "repair or mask those pixels")
         if self.valid is not None and self.valid.shape != expected:
             raise InputError("scan", f"mask {self.valid.shape} does not match {expected}", "give one flag a pixel")

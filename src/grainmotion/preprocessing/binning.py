@@ -43,14 +43,20 @@ def binned_scan(
     first, end = (0, height) if rows is None else rows
     geometry = binned_geometry(scan.geometry, factor, views, (first, end))
     r0, height = r0 + first * factor, end - first
-    inner = (views[:, None, None], np.arange(r0, r0 + height * factor)[:, None], np.arange(c0, c0 + columns * factor))
-    images = scan.line_integrals[inner]
+    inner = (slice(r0, r0 + height * factor), slice(c0, c0 + columns * factor))
+    images = (scan.line_integrals[view][inner] for view in views)  # one at a time: a scan may fill the memory
     if scan.valid is None:
-        return Scan(binned_images(images, factor), geometry)
-    good, block = scan.valid[inner], (1, factor, factor)
-    number = block_reduce(good, block, np.sum)
-    mean = block_reduce(np.where(good, images, 0), block, np.sum) / np.maximum(number, 1)
-    return Scan(mean, geometry, number > 0)
+        means = np.empty((len(views), height, columns), scan.line_integrals.dtype)
+        for mean, image in zip(means, images, strict=True):
+            mean[:] = binned_images(image[None], factor)[0]
+        return Scan(means, geometry)
+    means, valid = np.empty((len(views), height, columns)), np.empty((len(views), height, columns), bool)
+    for k, (view, image) in enumerate(zip(views, images, strict=True)):
+        good = scan.valid[view][inner]
+        number = block_reduce(good, (factor, factor), np.sum)
+        means[k] = block_reduce(np.where(good, image, 0), (factor, factor), np.sum) / np.maximum(number, 1)
+        valid[k] = number > 0
+    return Scan(means, geometry, valid)
 
 
 def binned_geometry(

@@ -8,9 +8,7 @@ counts them.
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,7 +27,8 @@ from grainmotion.preprocessing.image_checks import (
     is_floating,
     typical_value,
 )
-from grainmotion.preprocessing.outliers import PanelFacts, constant_lines, panel_facts, spikes
+from grainmotion.preprocessing.masked_pixels import PixelReport, View, masked_scan
+from grainmotion.preprocessing.outliers import PanelFacts, panel_facts
 
 MAX_BAD_FLAT_SHARE = 0.05
 """Largest share of the flat at or below the dark; more means that the files are mixed up."""
@@ -37,55 +36,6 @@ FLAT_RATIOS = (0.05, 3.0)
 """Flat of a pixel over that of the 7 x 7 pixels around it; others are dead or stuck.  Gains differ by some 20 %."""
 MAX_MEDIAN = 20.0
 """Largest median of transmissions and of line integrals; above it they are counts."""
-
-
-@dataclass(frozen=True)
-class PixelReport:
-    """How many pixels of a scan carry no weight, and why; all views together.
-
-    Attributes
-    ----------
-    total : int
-        Pixels of all views.
-    dead : int
-        Pixels whose flat is not above the dark or far below that of its neighbours, counted once in each view.
-    dark : int
-        Other pixels without signal: counts at or below the dark, transmission at or below zero.
-    saturated : int
-        Other pixels at the top of the camera's range, in the radiograph or in the flat.
-    missing : int
-        Other pixels that are NaN or infinite.
-    stuck : int
-        Other pixels that have one value in all views, or a flat far above that of its neighbours.
-    spikes : int
-        Other pixels that are far brighter or darker than all of their neighbours, such as zingers and hot columns.
-    flats_left_out, darks_left_out : tuple of int
-        Frames that do not belong to the others, from 0.
-    values_left_out : int
-        Single values of flats and darks that are NaN or zingers.
-    """
-
-    total: int
-    dead: int = 0
-    dark: int = 0
-    saturated: int = 0
-    missing: int = 0
-    stuck: int = 0
-    spikes: int = 0
-    flats_left_out: tuple[int, ...] = ()
-    darks_left_out: tuple[int, ...] = ()
-    values_left_out: int = 0
-
-    @property
-    def bad(self) -> int:
-        """Pixels that carry no weight."""
-        return self.dead + self.dark + self.saturated + self.missing + self.stuck + self.spikes
-
-    def __str__(self) -> str:
-        kinds = f"{self.dead} dead, {self.dark} dark, {self.saturated} saturated"
-        more = {"NaN": self.missing, "stuck": self.stuck, "unlike their neighbours": self.spikes}
-        kinds += "".join(f", {number} {kind}" for kind, number in more.items() if number)
-        return f"{self.bad} of {self.total} pixels masked: {kinds}"
 
 
 @checked_arguments
@@ -147,16 +97,18 @@ def line_integrals_from_counts(
     flat, dark = mean_beam_images(flat_stack, dark_stack, _saturation_level(flat_stack.dtype, top))
     dark_level = np.zeros(geometry.shape) if dark is None else dark.mean
     open_beam, dead, odd_flat = _open_beam(flat, dark_level)
-    missing = ~np.isfinite(images) if is_floating(images) else np.zeros((1, 1, 1), bool)
-    missing = missing | flat.missing | (False if dark is None else dark.missing)
     top = _saturation_level(images.dtype, top)
-    saturated = (images >= top) | flat.saturated if top is not None else flat.saturated
-    signal = images.astype(np.float32) - dark_level.astype(np.float32)
-    dark_pixels = signal <= 0
     stuck = panel.stuck | odd_flat
-    np.divide(signal, open_beam, out=signal)
-    masks = {"dead": dead, "missing": missing, "saturated": saturated, "dark": dark_pixels, "stuck": stuck}
-    good, report = _masked("counts", masks, images, lambda view: signal[view], top)
+    missing = flat.missing if dark is None else flat.missing | dark.missing
+
+    def prepared(image: NDArray) -> View:
+        signal = image.astype(np.float32) - dark_level.astype(np.float32)
+        lost = missing | ~np.isfinite(image) if is_floating(image) else missing
+        saturated = flat.saturated if top is None else (image >= top) | flat.saturated
+        masks = {"dead": dead, "missing": lost, "saturated": saturated, "dark": signal <= 0, "stuck": stuck}
+        return View(signal / open_beam, masks)
+
+    scan, report = masked_scan("counts", images, geometry, prepared, top)
     report = replace(
         report,
         flats_left_out=flat.left_out,
@@ -164,7 +116,7 @@ def line_integrals_from_counts(
         values_left_out=flat.values + (0 if dark is None else dark.values),
     )
     beam = np.maximum(open_beam / open_beam[~(dead | flat.missing)].mean(), 0.01)
-    return replace(_from_ratio(signal, good, geometry), open_beam=beam), report
+    return replace(scan, open_beam=beam), report
 
 
 def _open_beam(flat: BeamImage, dark_level: NDArray[np.float64]) -> tuple[NDArray[np.float32], NDArray, NDArray]:
@@ -181,58 +133,6 @@ def _open_beam(flat: BeamImage, dark_level: NDArray[np.float64]) -> tuple[NDArra
     typical = ndimage.uniform_filter(np.clip(beam, 0, FLAT_RATIOS[1] * np.median(beam)), 7)
     dead |= (beam < FLAT_RATIOS[0] * typical) & ~flat.missing
     return np.where(dead | flat.missing, 1.0, beam).astype(np.float32), dead, beam > FLAT_RATIOS[1] * typical
-
-
-def _masked(
-    name: str,
-    masks: dict[str, NDArray[np.bool_]],
-    raw: NDArray,
-    transmission: Callable[[int], NDArray[np.float32]],
-    top: float | None = None,
-) -> tuple[NDArray[np.bool_], PixelReport]:
-    """Good pixels, and how many are bad by each mask, the first that holds; then by their neighbours."""
-    good = np.ones(raw.shape, bool)
-    numbers: Counter[str] = Counter()
-
-    for k, image in enumerate(raw):
-        here: Counter[str] = Counter()
-
-        def mask(kind: str, bad: NDArray[np.bool_], view: int = k, here: Counter[str] = here) -> None:
-            here[kind] += int(np.count_nonzero(bad & good[view]))
-            good[view] &= ~bad
-
-        for kind, bad in masks.items():
-            mask(kind, np.broadcast_to(bad, raw.shape)[k])
-        mask("stuck", constant_lines(image))
-        if not good[k].any():
-            raise _nothing_left(name, k, here, top)
-        mask("spikes", spikes(transmission(k), good[k]))
-        numbers += here
-    report = PixelReport(
-        total=raw.size,
-        dead=numbers["dead"],
-        dark=numbers["dark"],
-        saturated=numbers["saturated"],
-        missing=numbers["missing"],
-        stuck=numbers["stuck"],
-        spikes=numbers["spikes"],
-    )
-    return good, report
-
-
-def _nothing_left(name: str, view: int, numbers: Counter[str], top: float | None) -> InputError:
-    """The error of a view without any good pixel, with what most of its pixels are."""
-    kind, number = numbers.most_common(1)[0]
-    remedies = {
-        "dark": "the radiograph is black (shutter closed, no beam, an empty file), or these are no counts: leave it "
-        "out by the key views, or set kind to what the images are",
-        "saturated": "the camera was overexposed, in the radiographs or in the flats, and what it lost cannot be "
-        "found again: expose for a shorter time",
-    }
-    share = 100 * number / numbers.total()
-    fact = f"view {view} has no pixel that is neither dead, dark nor saturated: {share:.0f} % are {kind}"
-    fact += f" at {top:.0f}" if kind == "saturated" and top is not None else ""
-    return InputError(name, fact, remedies.get(kind, "check the flats, the darks and the saturation level"))
 
 
 def line_integrals_from_transmission(
@@ -255,9 +155,11 @@ def line_integrals_from_transmission(
             "times a factor, divide them by it",
         )
     panel = panel_facts(images) if panel is None else panel
-    masks = {"missing": ~np.isfinite(images), "dark": images <= 0, "stuck": panel.stuck}
-    good, report = _masked("transmission", masks, images, lambda view: images[view])
-    return _from_ratio(images, good, geometry), report
+
+    def prepared(image: NDArray) -> View:
+        return View(image, {"missing": ~np.isfinite(image), "dark": image <= 0, "stuck": panel.stuck})
+
+    return masked_scan("transmission", images, geometry, prepared)
 
 
 def checked_line_integrals(
@@ -269,13 +171,12 @@ def checked_line_integrals(
     check_missing("line-integrals", values)
     refuse_counts(values)
     panel = panel_facts(values) if panel is None else panel
-    masks = {"missing": ~np.isfinite(values), "stuck": panel.stuck}
-    good, report = _masked(
-        "line-integrals", masks, values, lambda view: np.exp(-np.clip(values[view], -MAX_MEDIAN, None))
-    )
-    if good.all():
-        return Scan(values, geometry), report
-    return Scan(_repaired(values, good), geometry, good), report
+
+    def prepared(image: NDArray) -> View:
+        transmission = np.exp(-np.clip(image, -MAX_MEDIAN, None))
+        return View(transmission, {"missing": ~np.isfinite(image), "stuck": panel.stuck}, image)
+
+    return masked_scan("line-integrals", values, geometry, prepared)
 
 
 def refuse_counts(line_integrals: NDArray) -> None:
@@ -294,32 +195,3 @@ def _saturation_level(dtype: np.dtype, saturation: float | None) -> float | None
     if saturation is not None:
         return saturation
     return float(np.iinfo(dtype).max) if np.issubdtype(dtype, np.integer) else None
-
-
-def _from_ratio(ratio: NDArray[np.float32], good: NDArray[np.bool_], geometry: Geometry) -> Scan:
-    values = -np.log(ratio, where=good, out=np.ones_like(ratio))
-    if good.all():
-        return Scan(values, geometry)
-    return Scan(_repaired(values, good), geometry, good)
-
-
-def _repaired(values: NDArray[np.float32], good: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """Replace each bad pixel by the mean of its good neighbours among eight, or else by the nearest good pixel."""
-    out = np.where(good, values, np.float32(0))
-    weights = np.pad(good, ((0, 0), (1, 1), (1, 1)))
-    padded = np.pad(out, ((0, 0), (1, 1), (1, 1)))
-    view, row, column = np.nonzero(~good)
-    total = np.zeros(len(view))
-    number = np.zeros(len(view))
-    for i in range(3):
-        for j in range(3):
-            total += padded[view, row + i, column + j]
-            number += weights[view, row + i, column + j]
-    near = number > 0
-    out[view[near], row[near], column[near]] = total[near] / number[near]
-    for k in np.unique(view[~near]):
-        index = ndimage.distance_transform_edt(~good[k], return_distances=False, return_indices=True)
-        here = ~near & (view == k)
-        r, c = index[:, row[here], column[here]]
-        out[k, row[here], column[here]] = values[k, r, c]
-    return out

@@ -65,11 +65,19 @@ def check_counts(name: str, images: NDArray) -> None:
         raise InputError(name, f"values of type {images.dtype}", "give grey images of integers or floats")
     if is_floating(images):
         check_missing(name, images)
-    negative = (images < 0) & np.isfinite(images) if is_floating(images) else images < 0
-    if negative.any():
+    if np.issubdtype(images.dtype, np.unsignedinteger):
+        return
+    numbers = [int(np.count_nonzero(_negative(image))) for image in images]
+    if any(numbers):
         signed = "unsigned 16-bit numbers that were read as signed ones; save the images as unsigned, or set kind = "
         raw = "give raw counts, or set kind = "
         remedy = f'{signed if images.dtype == np.int16 else raw}"transmission" or "line-integrals" for corrected images'
         remedy = f"probably {remedy}" if images.dtype == np.int16 else remedy
-        fact = f"{int(negative.sum())} counts are negative, the lowest is {images[negative].min():.6g}"
+        lowest = min(image[_negative(image)].min() for image, number in zip(images, numbers, strict=True) if number)
+        fact = f"{sum(numbers)} counts are negative, the lowest is {lowest:.6g}"
         raise InputError(name, fact, remedy)
+
+
+def _negative(image: NDArray) -> NDArray[np.bool_]:
+    """Pixels that are negative and finite."""
+    return np.asarray((image < 0) & np.isfinite(image))
