@@ -169,6 +169,10 @@ class DistributedIterate:
             path.unlink()
         return Volume(array, self.layout.voxel_size, self.layout.center)
 
+    def into_volume(self) -> Volume:
+        """See `Iterate`; the workers' arrays are no burden on this process."""
+        return self.volume()
+
     def _store(self, momentum: float) -> None:
         """Continue from files, so that no earlier task is ever run again."""
         folder = self.store.folder

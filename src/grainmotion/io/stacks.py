@@ -14,6 +14,7 @@ from typing import Literal
 
 import numpy as np
 
+from grainmotion._large_arrays import large_empty
 from grainmotion._typing import Index, Pixels
 from grainmotion.errors import InputError
 from grainmotion.io import hdf5, png, tiff, txrm
@@ -81,7 +82,7 @@ class Stack:
             self._check_sizes([images.shape])
             return images
         shape, dtype = self.info()
-        images, first = np.empty(shape, dtype), 0  # each file goes to its place, so that no two copies are held
+        images, first = large_empty(shape, dtype), 0  # each file goes to its place, so that no two copies are held
         for part, (expected, _) in zip(self.parts, self._infos, strict=True):
             array = _read(part, self.nxtomo)
             if array.shape != expected:

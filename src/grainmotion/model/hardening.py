@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
+from grainmotion._large_arrays import large_empty
 from grainmotion.errors import InputError
 from grainmotion.model.scan import Scan
 
@@ -74,7 +75,12 @@ class Hardening:
         Scan
             Its line integrals as a monochromatic beam would have given them.
         """
-        return scan if self.is_linear else dataclasses.replace(scan, line_integrals=self(scan.line_integrals))
+        if self.is_linear:
+            return scan
+        images = large_empty(scan.line_integrals.shape, scan.line_integrals.dtype)
+        for image, measured in zip(images, scan.line_integrals, strict=True):
+            image[:] = self(measured)
+        return dataclasses.replace(scan, line_integrals=images)
 
     def __str__(self) -> str:
         if self.is_linear:

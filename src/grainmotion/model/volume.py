@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion._arguments import check_argument
+from grainmotion._large_arrays import large_zeros
 from grainmotion.errors import InputError
 from grainmotion.model.described_table import SAMPLE_FRAME
 from grainmotion.model.field_of_view import FieldOfView
@@ -64,7 +65,7 @@ class Volume(Summarised):
             array = np.ascontiguousarray(self.array, dtype=precision_of(self.array))
         if array.ndim != 3 or array.size == 0:
             raise InputError("volume", f"shape {array.shape} is not (z, y, x)", "give a 3-D stack")
-        if not np.isfinite(array).all():
+        if not all(np.isfinite(plane).all() for plane in array):
             raise InputError("volume", "it holds NaN or infinite voxels", "replace them, by 0 for air")
         check_argument("Volume(voxel_size)", self.voxel_size, ["float"])
         if not (np.isfinite(self.voxel_size) and self.voxel_size > 0):
@@ -104,7 +105,7 @@ class Volume(Summarised):
         check_argument("Volume.zeros(shape)", shape, ["tuple[int, int, int]"])
         if min(shape) < 1:
             raise InputError("Volume.zeros(shape)", f"it is {shape_text(shape)} voxels", "give whole numbers above 0")
-        return cls(np.zeros(shape, np.float32), voxel_size, center)
+        return cls(large_zeros(shape, np.float32), voxel_size, center)
 
     @property
     def shape(self) -> tuple[int, int, int]:

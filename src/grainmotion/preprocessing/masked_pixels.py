@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from grainmotion._large_arrays import large_empty
 from grainmotion.errors import InputError
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.scan import Scan
@@ -110,11 +111,12 @@ def masked_scan(
     InputError
         If a view has no good pixel.
     """
-    values, good = np.empty(raw.shape, np.float32), np.ones(raw.shape, bool)
+    values, good = large_empty(raw.shape, np.float32), large_empty(raw.shape, bool)
     numbers: Counter[str] = Counter()
     for k, image in enumerate(raw):
         view = prepared(image)
         here: Counter[str] = Counter()
+        good[k] = True
         for kind, bad in (*view.masks.items(), ("stuck", constant_lines(image))):
             here[kind] += int(np.count_nonzero(bad & good[k]))
             good[k] &= ~bad

@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from grainmotion._large_arrays import large_zeros
 from grainmotion._typing import Float, Image, Projector
 from grainmotion.errors import InputError
 from grainmotion.kernels import volume_projection, volume_projection_vertical
@@ -66,8 +67,9 @@ class VolumeOperator:
     # ------------------------------------------------------------------ layout of the volume
     def padded(self, array: Image) -> Image:
         """A volume's ``[z, y, x]`` values with empty layers around, in the axis order of the projector (a copy)."""
-        padded = pad(array)
-        return np.ascontiguousarray(padded.transpose(1, 2, 0)) if self.upright else padded
+        image, inner = self.empty(), slice(PADDING, -PADDING)
+        self.by_height(image)[inner, inner, inner] = array.transpose(1, 2, 0)
+        return image
 
     def unpadded(self, image: Image) -> Image:
         """The ``[z, y, x]`` values of a padded volume."""
@@ -82,7 +84,8 @@ class VolumeOperator:
     def empty(self) -> Image:
         """A padded volume of zeros."""
         nz, ny, nx = (n + 2 * PADDING for n in self.grid.shape)
-        return np.zeros((ny, nx, nz) if self.upright else (nz, ny, nx), self.grid.array.dtype)
+        _check_size((nz, ny, nx), self.grid.shape)
+        return large_zeros((ny, nx, nz) if self.upright else (nz, ny, nx), self.grid.array.dtype)
 
     # ------------------------------------------------------------------ A and Aᵀ
     def forward(self, image: Image, views: NDArray[np.int64] | None = None) -> Image:
@@ -119,9 +122,14 @@ class VolumeOperator:
 
 def pad(array: Image) -> Image:
     """The array with the empty layers that the kernels ask for."""
-    if np.prod([n + 2 * PADDING for n in array.shape], dtype=float) >= 2**32:
-        raise InputError("volume", f"{array.shape} voxels are more than 2^32", "reconstruct in parts or coarser")
+    _check_size(tuple(n + 2 * PADDING for n in array.shape), array.shape)
     return np.pad(array, PADDING)
+
+
+def _check_size(padded: tuple[int, ...], shape: tuple[int, ...]) -> None:
+    """Refuse what the kernels, which count voxels in 32 bits, cannot hold."""
+    if np.prod(padded, dtype=float) >= 2**32:
+        raise InputError("volume", f"{shape} voxels are more than 2^32", "reconstruct in parts or coarser")
 
 
 def padded_origin(volume: Volume) -> Float:

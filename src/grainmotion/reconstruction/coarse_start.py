@@ -13,6 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from grainmotion._large_arrays import large_empty, large_zeros
 from grainmotion._typing import Image
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
@@ -29,6 +30,8 @@ MIN_EXTENT = 24
 """Voxels along the grid's shortest edge and pixels along the panel's from which there is a coarse start."""
 MAX_EXTRA_PLANES = 0.25
 """Planes that pieces have in common, over the planes of the grid, at most."""
+PLANES_AT_ONCE = 16
+"""Planes that are interpolated together: each takes several times its own memory meanwhile."""
 SAMPLED_COLUMNS = np.linspace(-0.5, 0.5, 5)
 """Places along a row of pixels whose rays bound the planes that it crosses, over the length of the row."""
 
@@ -86,17 +89,22 @@ def _starts(scan: Scan, layout: Layout) -> Iterator[Image]:
 def coarse_start(rough: Scan, layout: Layout, piece: Piece) -> Image:
     """A sweep of plain SART on the coarse voxels of a piece; ``rough`` are its rows of the binned scan."""
     (first, end), (x, y, z), size = piece.planes, layout.center, layout.voxel_size * COARSENING
-    array = np.zeros((end - first, *(halved(n) for n in layout.shape[1:])), np.float32)
+    array = large_zeros((end - first, *(halved(n) for n in layout.shape[1:])), np.float32)
     z += size * ((first + end) - halved(layout.shape[0])) / 2
     one_sweep = replace(layout.settings, method="sart", sweeps=1)
     iterate = new_iterate(rough, Volume(array, size, (x, y, z)), one_sweep)
     plain_sart(iterate, len(rough), one_sweep, None)
-    return iterate.volume().array
+    return iterate.into_volume().array
 
 
 def finer_slab(rough: Image, layout: Layout, piece: Piece, number: int) -> Image:
     """Values ``[z, y, x]`` of a slab's planes from those of its piece."""
-    return finer(rough, layout.shape, slice(*layout.slabs[number]), piece.planes[0])
+    first, end = layout.slabs[number]
+    planes = large_empty((end - first, *layout.shape[1:]), rough.dtype)
+    for low in range(first, end, PLANES_AT_ONCE):
+        high = min(low + PLANES_AT_ONCE, end)
+        planes[low - first : high - first] = finer(rough, layout.shape, slice(low, high), piece.planes[0])
+    return planes
 
 
 def finer(array: Image, shape: tuple[int, ...], planes: slice = slice(None), first: int = 0) -> Image:

@@ -69,4 +69,4 @@ def on_grid(scan: Scan, place: FittedGrid, progress: Progress | None = None) -> 
     else:
         iterate = started(scan, grid, settings)
         history = accelerated(iterate, len(scan), progress)
-    return Reconstruction(place.seen(iterate.volume()), tuple(history), place.notes)
+    return Reconstruction(place.seen(iterate.into_volume()), tuple(history), place.notes)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from grainmotion._large_arrays import large_copy, large_empty
 from grainmotion._typing import Float, Image
 from grainmotion.backends.device import uses_cuda
 from grainmotion.model.scan import Scan
@@ -46,7 +47,7 @@ class HostIterate:
     def update(self, views: Views, relaxation: float, momentum: float = 0.0) -> Float:
         """See `Iterate`."""
         if momentum and self.slabs[0].before is None:
-            self.slabs = [replace(slab, before=slab.image.copy()) for slab in self.slabs]
+            self.slabs = [replace(slab, before=large_copy(slab.image)) for slab in self.slabs]
         strips = [slabs.forward(slab, views) for slab in self.slabs]
         valid = None if self.scan.valid is None else self.scan.valid[views]
         measured = RadiographRows(0, self.scan.line_integrals[views].astype(np.float32, copy=False), valid)
@@ -58,9 +59,17 @@ class HostIterate:
 
     def volume(self) -> Volume:
         """See `Iterate`."""
-        array = np.empty(self.layout.shape, np.float32)
+        array = large_empty(self.layout.shape, np.float32)
         for slab, planes in zip(self.slabs, self.layout.slabs, strict=True):
             array[slice(*planes)] = slab.planes
+        return Volume(array, self.layout.voxel_size, self.layout.center)
+
+    def into_volume(self) -> Volume:
+        """See `Iterate`."""
+        self.slabs = [slab.constrained for slab in self.slabs]
+        array = large_empty(self.layout.shape, np.float32)
+        for planes in self.layout.slabs:
+            array[slice(*planes)] = self.slabs.pop(0).planes
         return Volume(array, self.layout.voxel_size, self.layout.center)
 
 

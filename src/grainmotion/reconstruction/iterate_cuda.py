@@ -97,5 +97,9 @@ class CudaIterate:
         array = self.operator.unpadded(self.image if self.before is None else self.before)
         return Volume(array, self.grid.voxel_size, self.grid.center)
 
+    def into_volume(self) -> Volume:
+        """See `Iterate`; the arrays of the GPU are no burden on the host's memory."""
+        return self.volume()
+
     def _constrain(self) -> None:
         volume_projection.constrain(self.image, PADDING, self.radius, self.lowest)

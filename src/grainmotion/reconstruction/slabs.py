@@ -12,7 +12,7 @@ arguments, so that their results are equal to the bit (decision 0013).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -146,6 +146,11 @@ class Slab:
     before: Image | None = None
 
     @property
+    def constrained(self) -> Slab:
+        """The slab without what momentum added since it was last constrained."""
+        return self if self.before is None else replace(self, image=self.before, before=None)
+
+    @property
     def planes(self) -> Image:
         """Its values as they were last constrained, ``[z, y, x]``, without a copy."""
         latest, inner = self.image if self.before is None else self.before, slice(PADDING, -PADDING)
@@ -181,7 +186,9 @@ class Corrections:
 def new_slab(layout: Layout, number: int, array: Image) -> Slab:
     """A slab of the values ``[z, y, x]`` of its planes."""
     imaging = imaging_of(layout, number, array)
-    return Slab(imaging, layout.footprints[number][0], imaging.operator.padded(imaging.operator.grid.array))
+    operator = imaging.operator
+    image = operator.padded(operator.grid.array) if array.any() else operator.empty()
+    return Slab(imaging, layout.footprints[number][0], image)
 
 
 def slab_from(layout: Layout, number: int, array: Image, planes: Image) -> Slab:

@@ -50,6 +50,10 @@ class Iterate(Protocol):
         """The volume as it was last constrained, on its grid."""
         ...
 
+    def into_volume(self) -> Volume:
+        """As `volume`, at the end of the iteration: its own arrays are freed meanwhile, as both may not fit."""
+        ...
+
 
 @dataclass(frozen=True, eq=False)
 class Frame:
