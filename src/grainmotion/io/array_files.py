@@ -20,7 +20,7 @@ from grainmotion.errors import InputError
 
 @dataclass(frozen=True)
 class ArrayFiles:
-    """Makes arrays (a `_large_arrays.Storage`) in files of a folder."""
+    """Makes arrays (a `model.large_arrays.Storage`) in files of a folder."""
 
     folder: Path
 

@@ -14,12 +14,12 @@ from typing import Literal
 
 import numpy as np
 
-from grainmotion._large_arrays import large_empty
 from grainmotion._typing import Index, Pixels
 from grainmotion.errors import InputError
 from grainmotion.io import hdf5, png, tiff, txrm
 from grainmotion.io.formats import FORMATS, HDF5, PNG, TIFF, TXRM, check_npy, family, unreadable
 from grainmotion.io.locate import locate
+from grainmotion.model.large_arrays import large_empty
 
 
 @dataclass(frozen=True)

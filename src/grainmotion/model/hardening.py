@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from grainmotion._large_arrays import large_empty
 from grainmotion.errors import InputError
+from grainmotion.model.large_arrays import large_empty
 from grainmotion.model.scan import Scan
 
 SIGNIFICANT_SD = 3.0

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion._arguments import check_argument
-from grainmotion._large_arrays import large_zeros
 from grainmotion.errors import InputError
 from grainmotion.model.described_table import SAMPLE_FRAME
 from grainmotion.model.field_of_view import FieldOfView
 from grainmotion.model.hardening import LINEAR, Hardening
+from grainmotion.model.large_arrays import large_zeros
 from grainmotion.model.precision import precision_of
 from grainmotion.model.summary import Summarised, Summary, shape_text, size_text, vector_text
 from grainmotion.model.thumbnails import grey_picture

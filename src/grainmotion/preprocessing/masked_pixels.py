@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from grainmotion._large_arrays import large_empty
 from grainmotion.errors import InputError
 from grainmotion.model.geometry import Geometry
+from grainmotion.model.large_arrays import large_empty
 from grainmotion.model.scan import Scan
 from grainmotion.preprocessing.outliers import constant_lines, spikes
 
@@ -127,8 +127,15 @@ def masked_scan(
         good[k] &= ~odd
         numbers += here
         values[k] = _filled(_line_integrals(view, good[k]), good[k])
-    kinds = ("dead", "dark", "saturated", "missing", "stuck", "spikes")
-    report = PixelReport(raw.size, **{kind: numbers[kind] for kind in kinds})
+    report = PixelReport(
+        total=raw.size,
+        dead=numbers["dead"],
+        dark=numbers["dark"],
+        saturated=numbers["saturated"],
+        missing=numbers["missing"],
+        stuck=numbers["stuck"],
+        spikes=numbers["spikes"],
+    )
     return Scan(values, geometry, good if report.bad else None), report
 
 

@@ -12,12 +12,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from grainmotion._large_arrays import large_zeros
 from grainmotion._typing import Float, Image, Projector
 from grainmotion.errors import InputError
 from grainmotion.kernels import volume_projection, volume_projection_vertical
 from grainmotion.kernels.layout import PADDING
 from grainmotion.model.geometry import Geometry
+from grainmotion.model.large_arrays import large_zeros
 from grainmotion.model.volume import Volume
 
 MIN_VERTICAL_VIEWS = 16

@@ -13,8 +13,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from grainmotion._large_arrays import large_empty, large_zeros
 from grainmotion._typing import Image
+from grainmotion.model.large_arrays import large_empty, large_zeros
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.preprocessing.binning import binned_scan

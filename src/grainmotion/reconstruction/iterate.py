@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from grainmotion._large_arrays import large_copy, large_empty
 from grainmotion._typing import Float, Image
 from grainmotion.backends.device import uses_cuda
+from grainmotion.model.large_arrays import large_copy, large_empty
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.reconstruction import slabs

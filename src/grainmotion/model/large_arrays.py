@@ -12,7 +12,7 @@ from contextvars import ContextVar
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-SMALL = 1 << 22
+MAX_SMALL_ARRAY = 1 << 22
 """Bytes up to which an array is kept in memory in any case."""
 
 Storage = Callable[[tuple[int, ...], DTypeLike], NDArray]
@@ -51,5 +51,5 @@ def large_copy(array: NDArray) -> NDArray:
 
 def _storage_for(shape: tuple[int, ...], dtype: DTypeLike) -> Storage | None:
     """Where to make an array that is not small; None for memory."""
-    large = int(np.prod(shape, dtype=np.int64)) * np.dtype(dtype).itemsize > SMALL
+    large = int(np.prod(shape, dtype=np.int64)) * np.dtype(dtype).itemsize > MAX_SMALL_ARRAY
     return _storage.get() if large else None
