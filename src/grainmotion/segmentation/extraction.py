@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
-from skimage.segmentation import expand_labels
 
 from grainmotion._arguments import checked_arguments
 from grainmotion.errors import InputError
@@ -19,6 +18,7 @@ from grainmotion.model.scene import NO_MOTION, RIGID_MOTION, Body, Freedom, Scen
 from grainmotion.model.volume import Volume
 from grainmotion.segmentation.bodies import Piece, find_bodies
 from grainmotion.segmentation.fluid import find_fluid, without_fluid
+from grainmotion.segmentation.label_growth import grown_labels
 from grainmotion.segmentation.label_refinement import Boxed, fine_grains
 from grainmotion.segmentation.labels import checked_labels, without_small_labels
 from grainmotion.segmentation.segment import Segmentation
@@ -34,6 +34,8 @@ BACKGROUND_SIGMA = 2.0
 """Width of the Gaussian filter under which a background is distinguished from noise, voxels."""
 MAX_LABELS_NAMED = 10
 """Labels that a warning lists."""
+PLANES_FILTERED_TOGETHER = 32
+"""Planes of the volume that are filtered together, as a filtered copy of all may not fit into memory."""
 BACKGROUND_LEVEL = 0.02
 """Level from which filtered attenuation is background, over the mean of the grains."""
 
@@ -181,24 +183,20 @@ class _Owners:
 def _owners(volume: Volume, labels: NDArray[np.integer], settings: SegmentSettings, whole: Volume) -> _Owners:
     """Grains, bodies and the rest."""
     reach, background, pieces = settings.reach, settings.background, tuple[Piece, ...]()
-    grown = _expanded(labels, reach)
+    grown = grown_labels(labels, reach)
     deep, told = min(volume.shape) > 1, any(body.label is not None for body in settings.bodies)
     if background == "ignore" and not told:
         return _Owners(labels, grown, reach)
     share = _unowned_share(volume, labels, grown, whole) if background == "auto" and deep else 0.0
     if deep and (background != "auto" or share > MIN_BACKGROUND_SHARE or told):
         labels, pieces = find_bodies(volume, labels, grown == 0, settings.bodies)
-        grown = _expanded(labels, reach)
+        grown = grown_labels(labels, reach)
         share = _unowned_share(volume, labels, grown, whole) if background == "auto" and pieces else share
     rest = share > MIN_BACKGROUND_SHARE if background == "auto" else background != "ignore"
     if rest and reach > MAX_REACH_WITH_REST:
         reach = MAX_REACH_WITH_REST
-        grown = _expanded(labels, reach)
+        grown = grown_labels(labels, reach)
     return _Owners(labels, grown, reach, pieces, rest)
-
-
-def _expanded(labels: NDArray[np.integer], reach: float) -> NDArray[np.integer]:
-    return expand_labels(labels, distance=reach) if reach > 0 else labels
 
 
 def _bodies(volume: Volume, owned: _Owners, settings: SegmentSettings) -> Iterator[Body]:
@@ -218,8 +216,16 @@ def _unowned_share(
     """Share of all attenuation, a liquid's included, that belongs to no label, to no liquid and is no noise."""
     whole = float(with_fluid.array.sum(dtype=float))
     grain = float(with_fluid.array[labels > 0].mean()) if labels.any() else 0.0
-    rest = ndimage.gaussian_filter(np.where(grown == 0, volume.array, 0), BACKGROUND_SIGMA)
-    return float(rest[rest > BACKGROUND_LEVEL * grain].sum(dtype=float)) / whole if whole > 0 else 0.0
+    if whole <= 0:
+        return 0.0
+    margin, unowned = int(4 * BACKGROUND_SIGMA + 0.5), 0.0
+    for first in range(0, len(grown), PLANES_FILTERED_TOGETHER):
+        end = min(first + PLANES_FILTERED_TOGETHER, len(grown))
+        around = slice(max(first - margin, 0), end + margin)
+        rest = np.where(grown[around] == 0, volume.array[around], 0)
+        rest = ndimage.gaussian_filter(rest, BACKGROUND_SIGMA)[first - around.start : end - around.start]
+        unowned += float(rest[rest > BACKGROUND_LEVEL * grain].sum(dtype=float))
+    return unowned / whole
 
 
 def padded(volume: Volume) -> Volume:

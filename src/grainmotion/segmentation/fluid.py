@@ -65,6 +65,8 @@ CLOSING = 6.0
 that are too thin to show are closed."""
 MAX_EDGE_SHARE = 1.25
 """Largest share of a voxel at the liquid's border with air: above 1 by noise, which a cut at 1 would make a loss."""
+PLANES_OF_SHELLS = 64
+"""Planes of voxels of which shells are looked at together."""
 GROWTH = 3
 """Layers of voxels by which the liquid is grown to its border, halfway to the attenuation of air or grains."""
 EDGE = 2
@@ -91,12 +93,12 @@ def find_fluid(volume: Volume, labels: NDArray[np.integer], attenuation: float |
     if min(volume.shape) < 2 * SHELL_VOXELS[1] or not labels.any():
         return None
     array = volume.array
+    grains = float(np.median(array[labels > 0]))
+    if _lit_share(array, labels, MIN_FLUID_SHARE * grains) < MIN_LIT_SHELL:
+        return None
     outside = edt.edt((labels == 0).astype(np.uint8), parallel=1)
     shell = (outside >= SHELL_VOXELS[0]) & (outside <= SHELL_VOXELS[1])
     values = array[shell]
-    grains = float(np.median(array[labels > 0]))
-    if not len(values) or (values > MIN_FLUID_SHARE * grains).mean() < MIN_LIT_SHELL:
-        return None
     if attenuation is None:
         attenuation = _level_of_shells(values[values > MIN_FLUID_SHARE * grains])
     if not MIN_FLUID_SHARE < attenuation / grains < MAX_FLUID_SHARE:
@@ -119,6 +121,20 @@ def find_fluid(volume: Volume, labels: NDArray[np.integer], attenuation: float |
     space = _continued(space, low, high)
     height = None if level is None else float(volume.origin[2] + volume.voxel_size * level)
     return Fluid(attenuation, Volume(space, volume.voxel_size, volume.center), height)
+
+
+def _lit_share(array: Image, labels: NDArray[np.integer], lit: float) -> float:
+    """Share of the shells' voxels above a level, from a few planes at a time: most samples are dry."""
+    margin = int(np.ceil(SHELL_VOXELS[1])) + 1
+    above = total = 0
+    for first in range(0, len(array), PLANES_OF_SHELLS):
+        end = min(first + PLANES_OF_SHELLS, len(array))
+        low = max(first - margin, 0)
+        outside = edt.edt((labels[low : end + margin] == 0).astype(np.uint8), parallel=1)[first - low : end - low]
+        values = array[first:end][(outside >= SHELL_VOXELS[0]) & (outside <= SHELL_VOXELS[1])]
+        above += int(np.count_nonzero(values > lit))
+        total += len(values)
+    return above / total if total else 0.0
 
 
 def _level_of_shells(values: Image) -> float:
