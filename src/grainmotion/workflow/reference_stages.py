@@ -6,6 +6,7 @@ import functools
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
@@ -30,15 +31,37 @@ from grainmotion.workflow.provenance import Stage
 CHECKPOINT = "reconstruction.h5"  # the volume until it is segmented; then REFERENCE holds volume and labels
 REFERENCE = "reference.h5"
 CHECKS_OF_GRID = "checks-grid.json"
+MAX_KEPT_VOLUME = 1 << 28
+"""Bytes of a volume up to which it stays in memory while grains are tracked."""
 
 
 @dataclass(eq=False)
 class SegmentedReference:
-    """A reference volume with its labels, and its grains, extracted on first use."""
+    """A reference volume with its labels, and its grains, extracted on first use.
 
-    stored: StoredReference
+    Volume and labels are read again from ``file`` when they are next asked for after they were `released`.
+    """
+
+    file: Path
     settings: SegmentSettings
     cut: Cut = fine_grains
+
+    @cached_property
+    def stored(self) -> StoredReference:
+        """Volume and labels."""
+        return load_result(read_reference, self.file)
+
+    def released(self) -> SegmentedReference:
+        """The same without a large volume and its labels: while grains are tracked they have their own voxels."""
+        if "stored" in self.__dict__ and self.stored.volume.array.nbytes > MAX_KEPT_VOLUME:
+            _ = self.grains, self.doubts, self.residuals
+            del self.__dict__["stored"]
+        return self
+
+    @cached_property
+    def residuals(self) -> tuple[float, ...]:
+        """Relative residuals of the reconstruction."""
+        return self.stored.residuals
 
     @cached_property
     def grains(self) -> GrainSet:
@@ -88,7 +111,8 @@ def segment_stage(context: RunContext, reference: Callable[[], StoredReference])
             segmentation = segment(stored.volume, settings, progress=prefixed(context.progress, "segment"))
         labels, threshold, border = segmentation.labels, segmentation.threshold, segmentation.border
         stored = StoredReference(stored.volume, stored.residuals, labels, threshold, border, phases=segmentation.phases)
-        segmented = SegmentedReference(stored, settings, cut)
+        segmented = SegmentedReference(path, settings, cut)
+        segmented.stored = stored
         scene = segmented.grains.scene  # extracted now: if that fails, the old result is kept
         segmented.stored = replace(segmented.stored, scene=scene)
         return segmented
@@ -100,7 +124,7 @@ def segment_stage(context: RunContext, reference: Callable[[], StoredReference])
             (context.folder / CHECKPOINT).unlink(missing_ok=True)
 
     def load() -> SegmentedReference:
-        return SegmentedReference(load_result(read_reference, path), settings, cut)
+        return SegmentedReference(path, settings, cut)
 
     return context.complete(Stage("segment", context.fingerprints.segment, [path], run, write, load))
 

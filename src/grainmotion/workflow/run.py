@@ -198,6 +198,7 @@ def run(
             reconstruction = reconstructed(context)
             if until != "reconstruct":
                 reference = segment_stage(context, reconstruction)
+                del reconstruction  # of which the reference has the volume
                 check_grains(context, reference)
             if with_states:
                 tracked = track_side_by_side(context, reference)

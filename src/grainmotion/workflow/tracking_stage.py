@@ -69,7 +69,7 @@ def _track(
     starts: tuple[Motions | None, ...],
 ) -> TrackedState:
     """Track one state from the best of its starts, in this process or by all workers together."""
-    grains, scan, settings = reference().grains, context.radiographs(source), context.tables.track
+    grains, scan, settings = reference().released().grains, context.radiographs(source), context.tables.track
     progress, backend = prefixed(context.progress, table.name), context.tracking_backend
     with errors_of_state(source.key, table.initial):
         motions, residual = track_with_residual(grains, scan, starts, settings, progress=progress, device=backend)
@@ -78,7 +78,7 @@ def _track(
 
 def _explained(context: RunContext, reference: SegmentedReference, source: ScanInput, motions: Motions) -> Motions:
     """The motions with what reference and findings tell about them: common cause, residual, labels in doubt."""
-    key, residuals = source.key, reference.stored.residuals
+    key, residuals = source.key, reference.residuals
     motions = with_common_cause(motions, common_cause(motions, key, context.findings_on(key)))
     if residuals:
         notes = residual_notes(reference.grains, motions, context.radiographs(source), residuals[-1])
