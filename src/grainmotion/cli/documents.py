@@ -71,6 +71,8 @@ class DryRunOutcome:
     seconds: Annotated[float, "estimate of the CPU time of all that would be done, s"]
     start: Annotated[float, "its part before the first stage, to load libraries and to read and check radiographs, s"]
     memory: Annotated[int, "estimate of the memory at the peak, bytes"]
+    memory_usable: Annotated[int, "memory that may be used, bytes; 0 on workers"]
+    memory_in_files: Annotated[int, "bytes that would be kept in files meanwhile, as the memory is short; else 0"]
     disk: Annotated[int, "estimate of what would be written, bytes"]
     disk_free: Annotated[int, "free bytes where the results go"]
     notes: Annotated[list[str], "what the estimates leave open"]

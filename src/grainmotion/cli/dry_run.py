@@ -12,6 +12,7 @@ from grainmotion.cli.terminal import Terminal
 from grainmotion.cli.time_left import duration
 
 if TYPE_CHECKING:
+    from grainmotion.cluster.connection import ComputeConfig
     from grainmotion.experiment.config import Experiment
     from grainmotion.workflow.estimates import StageEstimate
     from grainmotion.workflow.run import Until
@@ -25,13 +26,13 @@ MAX_STAGES_SHOWN = 60
 """Stages that the terminal shows; JSON has all."""
 
 
-def dry_run(experiment: Experiment, out: Path | None, until: Until) -> Outcome:
+def dry_run(experiment: Experiment, out: Path | None, until: Until, workplace: ComputeConfig) -> Outcome:
     """What the run would be."""
     from grainmotion.workflow.dry_run import planned_run
     from grainmotion.workflow.estimates import estimate
 
     planned = planned_run(experiment, out=out, until=until)
-    needs = estimate(planned)
+    needs = estimate(planned, workplace)
     document = DryRunOutcome(
         folder=str(planned.folder.absolute()),
         stages=[
@@ -41,6 +42,8 @@ def dry_run(experiment: Experiment, out: Path | None, until: Until) -> Outcome:
         seconds=needs.seconds,
         start=needs.start,
         memory=int(needs.memory),
+        memory_usable=int(needs.memory_usable),
+        memory_in_files=int(needs.memory_in_files),
         disk=int(needs.disk),
         disk_free=int(needs.disk_free),
         notes=[*([ROUGH] if any(not _known(time) for time in needs.stages) else []), UNCHECKED],
@@ -71,7 +74,11 @@ def _show(document: DryRunOutcome, terminal: Terminal) -> None:
     if done:
         start = "to load libraries, read radiographs and check them"
         print(f"time: about {duration(document.seconds)} of CPU time, {duration(document.start)} of it {start}")
-        print(f"memory: about {document.memory / 1e9:.2f} GB at the peak")
+        usable = "" if document.memory_usable == 0 else f", of {document.memory_usable / 1e9:.2f} GB that may be used"
+        print(f"memory: about {document.memory / 1e9:.2f} GB at the peak{usable}")
+        if document.memory_in_files:
+            size = _size(document.memory_in_files)
+            print(f"files: that is too little; {size} of large arrays would be kept in files, which takes longer")
         print(f"disk: about {_size(document.disk)}, of {_size(document.disk_free)} that are free")
         for note in () if terminal.quiet else document.notes:
             print(f"note: {note}")

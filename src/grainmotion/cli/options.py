@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -15,6 +15,9 @@ from grainmotion.backends.device import Device
 from grainmotion.cli.completion import complete_experiment
 from grainmotion.cli.terminal import Terminal
 from grainmotion.cli.words import ColorWhen
+
+if TYPE_CHECKING:
+    from grainmotion.cluster.connection import ComputeConfig
 
 CHECKS_PANEL, COMPUTING_PANEL, OUTPUT_PANEL = "Checks", "Computing", "Output"
 """Panels of options."""
@@ -46,6 +49,15 @@ Scheduler = Annotated[
 Workers = Annotated[
     int | None,
     typer.Option("--workers", help="number of worker processes on this machine", rich_help_panel=COMPUTING_PANEL),
+]
+Memory = Annotated[
+    str | None,
+    typer.Option(
+        "--memory",
+        metavar="SIZE",
+        help="memory that a process may use, as 8GB, instead of what is free; large arrays that exceed it go to files",
+        rich_help_panel=COMPUTING_PANEL,
+    ),
 ]
 OnDevice = Annotated[
     Device | None,
@@ -97,6 +109,14 @@ class Execution:
 
     scheduler: Scheduler = None
     workers: Workers = None
+    memory: Memory = None
+
+    @property
+    def workplace(self) -> ComputeConfig:
+        """The same for the code that computes; raises `InputError` where it cannot be."""
+        from grainmotion.cluster.connection import ComputeConfig
+
+        return ComputeConfig(self.scheduler, self.workers, self.memory)
 
 
 @dataclass(frozen=True)

@@ -49,9 +49,7 @@ def prepared(
     experiment: Experiment, execution: Execution, checks: Checks, display: Display
 ) -> Iterator[tuple[Experiment, RunOptions]]:
     """The experiment with the options about checks, and what `gm.run` needs to show progress and to find workers."""
-    from grainmotion.cluster.connection import ComputeConfig
-
-    workplace, call = ComputeConfig(execution.scheduler, execution.workers), current_call()
+    workplace, call = execution.workplace, current_call()
     states = [state.name for state in experiment.tables.states]
     with progress(display.terminal, call.stop, states, call.found) as listener:
         experiment = experiment.checked(force=checks.force, try_fixes=checks.try_fixes)
@@ -79,10 +77,9 @@ def run_stages(
     checks, out = call.checks, call.out
     if call.dry_run:
         from grainmotion.cli.dry_run import dry_run
-        from grainmotion.cluster.connection import ComputeConfig
 
-        ComputeConfig(call.execution.scheduler, call.execution.workers)  # refuses what a run would refuse
-        return dry_run(experiment.checked(force=checks.force, try_fixes=checks.try_fixes), out, until)
+        wanted = experiment.checked(force=checks.force, try_fixes=checks.try_fixes)
+        return dry_run(wanted, out, until, call.execution.workplace)
     with prepared(experiment, call.execution, checks, call.display) as (wanted, options):
         result = gm.run(wanted, out=out, until=until, **options)
     ending = ending_by(result.motions, result.findings, strict=checks.strict)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -36,6 +37,13 @@ if TYPE_CHECKING:
 
 SECONDS_TO_ANSWER, SECONDS_TO_FIRST_WORKER = 30, 60
 """How long to wait for a scheduler, and then for its first worker, which starts slowly on a busy machine."""
+SIZE = re.compile(r"(?P<number>\d+(\.\d+)?) *(?P<unit>[kMGT]?i?B?)", re.IGNORECASE)
+BYTES_OF_UNIT = {
+    f"{letter}{binary}{b}": (1024 if binary else 1000) ** power
+    for power, letter in enumerate(("", "K", "M", "G", "T"))
+    for binary in ("", "I")
+    for b in ("", "B")
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +92,7 @@ class ComputeConfig:
     workers : int, optional
         Processes to start on this machine; they share its cores and memory.
     memory : str, optional
-        Limit of each of those processes, as ``"8GB"``.
+        What this process, or each of those workers, may use, as ``"8GB"``; by default what is free.
     """
 
     scheduler: str | None = None
@@ -96,6 +104,19 @@ class ComputeConfig:
             raise InputError("--scheduler and --workers", "both are given", "give one of them")
         if self.workers is not None and self.workers < 1:
             raise InputError("--workers", f"must be at least 1, got {self.workers}", "give a number of processes")
+        if self.memory is not None and self.bytes is None:
+            raise InputError("--memory", f"{self.memory!r} is no size", "give a number and a unit, as 8GB")
+
+    @property
+    def is_cluster(self) -> bool:
+        """Whether other processes compute."""
+        return self.scheduler is not None or self.workers is not None
+
+    @property
+    def bytes(self) -> float | None:
+        """``memory`` as a number; None if it is not told."""
+        size = None if self.memory is None else SIZE.fullmatch(self.memory.strip())
+        return None if size is None else float(size["number"]) * BYTES_OF_UNIT[(size["unit"] or "").upper()]
 
 
 LOCAL = ComputeConfig()
@@ -113,7 +134,7 @@ def connect(place: ComputeConfig, folder: Path) -> Iterator[ClusterConnection | 
     InputError
         If Dask is missing, no scheduler answers at the address, no worker comes, or workers do not see the folder.
     """
-    if place.scheduler is None and place.workers is None:
+    if not place.is_cluster:
         yield None
         return
     if find_spec("distributed") is None:
@@ -144,7 +165,7 @@ def _local(place: ComputeConfig) -> Iterator[Client]:
         distributed.LocalCluster(
             n_workers=place.workers,
             threads_per_worker=max(1, (os.cpu_count() or 1) // (place.workers or 1)),
-            memory_limit=place.memory or "auto",
+            memory_limit="auto" if place.bytes is None else int(place.bytes),
             dashboard_address=None,
             silence_logs="CRITICAL",
         ) as cluster,

@@ -34,6 +34,7 @@ MAX_PANEL_OVERHANG = 0.1  # of the volume beyond the panel, as a share of its co
 DRAWN_STEPS_DEG = np.array([0.0, 15.0, 40.0, 90.0])  # angles from view 0 of the radiographs that a picture shows
 BYTES_OF_PROGRAM = 0.44e9  # Python, the libraries and the compiled kernels
 BYTES_PER_VOXEL = 60  # volume, labels, distances and grown labels in segmentation; grains and their patches in tracking
+BYTES_OF_VOLUMES = 12  # of those: a volume, its last change and its labels, or what segmentation keeps of it
 BYTES_PER_REFERENCE_PIXEL = 8  # radiographs of the reference scan and their residuals
 
 
@@ -133,6 +134,15 @@ def peak_memory(inputs: Inputs) -> float:
         geometry = inputs.reference.geometry
         memory += BYTES_PER_REFERENCE_PIXEL * len(geometry) * float(np.prod(geometry.shape))
     return memory
+
+
+def large_arrays_bytes(inputs: Inputs) -> float:
+    """Estimate of what a run keeps in radiographs, volumes and labels at a time, bytes."""
+    volumes = BYTES_OF_VOLUMES * float(np.prod(inputs.grid.shape))
+    if inputs.reference is None:
+        return volumes
+    geometry = inputs.reference.geometry
+    return volumes + BYTES_PER_REFERENCE_PIXEL * len(geometry) * float(np.prod(geometry.shape))
 
 
 def _reference_findings(source: ScanInput, scan: Scan, grid: Volume, tables: ExperimentFile) -> list[Finding]:

@@ -17,9 +17,11 @@ from pathlib import Path
 
 import numpy as np
 
-from grainmotion.experiment.inspection import peak_memory
+from grainmotion.cluster.connection import LOCAL, ComputeConfig
+from grainmotion.experiment.inspection import large_arrays_bytes, peak_memory
 from grainmotion.workflow.dry_run import PlannedRun, PlannedStage
 from grainmotion.workflow.log import RUN_LOG, SIZE_LINE, size_of_scan, size_of_volume
+from grainmotion.workflow.memory import usable_memory
 
 SECONDS_OF_PROGRAM = 3.9
 """CPU seconds of a run for loading libraries and compiled kernels."""
@@ -63,6 +65,10 @@ class Needs:
         Of each planned stage; 0 s for those that are kept.
     memory : float
         Bytes at the peak.
+    memory_usable : float
+        Bytes that the process may use; 0 where workers compute.
+    memory_in_files : float
+        Bytes of large arrays that would be kept in files meanwhile; 0 if the memory suffices.
     disk : float
         Bytes that are written.
     disk_free : float
@@ -73,6 +79,8 @@ class Needs:
 
     stages: tuple[StageEstimate, ...]
     memory: float
+    memory_usable: float
+    memory_in_files: float
     disk: float
     disk_free: float
     start: float
@@ -83,13 +91,15 @@ class Needs:
         return self.start + sum(stage.seconds or 0.0 for stage in self.stages)
 
 
-def estimate(planned: PlannedRun) -> Needs:
+def estimate(planned: PlannedRun, workplace: ComputeConfig = LOCAL) -> Needs:
     """What the planned stages of a run would need.
 
     Parameters
     ----------
     planned : PlannedRun
         Of `planned_run`.
+    workplace : ComputeConfig, optional
+        Processes that compute; by default this one.
 
     Returns
     -------
@@ -101,7 +111,9 @@ def estimate(planned: PlannedRun) -> Needs:
     existing = next(path for path in (planned.folder, *planned.folder.absolute().parents) if path.exists())
     disk = sum(_bytes(planned, stage.name) for stage in planned.planned if not stage.kept)
     start = SECONDS_OF_PROGRAM + SECONDS_PER_CHECKED_PIXEL * _reference_pixels(planned)
-    return Needs(stages, peak_memory(planned.inputs), disk, shutil.disk_usage(existing).free, start)
+    memory, usable = peak_memory(planned.inputs), 0.0 if workplace.is_cluster else usable_memory(workplace)
+    files = large_arrays_bytes(planned.inputs) if 0 < usable < memory else 0.0
+    return Needs(stages, memory, usable, files, disk, shutil.disk_usage(existing).free, start)
 
 
 def sizes(planned: PlannedRun) -> dict[str, str]:

@@ -45,6 +45,7 @@ from grainmotion.workflow.exports import DEFORMED, REFERENCE_TIFFS, RESULT_STORE
 from grainmotion.workflow.folder_lock import only_process
 from grainmotion.workflow.given_checks import check_given, check_grains
 from grainmotion.workflow.log import STAGE_LOG, run_log
+from grainmotion.workflow.memory import memory_of_run
 from grainmotion.workflow.outputs import RESIDUALS, report_stage, write_outputs
 from grainmotion.workflow.provenance import StageCache
 from grainmotion.workflow.reference_stages import CHECKPOINT, REFERENCE, reconstruct_stage, segment_stage
@@ -186,7 +187,7 @@ def run(
     place = "" if workplace == LOCAL else f", {workplace}"
     tracked: dict[str, TrackedState] = {}
     report = None
-    with connect(workplace, folder) as cluster:
+    with connect(workplace, folder) as cluster, memory_of_run(inputs, folder, workplace):
         context = RunContext(experiment, inputs, folder, StageCache(folder), progress, cluster)
         check_files(context, states=with_states)
         check_inputs(context, states=with_states)

@@ -22,6 +22,7 @@ from grainmotion.workflow.context import RunContext, check_inputs
 from grainmotion.workflow.folder_lock import only_process
 from grainmotion.workflow.given_checks import check_grains
 from grainmotion.workflow.log import STAGE_LOG, run_log
+from grainmotion.workflow.memory import memory_of_run
 from grainmotion.workflow.provenance import StageCache
 from grainmotion.workflow.reference_stages import segment_stage
 from grainmotion.workflow.run import check_formats, check_overwriting, reconstructed
@@ -50,7 +51,7 @@ def watch(
     inputs = find_inputs(experiment.with_states([]))
     folder = checked_folder(out if out is not None else experiment.output)
     check_overwriting(inputs, folder)
-    with connect(workplace, folder) as cluster:
+    with connect(workplace, folder) as cluster, memory_of_run(inputs, folder, workplace):
         context = RunContext(experiment.with_states([]), inputs, folder, StageCache(folder), progress, cluster)
         check_files(context, states=False)
         check_inputs(context, states=False)
