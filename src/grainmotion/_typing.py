@@ -1,4 +1,4 @@
-"""Shared type aliases, and the progress of a part of the work."""
+"""Shared type aliases."""
 
 from __future__ import annotations
 
@@ -21,10 +21,3 @@ Projector = Literal["trilinear", "exact"]
 """``"trilinear"``: the smooth image, sampled once a voxel; ``"exact"``: the exact radiological path of boxes."""
 Progress = Callable[[str, int, int], None]
 """Called with a message, the units of work done and their total."""
-
-
-def prefixed(progress: Progress | None, stage: str) -> Progress | None:
-    """Progress of a part of the work, with the name of its stage before each message."""
-    if progress is None:
-        return None
-    return lambda message, done, total: progress(f"{stage}: {message}", done, total)

@@ -23,6 +23,7 @@ from grainmotion.model.fluid import Fluid
 from grainmotion.model.grains import Grain, GrainSet
 from grainmotion.model.motions import Motions, Status
 from grainmotion.model.pose import Pose
+from grainmotion.model.progress import counted
 from grainmotion.model.volume import Volume
 from grainmotion.projection.displaced_fluid import Submersion
 from grainmotion.rotations import recenter
@@ -74,7 +75,7 @@ def rebuild(grains: GrainSet, motions: Motions, grid: Volume) -> tuple[Volume, N
     finite = np.isfinite(motions.translations).all(axis=1) & np.isfinite(motions.rotations).all(axis=1)
     shown = np.flatnonzero(finite & ~np.isin(motions.statuses, WITHOUT_MOTION))
     in_liquid, liquid = _in_liquid(grains, motions, shown)
-    for i in shown:
+    for i in counted(shown):
         grain = by_label[int(motions.labels[i])]
         gradient = gradients[i]
         matrix, offset = _pull_back(grain.volume, grid, gradient, motions.translations[i], motions.centers[i])

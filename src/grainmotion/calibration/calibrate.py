@@ -37,6 +37,7 @@ from grainmotion.calibration.corrections import (
 )
 from grainmotion.calibration.cross_validation import Trial
 from grainmotion.errors import InputError
+from grainmotion.model.progress import counted
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.preprocessing.binning import binning_factor
@@ -151,7 +152,7 @@ def _gauss_newton(trial: Trial, values: Float, iterations: int) -> tuple[Float, 
     """Minimum of ‖r‖ from ``values``, and standard deviations, infinite for corrections that are not determined."""
     r = trial.residual(values)
     outdated, sd = True, np.zeros(0)
-    for _ in range(iterations):
+    for _ in counted(range(iterations)):
         if outdated:
             j = trial.derivatives(values)
             sd = _deviations(j, r, len(trial.scan))
@@ -208,7 +209,7 @@ def _search(trial: Trial, values: Float) -> Float:
         return values
     steps = int(SEARCH_RANGE * trial.scan.geometry.shape[1])
     starts = [values + k * trial.units * (np.arange(len(values)) == index) for k in range(-steps, steps + 1)]
-    return min(starts, key=trial.relative)
+    return min(counted(starts), key=trial.relative)
 
 
 def _corrections(names: tuple[Parameter, ...], values: Float, sd: Float) -> tuple[Correction, ...]:

@@ -8,6 +8,7 @@ from pydantic.dataclasses import dataclass
 from grainmotion._typing import Float
 from grainmotion.calibration.corrections import Parameter, corrected, step_of_a_pixel
 from grainmotion.model.geometry import Geometry
+from grainmotion.model.progress import counted
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.preprocessing.binning import binned_grid, binned_scan
@@ -46,7 +47,7 @@ class Trial:
     def residual(self, values: Float) -> Float:
         """r(γ), flat, view after view."""
         out = np.zeros(self.scan.line_integrals.shape)
-        for half in (0, 1):
+        for half in counted((0, 1)):
             out[1 - half :: 2] = self.residual_outside(values, half)
         return out.ravel()
 
@@ -67,5 +68,5 @@ class Trial:
     def derivatives(self, values: Float) -> Float:
         """∂r by each correction in its unit, ``(pixels, parameters)``."""
         steps = DIFFERENCE_STEP * np.diag(self.units)
-        differences = [self.residual(values + s) - self.residual(values - s) for s in steps]
+        differences = [self.residual(values + s) - self.residual(values - s) for s in counted(steps)]
         return np.stack(differences, axis=1) / (2 * DIFFERENCE_STEP)

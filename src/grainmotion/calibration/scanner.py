@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion._arguments import checked_arguments
-from grainmotion._typing import Progress, prefixed
+from grainmotion._typing import Progress
 from grainmotion.calibration.calibrate import CalibrateSettings, calibrate
 from grainmotion.calibration.corrections import DEFAULT_PARAMETERS, Calibration
 from grainmotion.calibration.settings import ReferenceSettings
 from grainmotion.errors import InputError
+from grainmotion.model.progress import begin, prefixed
 from grainmotion.model.scan import Scan
 from grainmotion.model.summary import Summarised, Summary
 from grainmotion.model.volume import Volume
@@ -107,15 +108,16 @@ def _hardening(
         reconstruction = replace(reconstruction, outline="grid")
     for name in HARDENING_ROUNDS:
         volume = fitted_volume(curve.apply(scan), grid, reconstruction, prefixed(progress, name)).volume
-        grains = _grains(volume, settings) if labels is None else labels
+        grains = _grains(volume, settings, prefixed(progress, name)) if labels is None else labels
+        begin(f"{name}: curve", 1)
         curve = calibrate_hardening(scan, volume, curve_settings, labels=grains)
         if curve.is_linear:
             break
     return curve
 
 
-def _grains(volume: Volume, settings: ReferenceSettings) -> NDArray[np.int32] | None:
+def _grains(volume: Volume, settings: ReferenceSettings, progress: Progress | None) -> NDArray[np.int32] | None:
     try:
-        return segment(volume, settings.segment).labels
+        return segment(volume, settings.segment, progress=progress).labels
     except InputError:  # the segmentation of the corrected volume will report it
         return None

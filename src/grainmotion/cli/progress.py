@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import re
 import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
@@ -16,12 +17,17 @@ from grainmotion.cli.interrupts import Stop
 from grainmotion.cli.log_listener import Say, shown
 from grainmotion.cli.terminal import Terminal, styled
 from grainmotion.cli.time_left import TimeLeft
+from grainmotion.model.progress import listening
 
 if TYPE_CHECKING:
     from grainmotion._typing import Progress
     from grainmotion.model.finding import Finding
 
 Show = Callable[[Terminal, Sequence[str]], Iterator[tuple["Progress", Say]]]
+
+
+LOG_SECONDS = 30.0
+"""Seconds after which a step that still goes on has a line in a log."""
 
 
 @contextmanager
@@ -39,7 +45,9 @@ def progress(
             stop.check()
             listen(message, done, total)
 
-        yield listen_or_stop
+        with listening(listen_or_stop) as listener:
+            assert listener is not None
+            yield listener
 
 
 def _draws_bars() -> bool:
@@ -52,24 +60,36 @@ def _silence(terminal: Terminal, _states: Sequence[str]) -> Iterator[tuple[Progr
 
 
 def _bar(terminal: Terminal, states: Sequence[str]) -> Iterator[tuple[Progress, Say]]:
-    from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, ProgressColumn, SpinnerColumn, TextColumn, TimeElapsedColumn
     from rich.progress import Progress as Bar
+    from rich.text import Text
 
     left = TimeLeft(states)
+
+    class Left(ProgressColumn):
+        """The time left, counted down while nothing is reported."""
+
+        max_refresh = 0.5
+
+        def render(self, _task: object) -> Text:
+            return Text(left.now(), style="dim")
+
     columns = (
+        SpinnerColumn(),
         TextColumn("{task.description}", markup=False),
         BarColumn(bar_width=24),
+        TextColumn("{task.fields[share]}"),
         TimeElapsedColumn(),
-        TextColumn("{task.fields[left]}", markup=False, style="dim"),
+        Left(),
     )
     above = sys.stdout.isatty()  # lines of standard output stand above the bar, but those for a file go there
     console = terminal.console(stderr=True)
     with Bar(*columns, console=console, transient=True, redirect_stdout=above) as bar:
-        task = bar.add_task("", total=None, left="")
+        task = bar.add_task("", total=None, share="", visible=False)
 
         def listen(message: str, done: int, total: int) -> None:
-            text = left.after(message, done, total)
-            bar.update(task, description=message, completed=done, total=total, left=text)
+            left.after(message, done, total)
+            bar.update(task, description=message, completed=done, total=total, share=_share(done, total), visible=True)
 
         def say(message: str) -> None:  # rich draws the bar again below
             bar.console.print(styled(message, bar.console.width))
@@ -77,21 +97,33 @@ def _bar(terminal: Terminal, states: Sequence[str]) -> Iterator[tuple[Progress, 
         yield listen, say
 
 
-def _log(terminal: Terminal, _states: Sequence[str]) -> Iterator[tuple[Progress, Say]]:
-    """Print the last message of each step, which carries its outcome."""
-    last = [""]
+def _share(done: int, total: int) -> str:
+    """The share of a stage that is done, in as many columns always."""
+    return f"{done / total:4.0%}" if total > 0 else ""
+
+
+def _log(terminal: Terminal, states: Sequence[str]) -> Iterator[tuple[Progress, Say]]:
+    """Print the last message of each step, which carries its outcome; one that takes long now and then, with its share.
+
+    Reports come at least every few seconds, so that a line is late by no more.
+    """
+    left, last, printed = TimeLeft(states), [""], [time.monotonic()]
 
     def step(message: str) -> str:
         return re.split(r", ε|: residual", message)[0]
 
-    def tell() -> None:
+    def tell(more: str = "") -> None:
         if last[0]:
-            print(last[0], file=sys.stderr, flush=True)
+            print(last[0] + more, file=sys.stderr, flush=True)
+            printed[0] = time.monotonic()
 
     def listen(message: str, done: int, total: int) -> None:
+        text = left.after(message, done, total)
         if step(message) != step(last[0]):
             tell()
         last[0] = message
+        if time.monotonic() - printed[0] > LOG_SECONDS:
+            tell(" ... " + ", ".join(part for part in (_share(done, total).strip(), text) if part))
 
     try:
         yield listen, terminal.note

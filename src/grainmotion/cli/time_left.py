@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 MIN_SECONDS = 3.0
 """Seconds of a stage before which nothing is said about its end."""
-MIN_SHARE_DONE = 0.1
+MIN_SHARE_DONE = 0.02
 """Share of a stage before which its speed is not known."""
 
 
@@ -22,6 +22,7 @@ class TimeLeft:
         self.states, self.clock = tuple(states), clock
         self.stage, self.started, self.from_share = "", clock(), 0.0
         self.took: dict[str, float] = {}  # seconds of each state that is done
+        self.reported, self.share = self.started, 0.0  # when, and what was done by then
 
     def after(self, message: str, done: int, total: int) -> str:
         """What to say about the time left after this message; empty if too little is known."""
@@ -31,14 +32,23 @@ class TimeLeft:
             if self.stage in self.states:
                 self.took[self.stage] = now - self.started
             self.stage, self.started, self.from_share = stage, now, share
-        parts = [self._of_stage(now - self.started, share), self._of_states(now - self.started)]
+        elif share < self.from_share:  # it begins anew
+            self.started, self.from_share = now, share
+        self.reported, self.share = now, share
+        return self.now()
+
+    def now(self) -> str:
+        """The same at this moment, counted down since the last message."""
+        now = self.clock()
+        parts = [self._of_stage(now), self._of_states(now - self.started)]
         return ", ".join(part for part in parts if part)
 
-    def _of_stage(self, elapsed: float, share: float) -> str:
-        gained = share - self.from_share
-        if elapsed < MIN_SECONDS or gained < MIN_SHARE_DONE or share >= 1:
+    def _of_stage(self, now: float) -> str:
+        elapsed, gained = self.reported - self.started, self.share - self.from_share
+        if now - self.started < MIN_SECONDS or gained < MIN_SHARE_DONE or self.share >= 1:
             return ""
-        return f"about {duration(elapsed / gained * (1 - share))} left"
+        seconds = elapsed / gained * (1 - self.share) - (now - self.reported)
+        return f"about {duration(seconds)} left" if seconds > 0 else "longer than expected"
 
     def _of_states(self, elapsed: float) -> str:
         if self.stage not in self.states or not self.took:

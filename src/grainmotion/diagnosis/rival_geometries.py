@@ -19,6 +19,7 @@ from grainmotion.calibration.calibrate import SEARCH_RANGE
 from grainmotion.diagnosis.hypotheses import HYPOTHESES, corrected
 from grainmotion.diagnosis.view_consistency import BinnedViews, Consistency, best_shift
 from grainmotion.model.geometry import Geometry
+from grainmotion.model.progress import counted
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.preprocessing.binning import best_factor
@@ -144,7 +145,7 @@ class Rivals:
     def ranked(self, candidates: Iterable[tuple[str, ...]]) -> list[tuple[str, ...]]:
         """Those fixes that change the geometry, the best first, by rough trials."""
         seen, values = [self._scan.geometry.vectors], {}
-        for fixes in candidates:
+        for fixes in counted(list(candidates)):
             geometry = corrected(self._scan.geometry, fixes)
             if not any(np.allclose(geometry.vectors, other) for other in seen):
                 seen.append(geometry.vectors)
@@ -156,7 +157,7 @@ class Rivals:
         rough = self._rough
         reach = int(SEARCH_RANGE * rough.scan.geometry.shape[1]) // ROUGH_STEP * ROUGH_STEP
         shifts = np.arange(-reach, reach + 1.0, ROUGH_STEP)
-        values = [rough.half_residual(rough.geometry(geometry, float(x))) for x in shifts]
+        values = [rough.half_residual(rough.geometry(geometry, float(x))) for x in counted(shifts)]
         return min(values), float(shifts[int(np.argmin(values))])
 
     def compare(self, first: Tried, second: Geometry) -> Comparison:
@@ -180,7 +181,8 @@ class Rivals:
         self, pair: tuple[Geometry, Geometry], shifts: list[float], halves: tuple[int, ...] = (0, 1)
     ) -> Comparison:
         first, second = (
-            np.concatenate([self._squares(g, x, half) for half in halves]) for g, x in zip(pair, shifts, strict=True)
+            np.concatenate([self._squares(g, x, half) for half in counted(halves)])
+            for g, x in zip(pair, shifts, strict=True)
         )
         difference = second - first
         error = float(difference.std()) / np.sqrt(len(difference))

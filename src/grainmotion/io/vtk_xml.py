@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion.io.files import atomic_write
+from grainmotion.model.progress import counted
 
 BLOCK_BYTES = 1 << 20  # compressed at a time
 VTK_TYPES = {"f4": "Float32", "f8": "Float64", "i4": "Int32", "i8": "Int64", "u1": "UInt8"}
@@ -110,7 +111,7 @@ def _chunks(values: NDArray[np.generic], dtype: np.dtype) -> Iterator[bytes]:
     """The bytes of an array, a block at a time: a large volume is not copied as a whole."""
     flat = np.ascontiguousarray(values).reshape(-1)
     step = BLOCK_BYTES // dtype.itemsize
-    for start in range(0, flat.size, step):
+    for start in counted(range(0, flat.size, step)):
         yield flat[start : start + step].astype(dtype, copy=False).tobytes()
 
 

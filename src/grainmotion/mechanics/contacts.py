@@ -29,6 +29,7 @@ from grainmotion.mechanics.surfaces import Surface, SurfaceCache
 from grainmotion.model.described_table import described
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions
+from grainmotion.model.progress import counted
 from grainmotion.model.summary import Summarised, Summary
 
 if TYPE_CHECKING:
@@ -192,7 +193,8 @@ def _measured(
     pairs = cKDTree(current).query_pairs(2 * halves.max(initial=0.0) + reach, output_type="ndarray")
     apart = np.linalg.norm(current[pairs[:, 0]] - current[pairs[:, 1]], axis=1)
     pairs = pairs[apart < halves[pairs].sum(axis=1) + reach]
-    for a, b in pairs[np.argsort(current[pairs[:, 0], 2], kind="stable")]:  # by height: surfaces are used again soon
+    by_height = np.argsort(current[pairs[:, 0], 2], kind="stable")  # surfaces are used again soon
+    for a, b in counted(pairs[by_height]):
         i, j = sorted((int(a), int(b)), key=lambda k: int(grains.labels[placed.rows[k]]))
         first, second = surfaces[int(placed.rows[i])], surfaces[int(placed.rows[j])]
         closest = None if first is None or second is None else _closest(placed, (i, first), (j, second), reach, h)

@@ -6,6 +6,7 @@ the rotation axis and keeps the volume with z fastest; `kernels.volume_projectio
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -18,10 +19,13 @@ from grainmotion.kernels import volume_projection, volume_projection_vertical
 from grainmotion.kernels.layout import PADDING
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.large_arrays import large_zeros
+from grainmotion.model.progress import counted
 from grainmotion.model.volume import Volume
 
 MIN_VERTICAL_VIEWS = 16
 """Views from which on a copy of the volume with z fastest pays."""
+SAMPLES_OF_A_CALL = 1e9
+"""Samples of the volume that a call of a kernel takes at most, unless one view needs more: about a second."""
 MAX_RAY_SLOPE = 1.0
 """Rise of a ray per length along its horizontal axis, up to which that axis is the dominant one."""
 
@@ -93,10 +97,11 @@ class VolumeOperator:
         vectors = self._vectors(views)
         out = np.empty((len(vectors), *self.geometry.shape), image.dtype)
         origin, h, cone = self._origin, self.grid.voxel_size, self.geometry.beam == "cone"
-        if self.upright:
-            volume_projection_vertical.forward(image, origin, h, vectors, cone, self.radius, out)
-        else:
-            volume_projection.forward(image, origin, h, vectors, cone, self.projector == "exact", out)
+        for part in self._parts(len(vectors)):
+            if self.upright:
+                volume_projection_vertical.forward(image, origin, h, vectors[part], cone, self.radius, out[part])
+            else:
+                volume_projection.forward(image, origin, h, vectors[part], cone, self.projector == "exact", out[part])
         return out
 
     def add_adjoint(self, images: Image, out: Image, views: NDArray[np.int64] | None = None) -> None:
@@ -104,10 +109,18 @@ class VolumeOperator:
         vectors = self._vectors(views)
         images = np.ascontiguousarray(images, out.dtype)
         origin, h, cone = self._origin, self.grid.voxel_size, self.geometry.beam == "cone"
-        if self.upright:
-            volume_projection_vertical.adjoint(images, origin, h, vectors, cone, self.radius, out)
-        else:
-            volume_projection.adjoint(images, origin, h, vectors, cone, self.projector == "exact", out)
+        for part in self._parts(len(vectors)):
+            if self.upright:
+                volume_projection_vertical.adjoint(images[part], origin, h, vectors[part], cone, self.radius, out)
+            else:
+                exact = self.projector == "exact"
+                volume_projection.adjoint(images[part], origin, h, vectors[part], cone, exact, out)
+
+    def _parts(self, views: int) -> Iterator[slice]:
+        """Views that one call of a kernel takes: Python looks at signals, and reports progress, between two of them."""
+        samples = float(np.prod(self.geometry.shape)) * max(self.grid.shape[1:])
+        count = max(1, int(SAMPLES_OF_A_CALL / samples))
+        return counted([slice(first, first + count) for first in range(0, views, count)])
 
     @cached_property
     def _origin(self) -> Float:

@@ -10,11 +10,12 @@ the remaining disagreement.  Figures: decision 0012.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from grainmotion._typing import Progress
+from grainmotion.model.progress import counted
 from grainmotion.reconstruction.settings import ReconstructSettings
 from grainmotion.reconstruction.system import Iterate, SumOfSquares, Views, golden_order, relative
 
@@ -67,7 +68,7 @@ def subsets(views: int) -> list[list[tuple[Views, float]]]:
 
 
 def _updated(
-    iterate: Iterate, parts: Iterable[tuple[Views, float]], momentum: float, report: Callable[[SumOfSquares, int], None]
+    iterate: Iterate, parts: Sequence[tuple[Views, float]], momentum: float, report: Callable[[SumOfSquares, int], None]
 ) -> SumOfSquares:
     """Update a volume by one subset after the other, each with its relaxation; Σ(b − A x)² and Σb² of all, ``(2,)``.
 
@@ -84,7 +85,7 @@ def _updated(
             done += count
             report(squares, done)
 
-    for views, relaxation in parts:
+    for views, relaxation in counted(parts):
         pending.append((iterate.update(views, relaxation, momentum), len(views)))
         settle(iterate.ahead)
     settle(0)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from grainmotion._typing import Image
+from grainmotion.model.progress import counted
 from grainmotion.report.data import StateReport
 from grainmotion.report.embedding import embed
 from grainmotion.report.image_coding import Coding, block_means, row_differences
@@ -57,7 +58,7 @@ def radiograph_records(
     views = sum(len(state.measured) for state in states)
     pixels = max(LEAST_VIEW_PIXELS, characters / max(1, views))
     while True:
-        encoded = {k: _encoded(states[k], pixels) for k in kept}
+        encoded = {k: _encoded(states[k], pixels) for k in counted(kept)}
         total = sum(view.characters for of_state in encoded.values() for view in of_state)
         if total <= characters:
             break
@@ -77,7 +78,7 @@ def _encoded(state: StateReport, pixels: float) -> list[EncodedView]:
     """The views of a state with at most so many pixels each."""
     rows, columns = state.measured.shape[1:]
     edge = max(1, math.ceil(math.sqrt(rows * columns / pixels)))
-    return [_encoded_view(state, k, edge) for k in range(len(state.measured))]
+    return [_encoded_view(state, k, edge) for k in counted(range(len(state.measured)))]
 
 
 def _encoded_view(state: StateReport, view: int, edge: int) -> EncodedView:

@@ -20,6 +20,7 @@ from scipy import ndimage
 from skimage.measure import marching_cubes
 
 from grainmotion._typing import Float
+from grainmotion.model.progress import counted
 from grainmotion.model.volume import Volume
 from grainmotion.report.embedding import embed
 
@@ -133,7 +134,7 @@ def grain_meshes(labels: NDArray[np.integer], grid: Volume, grains: NDArray[np.i
     """Surfaces of the grains of these labels; arguments as of `surface_record`."""
     budget = triangle_budget(len(grains))
     surfaces: list[tuple[Float, NDArray[np.int64]] | None] = [None] * len(grains)
-    for row, mask, first in _masks(labels, grains):
+    for row, mask, first in counted(_masks(labels, grains), len(grains)):
         marched = _surface(mask, budget)
         if marched is not None and np.isfinite(centers[row]).all():
             places, faces = marched
@@ -144,7 +145,7 @@ def grain_meshes(labels: NDArray[np.integer], grid: Volume, grains: NDArray[np.i
 def ellipsoids(labels: NDArray[np.integer], grid: Volume, grains: NDArray[np.integer]) -> NDArray[np.float32]:
     """Matrices ``(n, 3, 3)`` that take the unit ball to a grain's ellipsoid, mm; NaN without voxels."""
     matrices = np.full((len(grains), 3, 3), np.nan, np.float32)
-    for row, mask, _ in _masks(labels, grains):
+    for row, mask, _ in counted(_masks(labels, grains), len(grains)):
         places = np.argwhere(mask)[:, ::-1].astype(float)
         covariance = np.cov(places.T, bias=True) + np.eye(3) / 12  # that of a voxel itself
         values, axes = np.linalg.eigh(np.atleast_2d(covariance))

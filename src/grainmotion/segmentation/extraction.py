@@ -14,6 +14,7 @@ from grainmotion._arguments import checked_arguments
 from grainmotion.errors import InputError
 from grainmotion.kernels.layout import PADDING
 from grainmotion.model.grains import Grain, GrainSet
+from grainmotion.model.progress import begin, counted
 from grainmotion.model.scene import NO_MOTION, RIGID_MOTION, Body, Freedom, Scene
 from grainmotion.model.volume import Volume
 from grainmotion.segmentation.bodies import Piece, find_bodies
@@ -139,6 +140,7 @@ def _grains_and_scene(
     volume: Volume, labels: NDArray[np.integer], border: Collection[int], settings: SegmentSettings, cut: Cut
 ) -> GrainSet:
     """The grains of labels, and what no label holds."""
+    begin("grains: extraction")
     labels, small = without_small_labels(checked_labels(labels, volume.shape))
     if small:
         some = ", ".join(str(label) for label in small[:MAX_LABELS_NAMED])
@@ -152,7 +154,7 @@ def _grains_and_scene(
     owned = _owners(volume, labels, settings, whole)
     grown, first = owned.grown, owned.pieces[0].label if owned.pieces else int(owned.labels.max(initial=0)) + 1
     grains, boxes = [], []
-    for label, box in enumerate(ndimage.find_objects(grown)[: first - 1], start=1):
+    for label, box in enumerate(counted(ndimage.find_objects(grown)[: first - 1]), start=1):
         if box is None:
             continue
         grain = _extracted(volume, grown, label, box, label in border)
@@ -160,7 +162,9 @@ def _grains_and_scene(
             grains.append(grain)
             boxes.append((label, box))
     if settings.finer > 1 and min(volume.shape) > 1:
-        for k, fine in enumerate(cut(volume, owned.labels, boxes, settings.finer, owned.reach)):
+        begin("grains: finer voxels")
+        fines = cut(volume, owned.labels, boxes, settings.finer, owned.reach)
+        for k, fine in enumerate(counted(fines, len(boxes))):
             grains[k] = grains[k] if fine is None else replace(grains[k], fine=padded(fine))
     if not grains:
         raise InputError("labels", "no grains found", "check the threshold, or the labels given")

@@ -13,10 +13,13 @@ from grainmotion._typing import Float
 from grainmotion.errors import InputError
 from grainmotion.kernels import mesh_projection
 from grainmotion.model.geometry import Geometry
+from grainmotion.model.progress import counted
 from grainmotion.simulate.sample import Sample, Tube
 from grainmotion.simulate.shapes import Ellipsoid, Mesh
 
 Averaging = Literal["intensity", "line-integral"]
+VIEWS_OF_A_CALL = 16
+"""Views that one call of the kernel makes, which shares them between cores; signals are looked at after each."""
 
 
 @checked_arguments
@@ -114,27 +117,30 @@ def transmission(
     boxes = np.array([_boxes(s, geometry, subsamples) for s, _ in ellipsoids], dtype=np.int64)
     tube = sample.tube
     out = np.empty((len(views), *geometry.shape))
-    mesh_projection.transmission(
-        views,
-        cone,
-        vertices,
-        faces,
-        face_weights,
-        np.array([s.center for s, _ in ellipsoids]).reshape(-1, 3),
-        np.array([s.whitening for s, _ in ellipsoids]).reshape(-1, 3, 3),
-        np.array([w for _, w in ellipsoids], dtype=float),
-        np.ascontiguousarray(boxes.reshape(len(ellipsoids), len(views), 4).transpose(1, 0, 2)),
-        inverses,
-        origins,
-        signs,
-        _tube_numbers(tube),
-        tube.attenuation if tube else 0.0,
-        subsamples,
-        averaging == "intensity",
-        energies[:, 0] / energies[:, 0].sum(),
-        np.ascontiguousarray(energies[:, 1]),
-        out,
-    )
+    boxes = np.ascontiguousarray(boxes.reshape(len(ellipsoids), len(views), 4).transpose(1, 0, 2))
+    for first in counted(range(0, len(views), VIEWS_OF_A_CALL)):
+        part = slice(first, first + VIEWS_OF_A_CALL)
+        mesh_projection.transmission(
+            views[part],
+            cone,
+            vertices,
+            faces,
+            face_weights,
+            np.array([s.center for s, _ in ellipsoids]).reshape(-1, 3),
+            np.array([s.whitening for s, _ in ellipsoids]).reshape(-1, 3, 3),
+            np.array([w for _, w in ellipsoids], dtype=float),
+            boxes[part],
+            inverses[part],
+            origins[part],
+            signs[part],
+            _tube_numbers(tube),
+            tube.attenuation if tube else 0.0,
+            subsamples,
+            averaging == "intensity",
+            energies[:, 0] / energies[:, 0].sum(),
+            np.ascontiguousarray(energies[:, 1]),
+            out[part],
+        )
     return out
 
 

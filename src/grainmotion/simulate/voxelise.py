@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Float
+from grainmotion.model.progress import counted
 from grainmotion.model.volume import Volume
 from grainmotion.simulate.sample import Sample
 from grainmotion.simulate.shapes import Ellipsoid, Shape, extent
@@ -64,7 +65,7 @@ def label_volume(sample: Sample, grid: Volume) -> NDArray[np.int16]:
     4
     """
     out = np.zeros(grid.shape, np.int16)
-    for label, particle in zip(sample.labels, sample.particles, strict=True):
+    for label, particle in counted(zip(sample.labels, sample.particles, strict=True), len(sample.particles)):
         box, points = _points(particle.shape, grid, 1)
         out[box][inside(particle.shape, points).reshape(out[box].shape)] = label
     return out
@@ -94,7 +95,7 @@ def attenuation_volume(sample: Sample, grid: Volume, samples: int = 3) -> Volume
     (96, 72, 72)
     """
     out = np.zeros(grid.shape)
-    for particle in (*sample.particles, *sample.bodies):
+    for particle in counted((*sample.particles, *sample.bodies)):
         for shape, value in particle.parts:
             box, points = _points(shape, grid, samples)
             nz, ny, nx = out[box].shape

@@ -24,6 +24,7 @@ from grainmotion.io.geometry_csv import write_geometry
 from grainmotion.io.motions_csv import write_motions
 from grainmotion.io.tiff import write_tiff
 from grainmotion.model.motions import Motions
+from grainmotion.model.progress import begin, counted
 from grainmotion.model.volume import Volume
 from grainmotion.simulate.detector import Recording
 
@@ -93,9 +94,11 @@ def write_dataset(
     with _moved_when_complete(folder) as new:
         _write_images(new / "flats", reference.flats)
         _write_images(new / "darks", reference.darks)
+        begin("writing the reference scan")
         _write_images(new / "reference", reference.counts)
         write_geometry(new / "reference.csv", reference.geometry)
         for name, (recording, truth) in states.items():
+            begin(f"writing {name}")
             _write_images(new / name, recording.counts)
             write_geometry(new / f"{name}.csv", recording.geometry)
             write_motions(new / f"{name}-truth.csv", truth)
@@ -105,7 +108,7 @@ def write_dataset(
 
 def _write_images(folder: Path, images: NDArray[np.float32]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    for number, image in enumerate(images):
+    for number, image in enumerate(counted(images)):
         write_tiff(folder / f"{number:04d}.tif", np.clip(np.rint(image), 0, MAX_COUNT).astype(np.uint16))
 
 

@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 
-from grainmotion._typing import prefixed
 from grainmotion.grain_shapes.poses import State
 from grainmotion.grain_shapes.rigid_body import rigid_bodies
 from grainmotion.io.dem_folder import write_dem_folder
+from grainmotion.model.progress import prefixed
 from grainmotion.workflow.context import RunContext
 from grainmotion.workflow.provenance import Stage
 from grainmotion.workflow.reference_stages import SegmentedReference

@@ -19,6 +19,7 @@ from grainmotion.io.volumes.access import write_volume
 from grainmotion.io.vtk import write_grains_vtp, write_image_vti, write_pvd, write_surfaces_vtp
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions
+from grainmotion.model.progress import begin, counted
 from grainmotion.model.volume import Volume
 from grainmotion.workflow.context import RunContext
 from grainmotion.workflow.reference_stages import SegmentedReference
@@ -49,7 +50,9 @@ class Exporter:
     @cached_property
     def meshes(self) -> list[tuple[int, GrainMesh]]:
         """Label and mesh of each grain that has a surface."""
-        return list(display_meshes(self.reference().grains))
+        begin("surfaces of the grains")
+        grains = self.reference().grains
+        return list(counted(display_meshes(grains), len(grains)))
 
     def reference_files(self, export: Export, paths: list[Path]) -> None:
         """Volume, labels and grains of the reference."""

@@ -54,6 +54,7 @@ def check_grains(context: RunContext, reference: Callable[[], SegmentedReference
     fingerprint = context.cache.fingerprint(settings, files, [context.fingerprints.segment])
 
     def check() -> tuple[Finding, ...]:
+        context.notify("checking the grains: what has no label", 0, 3)
         stored = reference().stored
         assert stored.labels is not None
         found = list[Finding]()
@@ -62,10 +63,12 @@ def check_grains(context: RunContext, reference: Callable[[], SegmentedReference
         if not any(f.level is Level.ERROR for f in found):
             fragments = check_fragments(stored.volume, stored.labels, stored.threshold)
             found += fragments or check_unlabelled(stored.volume, stored.labels)
+            context.notify("checking the grains: sizes and shapes", 1, 3)
             found += check_grain_sizes(stored.labels)
             if inputs.reference is not None:
                 found += check_grain_shapes(stored.labels, f"{source.key}.geometry.pixel_size")
         if inputs.reference is not None and inputs.volume is None:
+            context.notify("checking the grains: beam hardening", 2, 3)
             scan = context.some_views(inputs.reference)
             found += corrected_hardening(stored.volume.hardening, inputs.reference.key)
             found += check_hardening(

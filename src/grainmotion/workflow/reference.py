@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion._arguments import checked_arguments
-from grainmotion._typing import Progress, prefixed
+from grainmotion._typing import Progress
 from grainmotion.calibration.beam_level import beam_levels
 from grainmotion.calibration.scanner import ScannerCalibration, calibrate_scanner
 from grainmotion.calibration.settings import ReferenceSettings
 from grainmotion.model.grains import GrainSet
+from grainmotion.model.progress import prefixed
 from grainmotion.model.scan import Scan
 from grainmotion.model.summary import Summarised, Summary, names_text, shape_text
 from grainmotion.model.thumbnails import grey_picture

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from grainmotion._typing import prefixed
 from grainmotion.diagnosis.labels import grains_in_doubt
 from grainmotion.io.results import StoredReference, read_reference, write_reference
 from grainmotion.model.finding import Finding, Level
 from grainmotion.model.grains import GrainSet
+from grainmotion.model.progress import prefixed
 from grainmotion.reconstruction.grid_growth import GROWN_REMEDY
 from grainmotion.reconstruction.reconstruct import reconstruct
 from grainmotion.segmentation.border import cut_labels
@@ -118,6 +118,7 @@ def segment_stage(context: RunContext, reference: Callable[[], StoredReference])
         return segmented
 
     def write(segmented: SegmentedReference) -> None:
+        context.notify("segment: writing the volume and its labels")
         write_reference(path, segmented.stored, segmented.grains, asdict(context.experiment.reference_settings))
         if context.inputs.volume is None:
             context.cache.add("reconstruct", context.fingerprints.reconstruct, [path])

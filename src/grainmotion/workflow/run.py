@@ -33,6 +33,7 @@ from grainmotion.io.series_files import check_parquet
 from grainmotion.model.finding import Finding, worst_first
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions
+from grainmotion.model.progress import listening
 from grainmotion.model.summary import MAX_ITEMS, Summarised, Summary, names_text
 from grainmotion.model.volume import Volume
 from grainmotion.report.tables import scene_sentences
@@ -187,8 +188,12 @@ def run(
     place = "" if workplace == LOCAL else f", {workplace}"
     tracked: dict[str, TrackedState] = {}
     report = None
-    with connect(workplace, folder) as cluster, memory_of_run(inputs, folder, workplace):
-        context = RunContext(experiment, inputs, folder, StageCache(folder), progress, cluster)
+    with (
+        listening(progress) as listener,
+        connect(workplace, folder) as cluster,
+        memory_of_run(inputs, folder, workplace),
+    ):
+        context = RunContext(experiment, inputs, folder, StageCache(folder), listener, cluster)
         check_files(context, states=with_states)
         check_inputs(context, states=with_states)
         with only_process(folder, context.cache), run_log(folder, experiment, inputs, f"run until {until}{place}"):

@@ -6,7 +6,7 @@ import functools
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 
-from grainmotion._typing import Image, prefixed
+from grainmotion._typing import Image
 from grainmotion.cluster.state_tasks import State
 from grainmotion.diagnosis.labels import in_doubt
 from grainmotion.diagnosis.results import common_cause, with_common_cause
@@ -17,6 +17,7 @@ from grainmotion.experiment.state_tracking import errors_of_state
 from grainmotion.io.motions_csv import write_motions
 from grainmotion.io.results import read_motions_h5, write_motions_h5
 from grainmotion.model.motions import Motions
+from grainmotion.model.progress import prefixed
 from grainmotion.model.scan import Scan
 from grainmotion.tracking.track import track_with_residual
 from grainmotion.workflow.context import RunContext, load_result

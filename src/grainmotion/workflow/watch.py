@@ -17,6 +17,7 @@ from grainmotion.errors import InputError
 from grainmotion.experiment.config import Experiment
 from grainmotion.experiment.inputs import find_inputs
 from grainmotion.io.files import checked_folder
+from grainmotion.model.progress import listening
 from grainmotion.workflow.checks import check_files, check_radiographs, check_version
 from grainmotion.workflow.context import RunContext, check_inputs
 from grainmotion.workflow.folder_lock import only_process
@@ -51,8 +52,12 @@ def watch(
     inputs = find_inputs(experiment.with_states([]))
     folder = checked_folder(out if out is not None else experiment.output)
     check_overwriting(inputs, folder)
-    with connect(workplace, folder) as cluster, memory_of_run(inputs, folder, workplace):
-        context = RunContext(experiment.with_states([]), inputs, folder, StageCache(folder), progress, cluster)
+    with (
+        listening(progress) as listener,
+        connect(workplace, folder) as cluster,
+        memory_of_run(inputs, folder, workplace),
+    ):
+        context = RunContext(experiment.with_states([]), inputs, folder, StageCache(folder), listener, cluster)
         check_files(context, states=False)
         check_inputs(context, states=False)
         with only_process(folder, context.cache), run_log(folder, experiment, inputs, "watch"):

@@ -163,6 +163,7 @@ class WatchSession:
             state.source = source
             context.set_states(in_order(self.listed.states))
             if not context.cache.is_done(f"{name}/track", context.fingerprints.tracks[name]):
+                context.notify(f"{name}: reading")
                 context.measured(source)  # every pixel
             state.phase, state.message = "complete", ""
         if state.source is not None:

@@ -18,6 +18,7 @@ from grainmotion.io.files import atomic_folder
 from grainmotion.io.volumes.tiff_writer import short_labels
 from grainmotion.io.volumes.zarr_metadata import OWN_KEY
 from grainmotion.io.volumes.zarr_reader import ZARR_FILES, import_zarr
+from grainmotion.model.progress import counted
 from grainmotion.model.volume import Volume
 
 if TYPE_CHECKING:
@@ -99,7 +100,7 @@ def _write_level(group: zarr.Group, name: str, source: Pixels | zarr.Array, redu
         compressors=Blosc(cname="lz4", clevel=5, shuffle=Blosc.SHUFFLE),
         chunk_key_encoding={"name": "v2", "separator": "/"},
     )  # fmt: skip
-    for z, y in _blocks(shape):
+    for z, y in counted(list(_blocks(shape))):
         fine = tuple(slice(s.start * factor, s.stop * factor) for s in (z, y, slice(0, shape[2])))
         block = np.asarray(source[fine])
         level[z, y, :] = block if reduce is None else reduce(block)
