@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from ball_radiographs import BEAM, DARK, Measured, line_integrals, measured, transmissions
+from grainmotion.diagnosis import frames
 from grainmotion.diagnosis.grey_values import stretched
 from grainmotion.errors import InputError
 from grainmotion.model.finding import Level
@@ -222,6 +224,24 @@ class TestSoundInput:
         spoiled = replaced(images, 61, images[105] + 1)
         facts = [finding.fact for finding in scan.having(images=spoiled).findings()]
         assert any("radiograph 61 (from 0): unlike those before and after" in fact for fact in facts), facts
+
+    @pytest.mark.parametrize("end", ["first", "last"])
+    def test_the_first_and_the_last_view_along_rows_of_grains(self, end):
+        """They have a neighbour on one side only: a view from elsewhere shows by the usual step next to it."""
+        rng = np.random.default_rng(0)
+
+        def found(steps):
+            blocks = np.cumsum(steps[:, None] * rng.normal(size=(len(steps), 400)), axis=0)
+            blocks = blocks if end == "first" else blocks[::-1]
+            black = np.zeros(len(blocks), bool)
+            read = SimpleNamespace(key="a", names={"radiographs": "a"}, black=black, blocks=blocks)
+            return [finding.fact for finding in frames._unlike(read)]
+
+        along_rows, usual = np.ones(100), np.ones(100)
+        along_rows[1:6], usual[1] = (2.3, 2.6, 3.0, 2.6, 2.0), 3.0
+        assert found(along_rows) == []
+        number = 0 if end == "first" else 99
+        assert f"radiograph {number} (from 0)" in found(usual)[0]
 
     def test_edges_of_a_dense_sample_are_no_outliers(self):
         rng = np.random.default_rng(0)

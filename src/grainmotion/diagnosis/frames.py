@@ -162,7 +162,9 @@ def _unlike(read: ReadScan) -> Iterable[Finding]:
         return
     differences = neighbour_differences(read.blocks[lit])
     ratio = differences / max(float(np.median(differences)), 1e-12)
-    odd = (ratio > UNLIKE) & (differences > UNLIKE_AROUND * differences_around(read.blocks[lit]))
+    limits = UNLIKE_AROUND * differences_around(read.blocks[lit])
+    limits[[0, -1]] *= UNLIKE / UNLIKE_AROUND  # of their one neighbour and the view behind it
+    odd = (ratio > UNLIKE) & (differences > limits)
     if 0 < odd.sum() <= MAX_ODD_SHARE * len(ratio):
         yield Finding(
             Level.WARNING, "frames", read.names["radiographs"],
@@ -181,7 +183,7 @@ def neighbour_differences(blocks: Float) -> Float:
 
 
 def differences_around(blocks: Float) -> Float:
-    """Difference of the views on either side of each; of the next two for the first and the last."""
+    """Difference of the views on either side of each; for the first and the last of their neighbour and the next."""
     steps = _differences(blocks, 1)
     return np.concatenate([steps[1:2], _differences(blocks, 2), steps[-2:-1]])
 
