@@ -1,15 +1,18 @@
 """Whole volumes seen by upright panels: forward projection and its exact adjoint, column of pixels by column.
 
-Where a panel's columns are parallel to z, all rays of a column cross a plane of the dominant axis a at one
-place of the other horizontal axis b, and at heights that grow evenly with the row.  The trilinear sample of
-`ray_tracing.smooth_value` then parts in two: the two lines of voxels along z beside that place are blended once for the
-whole column, and each ray interpolates along the blended line.  That is half the loads of the general projector, and
-neighbouring rays find them in the nearest cache: forward takes half of its time, the adjoint a quarter.
+Where a panel's columns are parallel to z, all rays of a column cross a plane of the dominant axis a at one place of the
+other horizontal axis b, and at heights that grow evenly with the row (`kernels.pixel_columns`).  A trilinear sample, or
+the exact path through a slab of voxels, then parts in two: the two lines of voxels along z beside that place are
+blended once for the whole column, and each ray takes its value from the blended line, neighbouring rays from
+neighbouring voxels (`kernels.vertical_trilinear`).
+
+A view crosses the whole volume, which is larger than any cache.  So the volume is taken tile by tile, each small enough
+for the second cache, and all views at hand cross a tile before the next is taken.
 
 The image is ``(ny, nx, nz)``, z fastest, and zero on its two outermost layers; ``origin`` is the position of voxel
 [0, 0, 0] (x y z, mm), ``radius`` (voxels) that of the upright cylinder beyond which the image is zero, 0 for none.
-The adjoint leaves the outermost layers, and voxels beyond the cylinder, undefined.  Its threads share the planes of
-the dominant axis, so that no two write the same voxel and the sums come in one order whatever their number.
+The adjoint leaves the outermost layers, and voxels beyond the cylinder, undefined.  Forward, threads share the rays;
+back, the tiles: no two write the same number, and every sum is taken in one order whatever their number.
 """
 
 from __future__ import annotations
@@ -20,188 +23,175 @@ import numba as nb
 import numpy as np
 
 from grainmotion.kernels.compilation import CACHE
+from grainmotion.kernels.lanes import LANES
+from grainmotion.kernels.pixel_columns import column_rays, columns_across, crossed_planes, heights, lengths
+from grainmotion.kernels.vertical_trilinear import LINE_MARGIN, add_line, add_samples, blend, collect, expect
 
-PLANE_SLICES = 8  # slices of the dominant axis that the adjoint hands to threads
-COLUMNS_OF_A_THREAD = 16  # columns that a thread takes in turn, in the same memory
-ROWS_AT_ONCE = 512  # rows that the forward projection takes at once: their blended lines stay in the second cache
-
-
-@nb.njit(cache=CACHE, error_model="numpy")
-def _column_ray(view, cone, column, rows, origin, h):
-    """Where a column's rays start and their directions to its first row, voxels; z of the next row's adds v_z."""
-    row = -(rows - 1) / 2
-    px = (view[3] + column * view[6] + row * view[9] - origin[0]) * h
-    py = (view[4] + column * view[7] + row * view[10] - origin[1]) * h
-    pz = (view[5] + column * view[8] + row * view[11] - origin[2]) * h
-    if cone:
-        sx, sy, sz = (view[0] - origin[0]) * h, (view[1] - origin[1]) * h, (view[2] - origin[2]) * h
-        return sx, sy, sz, px - sx, py - sy, pz - sz
-    return px, py, pz, view[0], view[1], view[2]
-
-
-@nb.njit(cache=CACHE, error_model="numpy")
-def _planes(sa, sb, slope, na, n_b, radius):
-    """The planes first … end − 1 of a on which the column lies inside the image, and inside its cylinder."""
-    low, high, edge = 1.0, na - 2.0, 1e-3
-    if slope != 0.0:
-        k0, k1 = sa + (edge - sb) / slope, sa + (n_b - 1 - edge - sb) / slope
-        low, high = max(low, min(k0, k1)), min(high, max(k0, k1))
-    elif sb < edge or sb > n_b - 1 - edge:
-        return 0, 0
-    if radius > 0:
-        a, b, reach = sa - (na - 1) / 2, sb - (n_b - 1) / 2, radius + 1.5
-        square, half = 1 + slope * slope, a + slope * b
-        root = half * half - square * (a * a + b * b - reach * reach)
-        if root <= 0:
-            return 0, 0
-        root = math.sqrt(root)
-        low, high = max(low, sa + (-half - root) / square), min(high, sa + (-half + root) / square)
-    first = math.ceil(low)
-    return first, max(first, math.floor(high) + 1)
-
-
-@nb.njit(cache=CACHE, error_model="numpy")
-def _length(voxel, slope, dz, da):
-    """Length of a ray between two planes, mm."""
-    return voxel * math.sqrt(1.0 + slope * slope + (dz / da) ** 2)
-
-
-@nb.njit(cache=CACHE, fastmath=True, error_model="numpy")
-def _blend(line, near, far, weight):
-    for z in range(len(line)):
-        line[z] = near[z] + weight * (far[z] - near[z])
-
-
-@nb.njit(cache=CACHE, fastmath=True, error_model="numpy")
-def _spread_line(line, near, far, weight):
-    """The adjoint of `_blend`."""
-    for z in range(len(line)):
-        part = weight * line[z]
-        near[z] += line[z] - part
-        far[z] += part
-
-
-@nb.njit(cache=CACHE, fastmath=True, error_model="numpy")
-def _line_integral(lines, width, starts, steps, row):
-    """Sum over planes k of lines k at height starts[k] + row · steps[k]."""
-    f = lines.dtype.type
-    top = f(width - 1) * f(1 - 2.5e-7)  # rounds to less than the last voxel
-    total = f(0)
-    for k in range(np.uint32(len(starts))):
-        z = min(max(starts[k] + f(row) * steps[k], f(0)), top)
-        i = np.uint32(np.int32(z))
-        at = np.uint32(k) * np.uint32(width) + i
-        below = lines[at]
-        total += below + (z - f(np.int32(i))) * (lines[at + np.uint32(1)] - below)
-    return total
-
-
-@nb.njit(cache=CACHE, error_model="numpy")
-def _scatter(lines, width, starts, steps, row, value):
-    """The adjoint of `_line_integral`."""
-    f = lines.dtype.type
-    top = f(width - 1) * f(1 - 2.5e-7)
-    for k in range(np.uint32(len(starts))):
-        z = min(max(starts[k] + f(row) * steps[k], f(0)), top)
-        i = np.uint32(np.int32(z))
-        at = np.uint32(k) * np.uint32(width) + i
-        above = value * (z - f(np.int32(i)))
-        lines[at] += value - above
-        lines[at + np.uint32(1)] += above
+TILE_EDGE = 24  # edge of a tile along x and y, voxels
+TILE_ROWS = 256  # rows, and voxels along z, that a tile has about
+MAX_VALUES = 1 << 24  # values of rays that are held at once, about
+PLANES_AHEAD = 4  # planes before its use that a line of voxels is asked for from memory
+STRIPS_OF_A_THREAD = 4  # strips of columns, where there are fewer views than threads
+_jit = nb.njit(cache=CACHE, error_model="numpy")
 
 
 @nb.njit(parallel=True, cache=CACHE, error_model="numpy")
-def forward(image, origin, voxel, views, cone, radius, out):
-    """Line integrals ``out (views, rows, columns)`` of ``image``."""
-    ny, nx, nz = image.shape
+def forward(image, origin, voxel, views, cone, radius, threads, out):
+    """Line integrals ``out (views, rows, columns)`` of ``image``, by ``threads`` threads."""
     n, rows, columns = out.shape
-    f = image.dtype.type
+    groups = min(n, threads)
+    strips = 1 if groups == threads else STRIPS_OF_A_THREAD * (-(-threads // groups))
+    tiles = max(1, (rows + TILE_ROWS // 2) // TILE_ROWS)
+    for job in nb.prange(groups * strips):
+        group, strip = job % groups, job // groups
+        i0, i1 = group * n // groups, (group + 1) * n // groups
+        c0, c1 = strip * columns // strips, (strip + 1) * columns // strips
+        for tile in range(tiles):
+            r0, r1 = tile * rows // tiles, (tile + 1) * rows // tiles
+            batch = max(1, MAX_VALUES // max(1, (c1 - c0) * (r1 - r0)))
+            for i in range(i0, i1, batch):
+                part = i, min(i1, i + batch), c0, c1, r0, r1
+                _forward_part(image, origin, voxel, views, cone, radius, part, out)
+
+
+@_jit
+def _forward_part(image, origin, voxel, views, cone, radius, part, out):
+    """`forward` for the views i0 … i1 − 1, columns c0 … c1 − 1 and rows r0 … r1 − 1, the lowest counted 0."""
+    ny, nx, nz = image.shape
+    rows, columns = out.shape[1:]
+    i0, i1, c0, c1, r0, r1 = part
+    size = -(-(r1 - r0) // LANES) * LANES
+    totals = np.zeros(((i1 - i0) * (c1 - c0), size), image.dtype)
+    line = np.zeros(nz + 2 * LINE_MARGIN, image.dtype)
     h = 1.0 / voxel
-    jobs = n * columns
-    for block in nb.prange((jobs + COLUMNS_OF_A_THREAD - 1) // COLUMNS_OF_A_THREAD):
-        buffer = np.empty(max(nx, ny) * nz, image.dtype)
-        all_starts, all_steps = np.empty(max(nx, ny), image.dtype), np.empty(max(nx, ny), image.dtype)
-        for job in range(block * COLUMNS_OF_A_THREAD, min(jobs, (block + 1) * COLUMNS_OF_A_THREAD)):
-            i, c = job // columns, job % columns
-            sx, sy, sz, dx, dy, dz = _column_ray(views[i], cone, c - (columns - 1) / 2, rows, origin, h)
-            vz = views[i, 11] * h
-            along_x = abs(dx) >= abs(dy)
-            sa, sb, da, db, na, n_b = (sx, sy, dx, dy, nx, ny) if along_x else (sy, sx, dy, dx, ny, nx)
-            slope = db / da
-            first, end = _planes(sa, sb, slope, na, n_b, radius)
-            count = end - first
-            starts, steps = all_starts[:count], all_steps[:count]
-            for r0 in range(0, rows, ROWS_AT_ONCE):
-                r1 = min(rows, r0 + ROWS_AT_ONCE)
-                lowest, highest = np.inf, -np.inf  # heights of the tile's rays, which are extreme on its last planes
-                for k in (first, end - 1):
-                    t = (k - sa) / da
-                    for r in (r0, r1 - 1):
-                        z = sz + t * dz + r * (t * vz if cone else vz)
-                        lowest, highest = min(lowest, z), max(highest, z)
-                base, over = max(0, math.floor(lowest)), min(nz, math.floor(highest) + 2)
-                width = over - base
-                if count <= 0 or width < 2:
-                    out[i, r0:r1, c] = 0
-                    continue
-                lines = buffer[: count * width]
-                for k in range(first, end):
-                    b, t = sb + (k - sa) * slope, (k - sa) / da
-                    at = int(b)
-                    steps[k - first] = t * vz if cone else vz
-                    starts[k - first] = sz + t * dz - base
-                    line = lines[(k - first) * width : (k - first + 1) * width]
-                    if along_x:
-                        _blend(line, image[at, k, base:over], image[at + 1, k, base:over], f(b - at))
-                    else:
-                        _blend(line, image[k, at, base:over], image[k, at + 1, base:over], f(b - at))
-                for r in range(r0, r1):
-                    total = _line_integral(lines, width, starts, steps, r)
-                    out[i, r, c] = total * f(_length(voxel, slope, dz + r * vz if cone else dz, da))
+    for y in range(0, ny, TILE_EDGE):
+        for x in range(0, nx, TILE_EDGE):
+            tile = x, min(nx, x + TILE_EDGE), y, min(ny, y + TILE_EDGE)
+            around = x - 1.0, x + TILE_EDGE + 1.0, y - 1.0, y + TILE_EDGE + 1.0
+            for i in range(i0, i1):
+                first, end = columns_across(views[i], cone, columns, origin, h, around)
+                for c in range(max(first, c0), min(end, c1)):
+                    rays = column_rays(views[i], cone, c - (columns - 1) / 2, rows, origin, h)
+                    total = totals[(i - i0) * (c1 - c0) + c - c0]
+                    _add_tile(image, rays, cone, radius, tile, (r0, r1), line, total)
+    length = np.empty(r1 - r0, image.dtype)
+    for i in range(i0, i1):
+        for c in range(c0, c1):
+            rays = column_rays(views[i], cone, c - (columns - 1) / 2, rows, origin, h)
+            lengths(rays, cone, voxel, r0, length)
+            total = totals[(i - i0) * (c1 - c0) + c - c0]
+            for r in range(r0, r1):
+                out[i, r if views[i, 11] >= 0 else rows - 1 - r, c] = total[r - r0] * length[r - r0]
+
+
+@_jit
+def _add_tile(image, rays, cone, radius, tile, rows, line, total):
+    """Add the samples of a column's rays in a tile to ``total``."""
+    ny, nx, nz = image.shape
+    flat = image.reshape(-1)
+    x0, x1, y0, y1 = tile
+    along_x, sa, sb, _, da, db, _, _ = rays
+    na, n_b = (nx, ny) if along_x else (ny, nx)
+    a0, a1, b0, b1 = (x0, x1, y0, y1) if along_x else (y0, y1, x0, x1)
+    stride_a, stride_b = (nz, nx * nz) if along_x else (nx * nz, nz)
+    first, end = crossed_planes(rays, na, n_b, radius, 0.0)
+    for k in range(max(first, a0), min(end, a1)):
+        b = sb + (k - sa) * (db / da)
+        at = int(b)
+        if at < b0 or at >= b1:
+            continue
+        start, step = heights(rays, cone, k)
+        start += rows[0] * step
+        low, high = _reach(start, step, rows[1] - rows[0], 0, nz)
+        if low < high:
+            near = k * stride_a + at * stride_b
+            ahead = (k + PLANES_AHEAD) * stride_a + int(b + PLANES_AHEAD * (db / da)) * stride_b
+            expect(flat, ahead, low, high)
+            expect(flat, ahead + stride_b, low, high)
+            blend(flat, near, near + stride_b, image.dtype.type(b - at), low, high, line)
+            add_samples(line, nz, start, step, total)
+
+
+@_jit
+def _reach(start, step, rows, low, high):
+    """The voxels of low … high − 1 that some rays sample."""
+    last = start + (rows - 1) * step
+    return max(low, math.floor(min(start, last))), min(high, math.floor(max(start, last)) + 2)
 
 
 @nb.njit(parallel=True, cache=CACHE, error_model="numpy")
-def adjoint(images, origin, voxel, views, cone, radius, out):
+def adjoint(images, origin, voxel, views, cone, radius, threads, out):
     """Add the exact adjoint of `forward` applied to ``images`` to ``out (ny, nx, nz)``."""
     ny, nx, nz = out.shape
     n, rows, columns = images.shape
-    f = out.dtype.type
-    h = 1.0 / voxel
-    for axis in range(2):
-        na, n_b = (nx, ny) if axis == 0 else (ny, nx)
-        size = (na + PLANE_SLICES - 1) // PLANE_SLICES
-        for chunk in nb.prange(PLANE_SLICES):
-            low, high = chunk * size, min(na, (chunk + 1) * size)
-            buffer = np.empty(size * nz, out.dtype)
-            starts, steps = np.empty(size, out.dtype), np.empty(size, out.dtype)
-            for job in range(n * columns):
-                i, c = job // columns, job % columns
-                sx, sy, sz, dx, dy, dz = _column_ray(views[i], cone, c - (columns - 1) / 2, rows, origin, h)
-                if (abs(dx) >= abs(dy)) != (axis == 0):
+    tiles_y, tiles_x, tiles_z = -(-ny // TILE_EDGE), -(-nx // TILE_EDGE), max(1, (nz + TILE_ROWS // 2) // TILE_ROWS)
+    jobs = tiles_y * tiles_x * tiles_z
+    batch = max(1, MAX_VALUES // max(1, rows * columns))
+    values = np.empty((min(n, batch) * columns, rows + 2 * LINE_MARGIN), out.dtype)
+    for i0 in range(0, n, batch):
+        i1 = min(n, i0 + batch)
+        for job in nb.prange((i1 - i0) * columns):
+            i, c = i0 + job // columns, job % columns
+            _weighted_column(images[i, :, c], origin, voxel, views[i], cone, c - (columns - 1) / 2, values[job])
+        turns = -(-jobs // threads)
+        for turn in nb.prange(turns * threads):
+            job = turn % turns * threads + turn // turns  # a thread takes tiles of all parts of the volume
+            if job < jobs:
+                z, at = job % tiles_z, job // tiles_z
+                y, x = at // tiles_x * TILE_EDGE, at % tiles_x * TILE_EDGE
+                tile = x, min(nx, x + TILE_EDGE), y, min(ny, y + TILE_EDGE)
+                part = i0, i1, z * nz // tiles_z, (z + 1) * nz // tiles_z
+                _adjoint_tile(values, origin, voxel, views, cone, radius, tile, part, (rows, columns), out)
+
+
+@_jit
+def _weighted_column(image, origin, voxel, view, cone, column, out):
+    """A column's values times the lengths of its rays between two planes, the lowest row first, zeros around."""
+    rows = len(image)
+    rays = column_rays(view, cone, column, rows, origin, 1.0 / voxel)
+    out[:LINE_MARGIN] = 0
+    out[LINE_MARGIN + rows :] = 0
+    inner = out[LINE_MARGIN : LINE_MARGIN + rows]
+    lengths(rays, cone, voxel, 0, inner)
+    for r in range(rows):
+        inner[r] *= image[r if view[11] >= 0 else rows - 1 - r]
+
+
+@_jit
+def _adjoint_tile(values, origin, voxel, views, cone, radius, tile, part, panel, out):
+    """Add the adjoint of the views i0 … i1 − 1 to the voxels z0 … z1 − 1 of a tile."""
+    ny, nx, nz = out.shape
+    flat = out.reshape(-1)
+    i0, i1, z0, z1 = part
+    x0, x1, y0, y1 = tile
+    rows, columns = panel
+    line = np.empty(nz + 2 * LINE_MARGIN, out.dtype)
+    h, f = 1.0 / voxel, out.dtype.type
+    around = x0 - 2.0, x1 + 1.0, y0 - 2.0, y1 + 1.0
+    for i in range(i0, i1):
+        first_column, end_column = columns_across(views[i], cone, columns, origin, h, around)
+        for c in range(first_column, end_column):
+            rays = column_rays(views[i], cone, c - (columns - 1) / 2, rows, origin, h)
+            along_x, sa, sb, _, da, db, _, _ = rays
+            na, n_b = (nx, ny) if along_x else (ny, nx)
+            a0, a1, b0, b1 = (x0, x1, y0, y1) if along_x else (y0, y1, x0, x1)
+            stride_a, stride_b = (nz, nx * nz) if along_x else (nx * nz, nz)
+            first, end = crossed_planes(rays, na, n_b, radius, 0.0)
+            for k in range(max(first, a0), min(end, a1)):
+                b = sb + (k - sa) * (db / da)
+                at = int(b)
+                if at < b0 - 1 or at >= b1:
                     continue
-                vz = views[i, 11] * h
-                sa, sb, da, db = (sx, sy, dx, dy) if axis == 0 else (sy, sx, dy, dx)
-                slope = db / da
-                first, end = _planes(sa, sb, slope, na, n_b, radius)
-                first, end = max(first, low), min(end, high)
-                count = end - first
-                if count <= 0:
+                start, step = heights(rays, cone, k)
+                low, high = _reach(start, step, rows, z0, z1)
+                if low >= high:
                     continue
-                for k in range(first, end):
-                    t = (k - sa) / da
-                    starts[k - first] = sz + t * dz
-                    steps[k - first] = t * vz if cone else vz
-                lines = buffer[: count * nz]
-                lines[:] = 0
-                for r in range(rows):
-                    if images[i, r, c] != 0:
-                        value = images[i, r, c] * _length(voxel, slope, dz + r * vz if cone else dz, da)
-                        _scatter(lines, nz, starts[:count], steps[:count], r, f(value))
-                for k in range(first, end):
-                    b = sb + (k - sa) * slope
-                    at = int(b)
-                    line = lines[(k - first) * nz : (k - first + 1) * nz]
-                    if axis == 0:
-                        _spread_line(line, out[at, k], out[at + 1, k], f(b - at))
-                    else:
-                        _spread_line(line, out[k, at], out[k, at + 1], f(b - at))
+                collect(values[(i - i0) * columns + c], rows, start, step, low, high, line)
+                near, weight = k * stride_a + at * stride_b, f(b - at)
+                ahead = (k + PLANES_AHEAD) * stride_a + int(b + PLANES_AHEAD * (db / da)) * stride_b
+                expect(flat, ahead, low, high)
+                expect(flat, ahead + stride_b, low, high)
+                if at >= b0:
+                    add_line(line, f(1) - weight, low, high, flat, near)
+                if at + 1 < b1:
+                    add_line(line, weight, low, high, flat, near + stride_b)

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,8 +25,10 @@ from grainmotion.model.volume import Volume
 
 MIN_VERTICAL_VIEWS = 16
 """Views from which on a copy of the volume with z fastest pays."""
-SAMPLES_OF_A_CALL = 1e9
+SAMPLES_OF_A_CALL, UPRIGHT_SAMPLES_OF_A_CALL = 1e9, 3e9
 """Samples of the volume that a call of a kernel takes at most, unless one view needs more: about a second."""
+MIN_ROW_DISTANCE, MAX_ROW_DISTANCE = 0.1, 4.0
+"""Distances of neighbouring rays, voxels, between which their voxels are taken together (`vertical_trilinear`)."""
 MAX_RAY_SLOPE = 1.0
 """Rise of a ray per length along its horizontal axis, up to which that axis is the dominant one."""
 
@@ -53,11 +56,17 @@ class VolumeOperator:
 
     @cached_property
     def upright(self) -> bool:
-        """Whether the projector for upright detectors serves: many views, columns along z, no ray steeper than 45°."""
+        """Whether the projector for upright detectors serves.
+
+        That is for many views, columns along z, no ray steeper than 45°, and neighbouring rays a voxel or so apart.
+        """
         if self.projector != "trilinear" or len(self.geometry) < MIN_VERTICAL_VIEWS:
             return False
         d, u, v = self.geometry.detector, self.geometry.u, self.geometry.v
         if np.abs(v[:, :2]).max() > 1e-9 * np.abs(v[:, 2]).min():
+            return False
+        least, most = self._row_distances
+        if least < MIN_ROW_DISTANCE or most > MAX_ROW_DISTANCE:
             return False
         rows, columns = self.geometry.shape
         across, along = (columns - 1) / 2 * np.array([-1, 0, 1]), (rows - 1) / 2 * np.array([-1, 1])
@@ -67,6 +76,22 @@ class VolumeOperator:
                 d[:, None, None] + across[:, None, None] * u[:, None, None] + along[:, None] * v[:, None, None] - rays
             )
         return bool(np.all(np.abs(rays[..., 2]) <= MAX_RAY_SLOPE * np.abs(rays[..., :2]).max(axis=-1)))
+
+    @property
+    def _row_distances(self) -> tuple[float, float]:
+        """The least and the largest distance along z of the rays of neighbouring rows inside the volume, voxels."""
+        rows = np.abs(self.geometry.v[:, 2]) / self.grid.voxel_size
+        if self.geometry.beam != "cone":
+            return float(rows.min()), float(rows.max())
+        _, ny, nx = self.grid.shape
+        reach = (self.radius if self.radius > 0 else np.hypot(nx, ny) / 2 + PADDING) + PADDING
+        source, normals = self.geometry.source, self.geometry.normals
+        normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+        panel = ((self.geometry.detector - source) * normals).sum(1)
+        center = ((np.array(self.grid.center) - source) * normals).sum(1)
+        beside = np.sign(panel) * reach * self.grid.voxel_size
+        least, most = (center - beside) / panel * rows, (center + beside) / panel * rows
+        return float(least.min()), float(most.max())
 
     # ------------------------------------------------------------------ layout of the volume
     def padded(self, array: Image) -> Image:
@@ -97,9 +122,11 @@ class VolumeOperator:
         vectors = self._vectors(views)
         out = np.empty((len(vectors), *self.geometry.shape), image.dtype)
         origin, h, cone = self._origin, self.grid.voxel_size, self.geometry.beam == "cone"
+        threads = numba.get_num_threads()
         for part in self._parts(len(vectors)):
             if self.upright:
-                volume_projection_vertical.forward(image, origin, h, vectors[part], cone, self.radius, out[part])
+                where = origin, h, vectors[part], cone, self.radius, threads
+                volume_projection_vertical.forward(image, *where, out[part])
             else:
                 volume_projection.forward(image, origin, h, vectors[part], cone, self.projector == "exact", out[part])
         return out
@@ -109,9 +136,11 @@ class VolumeOperator:
         vectors = self._vectors(views)
         images = np.ascontiguousarray(images, out.dtype)
         origin, h, cone = self._origin, self.grid.voxel_size, self.geometry.beam == "cone"
+        threads = numba.get_num_threads()
         for part in self._parts(len(vectors)):
             if self.upright:
-                volume_projection_vertical.adjoint(images[part], origin, h, vectors[part], cone, self.radius, out)
+                where = origin, h, vectors[part], cone, self.radius, threads
+                volume_projection_vertical.adjoint(images[part], *where, out)
             else:
                 exact = self.projector == "exact"
                 volume_projection.adjoint(images[part], origin, h, vectors[part], cone, exact, out)
@@ -119,7 +148,7 @@ class VolumeOperator:
     def _parts(self, views: int) -> Iterator[slice]:
         """Views that one call of a kernel takes: Python looks at signals, and reports progress, between two of them."""
         samples = float(np.prod(self.geometry.shape)) * max(self.grid.shape[1:])
-        count = max(1, int(SAMPLES_OF_A_CALL / samples))
+        count = max(1, int((UPRIGHT_SAMPLES_OF_A_CALL if self.upright else SAMPLES_OF_A_CALL) / samples))
         return counted([slice(first, first + count) for first in range(0, views, count)])
 
     @cached_property

@@ -1,0 +1,136 @@
+"""Trilinear samples of a column of rays on one plane, and their adjoint, sixteen neighbours at a time.
+
+Ray r crosses a plane at height start + r · step of the line of voxels along z that the column meets there.  With
+voxels about as high as pixels the step is nearly 1, and sixteen neighbouring rays sample little more than seventeen
+neighbouring voxels: ray r lies at u(r) = start + r · step − (r + n) above voxel r + n, for the largest whole n that
+leaves u ≥ 0, and linear interpolation over the voxels r + n, r + n + 1, … is
+
+    v(r + n) + Σ_j clamp(u(r) − j, 0, 1) · (v(r + n + j + 1) − v(r + n + j)),    j = 0 … max u
+
+where neighbouring rays read neighbouring voxels.  The adjoint takes the same view from the voxels: the rays r for which
+voxel z counts, with weight 1 − |start + r · step − z| > 0, are z + n, z + n + 1, ….
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba as nb
+
+from grainmotion.kernels.compilation import CACHE
+from grainmotion.kernels.lanes import LANES, absolute, larger, load, prefetch, ramp, smaller, splat, store
+
+LINE_MARGIN = 64  # values beside a line of voxels that blocks of rays may read; enough for steps up to 4
+FRACTION = 40  # binary places of heights as whole numbers, which are quicker to split in whole and rest
+ONE = 1 << FRACTION
+_jit = nb.njit(cache=CACHE, error_model="numpy")
+
+
+@_jit
+def fixed(height):
+    """A height in units of 2^-`FRACTION` voxels."""
+    return math.floor(height * ONE + 0.5)
+
+
+@_jit
+def blend(image, near, far, weight, low, high, line):
+    """Voxels low … high − 1 between two lines of a flat image, which start at ``near`` and ``far``."""
+    if high - low < LANES:
+        for z in range(low, high):
+            line[LINE_MARGIN + z] = image[near + z] + weight * (image[far + z] - image[near + z])
+        return
+    part = splat(weight)
+    z = low
+    while True:
+        values = load(image, near + z)
+        store(line, LINE_MARGIN + z, part * (load(image, far + z) - values) + values)
+        if z == high - LANES:
+            break
+        z = min(z + LANES, high - LANES)
+
+
+@_jit
+def add_samples(line, voxels, start, step, total):
+    """Add the line of ``voxels`` at height start + r · step to ``total[r]``."""
+    f = total.dtype.type
+    zero, one, unit = splat(f(0)), splat(f(1)), splat(f(1.0 / ONE))
+    across = ramp(f(0)) * splat(f(step - 1.0))
+    slope = fixed(step) - ONE
+    rise = (LANES - 1) * slope
+    taps = 2 + (abs(rise) >> FRACTION)
+    place, one_block = fixed(start) + min(rise, 0), LANES * slope
+    low, high = -(LANES + taps), voxels - 1
+    if slope < 0:
+        across = across - splat(f(rise) * f(1.0 / ONE))
+    for r in range(0, len(total), LANES):
+        lowest = place >> FRACTION
+        at = r + lowest
+        if low <= at <= high:
+            u = splat(f(place - (lowest << FRACTION))) * unit + across
+            values = load(line, LINE_MARGIN + at)
+            if taps == 2:  # nearly always
+                middle = load(line, LINE_MARGIN + at + 1)
+                sums = smaller(u, one) * (middle - values) + values
+                sums = larger(u - one, zero) * (load(line, LINE_MARGIN + at + 2) - middle) + sums
+            else:
+                sums = values
+                for j in range(1, taps + 1):
+                    above = load(line, LINE_MARGIN + at + j)
+                    sums = smaller(larger(u, zero), one) * (above - values) + sums
+                    u = u - one
+                    values = above
+            store(total, r, load(total, r) + sums)
+        place += one_block
+
+
+@_jit
+def collect(rays, rows, start, step, low, high, line):
+    """The adjoint of `add_samples`: voxels low … high − 1 of a line from values ``rays[LINE_MARGIN + r]``."""
+    f = line.dtype.type
+    zero, one, unit = splat(f(0)), splat(f(1)), splat(f(1.0 / ONE))
+    across, one_step = ramp(f(0)) * splat(f(step - 1.0)), splat(f(step))
+    from_start, per_row = fixed(start), fixed(step)
+    rise = (LANES - 1) * (step - 1.0)
+    reach_down, reach = 1.0 + max(rise, 0.0), 2.0 + abs(rise)
+    taps = math.ceil(reach / step)
+    row, one_block = fixed((low - reach_down - start) / step), fixed(LANES / step)
+    for z in range(low, high, LANES):
+        first = max(1 - LANES, min(rows, (row >> FRACTION) + 1))
+        row += one_block
+        above = splat(f(from_start + first * per_row - (z << FRACTION))) * unit + across
+        at = LINE_MARGIN + first
+        if taps <= 4:  # nearly always
+            second = above + one_step
+            third = second + one_step
+            sums = larger(one - absolute(above), zero) * load(rays, at)
+            more = larger(one - absolute(second), zero) * load(rays, at + 1)
+            sums = larger(one - absolute(third), zero) * load(rays, at + 2) + sums
+            if taps == 4:
+                more = larger(one - absolute(third + one_step), zero) * load(rays, at + 3) + more
+            sums = sums + more
+        else:
+            sums = zero
+            for r in range(at, min(at + taps, LINE_MARGIN + rows)):
+                sums = larger(one - absolute(above), zero) * load(rays, r) + sums
+                above = above + one_step
+        store(line, LINE_MARGIN + z, sums)
+
+
+@_jit
+def expect(image, at, low, high):
+    """Tell the processor that voxels low … high − 1 of the line that starts at ``at`` are read soon."""
+    for z in range(low, high, LANES):
+        prefetch(image, at + z)
+
+
+@_jit
+def add_line(line, weight, low, high, image, at):
+    """Add a line's voxels low … high − 1, times a weight, to those of a flat image from ``at`` on."""
+    part = splat(weight)
+    z = low
+    while z + LANES <= high:
+        store(image, at + z, part * load(line, LINE_MARGIN + z) + load(image, at + z))
+        z += LANES
+    while z < high:
+        image[at + z] += weight * line[LINE_MARGIN + z]
+        z += 1
