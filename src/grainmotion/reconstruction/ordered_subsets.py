@@ -24,8 +24,10 @@ DEFAULT_SWEEPS, DEFAULT_RELAXATION, DEFAULT_DECAY, DEFAULT_SWEEP_TOLERANCE = 6, 
 MOMENTUM = 0.9
 MIN_SUBSET_VIEWS = 8
 """Least size of a subset: fewer views disagree too much for this momentum."""
-PHASES = ((44, 1, 1.5, 0.7), (8, 2, 1.0, 0.5))
-"""Updates, size of their subsets over that of the first, relaxation at the start and at the end, phase by phase."""
+Phase = tuple[int, int, float, float]
+"""Updates, size of their subsets over that of the first, relaxation at the start and at the end."""
+PHASES: tuple[Phase, ...] = ((44, 1, 1.5, 0.7), (8, 2, 1.0, 0.5))
+"""What the accelerated method does, phase by phase."""
 
 
 def plain_sart(iterate: Iterate, views: int, settings: ReconstructSettings, progress: Progress | None) -> list[float]:
@@ -44,10 +46,12 @@ def plain_sart(iterate: Iterate, views: int, settings: ReconstructSettings, prog
     return history
 
 
-def accelerated(iterate: Iterate, views: int, progress: Progress | None) -> list[float]:
+def accelerated(
+    iterate: Iterate, views: int, progress: Progress | None, plan: tuple[Phase, ...] = PHASES
+) -> list[float]:
     """Update a volume by subsets with momentum; ε of each phase, of each subset just before its update."""
     history: list[float] = []
-    phases = subsets(views)
+    phases = subsets(views, plan)
     total, done = sum(len(part) for phase in phases for part, _ in phase), 0
     for number, phase in enumerate(phases, start=1):
         report = _reporter(progress, f"phase {number}/{len(phases)}", done, total)
@@ -56,10 +60,10 @@ def accelerated(iterate: Iterate, views: int, progress: Progress | None) -> list
     return history
 
 
-def subsets(views: int) -> list[list[tuple[Views, float]]]:
+def subsets(views: int, plan: tuple[Phase, ...] = PHASES) -> list[list[tuple[Views, float]]]:
     """Subsets of views and their relaxations, phase by phase; views come in golden-ratio order, again and again."""
     order, at, phases = golden_order(views), 0, []
-    for updates, times, first, last in PHASES:
+    for updates, times, first, last in plan:
         size = min(views, times * max(MIN_SUBSET_VIEWS, round(views / PHASES[0][0])))
         parts = [order[(at + np.arange(k * size, (k + 1) * size)) % views] for k in range(updates)]
         at += updates * size
