@@ -8,9 +8,11 @@ import pytest
 from grainmotion.model.field_of_view import FieldOfView
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.volume import Volume
+from grainmotion.segmentation.blocks import Block
 from grainmotion.segmentation.border import beyond_field, border_labels, cut_labels
 
 SHAPE = (40, 40, 40)
+WHOLE = Block((0, 0, 0), SHAPE)
 ANGLES = np.arange(0, 360, 7.5)
 PANEL = (32, 32)  # of 40 layers and columns
 GEOMETRIES = {
@@ -58,7 +60,7 @@ class TestWhatViewsSaw:
         labels = np.zeros(SHAPE, np.int32)
         cube(labels, 6, (28, 18, 18), (35, 23, 23))
         volume = Volume(0.1 * (labels > 0), 1.0, field=field(geometry, above=True))
-        last = np.flatnonzero(~beyond_field(volume)[:, 20, 20])[-1]
+        last = np.flatnonzero(~beyond_field(volume).of(WHOLE)[:, 20, 20])[-1]
         labels[last + 1 :] = 0
         cube(labels, 6, (28, 18, 18), (last + 1, 23, 23))
         full = 0.1 * (labels > 0)
@@ -72,7 +74,7 @@ def test_without_a_field_faces_and_cylinder_cut(labels):
 
 
 def test_what_was_not_seen_is_beyond_the_field():
-    beyond = beyond_field(Volume(np.zeros(SHAPE), 1.0, field=field(GEOMETRIES["parallel"], above=True, beside=True)))
+    beyond = beyond_field(Volume(np.zeros(SHAPE), 1.0, field=field(GEOMETRIES["parallel"], above=True, beside=True))).of(WHOLE)
     assert beyond[37, 20, 20]
     assert beyond[20, 20, 38]
     assert not beyond[[2, 20], 20, 20].any()

@@ -77,18 +77,6 @@ def test_deficits_of_basins_and_necks_follow_merging():
     np.testing.assert_array_equal(basin_graph.merged(0.2, 0.6), [0, 1, 1, 2])
 
 
-def test_deficits_of_voxels_are_gathered():
-    distance, basins = np.zeros((3, 3, 6), np.float32), np.zeros((3, 3, 6), np.int32)
-    distance[1, 1], basins[1, 1] = [1, 2, 1, 1, 3, 1], [1, 1, 1, 2, 2, 2]
-    faint = np.zeros(distance.shape, np.float32)
-    faint[1, 1] = [0.0, 0.03, 0.06, 0.02, 0.01, 0.0]
-    known = BasinGraph.of(distance, basins, faint, 0.5).deficits
-    np.testing.assert_allclose(known.basins[1:], [0.09, 0.03], atol=1e-6)
-    np.testing.assert_allclose(known.voxels[1:], [3, 3])
-    np.testing.assert_allclose(known.necks, [0.04], atol=1e-6)
-    assert known.noise == 0.5
-
-
 def test_a_graph_without_basins():
     empty = BasinGraph(np.zeros(1), np.zeros((0, 2), int), np.zeros(0), np.zeros((0, 3)))
     np.testing.assert_array_equal(empty.merged(0.5, 0.7), [0])

@@ -4,7 +4,20 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from grainmotion.segmentation.valleys import MAX_LEVEL, deficits
+from grainmotion.segmentation.blocks import Work, blocks_of
+from grainmotion.segmentation.valleys import MAX_LEVEL, NOISE_BINS, Valleys
+
+
+def deficits(level, distance):
+    """Deficits of all voxels, and their noise."""
+    level = level.astype(np.float32)
+    valleys = Valleys.of(lambda block, reach: block.gather(level, reach, 0), distance, Work())
+    faint, counts = np.zeros(distance.shape), np.zeros(NOISE_BINS, np.int64)
+    for block in blocks_of(distance.shape, edges=(8, 8, 8)):
+        own = valleys.deficits(block)
+        faint[block.box] = own[1:-1, 1:-1, 1:-1]
+        counts += valleys.noise_counts(block, own)
+    return faint, valleys.noise_of(counts)
 
 
 def test_a_voxel_is_compared_with_those_as_deep():
@@ -13,9 +26,9 @@ def test_a_voxel_is_compared_with_those_as_deep():
     level = np.where(distance == 1.0, 0.8, 1.0)
     level[1, 1, 4], level[1, 1, 7] = 0.7, 0.9
     faint, noise = deficits(level, distance)
-    assert noise == 0.0
-    np.testing.assert_allclose(faint[1, 1, [4, 7]], 0.1, atol=1e-6)
-    assert np.count_nonzero(np.abs(faint) > 1e-6) == 2
+    assert noise < 1e-4
+    np.testing.assert_allclose(faint[1, 1, [4, 7]], 0.1, atol=3e-4)
+    assert np.count_nonzero(np.abs(faint) > 1e-3) == 2
 
 
 def test_an_inclusion_counts_little():
@@ -23,7 +36,7 @@ def test_an_inclusion_counts_little():
     level = np.ones(distance.shape)
     level[1, 1, 1] = 4.0
     faint, _ = deficits(level, distance)
-    np.testing.assert_allclose(faint[1, 1, 1], 1 - MAX_LEVEL, atol=1e-6)
+    np.testing.assert_allclose(faint[1, 1, 1], 1 - MAX_LEVEL, atol=3e-4)
 
 
 @pytest.mark.parametrize(("sigma", "share"), [(0.0, 1.0), (1.0, 2.0)])

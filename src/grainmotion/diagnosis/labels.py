@@ -17,9 +17,9 @@ from grainmotion.diagnosis.orientations import AS_GIVEN, ORIENTATIONS, orientati
 from grainmotion.model.finding import Check, Finding, Level
 from grainmotion.model.motions import Motions, Status
 from grainmotion.model.volume import Volume
+from grainmotion.segmentation.distance_basins import distance_basins
 from grainmotion.segmentation.labels import CleanLabels, checked_labels
 from grainmotion.segmentation.region_merging import BasinGraph
-from grainmotion.segmentation.separation import distance_basins
 from grainmotion.segmentation.settings import SegmentSettings
 
 Findings = tuple[Finding, ...]

@@ -11,8 +11,8 @@ from scipy import ndimage
 
 from grainmotion.model.finding import Check, Finding, Level
 from grainmotion.model.volume import Volume
+from grainmotion.segmentation.distance_basins import distance_basins
 from grainmotion.segmentation.region_merging import BasinGraph
-from grainmotion.segmentation.separation import distance_basins
 from grainmotion.segmentation.settings import SegmentSettings
 
 UNLABELLED_CHECK: Check = "unlabelled"

@@ -4,13 +4,24 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import edt
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
+from grainmotion.kernels.block_filters import erode_block, smooth_block
+from grainmotion.segmentation.blocks import Block, Work, blocks_of
+from grainmotion.segmentation.distance_basins import largest_balls
+from grainmotion.segmentation.label_measures import (
+    add_labels,
+    faces_on_codes,
+    highest_label,
+    label_sizes,
+    label_sums,
+    renumber,
+)
 from grainmotion.segmentation.large_bodies import large_bodies
-from grainmotion.segmentation.level_crossing import hosts_across_surface, with_caps
+from grainmotion.segmentation.level_codes import gaussian_weights
+from grainmotion.segmentation.level_crossing import grow_caps, hosts_across_surface
+from grainmotion.segmentation.order_statistics import FineBins
 from grainmotion.segmentation.phases import Levels
 from grainmotion.segmentation.separation import large_enough, separated
 from grainmotion.segmentation.settings import SegmentSettings
@@ -50,7 +61,7 @@ class Pieces:
     level_of: NDArray[np.intp]
 
     @classmethod
-    def of(cls, array: Floats, levels: Levels, settings: SegmentSettings) -> Pieces:
+    def of(cls, array: Floats, levels: Levels, settings: SegmentSettings, work: Work) -> Pieces:
         """Separate the solids of each level.
 
         Parameters
@@ -61,6 +72,8 @@ class Pieces:
             Of the same volume.
         settings : SegmentSettings
             ``depth``, ``oneness`` and ``min_volume``.
+        work : Work
+            Threads.
 
         Returns
         -------
@@ -68,24 +81,24 @@ class Pieces:
             Without films, and without pieces far smaller than the median grain.
         """
         labels, level_of = np.zeros(array.shape, np.int32), [0]
-        around = levels.surrounding()
+        around = levels.around(work)
         for level in levels.solids:
             solid = levels.of_voxel == level
-            # a grain may lie half in a liquid: the step differs from place to place
-            step = np.where(solid, np.float32(levels.values[level]) - around, np.float32(1))
-            excess = _excess(array, around, step, solid)
-            if _noise(excess, solid) > MAX_NOISE:
-                excess = _excess(ndimage.gaussian_filter(array, NOISE_SIGMA), around, step, solid)
-            own = separated(excess, solid, 0.0, settings)
-            own[own > 0] += len(level_of) - 1
-            labels += own
-            level_of += [level] * (int(labels.max()) + 1 - len(level_of))
+            excess = _excess(array, levels, around, level, 0.0, work)
+            if _noise(excess, solid, work) > MAX_NOISE:
+                excess = _excess(array, levels, around, level, NOISE_SIGMA, work)
+            own = separated(excess, solid, 0.0, settings, work)
+            del excess, solid
+            add_labels(labels, own, len(level_of) - 1, work)
+            level_of += [level] * (highest_label(labels, work) + 1 - len(level_of))
+        del around
         numbers = np.array(level_of, np.intp)
         if len(levels.solids) > 1:
-            hosts = hosts_across_surface(labels, numbers, levels)
-            like = _grain_like(array, labels, numbers, levels)
-            labels = with_caps(np.where(like[hosts], hosts, 0).astype(np.int32)[labels], array, levels)
-        labels, kept = large_enough(labels, settings)
+            hosts = hosts_across_surface(labels, numbers, levels, work)
+            like = _grain_like(array, labels, numbers, levels, work)
+            renumber(labels, np.where(like[hosts], hosts, 0), work)
+            grow_caps(labels, array, levels, work)
+        kept = large_enough(labels, settings, work)
         return cls(labels, numbers[kept])
 
     def fit_one_threshold(self, levels: Levels, threshold: float) -> bool:
@@ -113,33 +126,65 @@ class Pieces:
         return bool(high <= MAX_RATIO * low and low >= MIN_OVER_THRESHOLD * threshold and not outside)
 
 
-def _excess(array: Floats, around: Floats, step: Floats, solid: Bools) -> Floats:
-    """How far attenuation rises above what surrounds a grain, over the step to the grain's level; 0 outside."""
-    return np.where(solid, (array - around) / step, 0).astype(np.float32)
+def _excess(
+    array: Floats, levels: Levels, around: NDArray[np.int8], level: int, sigma: float, work: Work
+) -> NDArray[np.float32]:
+    """How far attenuation rises above what surrounds a grain, over the step to the grain's level; 0 outside.
+
+    A grain may lie half in a liquid: the step differs from place to place.
+    """
+    values, out = levels.values.astype(np.float32), np.zeros(array.shape, np.float32)
+    weights = gaussian_weights(sigma) if sigma else np.ones(1)
+
+    def fill(block: Block) -> None:
+        solid = levels.of_voxel[block.box] == level
+        if solid.any():
+            low = values[around[block.box]]
+            smooth = smooth_block(block.gather(array, len(weights) - 1), weights)
+            step = np.where(solid, values[level] - low, np.float32(1))
+            out[block.box] = np.where(solid, (smooth - low) / step, 0)
+
+    work.each(blocks_of(array.shape), fill)
+    return out
 
 
-def _noise(excess: Floats, solid: Bools) -> float:
+def _noise(excess: NDArray[np.float32], solid: Bools, work: Work) -> float:
     """Noise of the voxels inside grains over their excess, from the differences of neighbours."""
-    inner = ndimage.binary_erosion(solid, iterations=2)
-    pairs = inner[1:] & inner[:-1]
-    if not pairs.any():
+    bins = FineBins.up_to(float(excess.max()))
+
+    def count(block: Block, counts: NDArray[np.int64]) -> NDArray[np.int64]:
+        if solid[block.box].any():
+            inner = erode_block(erode_block(block.gather(solid, 3, 0, np.uint8))) > 0  # a voxel more on each side
+            values = block.gather(excess, 1, 0)
+            here = inner[1:-1, 1:-1, 1:-1]
+            bins.add(values[1:-1, 1:-1, 1:-1], here.view(np.int8) - np.int8(1), counts[:1])
+            pairs = here & inner[2:, 1:-1, 1:-1]
+            bins.add(np.abs(np.diff(values, axis=0)[1:, 1:-1, 1:-1]), pairs.view(np.int8) - np.int8(1), counts[1:])
+        return counts
+
+    counts = np.asarray(sum(work.gathered(blocks_of(excess.shape), lambda: bins.empty(2), count)))
+    if not counts[1].any():
         return 0.0
-    steps = np.abs(np.diff(excess, axis=0)[pairs])
-    return float(1.05 * np.median(steps) / max(np.median(excess[inner]), 1e-30))  # of normal noise, 1.4826 / √2
+    middle, step = (bins.quantile(row, 0.5) for row in counts)
+    return 1.05 * step / max(middle, 1e-30)  # of normal noise, 1.4826 / √2
 
 
-def _grain_like(array: Floats, labels: Ints, level_of: NDArray[np.intp], levels: Levels) -> NDArray[np.bool_]:
+def _grain_like(
+    array: Floats, labels: Ints, level_of: NDArray[np.intp], levels: Levels, work: Work
+) -> NDArray[np.bool_]:
     """Which labels ``(n + 1,)`` may be grains or bodies; others are films, or what the scan blurs between dense grains.
 
     The densest level has no such doubt.
     """
     count = len(level_of)
-    ball = np.zeros(count)
-    np.maximum.at(ball, labels.ravel(), edt.edt(labels, parallel=1).ravel())
-    sizes = np.maximum(np.bincount(labels.ravel(), minlength=count), 1)
-    mean = np.bincount(labels.ravel(), array.ravel(), minlength=count) / sizes
+    ball = largest_balls(labels, count - 1, work)
+    sizes = np.maximum(label_sizes(labels, count - 1, work), 1)
+    mean = label_sums(labels, array, count - 1, work) / sizes
     densest = level_of == max(levels.solids)
-    on_denser = _share_on_denser(labels, level_of, levels.of_voxel)
+    faces = faces_on_codes(labels, levels.of_voxel, count - 1, work)
+    codes = np.arange(faces.shape[1])
+    elsewhere = np.where(codes != level_of[:, None], faces, 0)  # towards other levels
+    on_denser = np.where(codes > level_of[:, None], faces, 0).sum(axis=1) / np.maximum(elsewhere.sum(axis=1), 1)
     like = (on_denser <= MAX_ON_DENSER) & (mean <= MAX_MEAN * levels.values[level_of]) & (ball >= MIN_BALL)
     like &= (sizes > SMALL * np.median(sizes[1:])) | (on_denser < MAX_SMALL_ON_DENSER)
     sure = like & (ball >= SURE_BALL)
@@ -149,17 +194,3 @@ def _grain_like(array: Floats, labels: Ints, level_of: NDArray[np.intp], levels:
         if not (sure[own].sum() >= MIN_SURE or (sure[own] & (ball[own] >= SURE_SHARE * typical)).any()):
             like[own] = False
     return np.asarray(like | densest)
-
-
-def _share_on_denser(labels: Ints, level_of: NDArray[np.intp], of_voxel: NDArray[np.int8]) -> NDArray[np.float64]:
-    """Share ``(n + 1,)`` of the surface of each label, towards other levels, that lies on denser ones."""
-    on, all_faces = np.zeros(len(level_of)), np.zeros(len(level_of))
-    for axis in range(3):
-        own, near = np.moveaxis(labels, axis, 0), np.moveaxis(of_voxel, axis, 0)
-        for inner, outer in ((slice(None, -1), slice(1, None)), (slice(1, None), slice(None, -1))):
-            label, other = own[inner], near[outer]
-            face = (label > 0) & (other != level_of[label])
-            all_faces += np.bincount(label[face], minlength=len(level_of))
-            face &= other > level_of[label]
-            on += np.bincount(label[face], minlength=len(level_of))
-    return np.asarray(on / np.maximum(all_faces, 1))

@@ -9,10 +9,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import edt
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
+
+from grainmotion.segmentation.blocks import Work
+from grainmotion.segmentation.distance_basins import distances
+from grainmotion.segmentation.label_measures import highest_label, label_boxes, label_sizes
+from grainmotion.segmentation.label_pairs import LabelPairs
 
 Ints = NDArray[np.integer]
 
@@ -51,22 +54,20 @@ class Shapes:
     at_border: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, labels: Ints) -> Shapes:
+    def of(cls, labels: Ints, work: Work) -> Shapes:
         """Shapes of all labels but 0."""
-        boxes = ndimage.find_objects(labels)
-        numbers = np.array([k for k, box in enumerate(boxes, start=1) if box is not None], np.int64)
-        low, high = (
-            np.array([[getattr(s, end) for s in boxes[k - 1]] for k in numbers], float).reshape(-1, 3)
-            for end in ("start", "stop")
-        )
-        volume = np.bincount(labels.ravel())[numbers].astype(float)
+        count = highest_label(labels, work)
+        first, last = label_boxes(labels, count, work)
+        numbers = np.flatnonzero(last[:, 0])
+        low, high = first[numbers].astype(float), last[numbers].astype(float)
+        volume = label_sizes(labels, count, work)[numbers].astype(float)
         at_border = ((low == 0) | (high == labels.shape)).any(axis=1)
         shapes = cls(numbers, volume, low, high, np.ones(len(numbers)), at_border)
-        for k in range(len(numbers)) if len(numbers) > MIN_GRAINS_BESIDE else ():
-            others = np.arange(len(numbers)) != k
-            if shapes.diagonal[k] > LONG * typical(shapes.diagonal[others], volume[others]):
-                own = np.pad(labels[boxes[numbers[k] - 1]] == numbers[k], 1)
-                shapes.slender[k] = edt.edt(own, parallel=1).max() / np.cbrt(3 * volume[k] / (4 * np.pi))
+        long = shapes.diagonal > LONG * typical_of_others(shapes.diagonal, volume)
+        for k in np.flatnonzero(long) if len(numbers) > MIN_GRAINS_BESIDE else ():
+            box = tuple(slice(a, b) for a, b in zip(first[numbers[k]], last[numbers[k]], strict=True))
+            own = np.pad(labels[box] == numbers[k], 1)
+            shapes.slender[k] = distances(own, work).max() / np.cbrt(3 * volume[k] / (4 * np.pi))
         return shapes
 
     @property
@@ -82,48 +83,64 @@ def typical(values: NDArray[np.float64], volumes: NDArray[np.float64]) -> float:
     return float(values[order][np.searchsorted(weights, weights[-1] / 2)])
 
 
-def large_bodies(labels: Ints) -> tuple[int, ...]:
+def typical_of_others(values: NDArray[np.float64], volumes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Of each value `typical` of all others; NaN of a single one."""
+    if len(values) < 2:
+        return np.full(len(values), np.nan)
+    order = np.argsort(values)
+    own = np.sqrt(volumes[order])
+    weights, place = np.cumsum(own), np.arange(len(own))
+    half = (weights[-1] - own) / 2
+    before = np.searchsorted(weights, half)  # if it comes before the value that is left out
+    after = np.maximum(np.searchsorted(weights, half + own), place + 1)
+    found = np.empty(len(values))
+    found[order] = values[order][np.minimum(np.where(before < place, before, after), len(own) - 1)]
+    return found
+
+
+def large_bodies(labels: Ints, work: Work | None = None) -> tuple[int, ...]:
     """Labels that are no grains.
 
     Parameters
     ----------
     labels : (nz, ny, nx) int array
         0 for none.
+    work : Work, optional
+        Threads.
 
     Returns
     -------
     tuple of int
         Empty if there are too few labels to compare.
     """
-    shapes = Shapes.of(labels)
+    work = work or Work()
+    shapes = Shapes.of(labels, work)
     found = np.zeros(len(shapes.volume), bool)
     for _ in range(len(found)):  # without those found the grains' own size is clearer
-        more = [k for k in np.flatnonzero(~found).tolist() if _unlike(shapes, k, ~found & (np.arange(len(found)) != k))]
-        if not more or np.count_nonzero(~found) - len(more) < MIN_GRAINS_BESIDE:
+        more = _unlike(shapes, np.flatnonzero(~found))
+        if not len(more) or np.count_nonzero(~found) - len(more) < MIN_GRAINS_BESIDE:
             break
         found[more] = True
     if not found.any():
         return ()
     grain = typical(shapes.volume[~found], shapes.volume[~found])
-    return tuple(sorted(_with_fragments(labels, {int(k) for k in shapes.numbers[found]}, grain)))
+    return tuple(sorted(_with_fragments(labels, {int(k) for k in shapes.numbers[found]}, grain, work)))
 
 
-def _with_fragments(labels: Ints, bodies: set[int], grain: float) -> set[int]:
+def _with_fragments(labels: Ints, bodies: set[int], grain: float, work: Work) -> set[int]:
     """Bodies, and small labels with a broad contact to one, which were separated from it."""
-    sizes = np.bincount(labels.ravel())
-    small = sizes < FRAGMENT * grain
+    count = highest_label(labels, work)
+    small = label_sizes(labels, count, work) < FRAGMENT * grain
     small[[0, *bodies]] = False
-    body = np.isin(np.arange(len(sizes)), list(bodies))
+    body = np.isin(np.arange(count + 1), list(bodies))
+    if not small.any():
+        return bodies
+    touching = LabelPairs.of(labels, labels, count, work)
+    label, other = np.concatenate([touching.pairs, touching.pairs[:, ::-1]]).T
+    faces = np.tile(touching.faces.sum(axis=1), 2)
     while small.any():
-        contact, surface = np.zeros(len(sizes)), np.zeros(len(sizes))
-        for axis in range(3):
-            own = np.moveaxis(labels, axis, 0)
-            for inner, outer in ((slice(None, -1), slice(1, None)), (slice(1, None), slice(None, -1))):
-                faces = small[own[inner]] & (own[inner] != own[outer])
-                label, other = own[inner][faces], own[outer][faces]
-                surface += np.bincount(label, minlength=len(sizes))
-                contact += np.bincount(label[body[other]], minlength=len(sizes))
-        more = small & (contact > FRAGMENT_CONTACT * np.maximum(surface, 1))
+        contact = np.bincount(label, np.where(body[other], faces, 0), minlength=count + 1)
+        more = small & (contact > FRAGMENT_CONTACT * np.maximum(touching.surface, 1))
         if not more.any():
             break
         body |= more
@@ -131,18 +148,18 @@ def _with_fragments(labels: Ints, bodies: set[int], grain: float) -> set[int]:
     return {int(k) for k in np.flatnonzero(body)}
 
 
-def _unlike(shapes: Shapes, k: int, grains: NDArray[np.bool_]) -> bool:
-    """Whether shape k is unlike those of the grains."""
-    if np.count_nonzero(grains) < MIN_GRAINS_BESIDE:
-        return False
-    volumes = shapes.volume[grains]
-    larger = shapes.volume[k] > FAR_LARGER * typical(volumes, volumes)
-    if larger and shapes.at_border[k]:
-        return True
-    if shapes.diagonal[k] <= LONG * typical(shapes.diagonal[grains], volumes):
-        return False
-    low, high = shapes.low[grains].min(axis=0), shapes.high[grains].max(axis=0)
-    wide = np.clip((shapes.high[k] - shapes.low[k]) / (high - low), 0, 1)  # of the sample of grains
-    covered = max(float(np.prod(np.delete(wide, axis))) for axis in range(3))
-    covers = covered > COVERS and (shapes.slender[k] < NOT_COMPACT or shapes.at_border[k])
-    return bool(shapes.slender[k] < THIN or covers)
+def _unlike(shapes: Shapes, rest: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Those of some shapes that are unlike the others of these."""
+    if len(rest) - 1 < MIN_GRAINS_BESIDE:
+        return rest[:0]
+    volumes, diagonal = shapes.volume[rest], shapes.diagonal[rest]
+    unlike = (volumes > FAR_LARGER * typical_of_others(volumes, volumes)) & shapes.at_border[rest]
+    long = ~unlike & (diagonal > LONG * typical_of_others(diagonal, volumes))
+    for k in np.flatnonzero(long).tolist():
+        own, others = rest[k], np.delete(rest, k)
+        low, high = shapes.low[others].min(axis=0), shapes.high[others].max(axis=0)
+        wide = np.clip((shapes.high[own] - shapes.low[own]) / (high - low), 0, 1)  # of the sample of grains
+        covered = max(float(np.prod(np.delete(wide, axis))) for axis in range(3))
+        covers = covered > COVERS and (shapes.slender[own] < NOT_COMPACT or shapes.at_border[own])
+        unlike[k] = shapes.slender[own] < THIN or covers
+    return rest[unlike]

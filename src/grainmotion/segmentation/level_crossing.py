@@ -8,8 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from skimage.segmentation import watershed
 
+from grainmotion.segmentation.blocks import Work
+from grainmotion.segmentation.flooding import flooded_regions
+from grainmotion.segmentation.label_measures import highest_label, label_sizes, renumber
+from grainmotion.segmentation.label_pairs import LabelPairs
 from grainmotion.segmentation.phases import Levels
 from grainmotion.segmentation.uniform_cores import Floats, Ints
 
@@ -27,7 +30,7 @@ CAP_LAYERS = 3
 """Layers above the surface where a cap may be."""
 
 
-def hosts_across_surface(labels: Ints, level_of: NDArray[np.intp], levels: Levels) -> Ints:
+def hosts_across_surface(labels: Ints, level_of: NDArray[np.intp], levels: Levels, work: Work) -> Ints:
     """Which labels are pieces of one grain, above and below the surface of a liquid.
 
     Parameters
@@ -38,37 +41,25 @@ def hosts_across_surface(labels: Ints, level_of: NDArray[np.intp], levels: Level
         Number of each label's level; entry 0 is not used.
     levels : Levels
         Of the same volume.
+    work : Work
+        Threads.
 
     Returns
     -------
     (n + 1,) int32 array
         Of each label the largest piece of its grain.
     """
-    count, height = len(level_of), _surface(levels)
+    count, height = len(level_of), _surface(levels, work)
     new = np.arange(count, dtype=np.int32)
-    if height is None or labels.max() < 2:
+    if height is None or count < 3:
         return new
     liquid = _liquid_value(levels)
-    surface = np.zeros(count)
-    keys, places = list[NDArray[np.int64]](), list[NDArray[np.float64]]()
-    for axis in range(3):
-        own = np.moveaxis(labels, axis, 0)
-        a, b = own[:-1], own[1:]
-        apart = a != b
-        surface += np.bincount(a[apart], minlength=count) + np.bincount(b[apart], minlength=count)
-        touch = np.nonzero(apart & (a > 0) & (b > 0))
-        lower, upper = a[touch], b[touch]
-        keys.append(np.where(lower < upper, lower * np.int64(count) + upper, upper * np.int64(count) + lower))
-        places.append(np.asarray(touch[0] + 0.5 if axis == 0 else touch[1], float))
-    key, place = np.concatenate(keys), np.concatenate(places)
-    on_plane = np.abs(place - height) <= PLANE_VOXELS
-    pairs, index, faces = np.unique(key, return_inverse=True, return_counts=True)
-    flat = np.bincount(index, on_plane, minlength=len(pairs)) / np.maximum(faces, 1)
-    sizes = np.bincount(labels.ravel(), minlength=count)
-    layers = np.repeat(np.arange(len(labels)), labels[0].size)
-    heights = np.bincount(labels.ravel(), layers, minlength=count) / np.maximum(sizes, 1)
+    touching = LabelPairs.of(labels, labels, count - 1, work)
+    pairs, faces, surface = touching.pairs, touching.faces.sum(axis=1), touching.surface
+    flat = _faces_on_plane(labels, pairs, count, height, work) / np.maximum(faces, 1)
+    sizes, heights = label_sizes(labels, count - 1, work), _mean_layers(labels, count, work)
     for k in np.argsort(-faces, kind="stable"):
-        one, other = divmod(int(pairs[k]), count)
+        one, other = pairs[k].tolist()
         above, below = (one, other) if heights[one] > heights[other] else (other, one)
         step = float(levels.values[level_of[below]] - levels.values[level_of[above]])
         cut = faces[k] / max(min(surface[one], surface[other]), 1)
@@ -83,26 +74,48 @@ def hosts_across_surface(labels: Ints, level_of: NDArray[np.intp], levels: Level
     return new
 
 
-def with_caps(labels: Ints, array: Floats, levels: Levels) -> Ints:
-    """Labels that go on through the surface of a liquid into caps of few layers above it, too thin for a core.
+def _faces_on_plane(labels: Ints, pairs: NDArray[np.int64], count: int, height: float, work: Work) -> NDArray[np.int64]:
+    """Faces of each pair within `PLANE_VOXELS` of the liquid's surface."""
+    low, high = int(np.ceil(height - PLANE_VOXELS)), int(np.floor(height + PLANE_VOXELS)) + 1
+    found = dict[tuple[int, int], int]()
+    # faces across z between layers k and k + 1 lie at k + 0.5
+    first, last = int(np.ceil(height - PLANE_VOXELS - 0.5)), int(np.floor(height + PLANE_VOXELS - 0.5)) + 2
+    for layers, axes in ((slice(max(first, 0), max(last, 0)), [0]), (slice(max(low, 0), max(high, 0)), [1, 2])):
+        near = LabelPairs.of(labels[layers], labels[layers], count - 1, work)
+        for pair, faces in zip(near.pairs.tolist(), near.faces[:, axes].sum(axis=1).tolist(), strict=True):
+            found[pair[0], pair[1]] = found.get((pair[0], pair[1]), 0) + faces
+    return np.array([found.get((a, b), 0) for a, b in pairs.tolist()], np.int64)
+
+
+def _mean_layers(labels: Ints, count: int, work: Work) -> NDArray[np.float64]:
+    """Mean layer of the voxels of each label."""
+
+    def add(layer: int, found: NDArray[np.int64]) -> NDArray[np.int64]:
+        voxels = np.bincount(labels[layer].ravel(), minlength=count)
+        return found + np.stack([voxels, layer * voxels])
+
+    parts = work.gathered(range(len(labels)), lambda: np.zeros((2, count), np.int64), add)
+    voxels, sums = np.asarray(sum(parts))
+    return np.asarray(sums / np.maximum(voxels, 1))
+
+
+def grow_caps(labels: Ints, array: Floats, levels: Levels, work: Work) -> None:
+    """Let labels go on, in place, through the surface of a liquid into caps of few layers, too thin for a core.
 
     Parameters
     ----------
     labels : (nz, ny, nx) int32 array
-        0 for no grain.
+        0 for no grain; they grow by up to `CAP_LAYERS` layers.
     array : (nz, ny, nx) array
         Attenuation, 1/mm.
     levels : Levels
         Of the same volume.
-
-    Returns
-    -------
-    (nz, ny, nx) int32 array
-        Grown by up to `CAP_LAYERS` layers.
+    work : Work
+        Threads.
     """
-    height = _surface(levels)
+    height = _surface(levels, work)
     if height is None or not levels.solids:
-        return labels
+        return
     first = int(height + 0.5)
     around = slice(max(first - 1, 0), first + CAP_LAYERS)
     half_way = np.full(len(array[around]), levels.values[levels.solids[0]] / 2)
@@ -110,22 +123,24 @@ def with_caps(labels: Ints, array: Floats, levels: Levels) -> Ints:
     own = labels[around]
     cap = (own == 0) & (array[around] > half_way[:, None, None].astype(array.dtype))
     cap[: first - around.start] = False
-    out = labels.copy()
-    out[around] = watershed(-array[around], own, mask=(own > 0) | cap)
-    return out
+    own[cap] = -1
+    _, new = flooded_regions(own, array[around], highest_label(labels, work), work)
+    renumber(own, new, work)
 
 
 def _liquid_value(levels: Levels) -> float:
     return max(float(levels.values[k]) for k, kind in enumerate(levels.kinds) if kind == "liquid")
 
 
-def _surface(levels: Levels) -> float | None:
+def _surface(levels: Levels, work: Work) -> float | None:
     """Height of the liquid's surface, an index of layers; None if there is no liquid with air above it."""
     if not levels.has_liquid:
         return None
-    air, liquid = (
-        np.isin(levels.of_voxel, [k for k, kind in enumerate(levels.kinds) if kind == name])
-        for name in ("air", "liquid")
-    )
-    tops = np.count_nonzero(liquid[:-1] & air[1:], axis=(1, 2))
+    is_air, is_liquid = (np.array([kind == name for kind in levels.kinds]) for name in ("air", "liquid"))
+    layers = levels.of_voxel
+
+    def count(layer: int) -> int:
+        return int(np.count_nonzero(is_liquid[layers[layer]] & is_air[layers[layer + 1]]))
+
+    tops = np.array(work.each(range(len(layers) - 1), count))
     return float(tops.argmax()) + 0.5 if tops.any() else None

@@ -12,6 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from grainmotion.segmentation.blocks import Work, slabs_of
+from grainmotion.segmentation.label_measures import faces_on_codes, highest_label, label_sizes
+from grainmotion.segmentation.label_pairs import LabelPairs
 from grainmotion.segmentation.separation import separated
 from grainmotion.segmentation.settings import SegmentSettings
 from grainmotion.segmentation.uniform_cores import Floats, Ints, UniformCores
@@ -35,19 +38,16 @@ class Neighbours:
     sizes: NDArray[np.int64]
 
     @classmethod
-    def of(cls, regions: Ints, count: int) -> Neighbours:
-        """Neighbours of regions 0 … ``count``."""
-        keys, edge = [], np.zeros(count + 1, np.int64)
+    def of(cls, regions: Ints, count: int, work: Work) -> Neighbours:
+        """Neighbours of regions 1 … ``count``."""
+        touching = LabelPairs.of(regions, regions, count, work)
+        (a, b), faces = touching.pairs.T, touching.faces.sum(axis=1)
+        half = sparse.coo_array((faces, (a, b)), shape=(count + 1, count + 1)).tocsr()
+        edge = np.zeros(count + 1, np.int64)
         for axis in range(3):
-            a, b = (np.moveaxis(regions, axis, 0)[part] for part in (slice(None, -1), slice(1, None)))
-            apart = a != b
-            keys.append(a[apart].astype(np.int64) * (count + 1) + b[apart])
             for end in (0, -1):
                 edge += np.bincount(np.moveaxis(regions, axis, 0)[end].ravel(), minlength=count + 1)
-        key, times = np.unique(np.concatenate(keys), return_counts=True)
-        shape = (count + 1, count + 1)
-        half = sparse.coo_array((times, (key // (count + 1), key % (count + 1))), shape=shape).tocsr()
-        return cls((half + half.T).tocsr(), edge, np.bincount(regions.ravel(), minlength=count + 1))
+        return cls((half + half.T).tocsr(), edge, label_sizes(regions, count, work))
 
 
 def connected(neighbours: Neighbours, level_of: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -59,7 +59,9 @@ def connected(neighbours: Neighbours, level_of: NDArray[np.intp]) -> NDArray[np.
     return np.asarray(sparse.csgraph.connected_components(graph, directed=False)[1], np.intp)
 
 
-def liquid_levels(array: Floats, of_voxel: NDArray[np.int8], levels: NDArray[np.float64]) -> tuple[int, ...]:
+def liquid_levels(
+    array: Floats, of_voxel: NDArray[np.int8], levels: NDArray[np.float64], work: Work
+) -> tuple[int, ...]:
     """Levels above the lowest that surround denser grains.
 
     A packing of grains with inclusions would, too, but it falls apart into grains, each with few of the inclusions.
@@ -72,42 +74,63 @@ def liquid_levels(array: Floats, of_voxel: NDArray[np.int8], levels: NDArray[np.
         Number of each voxel's level.
     levels : (k,) array
         Attenuation of the levels, rising, 1/mm.
+    work : Work
+        Threads.
 
     Returns
     -------
     tuple of int
         Numbers of levels.
     """
-    found, settings = [], SegmentSettings()
-    for level in range(1, len(levels) - 1):
-        dense = of_voxel > level
-        grains = separated(np.where(dense, array - np.float32(levels[level]), 0), dense, 0.0, settings)
-        inside = np.flatnonzero(share_of_surface(grains, of_voxel, level) > SUBMERGED)
-        if len(inside) < MIN_SUBMERGED:
-            continue
-        whole = (of_voxel == level) | np.isin(grains, inside)
-        pieces = separated(whole.astype(np.float32), whole, 0.5, settings)
-        width = int(pieces.max()) + 1
-        held = np.bincount((grains * width + pieces).ravel(), minlength=(int(grains.max()) + 1) * width)
-        homes = held.reshape(-1, width)[inside, 1:].argmax(axis=1) if width > 1 else np.zeros(0, int)
-        most = np.bincount(homes).max(initial=0)
-        if most >= MIN_SUBMERGED and most >= MOST * len(inside):
-            found.append(level)
-    return tuple(found)
+    return tuple(level for level in range(1, len(levels) - 1) if _is_liquid(array, of_voxel, levels, level, work))
 
 
-def share_of_surface(labels: Ints, of_voxel: NDArray[np.int8], level: int) -> NDArray[np.float64]:
+def _is_liquid(array: Floats, of_voxel: NDArray[np.int8], levels: NDArray[np.float64], level: int, work: Work) -> bool:
+    """Whether a level surrounds denser grains."""
+    excess, dense = np.empty(array.shape, np.float32), np.empty(array.shape, bool)
+    slabs = [slice(*slab) for slab in slabs_of(array.shape)]
+
+    def rise(slab: slice) -> None:
+        np.greater(of_voxel[slab], level, dense[slab])
+        excess[slab] = np.where(dense[slab], array[slab] - np.float32(levels[level]), 0)
+
+    work.each(slabs, rise)
+    grains = separated(excess, dense, 0.0, SegmentSettings(), work)
+    submerged = share_of_surface(grains, of_voxel, level, work) > SUBMERGED
+    if np.count_nonzero(submerged) < MIN_SUBMERGED:
+        return False
+
+    def join(slab: slice) -> None:
+        dense[slab] = (of_voxel[slab] == level) | submerged[grains[slab]]
+        excess[slab] = dense[slab]
+
+    work.each(slabs, join)
+    pieces = separated(excess, dense, 0.5, SegmentSettings(), work)
+    most = np.bincount(_homes(grains, pieces, submerged, work)).max(initial=0)
+    return bool(most >= MIN_SUBMERGED and most >= MOST * np.count_nonzero(submerged))
+
+
+def _homes(grains: Ints, pieces: Ints, wanted: NDArray[np.bool_], work: Work) -> NDArray[np.int64]:
+    """The piece that holds most of each wanted grain; none for a grain in no piece."""
+    width = highest_label(pieces, work) + 1
+
+    def count(slab: tuple[int, int]) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
+        grain, piece = grains[slice(*slab)], pieces[slice(*slab)]
+        both = wanted[grain] & (piece > 0)
+        return np.unique(grain[both].astype(np.int64) * width + piece[both], return_counts=True)
+
+    keys, counts = (np.concatenate(part) for part in zip(*work.each(slabs_of(grains.shape), count), strict=True))
+    keys, index = np.unique(keys, return_inverse=True)
+    voxels = np.bincount(index, counts, minlength=len(keys))
+    order = np.lexsort((keys, -voxels, keys // width))
+    first = np.unique((keys // width)[order], return_index=True)[1]
+    return np.asarray((keys % width)[order][first], np.int64)
+
+
+def share_of_surface(labels: Ints, of_voxel: NDArray[np.int8], level: int, work: Work) -> NDArray[np.float64]:
     """Share ``(n + 1,)`` of each label's surface on this or fainter levels that lies on this one; 0 for label 0."""
-    count = int(labels.max()) + 1
-    on, total = np.zeros(count), np.zeros(count)
-    for axis in range(3):
-        own, near = np.moveaxis(labels, axis, 0), np.moveaxis(of_voxel, axis, 0)
-        for inner, outer in ((slice(None, -1), slice(1, None)), (slice(1, None), slice(None, -1))):
-            face = (own[inner] > 0) & (near[outer] <= level)
-            total += np.bincount(own[inner][face], minlength=count)
-            face &= near[outer] == level
-            on += np.bincount(own[inner][face], minlength=count)
-    return np.asarray(on / np.maximum(total, 1))
+    faces = faces_on_codes(labels, of_voxel, highest_label(labels, work), work)
+    return np.asarray(faces[:, level] / np.maximum(faces[:, : level + 1].sum(axis=1), 1))
 
 
 def without_inclusions(cores: UniformCores, neighbours: Neighbours, fluid: tuple[int, ...]) -> NDArray[np.intp]:

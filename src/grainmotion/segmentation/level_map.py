@@ -10,8 +10,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
-from skimage.segmentation import watershed
 
+from grainmotion.kernels.block_filters import half_way_block, range_block, smooth_block
+from grainmotion.segmentation.blocks import Block, Work, blocks_of
+from grainmotion.segmentation.distance_basins import nearest_codes
+from grainmotion.segmentation.flooding import flooded_regions
+from grainmotion.segmentation.label_measures import renumber
+from grainmotion.segmentation.level_codes import SMOOTHING, gaussian_weights
 from grainmotion.segmentation.uniform_cores import Floats, Ints, UniformCores
 
 BORDER_SWEEPS = 3
@@ -20,7 +25,7 @@ BLUR_SHELL = 2
 """Voxels around a dense body within which its blur looks like a faint one."""
 
 
-def flooded(array: Floats, cores: UniformCores) -> Ints:
+def flooded(array: Floats, cores: UniformCores, work: Work) -> Ints:
     """The core whose body each voxel belongs to.
 
     Parameters
@@ -29,45 +34,40 @@ def flooded(array: Floats, cores: UniformCores) -> Ints:
         Attenuation, 1/mm.
     cores : UniformCores
         Cores of the same volume.
+    work : Work
+        Threads.
 
     Returns
     -------
     (nz, ny, nx) int32 array
         Numbers of cores, 1 … n.
     """
-    inside = cores.labels > 0
-    rim = inside & ~ndimage.binary_erosion(inside, border_value=1)
-    steep = ndimage.maximum_filter(cores.smooth, 3)
-    steep -= ndimage.minimum_filter(cores.smooth, 3)
-    front = watershed(steep, np.where(rim, cores.labels, 0), mask=rim | ~inside)
-    regions = np.where(inside, cores.labels, front).astype(np.int32)
-    return _half_way(array, regions, cores)
+    shape, weights = array.shape, gaussian_weights(SMOOTHING)
+    heights, count = np.empty(shape, np.float32), len(cores.level_of) - 1
+
+    def fill(block: Block) -> None:  # steep places are low
+        heights[block.box] = -range_block(smooth_block(block.gather(array, len(weights)), weights))
+
+    work.each(blocks_of(shape), fill)
+    regions, fixed = np.full(shape, -1, np.int32), np.zeros(shape, np.uint8)
+    cores.components.paint(regions, cores.numbers, work)
+    cores.components.paint(fixed, (cores.numbers > 0).astype(np.uint8), work)
+    _, new = flooded_regions(regions, heights, count, work)
+    renumber(regions, new, work)
+    out, levels = heights.view(np.int32), cores.levels[cores.level_of].astype(np.float32)  # the same memory
+    reach = BORDER_SWEEPS
+
+    def move(block: Block) -> None:
+        own, free = block.gather(regions, reach, None, np.int32), block.gather(fixed, reach, None, np.uint8)
+        out[block.box] = half_way_block(own, block.gather(array, reach), free, levels, reach)
+
+    work.each(blocks_of(shape), move)
+    return out
 
 
-def _half_way(array: Floats, regions: Ints, cores: UniformCores) -> Ints:
-    """Borders between regions of different levels moved to the half-way level."""
-    padded = np.pad(regions, 1, mode="edge")
-    flat = padded.reshape(-1)
-    level = np.concatenate([cores.levels[cores.level_of]])
-    free = np.flatnonzero(np.pad(cores.labels == 0, 1))
-    values = np.pad(array, 1).reshape(-1)[free]
-    _, ny, nx = padded.shape
-    steps = np.array([1, -1, nx, -nx, ny * nx, -ny * nx])
-    for _ in range(BORDER_SWEEPS):
-        best, before = flat[free], flat.copy()
-        error = np.abs(values - level[best])
-        for step in steps:
-            other = before[free + step]
-            theirs = np.abs(values - level[other])
-            nearer = theirs < error
-            best, error = np.where(nearer, other, best), np.where(nearer, theirs, error)
-        if (best == before[free]).all():
-            break
-        flat[free] = best
-    return padded[1:-1, 1:-1, 1:-1]
-
-
-def without_shells(array: Floats, of_voxel: NDArray[np.int8], levels: NDArray[np.float64]) -> NDArray[np.int8]:
+def without_shells(
+    array: Floats, of_voxel: NDArray[np.int8], levels: NDArray[np.float64], work: Work
+) -> NDArray[np.int8]:
     """Levels whose faint voxels near the surface of a denser level are those of what lies beyond.
 
     Within `BLUR_SHELL` voxels of a dense body blur alone gives any lower attenuation, so there only the place counts:
@@ -81,22 +81,34 @@ def without_shells(array: Floats, of_voxel: NDArray[np.int8], levels: NDArray[np
         Number of each voxel's level.
     levels : (k,) array
         Attenuation of the levels, rising, 1/mm.
+    work : Work
+        Threads.
 
     Returns
     -------
     (nz, ny, nx) int8 array
         The corrected numbers.
     """
-    result = of_voxel.copy()
+    result, shape = of_voxel.copy(), of_voxel.shape
     for dense in range(len(levels) - 1, 1, -1):
-        body = result >= dense
-        near = ndimage.binary_dilation(body, iterations=BLUR_SHELL)
-        if near.all() or not body.any():
+        far = np.empty(shape, bool)
+
+        def mark(block: Block, dense: int = dense, far: NDArray[np.bool_] = far) -> bool:
+            body = block.gather(result, BLUR_SHELL, -1, np.int8) >= dense
+            near = ndimage.binary_dilation(body, iterations=BLUR_SHELL) if body.any() else body
+            far[block.box] = ~near[(slice(BLUR_SHELL, -BLUR_SHELL),) * 3]
+            return bool(body.any())
+
+        if not any(work.each(blocks_of(shape), mark)) or not far.any():
             continue
-        z, y, x = np.nonzero(near & ~body)
-        nearest = ndimage.distance_transform_edt(near, return_distances=False, return_indices=True)[:, z, y, x]
-        beyond = result[tuple(nearest)]
-        beyond = np.where(beyond >= dense, result[z, y, x], beyond)
-        low = (levels[beyond] + levels[0]) / 2
-        result[z, y, x] = np.where((beyond > 0) & (array[z, y, x] < low), 0, beyond)
+        nearest = nearest_codes(result, far, work)
+
+        def correct(block: Block, dense: int = dense, nearest: NDArray[np.int8] = nearest, far: NDArray = far) -> None:
+            own, beyond = result[block.box], nearest[block.box]
+            shell = ~far[block.box] & (own < dense)
+            beyond = np.where(beyond >= dense, own, beyond)
+            low = ((levels[beyond] + levels[0]) / 2).astype(np.float32)
+            own[shell] = np.where((beyond > 0) & (array[block.box] < low), 0, beyond)[shell]
+
+        work.each(blocks_of(shape), correct)
     return result

@@ -16,12 +16,18 @@ from scipy import ndimage
 from skimage.filters import threshold_otsu
 
 from grainmotion.model.volume import Volume
-from grainmotion.segmentation.border import beyond_field
+from grainmotion.segmentation.blocks import Block, Work, blocks_of
+from grainmotion.segmentation.border import BeyondField, beyond_field
+from grainmotion.segmentation.distance_basins import nearest_codes
+from grainmotion.segmentation.label_measures import looked_up
 from grainmotion.segmentation.labels import checked_labels
 from grainmotion.segmentation.level_kinds import Neighbours, liquid_levels, without_inclusions
 from grainmotion.segmentation.level_map import flooded, without_shells
 from grainmotion.segmentation.settings import PhaseKind, PhaseSettings
-from grainmotion.segmentation.uniform_cores import Bools, Floats, UniformCores
+from grainmotion.segmentation.uniform_cores import UniformCores
+
+Floats = NDArray[np.floating]
+Bools = NDArray[np.bool_]
 
 SURFACE = 2
 """Voxels around a label that are its own blurred surface."""
@@ -95,16 +101,19 @@ class Levels:
         solid = np.array([kind not in ("air", "liquid") for kind in self.kinds])
         return np.asarray(solid[self.of_voxel])
 
-    def surrounding(self) -> Floats:
-        """Attenuation of the air or liquid nearest to each voxel, 1/mm."""
+    def around(self, work: Work) -> NDArray[np.int8]:
+        """Number of the level of the air or liquid nearest to each voxel."""
         if not self.has_liquid:
-            return np.full(self.of_voxel.shape, self.values[0], np.float32)
-        nearest = ndimage.distance_transform_edt(self.is_solid(), return_distances=False, return_indices=True)
-        return self.values.astype(np.float32)[self.of_voxel[tuple(nearest)]]
+            return np.broadcast_to(np.int8(0), self.of_voxel.shape)
+        return nearest_codes(self.of_voxel, ~self.is_solid(), work)
 
 
 def find_levels(
-    array: Floats, threshold: float, told: Sequence[PhaseSettings] = (), beyond: Bools | None = None
+    array: Floats,
+    threshold: float,
+    told: Sequence[PhaseSettings] = (),
+    beyond: BeyondField | None = None,
+    work: Work | None = None,
 ) -> Levels | None:
     """Levels of a volume.
 
@@ -116,8 +125,10 @@ def find_levels(
         Attenuation that separates bodies from air roughly, as Otsu's does, 1/mm.
     told : sequence of PhaseSettings
         Phases that are known; found if empty.  Air without attenuation is added unless it is told.
-    beyond : (nz, ny, nx) bool array, optional
+    beyond : BeyondField, optional
         Voxels beyond the field of view, which make no level of their own.
+    work : Work, optional
+        Threads.
 
     Returns
     -------
@@ -126,19 +137,22 @@ def find_levels(
     """
     if told and all(phase.kind != "air" for phase in told):
         told = (PhaseSettings("air", 0.0), *told)
-    cores = UniformCores.of(array, threshold, [phase.bounds for phase in told], beyond)
+    work = work or Work()
+    cores = UniformCores.of(array, threshold, [phase.bounds for phase in told], beyond, work)
     if len(cores.levels) < 3 and not told:
         return None
-    regions = flooded(array, cores)
-    neighbours = Neighbours.of(regions, len(cores.level_of) - 1)
+    regions = flooded(array, cores, work)
+    neighbours = Neighbours.of(regions, len(cores.level_of) - 1, work)
     if told:
         kinds, level_of = tuple(str(told[k].kind) for k in cores.told), cores.level_of
     else:
         level_of = cores.level_of
-        liquid = liquid_levels(array, level_of.astype(np.int8)[regions], cores.levels)
+        liquid = liquid_levels(array, looked_up(level_of.astype(np.int8), regions, work), cores.levels, work)
         kinds = tuple("air" if k == 0 else "liquid" if k in liquid else "solid" for k in range(len(cores.levels)))
         level_of = without_inclusions(cores, neighbours, (0, *liquid))
-    of_voxel = without_shells(array, level_of.astype(np.int8)[regions], cores.levels)
+    of_voxel = looked_up(level_of.astype(np.int8), regions, work)
+    del regions
+    of_voxel = without_shells(array, of_voxel, cores.levels, work)
     return Levels(cores.levels, kinds, of_voxel)
 
 
@@ -157,33 +171,53 @@ class PhaseMap:
     phases: tuple[Phase, ...]
     index: NDArray[np.int8]
 
-    @classmethod
-    def of(cls, array: Floats, levels: Levels, labels: NDArray[np.integer]) -> PhaseMap:
-        """From levels and the labels of the grains; solids without a label are bodies."""
-        level, count = levels.of_voxel.copy(), len(levels.values)
-        labelled = np.bincount(level[labels > 0], minlength=count)
-        with_grains = labelled > LABELLED * np.bincount(level.ravel(), minlength=count)
-        with_grains |= labelled == labelled.max()
-        kind = np.array([_NUMBER_OF.get(k, 3) for k in levels.kinds], np.int8)[level]
-        near = ndimage.binary_dilation(labels > 0, iterations=SURFACE)
-        kind[near & (kind == 3) & with_grains[level]] = 2
-        kind[labels > 0] = 2
-        level[(kind == 2) & ~with_grains[level]] = labelled.argmax()
-        both = (level * len(PHASE_KINDS) + kind).ravel()
-        sizes = np.bincount(both, minlength=count * len(PHASE_KINDS)).reshape(count, -1)
-        for k in np.flatnonzero((sizes[:, 3] > 0) & (sizes[:, 3] < MIN_BODY_SHARE * array.size)):
-            stray = (level == k) & (kind == 3)
-            level[stray], kind[stray] = 0, 0
-        key, index, voxels = np.unique(level * len(PHASE_KINDS) + kind, return_inverse=True, return_counts=True)
-        phases = tuple(
-            Phase(PHASE_KINDS[k % len(PHASE_KINDS)], float(levels.values[k // len(PHASE_KINDS)]), n / array.size)
-            for k, n in zip(key.tolist(), voxels.tolist(), strict=True)
-        )
-        return cls(phases, index.reshape(array.shape).astype(np.int8))
-
     def where(self, kind: PhaseKind) -> Bools:
         """Voxels of all phases of a kind."""
         return np.asarray(np.array([phase.kind == kind for phase in self.phases])[self.index])
+
+
+def phase_map(array: Floats, levels: Levels, labels: NDArray[np.integer], work: Work) -> PhaseMap:
+    """Phases by levels and the labels of the grains; solids without a label are bodies."""
+    count, blocks = len(levels.values), blocks_of(array.shape)
+    kinds = np.array([_NUMBER_OF.get(k, 3) for k in levels.kinds], np.int8)
+
+    def count_levels(block: Block, counts: NDArray[np.int64]) -> NDArray[np.int64]:
+        level = levels.of_voxel[block.box].astype(np.intp) + count * (labels[block.box] > 0)
+        return counts + np.bincount(level.ravel(), minlength=2 * count)
+
+    counts = sum(work.gathered(blocks, lambda: np.zeros(2 * count, np.int64), count_levels))
+    labelled = np.asarray(counts)[count:]
+    with_grains = labelled > LABELLED * (labelled + np.asarray(counts)[:count])
+    with_grains |= labelled == labelled.max()
+    index = np.empty(array.shape, np.int8)
+
+    def fill(block: Block, sizes: NDArray[np.int64]) -> NDArray[np.int64]:
+        wide = block.gather(labels, SURFACE, 0, labels.dtype.type) > 0
+        inner = (slice(SURFACE, -SURFACE),) * 3
+        level, grain = levels.of_voxel[block.box].copy(), wide[inner]
+        kind = kinds[level]
+        kind[ndimage.binary_dilation(wide, iterations=SURFACE)[inner] & (kind == 3) & with_grains[level]] = 2
+        kind[grain] = 2
+        level[(kind == 2) & ~with_grains[level]] = labelled.argmax()
+        code = level * np.int8(len(PHASE_KINDS)) + kind
+        index[block.box] = code
+        return sizes + np.bincount(code.ravel(), minlength=len(sizes))
+
+    sizes = np.asarray(sum(work.gathered(blocks, lambda: np.zeros(count * len(PHASE_KINDS), np.int64), fill)))
+    new = np.arange(len(sizes))
+    stray = (sizes > 0) & (sizes < MIN_BODY_SHARE * array.size) & (new % len(PHASE_KINDS) == 3)
+    new[stray] = 0
+    sizes = np.bincount(new, sizes, minlength=len(sizes)).astype(np.int64)
+    codes = np.flatnonzero(sizes)
+    number = np.zeros(len(sizes), np.int8)
+    number[codes] = np.arange(len(codes))
+    number = number[new]
+    work.each(blocks, lambda block: index.__setitem__(block.box, number[index[block.box]]))
+    phases = tuple(
+        Phase(PHASE_KINDS[k % len(PHASE_KINDS)], float(levels.values[k // len(PHASE_KINDS)]), sizes[k] / array.size)
+        for k in codes.tolist()
+    )
+    return PhaseMap(phases, index)
 
 
 def find_phases(volume: Volume, labels: NDArray[np.integer], told: Sequence[PhaseSettings] = ()) -> PhaseMap | None:
@@ -208,8 +242,8 @@ def find_phases(volume: Volume, labels: NDArray[np.integer], told: Sequence[Phas
     InputError
         If the labels are not the volume's.
     """
-    labels = checked_labels(labels, volume.shape)
+    labels, work = checked_labels(labels, volume.shape), Work()
     grains = volume.array[labels > 0]
     threshold = float(grains.mean()) / 2 if len(grains) else float(threshold_otsu(volume.array))
-    levels = find_levels(volume.array, threshold, told, beyond_field(volume))
-    return None if levels is None else PhaseMap.of(volume.array, levels, labels)
+    levels = find_levels(volume.array, threshold, told, beyond_field(volume), work)
+    return None if levels is None else phase_map(volume.array, levels, labels, work)

@@ -11,6 +11,9 @@ from scipy import ndimage
 from scipy.cluster.hierarchy import DisjointSet
 from skimage.segmentation import relabel_sequential
 
+from grainmotion.segmentation.blocks import Work
+from grainmotion.segmentation.label_pairs import LabelPairs
+
 Ints = NDArray[np.int32]
 
 MAX_SADDLE = 0.9
@@ -49,33 +52,17 @@ class BasinGraph:
     deficits: Deficits | None = None
 
     @classmethod
-    def of(
-        cls,
-        distance: NDArray[np.float32],
-        basins: Ints,
-        deficits: NDArray[np.floating] | None = None,
-        noise: float = 0.0,
-    ) -> BasinGraph:
-        """The graph of basins of a distance transform; ``deficits`` of voxels and their noise as of `valleys`."""
+    def of(cls, distance: NDArray[np.float32], basins: Ints) -> BasinGraph:
+        """The graph of basins of a distance transform."""
         peaks = np.zeros(int(basins.max()) + 1)
         peaks[1:] = ndimage.maximum(distance, basins, np.arange(1, len(peaks)))
-        pairs, heights, faint = [], [], []
-        for axis in range(3):
-            first = tuple(slice(None, -1) if k == axis else slice(None) for k in range(3))
-            second = tuple(slice(1, None) if k == axis else slice(None) for k in range(3))
-            a, b = basins[first], basins[second]
-            meet = (a != b) & (a > 0) & (b > 0)
-            pairs.append(np.column_stack([a[meet], b[meet]]))
-            heights.append(np.minimum(distance[first][meet], distance[second][meet]))
-            if deficits is not None:
-                faint.append((deficits[first][meet] + deficits[second][meet]) / 2)
-        axes = np.repeat([0, 1, 2], [len(p) for p in pairs])
-        known = None
-        if deficits is not None:
-            voxels = np.bincount(basins.ravel(), minlength=len(peaks))
-            sums = _sums(basins.ravel(), deficits.ravel(), len(peaks))
-            known = Deficits(sums, voxels.astype(float), np.concatenate(faint), noise)
-        return cls(peaks, np.concatenate(pairs), np.concatenate(heights), np.eye(3)[axes], known)._gathered()
+        return cls.of_pairs(peaks, LabelPairs.of(basins, distance, len(peaks) - 1, Work()))
+
+    @classmethod
+    def of_pairs(cls, peaks: NDArray[np.float64], pairs: LabelPairs, deficits: Deficits | None = None) -> BasinGraph:
+        """The graph of basins whose faces are known, with the lower distance at each."""
+        saddles, faces = pairs.tops[:, 0].astype(float), pairs.faces.astype(float)
+        return cls(peaks, pairs.pairs, saddles, faces, deficits)
 
     def _gathered(self) -> BasinGraph:
         """The same with each pair once, where pairs occur many times and in either order."""

@@ -10,20 +10,24 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from pydantic.dataclasses import dataclass
-from scipy import ndimage
 from skimage.filters import threshold_otsu
 
 from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Progress
 from grainmotion.errors import InputError
+from grainmotion.kernels.value_histogram import count_equal_bins
 from grainmotion.model.summary import Summarised, Summary, names_text, shape_text
 from grainmotion.model.thumbnails import grey_picture, thinned_image
 from grainmotion.model.volume import Volume
+from grainmotion.segmentation.blocks import Work, chunks_of, slabs_of
 from grainmotion.segmentation.border import beyond_field, border_labels, cut_labels
 from grainmotion.segmentation.by_level import Pieces
+from grainmotion.segmentation.components import fill_holes
+from grainmotion.segmentation.label_measures import highest_label, renumber
 from grainmotion.segmentation.labels import checked_labels
 from grainmotion.segmentation.large_bodies import large_bodies
-from grainmotion.segmentation.phases import Levels, Phase, PhaseMap, find_levels
+from grainmotion.segmentation.order_statistics import median
+from grainmotion.segmentation.phases import Levels, Phase, find_levels, phase_map
 from grainmotion.segmentation.separation import large_enough, separated
 from grainmotion.segmentation.settings import SegmentSettings
 
@@ -34,7 +38,8 @@ MIN_SOLID_NEIGHBOURS = 0.65
 """Share of a solid voxel's neighbours that are solid; below it Otsu's threshold separates noise."""
 MIN_SOLID_SHARE = 1e-4
 """Share of all voxels above Otsu's threshold; fewer are hot voxels, not grains."""
-PROGRESS_STEPS = 4
+OTSU_BINS = 256
+"""Bins of the histogram from which Otsu's threshold is taken."""
 
 
 @dataclass(frozen=True, repr=False, config={"arbitrary_types_allowed": True})
@@ -128,72 +133,116 @@ def segment(
     >>> int(segmentation.labels.max()), segmentation.border
     (4, ())
     """
-    settings = settings or SegmentSettings()
-
-    def report(message: str, done: int) -> None:
-        if progress is not None:
-            progress(message, done, PROGRESS_STEPS)
-
-    report("threshold", 0)
-    threshold = _threshold(volume, settings)
-    solid = ndimage.binary_fill_holes(volume.array > threshold)
-    if settings.threshold is None and solid.any() and _solid_neighbours(solid) < MIN_SOLID_NEIGHBOURS:
+    settings, work = settings or SegmentSettings(), Work(progress)
+    work.begin("threshold", 10, 5)
+    threshold = _threshold(volume, settings, work)
+    solid = _above(volume.array, threshold, work)
+    if settings.threshold is None and solid.any() and _solid_neighbours(solid, work) < MIN_SOLID_NEIGHBOURS:
         fact = f"no grains found: what lies above {threshold:.4g} 1/mm is scattered like noise"
         raise InputError("segment.threshold", fact, "give a threshold, or check the scan")
-    report("phases", 1)
+    work.begin("phases", 40, 14)
     levels = None
     if min(volume.shape) > 1 and (settings.phases or settings.threshold is None):
-        levels = find_levels(volume.array, threshold, settings.phases, beyond_field(volume))
-    report("distances and watershed", 2)
+        levels = find_levels(volume.array, threshold, settings.phases, beyond_field(volume), work)
+    work.begin("distances and watershed", 85, 25)
     labels = None
     if levels is not None:
-        pieces = Pieces.of(volume.array, levels, settings)
+        pieces = Pieces.of(volume.array, levels, settings, work)
         if settings.phases or not pieces.fit_one_threshold(levels, threshold):
             labels, threshold = pieces.labels, levels.half_way(pieces.level_of[1:])
     if labels is None:
-        labels = large_enough(separated(volume.array, solid, threshold, settings), settings)[0]
-    report("bodies", 3)
-    labels = _without_bodies(labels, settings)
-    if labels.max() == 0:
+        labels = separated(volume.array, solid, threshold, settings, work)
+        large_enough(labels, settings, work)
+    del solid
+    work.begin("bodies", 99, 12)
+    _take_out_bodies(labels, settings, work)
+    if highest_label(labels, work) == 0:
         raise InputError(
             "segment.threshold", f"no grains found above {threshold:.4g} 1/mm", "lower it, or lower segment.min_volume"
         )
-    phases = _phases(volume.array, threshold, levels, labels)
+    phases = _phases(volume.array, threshold, levels, labels, work)
+    cut = cut_labels(labels, volume, work)
     beside = [str(phase) for phase in phases if phase.kind in ("liquid", "body")]
-    report(", ".join([f"{labels.max()} grains", *beside]), PROGRESS_STEPS)
-    return Segmentation(labels, threshold, cut_labels(labels, volume), phases)
+    work.end(", ".join([f"{highest_label(labels, work)} grains", *beside]))
+    return Segmentation(labels, threshold, cut, phases)
 
 
-def _without_bodies(labels: Ints, settings: SegmentSettings) -> Ints:
-    """Labels of the grains only."""
-    bodies = large_bodies(labels)
-    if not bodies:
-        return labels
-    return large_enough(np.where(np.isin(labels, bodies), 0, labels), settings)[0]
+def _take_out_bodies(labels: Ints, settings: SegmentSettings, work: Work) -> None:
+    """Keep the labels of the grains only."""
+    bodies = large_bodies(labels, work)
+    if bodies:
+        kept = np.arange(highest_label(labels, work) + 1, dtype=np.int32)
+        kept[list(bodies)] = 0
+        renumber(labels, kept, work)
+        large_enough(labels, settings, work)
 
 
-def _phases(array: NDArray[np.float32], threshold: float, levels: Levels | None, labels: Ints) -> tuple[Phase, ...]:
+def _phases(
+    array: NDArray[np.floating], threshold: float, levels: Levels | None, labels: Ints, work: Work
+) -> tuple[Phase, ...]:
     """What was found."""
     if levels is None:
-        values = np.array([np.median(array[labels == 0]) if (labels == 0).any() else 0.0, np.median(array[labels > 0])])
-        levels = Levels(values, ("air", "solid"), (array > threshold).astype(np.int8))
-    return PhaseMap.of(array, levels, labels).phases
+        around = median(work, array, labels, 0)
+        values = np.array([around if np.isfinite(around) else 0.0, median(work, array, labels)])
+        of_voxel = np.empty(array.shape, np.int8)
+        work.each(
+            slabs_of(array.shape), lambda slab: np.greater(array[slice(*slab)], threshold, of_voxel[slice(*slab)])
+        )
+        levels = Levels(values, ("air", "solid"), of_voxel)
+    return phase_map(array, levels, labels, work).phases
 
 
-def _threshold(volume: Volume, settings: SegmentSettings) -> float:
-    array = volume.array
-    if array.max() <= array.min():
+def _threshold(volume: Volume, settings: SegmentSettings, work: Work) -> float:
+    flat = volume.array.reshape(-1)
+    chunks = chunks_of(flat.size)
+    low, high = (float(f(v)) for f, v in zip((min, max), zip(*work.each(chunks, lambda c: _ends(flat[c])))))
+    if high <= low:
         raise InputError("segment.threshold", "no grains found: the volume is uniform", "check the volume")
     if settings.threshold is not None:
         return settings.threshold
-    threshold = float(threshold_otsu(array))
-    while np.count_nonzero(array > threshold) < MIN_SOLID_SHARE * array.size:  # hot voxels: clip them
-        array = np.minimum(array, np.float32(threshold))
-        threshold = float(threshold_otsu(array))
-    return threshold
+    while True:
+        threshold = _otsu(flat, low, high, work)
+        if _voxels_above(flat, threshold, work) >= MIN_SOLID_SHARE * flat.size:
+            return threshold
+        high = threshold  # hot voxels: they count as this much
 
 
-def _solid_neighbours(solid: Bools) -> float:
+def _voxels_above(flat: NDArray[np.floating], threshold: float, work: Work) -> int:
+    return sum(work.each(chunks_of(flat.size), lambda part: int(np.count_nonzero(flat[part] > threshold))))
+
+
+def _ends(values: NDArray[np.floating]) -> tuple[float, float]:
+    return float(values.min()), float(values.max())
+
+
+def _otsu(flat: NDArray[np.floating], low: float, high: float, work: Work) -> float:
+    """Otsu's threshold of values, those above ``high`` clipped."""
+    edges = np.histogram_bin_edges(np.array([low, high], flat.dtype), OTSU_BINS)
+
+    def add(part: slice, counts: NDArray[np.int64]) -> NDArray[np.int64]:
+        count_equal_bins(flat[part], edges, edges[-1], counts)
+        return counts
+
+    counts = sum(work.gathered(chunks_of(flat.size), lambda: np.zeros(OTSU_BINS, np.int64), add))
+    return float(threshold_otsu(hist=(counts, (edges[:-1] + edges[1:]) / 2)))
+
+
+def _above(array: NDArray[np.floating], threshold: float, work: Work) -> Bools:
+    """Voxels above a threshold, and what they enclose."""
+    solid = np.empty(array.shape, bool)
+    work.each(slabs_of(array.shape), lambda slab: np.greater(array[slice(*slab)], threshold, solid[slice(*slab)]))
+    fill_holes(solid, work)
+    return solid
+
+
+def _solid_neighbours(solid: Bools, work: Work) -> float:
     """Share of solid voxels among the six neighbours of a solid voxel: 0.5 for noise that fills half of the volume."""
-    faces = sum(np.count_nonzero(np.diff(solid, axis=axis)) for axis in range(3))  # between solid and empty
-    return 1 - faces / (6 * np.count_nonzero(solid))
+
+    def count(slab: tuple[int, int]) -> tuple[int, int]:
+        own, wide = solid[slice(*slab)], solid[slab[0] : slab[1] + 1]
+        faces = np.count_nonzero(wide[1:] != wide[:-1])  # between solid and empty
+        faces += np.count_nonzero(own[:, 1:] != own[:, :-1]) + np.count_nonzero(own[..., 1:] != own[..., :-1])
+        return int(faces), int(np.count_nonzero(own))
+
+    faces, voxels = np.sum(work.each(slabs_of(solid.shape), count), axis=0)
+    return float(1 - faces / (6 * voxels))

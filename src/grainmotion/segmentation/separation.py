@@ -26,42 +26,36 @@ Soille (2003) for the watershed of distances; `docs/decisions/0002-segmentation.
 
 from __future__ import annotations
 
-import edt
+import threading
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
-from skimage.segmentation import relabel_sequential, watershed
 
-from grainmotion.segmentation.region_merging import BasinGraph
+from grainmotion.segmentation.blocks import Block, Work
+from grainmotion.segmentation.distance_basins import distances, find_basins
+from grainmotion.segmentation.flooding import flooded_regions
+from grainmotion.segmentation.fragments import added_up, without_fragments
+from grainmotion.segmentation.label_measures import highest_label, kept_numbers, label_sizes, label_sums, renumber
+from grainmotion.segmentation.label_pairs import LabelPairs
+from grainmotion.segmentation.own_level import OwnLevel
+from grainmotion.segmentation.region_merging import BasinGraph, Deficits
 from grainmotion.segmentation.settings import SegmentSettings
-from grainmotion.segmentation.valleys import deficits
+from grainmotion.segmentation.valleys import NOISE_BINS, Valleys
 
 Ints = NDArray[np.int32]
 Bools = NDArray[np.bool_]
 
-CORE_LEVEL = 0.75
-"""Level of the cores: 0 is the mean outside the grains, 1 the grain's own attenuation nearby."""
-CORE_WINDOW = 9
-"""Edge of the cube over which a grain's own attenuation is averaged, voxels."""
 MIN_GRAIN_VOXELS = 30
 """Smallest grain in any case, voxels."""
-TIP = 0.05
-"""Volume of a tip over that of a typical grain, at most."""
-TIP_CONTACT = 0.08
-"""Share of a tip's surface in its neck, at least."""
-BROAD_CONTACT = 0.18
-"""The same for a larger piece of a grain: 0.2 to 0.4, up to 0.13 in grains that touch."""
-NECK_LEVEL = (1.06, 1.45)
-"""Attenuation of the middle of the neck over the mean of the piece: 1.07 to 1.4, up to 1.03 in small grains that touch;
-more where grains cut by the border of the volume meet, which is too bright there.
-"""
-NECK_FACES = 4
-"""Faces in the middle of the neck."""
 MIN_GRAIN_SHARE = 0.02
 """Smallest grain unless given, over the median grain's volume."""
+MARK = float(1 << 24)
+"""Deficits are added up in whole numbers of its inverse."""
 
 
-def separated(array: NDArray[np.float32], solid: Bools, threshold: float, settings: SegmentSettings) -> Ints:
+def separated(
+    array: NDArray[np.floating], solid: Bools, threshold: float, settings: SegmentSettings, work: Work | None = None
+) -> Ints:
     """Labels of the grains of one material, in all its voxels.
 
     Parameters
@@ -74,110 +68,71 @@ def separated(array: NDArray[np.float32], solid: Bools, threshold: float, settin
         Attenuation from which a voxel is grain, 1/mm.
     settings : SegmentSettings
         ``depth``, ``oneness`` and ``min_volume``.
+    work : Work, optional
+        Threads.
 
     Returns
     -------
     (nz, ny, nx) int32 array
-        0 for no grain, 1 … n for the grains; pieces of fewer than `MIN_GRAIN_VOXELS` are left out.
+        0 for no grain; pieces of fewer than `MIN_GRAIN_VOXELS` are left out.
     """
-    labels = np.zeros(array.shape, np.int32)
+    work = work or Work()
     box = bounding_box(solid)
     if box is None:
-        return labels
-    array, solid = array[box], solid[box]
+        return np.zeros(array.shape, np.int32)
     smallest = min(settings.min_volume or MIN_GRAIN_VOXELS, MIN_GRAIN_VOXELS)
-    level = _own_level(array, solid)
-    distance = edt.edt(_cores(array, solid, level, threshold), parallel=1)
-    basins = distance_basins(distance)
-    graph = BasinGraph.of(distance, basins, *deficits(level, distance))
-    cores = graph.merged(settings.depth, settings.oneness)[basins]
-    labels[box] = without_fragments(array, watershed(-array, without_small(cores, smallest), mask=solid))
+    labels, count = _cores(OwnLevel.of(array, solid, box, work), threshold, smallest, settings, work)
+    pairs, new = flooded_regions(labels, array, count, work)
+    sizes, sums = label_sizes(labels, len(new) - 1, work), label_sums(labels, array, len(new) - 1, work)
+    hosts = without_fragments(pairs.renumbered(new), added_up(new, sizes), added_up(new, sums))
+    renumber(labels, hosts[new], work)
     return labels
 
 
-def without_fragments(array: NDArray[np.float32], labels: Ints) -> Ints:
-    """Labels in which pieces that a neck of full attenuation joins to a neighbour belong to that neighbour.
-
-    Blur leaves a valley between two grains that touch, so their neck is fainter than they are, and it takes a small
-    part of their surface.  A piece of a grain has a broad neck, a thin tip at least one as dense as itself.
-
-    Parameters
-    ----------
-    array : (nz, ny, nx) array
-        Attenuation, 1/mm.
-    labels : (nz, ny, nx) int32 array
-        0 for no grain.
-
-    Returns
-    -------
-    (nz, ny, nx) int32 array
-        The same labels, fewer of them.
-    """
-    while True:
-        new = _hosts(array, labels)
-        if (new == np.arange(len(new))).all():
-            return labels
-        labels = new[labels]
+def _cores(level: OwnLevel, threshold: float, smallest: int, settings: SegmentSettings, work: Work) -> tuple[Ints, int]:
+    """Labels 1 … n of the grains' cores, -1 in other voxels of grains; and n."""
+    box = bounding_box(level.solid)
+    assert box is not None
+    distance = distances(level.cores(threshold, box, work), work)
+    basins, peaks = find_basins(distance, work)
+    graph, sizes = _graph(level, distance, basins, peaks, work)
+    new = graph.merged(settings.depth, settings.oneness)
+    kept = kept_numbers(np.bincount(new, sizes) >= smallest)
+    renumber(basins, kept[new], work, level.solid)
+    return basins, int(kept.max())
 
 
-def _hosts(array: NDArray[np.float32], labels: Ints) -> Ints:
-    """Of each label itself, or the neighbour of which it is a fragment."""
-    sizes = np.bincount(labels.ravel())
-    sizes[0] = 0
-    new = np.arange(len(sizes), dtype=np.int32)
-    present = np.sort(sizes[sizes > 0])
-    if len(present) < 2:
-        return new
-    weights = np.cumsum(np.sqrt(present))
-    tip = TIP * present[np.searchsorted(weights, weights[-1] / 2)]
-    means = np.bincount(labels.ravel(), array.ravel()) / np.maximum(sizes, 1)
-    low, high = NECK_LEVEL
-    for label, (host, share, dense) in _necks(array, labels).items():
-        least = TIP_CONTACT if sizes[label] < tip else BROAD_CONTACT
-        smaller = (sizes[label], label) < (sizes[host], host)  # a total order: no chain leads back
-        if smaller and share > least and low < dense / means[label] < high:
-            new[label] = host
-    for label in np.argsort(-sizes, kind="stable"):  # hosts that are fragments themselves
-        new[label] = new[new[label]]
-    return new
+def _graph(
+    level: OwnLevel, distance: NDArray[np.float32], basins: Ints, peaks: NDArray[np.float64], work: Work
+) -> tuple[BasinGraph, NDArray[np.int64]]:
+    """The graph of the cores' basins with their deficits, and the voxels of each basin."""
+    count, noise, lock = len(peaks) - 1, np.zeros(NOISE_BINS, np.int64), threading.Lock()
+    valleys = Valleys.of(level.at, distance, work)
+
+    def marks(block: Block) -> NDArray[np.int32]:
+        deficits = valleys.deficits(block)
+        found = valleys.noise_counts(block, deficits)
+        with lock:
+            noise[:] += found
+        return np.rint(deficits * np.float32(MARK)).astype(np.int32)
+
+    pairs = LabelPairs.of(basins, distance, count, work, marks)
+    sizes = label_sizes(basins, count, work)
+    known = Deficits(pairs.label_marks / MARK, sizes.astype(float), pairs.marks / (2 * MARK), valleys.noise_of(noise))
+    return BasinGraph.of_pairs(peaks, pairs, known), sizes
 
 
-def _necks(array: NDArray[np.float32], labels: Ints) -> dict[int, tuple[int, float, float]]:
-    """Of each label the neighbour of the broadest neck, its share of the label's surface and its attenuation."""
-    first, second, value = list[NDArray](), list[NDArray](), list[NDArray]()
-    surface = np.zeros(int(labels.max()) + 1)
-    for axis in range(3):
-        own, level = np.moveaxis(labels, axis, 0), np.moveaxis(array, axis, 0)
-        a, b = own[:-1], own[1:]
-        apart = a != b
-        surface += np.bincount(a[apart], minlength=len(surface)) + np.bincount(b[apart], minlength=len(surface))
-        touch = apart & (a > 0) & (b > 0)
-        first.append(a[touch])
-        second.append(b[touch])
-        value.append(np.minimum(level[:-1][touch], level[1:][touch]))
-    one, other, dense = np.concatenate(first), np.concatenate(second), np.concatenate(value)
-    key = np.concatenate([one, other]).astype(np.int64) * len(surface) + np.concatenate([other, one])
-    dense = np.concatenate([dense, dense])
-    order = np.lexsort((-dense, key))
-    pairs, start, count = np.unique(key[order], return_index=True, return_counts=True)
-    found = dict[int, tuple[int, float, float]]()
-    for k in np.argsort(count, kind="stable"):  # the broadest last
-        label, host = divmod(int(pairs[k]), len(surface))
-        middle = dense[order][start[k] : start[k] + NECK_FACES]
-        if len(middle) == NECK_FACES:
-            found[label] = (host, float(count[k] / surface[label]), float(middle.mean()))
-    return found
-
-
-def large_enough(labels: Ints, settings: SegmentSettings) -> tuple[Ints, NDArray[np.intp]]:
-    """Labels without small ones, numbered 1 … n, and the old number of each (0 first)."""
-    sizes = np.bincount(labels.ravel())
+def large_enough(labels: Ints, settings: SegmentSettings, work: Work | None = None) -> NDArray[np.intp]:
+    """Take small labels out and number the others 1 … n, in place; returns the old number of each (0 first)."""
+    work = work or Work()
+    sizes = label_sizes(labels, highest_label(labels, work), work)
     present = sizes[1:][sizes[1:] > 0]
     smallest = settings.min_volume or (
         max(MIN_GRAIN_VOXELS, int(MIN_GRAIN_SHARE * np.median(present))) if len(present) else MIN_GRAIN_VOXELS
     )
-    kept = np.flatnonzero(sizes >= smallest)
-    return without_small(labels, smallest), np.concatenate([[0], kept[kept > 0]])
+    numbers = kept_numbers(sizes >= smallest)
+    renumber(labels, numbers, work)
+    return np.concatenate([[0], np.flatnonzero(numbers)])
 
 
 def bounding_box(solid: Bools) -> tuple[slice, slice, slice] | None:
@@ -187,50 +142,5 @@ def bounding_box(solid: Bools) -> tuple[slice, slice, slice] | None:
         layers = np.flatnonzero(solid.any(axis=tuple({0, 1, 2} - {axis})))
         if len(layers) == 0:
             return None
-        box.append(slice(max(int(layers[0]) - 1, 0), int(layers[-1]) + 2))
+        box.append(slice(max(int(layers[0]) - 1, 0), min(int(layers[-1]) + 2, solid.shape[axis])))
     return box[0], box[1], box[2]
-
-
-def _own_level(array: NDArray[np.float32], solid: Bools) -> NDArray[np.float32]:
-    """Attenuation of each voxel: 0 is the mean outside the grains, 1 the grain's own nearby.
-
-    A grain fainter than the others has a lower one of its own; inclusions brighter than the others do not raise it.
-    """
-    bright = float(np.median(array[solid]))
-    outside = array[~solid]
-    dark = float(outside.mean()) if outside.size else 0.0
-    inner = ndimage.binary_erosion(solid)
-    weight = ndimage.uniform_filter(inner.astype(np.float32), CORE_WINDOW)
-    own = ndimage.uniform_filter(np.where(inner, np.minimum(array, bright), 0).astype(np.float32), CORE_WINDOW)
-    averaged = weight > 1 / CORE_WINDOW**3
-    own = np.where(averaged, own / np.where(averaged, weight, 1), bright)
-    return np.asarray((array - dark) / np.where(own > dark, own - dark, 1), np.float32)
-
-
-def _cores(array: NDArray[np.float32], solid: Bools, level: NDArray[np.float32], threshold: float) -> Bools:
-    """Voxels above `CORE_LEVEL` of their grain's own attenuation and above the threshold."""
-    cores = ndimage.binary_fill_holes(solid & (array > threshold) & (level > CORE_LEVEL))
-    pieces, n = ndimage.label(solid)
-    coreless = np.ones(n + 1, dtype=bool)
-    coreless[pieces[cores]] = False
-    coreless[0] = False
-    return cores | coreless[pieces]  # a piece too thin or too faint for a core is its own core
-
-
-def distance_basins(distance: NDArray[np.float32]) -> Ints:
-    """Watershed basins of the distance, one for each of its local maxima."""
-    inside = distance > 0
-    peaks = (distance == ndimage.maximum_filter(distance, size=3)) & inside
-    seeds, _ = ndimage.label(peaks, np.ones((3, 3, 3)))
-    return watershed(-distance, seeds, mask=inside).astype(np.int32)
-
-
-def without_small(labels: Ints, smallest: int) -> Ints:
-    """Labels of at least ``smallest`` voxels, numbered 1 … n.
-
-    `skimage.morphology.remove_small_objects` takes three times as long, and warns of a volume with one grain.
-    """
-    sizes = np.bincount(labels.ravel())
-    sizes[0] = 0
-    numbers = relabel_sequential(np.where(sizes >= smallest, np.arange(len(sizes)), 0))[0]
-    return np.asarray(numbers, np.int32)[labels]
