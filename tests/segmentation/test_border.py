@@ -74,7 +74,9 @@ def test_without_a_field_faces_and_cylinder_cut(labels):
 
 
 def test_what_was_not_seen_is_beyond_the_field():
-    beyond = beyond_field(Volume(np.zeros(SHAPE), 1.0, field=field(GEOMETRIES["parallel"], above=True, beside=True))).of(WHOLE)
+    beyond = beyond_field(
+        Volume(np.zeros(SHAPE), 1.0, field=field(GEOMETRIES["parallel"], above=True, beside=True))
+    ).of(WHOLE)
     assert beyond[37, 20, 20]
     assert beyond[20, 20, 38]
     assert not beyond[[2, 20], 20, 20].any()

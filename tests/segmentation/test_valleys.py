@@ -13,7 +13,7 @@ def deficits(level, distance):
     level = level.astype(np.float32)
     valleys = Valleys.of(lambda block, reach: block.gather(level, reach, 0), distance, Work())
     faint, counts = np.zeros(distance.shape), np.zeros(NOISE_BINS, np.int64)
-    for block in blocks_of(distance.shape, edges=(8, 8, 8)):
+    for block in blocks_of(distance.shape):
         own = valleys.deficits(block)
         faint[block.box] = own[1:-1, 1:-1, 1:-1]
         counts += valleys.noise_counts(block, own)

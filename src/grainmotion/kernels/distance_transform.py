@@ -11,9 +11,9 @@ import numpy as np
 
 from grainmotion.kernels.compilation import CACHE
 
-_FAR = 1e12
+_UNREACHED = 1e12
 """Square of a distance to nothing."""
-_TILE = 64
+_COLUMNS_TOGETHER = 64
 """Columns whose steps are tried together."""
 
 
@@ -27,7 +27,7 @@ def squares_in_plane(mask: np.ndarray, plane: int, squares: np.ndarray) -> None:
         for x in range(nx):
             if row[x] == 0:
                 last = x
-            work[y, x] = np.float32(x - last) if last >= 0 else np.float32(np.sqrt(_FAR))
+            work[y, x] = np.float32(x - last) if last >= 0 else np.float32(np.sqrt(_UNREACHED))
         last = -1
         for x in range(nx - 1, -1, -1):
             if row[x] == 0:
@@ -56,8 +56,8 @@ def distances_along_z(squares: np.ndarray, row: int) -> None:
 def _least_along(work, out):
     """``out[i]`` becomes the least of ``work[j] + (i - j)²`` over all lines j."""
     n, columns = work.shape
-    for left in range(0, columns, _TILE):
-        right = min(left + _TILE, columns)
+    for left in range(0, columns, _COLUMNS_TOGETHER):
+        right = min(left + _COLUMNS_TOGETHER, columns)
         for i in range(n):
             best = out[i, left:right]
             largest = np.float32(0)

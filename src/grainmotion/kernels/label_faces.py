@@ -1,8 +1,9 @@
 """Faces of voxels between labels: how many each pair has, and the values along them.
 
 A table of pairs is three arrays, of a power of two of places: ``keys`` (0 for none, ``lower * width + higher`` of two
-labels), ``sums (places, 4)`` (faces across z, y and x; a sum of whole numbers), ``tops (places, 4)`` (the highest of
-the lower values at each face, falling).  All are the same whatever the order in which faces are met.
+labels), ``sums (places, 4)`` (faces across z, y and x; a sum of whole numbers), ``tops (places, 5)`` (the four highest
+of the lower values at each face, falling, and the higher value at the first of these, the highest of equal ones).  All
+are the same whatever the order in which faces are met.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ _HASH = np.uint64(0x9E3779B97F4A7C15)
 def empty_table(places: int):
     """A table without pairs."""
     keys, sums = np.zeros(places, np.int64), np.zeros((places, 4), np.int64)
-    return keys, sums, np.full((places, 4), -np.inf, np.float32)
+    return keys, sums, np.full((places, 5), -np.inf, np.float32)
 
 
 @nb.njit(cache=CACHE, nogil=True)
@@ -64,7 +65,8 @@ def add_faces(table, labels, values, marks, box, origin, width, surface):
                     sums[place, axis] += 1
                     if marked:
                         sums[place, 3] += marks[z - dz, y - dy, x - dx] + marks[z2 - dz, y2 - dy, x2 - dx]
-                    _insert(tops[place], min(values[z, y, x], values[z2, y2, x2]))
+                    one, other = values[z, y, x], values[z2, y2, x2]
+                    _insert(tops[place], min(one, other), max(one, other))
     return keys, sums, tops
 
 
@@ -112,15 +114,19 @@ def gather_pairs(keys: np.ndarray, sums: np.ndarray, tops: np.ndarray, start: np
         stop = start[k + 1] if k + 1 < n else len(keys)
         for i in range(start[k], stop):
             new_sums[k] += sums[i]
-            for value in tops[i]:
-                _insert(new_tops[k], value)
+            for rank in range(4):
+                _insert(new_tops[k], tops[i, rank], tops[i, 4] if rank == 0 else -np.inf)
     return new_sums, new_tops
 
 
 @nb.njit(cache=CACHE, nogil=True)
-def _insert(top, value):
-    """Keep the highest values, falling."""
-    k = len(top) - 1
+def _insert(top, value, higher):
+    """Keep the highest of the lower values of faces, falling, and the higher value at the first."""
+    if value > top[0]:
+        top[4] = higher
+    elif value == top[0]:
+        top[4] = max(top[4], higher)
+    k = 3
     if value <= top[k]:
         return
     while k > 0 and top[k - 1] < value:

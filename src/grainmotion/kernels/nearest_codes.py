@@ -7,9 +7,9 @@ import numpy as np
 
 from grainmotion.kernels.compilation import CACHE
 
-_FAR = 1e12
+_UNREACHED = 1e12
 """Square of a distance to nothing."""
-_TILE = 64
+_COLUMNS_TOGETHER = 64
 """Columns whose steps are tried together."""
 
 
@@ -25,7 +25,7 @@ def nearest_in_plane(
         for x in range(nx):
             if wanted[plane, y, x]:
                 last = x
-            work[y, x] = np.float32(x - last) ** 2 if last >= 0 else np.float32(_FAR)
+            work[y, x] = np.float32(x - last) ** 2 if last >= 0 else np.float32(_UNREACHED)
             if last >= 0:
                 found[y, x] = codes[plane, y, last]
         last = -1
@@ -49,8 +49,8 @@ def nearest_along_z(squares: np.ndarray, nearest: np.ndarray, row: int) -> None:
 def _nearest_along(work, codes, out, nearest):
     """``out[i]`` becomes the least of ``work[j] + (i - j)²`` over all lines j, and ``nearest[i]`` the code there."""
     n, columns = work.shape
-    for left in range(0, columns, _TILE):
-        right = min(left + _TILE, columns)
+    for left in range(0, columns, _COLUMNS_TOGETHER):
+        right = min(left + _COLUMNS_TOGETHER, columns)
         for i in range(n):
             best, code = out[i, left:right], nearest[i, left:right]
             largest = np.float32(0)

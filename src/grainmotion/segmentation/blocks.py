@@ -69,10 +69,10 @@ class Block:
         return zip(self.start, self.stop, shape, strict=True)
 
 
-def blocks_of(shape: tuple[int, ...], box: Box | None = None, edges: tuple[int, int, int] = EDGES) -> list[Block]:
+def blocks_of(shape: tuple[int, ...], box: Box | None = None) -> list[Block]:
     """Blocks that fill a volume, or a box of it."""
     ends = [(0, n) for n in shape] if box is None else [(s.start, s.stop) for s in box]
-    cuts = [[(a, min(a + edge, high)) for a in range(low, high, edge)] for (low, high), edge in zip(ends, edges)]
+    cuts = [[(a, min(a + edge, high)) for a in range(low, high, edge)] for (low, high), edge in zip(ends, EDGES)]
     return [Block((z[0], y[0], x[0]), (z[1], y[1], x[1])) for z, y, x in itertools.product(*cuts)]
 
 

@@ -37,7 +37,7 @@ def cut_labels(labels: NDArray[np.integer], volume: Volume, work: Work | None = 
 
     Where it is not known what they saw: `border_labels`.
     """
-    field, work = volume.field, work or Work()
+    field, work, labels = volume.field, work or Work(), labels.astype(np.int32, copy=False)
     if field is None:
         return border_labels(labels)
     nz, ny, nx = labels.shape

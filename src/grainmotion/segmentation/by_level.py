@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion.kernels.block_filters import erode_block, smooth_block
+from grainmotion.model.large_arrays import large_zeros
 from grainmotion.segmentation.blocks import Block, Work, blocks_of
 from grainmotion.segmentation.distance_basins import largest_balls
 from grainmotion.segmentation.label_measures import (
@@ -80,7 +81,7 @@ class Pieces:
         Pieces
             Without films, and without pieces far smaller than the median grain.
         """
-        labels, level_of = np.zeros(array.shape, np.int32), [0]
+        labels, level_of = large_zeros(array.shape, np.int32), [0]
         around = levels.around(work)
         for level in levels.solids:
             solid = levels.of_voxel == level
@@ -133,7 +134,7 @@ def _excess(
 
     A grain may lie half in a liquid: the step differs from place to place.
     """
-    values, out = levels.values.astype(np.float32), np.zeros(array.shape, np.float32)
+    values, out = levels.values.astype(np.float32), large_zeros(array.shape, np.float32)
     weights = gaussian_weights(sigma) if sigma else np.ones(1)
 
     def fill(block: Block) -> None:

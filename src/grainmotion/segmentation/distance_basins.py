@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from grainmotion.kernels.distance_transform import distances_along_z, squares_in_plane
 from grainmotion.kernels.nearest_codes import nearest_along_z, nearest_in_plane
 from grainmotion.kernels.steepest_ascent import climb_to_peaks, find_peaks, label_places
+from grainmotion.model.large_arrays import large_empty, large_zeros
 from grainmotion.segmentation.blocks import Work, slabs_of
 from grainmotion.segmentation.label_measures import label_boxes
 
@@ -17,7 +18,7 @@ Floats = NDArray[np.float32]
 
 def distances(mask: NDArray[np.bool_], work: Work) -> Floats:
     """Distance of each voxel of a mask from the nearest one outside of it, voxels; what lies beyond is not outside."""
-    inside, out = mask.view(np.uint8), np.empty(mask.shape, np.float32)
+    inside, out = mask.view(np.uint8), large_empty(mask.shape, np.float32)
     work.each(range(mask.shape[0]), lambda plane: squares_in_plane(inside, plane, out))
     work.each(range(mask.shape[1]), lambda row: distances_along_z(out, row))
     return out
@@ -34,7 +35,7 @@ def find_basins(distance: Floats, work: Work) -> tuple[Ints, NDArray[np.float64]
     A voxel belongs to the basin of its highest neighbour (`kernels.steepest_ascent`), so basins do not depend on an
     order of voxels.
     """
-    slabs, basins = slabs_of(distance.shape), np.empty(distance.shape, np.int32)
+    slabs, basins = slabs_of(distance.shape), large_empty(distance.shape, np.int32)
 
     def ask(slab: tuple[int, int]) -> None:
         basins[slice(*slab)] = np.where(distance[slice(*slab)] > 0, np.int32(-1), np.int32(0))
@@ -68,7 +69,7 @@ def largest_balls(labels: Ints, count: int, work: Work) -> NDArray[np.float64]:
 
 def nearest_codes(codes: NDArray[np.int8], wanted: NDArray[np.bool_], work: Work) -> NDArray[np.int8]:
     """Of every voxel the code of the nearest one that is wanted, 0 if there is none."""
-    squares, nearest = np.empty(codes.shape, np.float32), np.zeros(codes.shape, np.int8)
+    squares, nearest = large_empty(codes.shape, np.float32), large_zeros(codes.shape, np.int8)
     mask = wanted.view(np.uint8)
     work.each(range(codes.shape[0]), lambda plane: nearest_in_plane(mask, codes, plane, squares, nearest))
     work.each(range(codes.shape[1]), lambda row: nearest_along_z(squares, nearest, row))

@@ -1,7 +1,8 @@
 """Labels that grow into the voxels around them, the highest first.
 
-The result is that of a watershed by flooding: a voxel belongs to its highest neighbour if that is higher, and a local
-maximum without a label to the label at the other end of the highest pass.  Nothing of it depends on an order of voxels,
+A voxel belongs to its highest neighbour if that is higher, and a local maximum without a label, with all that belongs
+to it, to the label at the other end of its highest pass.  That is what a watershed by flooding gives, but for few
+voxels on the slopes of such a maximum, which some floods reach before it.  Nothing of it depends on an order of voxels
 but where values are equal; there the first in the array is the higher one.
 """
 
@@ -44,6 +45,6 @@ def flooded_regions(labels: Ints, heights: NDArray, count: int, work: Work) -> t
     labels.reshape(-1)[tops] = np.arange(count + 1, regions + 1, dtype=np.int32)
     work.each(slabs, lambda slab: climb_to_labels(heights, labels, *slab))
     pairs = LabelPairs.of(labels, heights, regions, work)
-    order = np.argsort(-pairs.tops[:, 0], kind="stable")
+    order = np.lexsort((-pairs.beside, -pairs.tops[:, 0]))  # of equal passes the one beside the highest voxel
     new = join_tops(pairs.pairs[:, 0].copy(), pairs.pairs[:, 1].copy(), order, count, regions)
     return pairs, new.astype(np.int32)

@@ -7,12 +7,13 @@ from numpy.typing import NDArray
 
 from grainmotion.kernels.label_faces import add_faces_on_codes
 from grainmotion.kernels.label_tables import add_boxes, add_sizes, add_values, replace_in_mask, replace_labels
+from grainmotion.model.large_arrays import large_empty
 from grainmotion.segmentation.blocks import Work, chunks_of, slabs_of
 
 Ints = NDArray[np.int32]
 Counts = NDArray[np.int64]
 
-_UNITS = float(1 << 24)
+_STEPS_OF_SUMS = float(1 << 24)
 """Steps of the highest value in which values are added up."""
 
 
@@ -36,7 +37,7 @@ def label_sizes(labels: NDArray[np.integer], count: int, work: Work) -> Counts:
 def label_sums(labels: NDArray[np.integer], values: NDArray, count: int, work: Work) -> NDArray[np.float64]:
     """Sums ``(count + 1,)`` of the values of each label, 0 for label 0."""
     flat, height = labels.reshape(-1), values.reshape(-1)
-    unit = max(float(values.max()), -float(values.min()), 1e-30) / _UNITS
+    unit = max(float(values.max()), -float(values.min()), 1e-30) / _STEPS_OF_SUMS
 
     def add(part: slice, sums: Counts) -> Counts:
         add_values(flat[part], height[part], unit, sums)
@@ -94,7 +95,7 @@ def add_labels(labels: Ints, own: Ints, before: int, work: Work) -> None:
 
 def looked_up(table: NDArray, labels: Ints, work: Work) -> NDArray:
     """The entry of a table for each label."""
-    out = np.empty(labels.shape, table.dtype)
+    out = large_empty(labels.shape, table.dtype)
     flat, found = labels.reshape(-1), out.reshape(-1)
     work.each(chunks_of(flat.size), lambda part: np.take(table, flat[part], out=found[part], mode="clip"))
     return out

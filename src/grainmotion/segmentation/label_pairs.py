@@ -32,6 +32,8 @@ class LabelPairs:
         Sum of both voxels' marks over all faces.
     tops : (k, 4) float32 array
         The highest of the values of faces, falling; a face has the lower value of its two voxels.
+    beside : (k,) float32 array
+        The higher value at the first of these faces.
     surface : (n + 1,) int array
         Faces of each label with any other number, 0 as well.
     label_marks : (n + 1,) int array
@@ -42,6 +44,7 @@ class LabelPairs:
     faces: NDArray[np.int64]
     marks: NDArray[np.int64]
     tops: NDArray[np.float32]
+    beside: NDArray[np.float32]
     surface: NDArray[np.int64]
     label_marks: NDArray[np.int64]
 
@@ -102,9 +105,9 @@ class LabelPairs:
         surface -= 2 * np.bincount(pairs[inside, 0], faces[inside], minlength=count + 1).astype(np.int64)
         surface[0] = 0
         kept = ~inside & (pairs > 0).all(axis=1)
-        sums = np.column_stack([self.faces, self.marks])[kept]
+        sums, tops = np.column_stack([self.faces, self.marks])[kept], np.column_stack([self.tops, self.beside])[kept]
         marks = np.bincount(new, self.label_marks, minlength=count + 1).astype(np.int64)
-        return self._gathered(np.sort(pairs[kept], axis=1), sums, self.tops[kept], (surface, marks))
+        return self._gathered(np.sort(pairs[kept], axis=1), sums, tops, (surface, marks))
 
     @classmethod
     def _gathered(cls, pairs: NDArray, sums: NDArray, tops: NDArray, of_labels: tuple) -> LabelPairs:
@@ -113,4 +116,4 @@ class LabelPairs:
         pairs = pairs[order]
         start = np.flatnonzero(np.concatenate([[True], (np.diff(pairs, axis=0) != 0).any(axis=1)])[: len(pairs)])
         sums, tops = gather_pairs(pairs[:, 0].copy(), sums[order], tops[order], start)
-        return cls(pairs[start], sums[:, :3], sums[:, 3], tops, *of_labels)
+        return cls(pairs[start], sums[:, :3], sums[:, 3], tops[:, :4], tops[:, 4], *of_labels)

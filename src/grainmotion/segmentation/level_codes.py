@@ -11,6 +11,7 @@ from scipy import ndimage
 
 from grainmotion.kernels.block_filters import erode_block, range_block, smooth_block
 from grainmotion.kernels.value_histogram import count_equal_bins
+from grainmotion.model.large_arrays import large_empty, large_zeros
 from grainmotion.segmentation.blocks import Block, Work, blocks_of, chunks_of
 from grainmotion.segmentation.border import BeyondField
 from grainmotion.segmentation.order_statistics import FineBins, quantiles
@@ -66,7 +67,7 @@ def gaussian_weights(sigma: float) -> NDArray[np.float64]:
 
 def smoothed(array: Floats, sigma: float, work: Work) -> Floats:
     """The volume under a Gaussian filter."""
-    weights, out = gaussian_weights(sigma), np.empty(array.shape, np.float32)
+    weights, out = gaussian_weights(sigma), large_empty(array.shape, np.float32)
 
     def smooth(block: Block) -> None:
         out[block.box] = smooth_block(block.gather(array, len(weights) - 1), weights)
@@ -154,7 +155,7 @@ class _LevelRanges:
 
     def codes(self, uniform: _Uniform, beyond: BeyondField | None, work: Work) -> Codes:
         """Number of each uniform voxel's level from 1 on, without small levels, with what is thin and dense."""
-        out, top = np.zeros(uniform.smooth.shape, np.uint8), len(self.bounds)
+        out, top = large_zeros(uniform.smooth.shape, np.uint8), len(self.bounds)
 
         def fill(block: Block, found: tuple[Counts, Counts]) -> tuple[Counts, Counts]:
             rise, spread, here = uniform.of(block)
@@ -214,7 +215,7 @@ def _rim(shape: tuple[int, ...], block: Block) -> NDArray[np.bool_]:
 
 def _told_codes(uniform: _Uniform, told: Sequence[tuple[float, float]], work: Work) -> Codes:
     """1 more than the number of the phase whose range each uniform voxel is in, or nearest to; 0 elsewhere."""
-    out = np.zeros(uniform.smooth.shape, np.uint8)
+    out = large_zeros(uniform.smooth.shape, np.uint8)
 
     def fill(block: Block) -> None:
         here, smooth = uniform.of(block)[2], uniform.smooth[block.box]

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from grainmotion.model.large_arrays import large_empty
 from grainmotion.segmentation.blocks import Work, slabs_of
 from grainmotion.segmentation.label_measures import faces_on_codes, highest_label, label_sizes
 from grainmotion.segmentation.label_pairs import LabelPairs
@@ -87,7 +88,7 @@ def liquid_levels(
 
 def _is_liquid(array: Floats, of_voxel: NDArray[np.int8], levels: NDArray[np.float64], level: int, work: Work) -> bool:
     """Whether a level surrounds denser grains."""
-    excess, dense = np.empty(array.shape, np.float32), np.empty(array.shape, bool)
+    excess, dense = large_empty(array.shape, np.float32), large_empty(array.shape, bool)
     slabs = [slice(*slab) for slab in slabs_of(array.shape)]
 
     def rise(slab: slice) -> None:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from grainmotion.kernels.block_filters import half_way_block, range_block, smooth_block
+from grainmotion.model.large_arrays import large_empty, large_zeros
 from grainmotion.segmentation.blocks import Block, Work, blocks_of
 from grainmotion.segmentation.distance_basins import nearest_codes
 from grainmotion.segmentation.flooding import flooded_regions
@@ -43,13 +44,14 @@ def flooded(array: Floats, cores: UniformCores, work: Work) -> Ints:
         Numbers of cores, 1 … n.
     """
     shape, weights = array.shape, gaussian_weights(SMOOTHING)
-    heights, count = np.empty(shape, np.float32), len(cores.level_of) - 1
+    heights, count = large_empty(shape, np.float32), len(cores.level_of) - 1
 
     def fill(block: Block) -> None:  # steep places are low
         heights[block.box] = -range_block(smooth_block(block.gather(array, len(weights)), weights))
 
     work.each(blocks_of(shape), fill)
-    regions, fixed = np.full(shape, -1, np.int32), np.zeros(shape, np.uint8)
+    regions, fixed = large_empty(shape, np.int32), large_zeros(shape, np.uint8)
+    regions[...] = -1
     cores.components.paint(regions, cores.numbers, work)
     cores.components.paint(fixed, (cores.numbers > 0).astype(np.uint8), work)
     _, new = flooded_regions(regions, heights, count, work)
@@ -91,7 +93,7 @@ def without_shells(
     """
     result, shape = of_voxel.copy(), of_voxel.shape
     for dense in range(len(levels) - 1, 1, -1):
-        far = np.empty(shape, bool)
+        far = large_empty(shape, bool)
 
         def mark(block: Block, dense: int = dense, far: NDArray[np.bool_] = far) -> bool:
             body = block.gather(result, BLUR_SHELL, -1, np.int8) >= dense

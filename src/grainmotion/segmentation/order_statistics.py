@@ -26,7 +26,7 @@ def quantiles(
     work : Work
         Threads.
     values : array
-        Any shape.
+        Of whatever shape.
     shares : sequence of float
         0 … 1.
     groups : array, optional

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion.kernels.block_filters import erode_block, sum_block
+from grainmotion.model.large_arrays import large_zeros
 from grainmotion.segmentation.blocks import Block, Box, Work, blocks_of
 from grainmotion.segmentation.components import Components, fill_holes
 from grainmotion.segmentation.order_statistics import median
@@ -78,7 +79,7 @@ class OwnLevel:
 
     def cores(self, threshold: float, box: Box, work: Work) -> Bools:
         """Voxels above `CORE_LEVEL` and above a threshold, with what they enclose; all of a piece without any."""
-        found = np.zeros(self.solid.shape, bool)
+        found = large_zeros(self.solid.shape, bool)
 
         def fill(block: Block) -> None:
             solid = self.solid[block.box]

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from skimage.filters import threshold_otsu
 
+from grainmotion.model.large_arrays import large_empty
 from grainmotion.model.volume import Volume
 from grainmotion.segmentation.blocks import Block, Work, blocks_of
 from grainmotion.segmentation.border import BeyondField, beyond_field
@@ -176,7 +177,7 @@ class PhaseMap:
         return np.asarray(np.array([phase.kind == kind for phase in self.phases])[self.index])
 
 
-def phase_map(array: Floats, levels: Levels, labels: NDArray[np.integer], work: Work) -> PhaseMap:
+def phase_map(array: Floats, levels: Levels, labels: NDArray[np.int32], work: Work) -> PhaseMap:
     """Phases by levels and the labels of the grains; solids without a label are bodies."""
     count, blocks = len(levels.values), blocks_of(array.shape)
     kinds = np.array([_NUMBER_OF.get(k, 3) for k in levels.kinds], np.int8)
@@ -189,10 +190,10 @@ def phase_map(array: Floats, levels: Levels, labels: NDArray[np.integer], work: 
     labelled = np.asarray(counts)[count:]
     with_grains = labelled > LABELLED * (labelled + np.asarray(counts)[:count])
     with_grains |= labelled == labelled.max()
-    index = np.empty(array.shape, np.int8)
+    index = large_empty(array.shape, np.int8)
 
     def fill(block: Block, sizes: NDArray[np.int64]) -> NDArray[np.int64]:
-        wide = block.gather(labels, SURFACE, 0, labels.dtype.type) > 0
+        wide = block.gather(labels, SURFACE, 0, np.int32) > 0
         inner = (slice(SURFACE, -SURFACE),) * 3
         level, grain = levels.of_voxel[block.box].copy(), wide[inner]
         kind = kinds[level]
@@ -242,7 +243,7 @@ def find_phases(volume: Volume, labels: NDArray[np.integer], told: Sequence[Phas
     InputError
         If the labels are not the volume's.
     """
-    labels, work = checked_labels(labels, volume.shape), Work()
+    labels, work = checked_labels(labels, volume.shape).astype(np.int32, copy=False), Work()
     grains = volume.array[labels > 0]
     threshold = float(grains.mean()) / 2 if len(grains) else float(threshold_otsu(volume.array))
     levels = find_levels(volume.array, threshold, told, beyond_field(volume), work)

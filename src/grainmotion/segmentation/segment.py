@@ -16,6 +16,7 @@ from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Progress
 from grainmotion.errors import InputError
 from grainmotion.kernels.value_histogram import count_equal_bins
+from grainmotion.model.large_arrays import large_empty
 from grainmotion.model.summary import Summarised, Summary, names_text, shape_text
 from grainmotion.model.thumbnails import grey_picture, thinned_image
 from grainmotion.model.volume import Volume
@@ -184,7 +185,7 @@ def _phases(
     if levels is None:
         around = median(work, array, labels, 0)
         values = np.array([around if np.isfinite(around) else 0.0, median(work, array, labels)])
-        of_voxel = np.empty(array.shape, np.int8)
+        of_voxel = large_empty(array.shape, np.int8)
         work.each(
             slabs_of(array.shape), lambda slab: np.greater(array[slice(*slab)], threshold, of_voxel[slice(*slab)])
         )
@@ -229,7 +230,7 @@ def _otsu(flat: NDArray[np.floating], low: float, high: float, work: Work) -> fl
 
 def _above(array: NDArray[np.floating], threshold: float, work: Work) -> Bools:
     """Voxels above a threshold, and what they enclose."""
-    solid = np.empty(array.shape, bool)
+    solid = large_empty(array.shape, bool)
     work.each(slabs_of(array.shape), lambda slab: np.greater(array[slice(*slab)], threshold, solid[slice(*slab)]))
     fill_holes(solid, work)
     return solid

@@ -31,6 +31,7 @@ import threading
 import numpy as np
 from numpy.typing import NDArray
 
+from grainmotion.model.large_arrays import large_zeros
 from grainmotion.segmentation.blocks import Block, Work
 from grainmotion.segmentation.distance_basins import distances, find_basins
 from grainmotion.segmentation.flooding import flooded_regions
@@ -79,7 +80,7 @@ def separated(
     work = work or Work()
     box = bounding_box(solid)
     if box is None:
-        return np.zeros(array.shape, np.int32)
+        return large_zeros(array.shape, np.int32)
     smallest = min(settings.min_volume or MIN_GRAIN_VOXELS, MIN_GRAIN_VOXELS)
     labels, count = _cores(OwnLevel.of(array, solid, box, work), threshold, smallest, settings, work)
     pairs, new = flooded_regions(labels, array, count, work)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from grainmotion.model.large_arrays import large_zeros
 from grainmotion.segmentation.blocks import Work
 from grainmotion.segmentation.border import BeyondField
 from grainmotion.segmentation.components import Components
@@ -100,6 +101,6 @@ class UniformCores:
 
     def labels(self, work: Work) -> Ints:
         """The core of each voxel, 0 for none."""
-        labels = np.zeros(self.components.shape, np.int32)
+        labels = large_zeros(self.components.shape, np.int32)
         self.components.paint(labels, self.numbers, work)
         return labels
