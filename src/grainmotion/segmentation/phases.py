@@ -243,8 +243,8 @@ def find_phases(volume: Volume, labels: NDArray[np.integer], told: Sequence[Phas
     InputError
         If the labels are not the volume's.
     """
-    labels, work = checked_labels(labels, volume.shape).astype(np.int32, copy=False), Work()
-    grains = volume.array[labels > 0]
+    own, work = checked_labels(labels, volume.shape).astype(np.int32, copy=False), Work()
+    grains = volume.array[own > 0]
     threshold = float(grains.mean()) / 2 if len(grains) else float(threshold_otsu(volume.array))
     levels = find_levels(volume.array, threshold, told, beyond_field(volume), work)
-    return None if levels is None else phase_map(volume.array, levels, labels, work)
+    return None if levels is None else phase_map(volume.array, levels, own, work)
