@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from skimage.filters import threshold_otsu
 
 from grainmotion._arguments import checked_arguments
 from grainmotion.diagnosis.coarse_projection import CoarseScan, Match, coarse_volume
@@ -26,8 +25,10 @@ from grainmotion.diagnosis.orientations import (
     oriented,
 )
 from grainmotion.model.finding import Check, Finding, Level
+from grainmotion.model.order_statistics import quantile_of_parts
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
+from grainmotion.preprocessing.volume_threshold import otsu
 
 VOLUME_CHECK: Check = "given-volume"
 GOOD_RESIDUAL = 0.12
@@ -209,8 +210,12 @@ def _evidence(told: Match, best: Match) -> str:
 def _air_level(volume: Volume) -> float:
     """Level of air in a volume if it is far from 0, else 0."""
     array = volume.array
-    threshold = threshold_otsu(array)
-    low, high = float(np.median(array[array <= threshold])), float(array[array > threshold].mean())
+    threshold = otsu(array)
+    low = quantile_of_parts(lambda: (plane[plane <= threshold] for plane in array), 0.5)
+    bright = [
+        (float(plane[plane > threshold].sum(dtype=float)), np.count_nonzero(plane > threshold)) for plane in array
+    ]
+    high = sum(total for total, _ in bright) / sum(count for _, count in bright)
     return low if abs(low) > MIN_AIR_LEVEL * (high - low) else 0.0
 
 

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from grainmotion._typing import Float
 from grainmotion.model.finding import Finding, Level
+from grainmotion.model.label_sums import label_sizes
 
 PLATE = 0.25
 """Height over width, or its inverse, below which a body is a plate or a pillar and does not count; platens: 0.18."""
@@ -51,15 +52,19 @@ def check_grain_shapes(labels: NDArray[np.integer], where: str = "pixel_size") -
 
 def heights_over_widths(labels: NDArray[np.integer]) -> Float:
     """Standard deviation of the voxels of each grain along z over that along x and y, ``(grains,)``."""
-    places = np.nonzero(labels)
-    grains = labels[places]
-    counts = np.bincount(grains).astype(float)
+    counts = label_sizes(labels)
+    sums, squares = np.zeros((2, 3, len(counts)))  # along z, y, x
+    for z, plane in enumerate(labels):
+        y, x = np.nonzero(plane)
+        grains = plane[y, x]
+        for axis, place in enumerate((np.full(len(grains), z), y, x)):
+            for power, total in ((1, sums), (2, squares)):
+                own = np.bincount(grains, place.astype(float) ** power)
+                total[axis, : len(own)] += own
+    counts[0] = 0
     present = counts > 1
-    variances = []
-    for place in places:
-        sums, squares = (np.bincount(grains, place.astype(float) ** power)[present] for power in (1, 2))
-        variances.append(squares / counts[present] - (sums / counts[present]) ** 2)
+    variances = squares[:, present] / counts[present] - (sums[:, present] / counts[present]) ** 2
     height, *widths = variances
     width = (widths[0] + widths[1]) / 2
     extended = (width > 0) & (height > 0)
-    return np.sqrt(height[extended] / width[extended])
+    return np.asarray(np.sqrt(height[extended] / width[extended]))

@@ -12,11 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from grainmotion._typing import Image
 from grainmotion.model.finding import Check, Finding, Level
 from grainmotion.model.hardening import Hardening
+from grainmotion.model.progress import counted
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
-from grainmotion.preprocessing.beam_hardening import HardeningSettings, calibrate_hardening
+from grainmotion.preprocessing.beam_hardening import HardeningSettings, best_hardening, material_pieces
 
 HARDENING_CHECK: Check = "hardening"
 HARDENING_VIEWS = 24
@@ -36,6 +38,8 @@ attenuation, and half of the grains at 0.25 to 0.4 of the others' looked like a 
 material gave 1.01 to 1.05, hardened by a fifth or not."""
 HALO_VOXELS = 2
 """Voxels around grains that belong to them."""
+PLANES_OF_HALO = 32
+"""Planes of voxels whose surroundings are looked at together."""
 
 
 def corrected_hardening(curve: Hardening, where: str = "reference") -> tuple[Finding, ...]:
@@ -72,18 +76,21 @@ def check_hardening(
     where : str
         The scan.
     """
-    grains = labels > 0
-    if len(scan) < HARDENING_VIEWS or not grains.any():
+    if len(scan) < HARDENING_VIEWS or not labels.any():
         return ()
-    other = ~ndimage.binary_dilation(grains, iterations=HALO_VOXELS)
     total = float(volume.array.sum(dtype=float))
-    if total <= 0 or float(volume.array[other].sum(dtype=float)) > MAX_OTHER_SHARE * total:
+    if total <= 0 or _away_from_grains(volume.array, labels) > MAX_OTHER_SHARE * total:
         return ()
-    medians = np.asarray(ndimage.median(volume.array, labels, np.unique(labels[grains])))
-    if medians.max() > MAX_CONTRAST * medians.min():
+    medians = [
+        float(np.median(volume.array[box][labels[box] == label]))
+        for label, box in enumerate(counted(ndimage.find_objects(labels)), start=1)
+        if box is not None
+    ]
+    if max(medians) > MAX_CONTRAST * min(medians):
         return ()
-    pieces = np.asarray(ndimage.label(grains)[0])
-    curve = calibrate_hardening(scan, volume, HardeningSettings(degree=2), labels=pieces)
+    settings = HardeningSettings(degree=2)
+    parts = [lambda: material_pieces(volume, settings), lambda: _pieces_of(labels)]
+    curve = best_hardening(scan, volume, settings, parts)
     if curve.departure < NOTED_DEPARTURE:
         return ()
     level = Level.WARNING if curve.departure >= SERIOUS_DEPARTURE else Level.NOTE
@@ -92,3 +99,19 @@ def check_hardening(
     remedy = "set [calibrate] hardening = 2, which corrects both in all scans; standard deviations may be too "
     remedy += "small without it"
     return (Finding(level, HARDENING_CHECK, where, fact, evidence, remedy),)
+
+
+def _away_from_grains(array: Image, labels: NDArray[np.integer]) -> float:
+    """Sum of the voxels further than `HALO_VOXELS` from all grains, some planes at a time."""
+    total = 0.0
+    for first in range(0, len(array), PLANES_OF_HALO):
+        start, end = max(first - HALO_VOXELS, 0), first + PLANES_OF_HALO
+        near = ndimage.binary_dilation(labels[start : end + HALO_VOXELS] > 0, iterations=HALO_VOXELS)
+        near = near[first - start : end - start]
+        total += float(array[first:end].sum(dtype=float, where=~near))
+    return total
+
+
+def _pieces_of(labels: NDArray[np.integer]) -> NDArray[np.integer]:
+    """Numbers of the connected pieces that all grains form together."""
+    return np.asarray(ndimage.label(labels > 0)[0])

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from grainmotion.model.label_sums import label_sizes, label_sums
+from grainmotion.model.order_statistics import quantile_of_parts
 from grainmotion.model.volume import Volume
 
 MIN_SURROUNDING_SHARE = 0.15
@@ -22,30 +24,31 @@ def background_label(volume: Volume, labels: NDArray[np.integer]) -> tuple[int, 
 
     Without other labels it is compared with what has none: grain and air are swapped then.
     """
-    sizes = np.bincount(labels.ravel())
+    sizes = label_sizes(labels)
+    total, bare = labels.size, int(sizes[0])
     sizes[0] = 0
     label = int(sizes.argmax())
-    share = float(sizes[label]) / labels.size
-    inside = labels == label
-    others = (labels > 0) & ~inside
-    others = others if others.any() else ~inside
-    if share < MIN_SURROUNDING_SHARE or not others.any() or not _surrounds(inside):
+    share = float(sizes[label]) / total
+    swapped = int(sizes.sum()) == int(sizes[label])
+    others = total - sizes[label] if swapped else sizes.sum() - sizes[label]
+    if share < MIN_SURROUNDING_SHARE or not others or not _surrounds(labels, label):
         return None
-    dark = float(np.quantile(volume.array, 0.01))
-    level, grains = (float(volume.array[mask].mean(dtype=float)) - dark for mask in (inside, others))
+    sums = label_sums(labels, volume.array)
+    of_others = sums.sum() - sums[label] - (0 if swapped else sums[0])
+    dark = quantile_of_parts(lambda: volume.array, 0.01)
+    level, grains = float(sums[label] / sizes[label]) - dark, float(of_others / others) - dark
     if grains <= 0 or level > MAX_SURROUNDING_LEVEL * grains:
         return None
-    unlabelled = labels == 0
-    if unlabelled.mean() >= MIN_UNLABELLED_SHARE:
-        around = float(volume.array[unlabelled].mean(dtype=float)) - dark
+    if bare >= MIN_UNLABELLED_SHARE * total:
+        around = float(sums[0] / bare) - dark
         if level > around + MAX_ABOVE_UNLABELLED * grains:
             return None
     return label, share, max(level, 0.0) / grains
 
 
-def _surrounds(inside: NDArray[np.bool_]) -> bool:
+def _surrounds(labels: NDArray[np.integer], label: int) -> bool:
     """Whether a label reaches at least four faces of the array, along axes of more than one voxel."""
     faces = [
-        face for axis in range(3) if inside.shape[axis] > 1 for face in (inside.take(0, axis), inside.take(-1, axis))
+        face for axis in range(3) if labels.shape[axis] > 1 for face in (labels.take(0, axis), labels.take(-1, axis))
     ]
-    return sum(bool(face.any()) for face in faces) >= min(4, len(faces))
+    return sum(bool((face == label).any()) for face in faces) >= min(4, len(faces))

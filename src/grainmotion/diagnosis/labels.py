@@ -15,6 +15,7 @@ from grainmotion._typing import Float
 from grainmotion.diagnosis.label_background import background_label
 from grainmotion.diagnosis.orientations import AS_GIVEN, ORIENTATIONS, orientation_code, orientation_name, oriented
 from grainmotion.model.finding import Check, Finding, Level
+from grainmotion.model.label_sums import label_sizes
 from grainmotion.model.motions import Motions, Status
 from grainmotion.model.volume import Volume
 from grainmotion.segmentation.distance_basins import distance_basins
@@ -167,7 +168,7 @@ def necked_labels(labels: NDArray[np.integer]) -> dict[int, float]:
 
 
 def _binary(clean: CleanLabels, where: str) -> Iterable[Finding]:
-    values = np.flatnonzero(np.bincount(clean.labels.ravel()))
+    values = np.flatnonzero(label_sizes(clean.labels))
     values = values[values > 0]
     if len(values) != 1 or min(clean.labels.shape) == 1:
         return []

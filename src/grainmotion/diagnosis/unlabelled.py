@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import edt
@@ -9,7 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from grainmotion._typing import Image
 from grainmotion.model.finding import Check, Finding, Level
+from grainmotion.model.label_sums import label_sizes, label_sums, mean_of_labels
+from grainmotion.model.large_arrays import large_empty
+from grainmotion.model.order_statistics import median_of_labels, quantile_of_parts
+from grainmotion.model.progress import counted
 from grainmotion.model.volume import Volume
 from grainmotion.segmentation.distance_basins import distance_basins
 from grainmotion.segmentation.region_merging import BasinGraph
@@ -22,7 +28,7 @@ BLOB_NOISE = 4.0
 """The same in robust standard deviations of the smoothed voxels outside the labels."""
 BLOB_SIGMA = 1.0
 """Width of the Gaussian filter over voxels without a label."""
-BLOB_GAP = 2.0
+BLOB_GAP = 2
 """Distance from the labels within which attenuation is their blurred surface, voxels."""
 MIN_BLOB_RADIUS = 0.5
 """Radius of the largest ball in a blob, over that of the median grain."""
@@ -44,6 +50,10 @@ MAX_SHARE_OF_A_GRAIN = 0.5
 """Share of all labelled voxels in one grain."""
 MAX_GRAIN = 30.0
 """Volume of the largest grain over that of the median of the others; a sample of 10 to 32 voxels has 8."""
+PLANES_TOGETHER = 32
+"""Planes of voxels that are filtered together, so that little memory is needed beside the volume."""
+
+Box = tuple[slice, slice, slice]
 
 
 @dataclass(frozen=True)
@@ -105,42 +115,115 @@ def check_unlabelled(
 def unlabelled_blobs(volume: Volume, labels: NDArray[np.integer]) -> Blobs | None:
     """Blobs outside the labels as large and compact as grains, surrounded by air; None if there is none."""
     array, whole = volume.array, float(volume.array.sum(dtype=float))
-    if min(volume.shape) == 1 or not labels.any() or whole <= 0 or (labels > 0).all():
-        return None
-    outside = labels == 0
-    grain, dark = float(array[~outside].mean()), float(np.median(array[outside]))
-    smooth = ndimage.gaussian_filter(np.where(outside, array, dark), BLOB_SIGMA)
-    far = edt.edt(outside, parallel=1) > BLOB_GAP
-    if not far.any() or grain <= dark:
-        return None
-    middle = float(np.median(smooth[far]))
-    noise = 1.4826 * float(np.median(np.abs(smooth[far] - middle)))
-    mask = far & (smooth > max(dark + BLOB_LEVEL * (grain - dark), middle + BLOB_NOISE * noise))
-    distance = edt.edt(mask, parallel=1)
-    sizes = np.bincount(labels.ravel())[1:]
+    sizes = label_sizes(labels)[1:]
     sizes = sizes[sizes > 0]
-    ball = float(np.median(np.cbrt(3 * sizes / (4 * np.pi))))
-    if float(distance.max()) < MIN_BLOB_RADIUS * ball:
+    if min(volume.shape) == 1 or not sizes.size or whole <= 0 or sizes.sum() == labels.size:
         return None
-    settings = SegmentSettings()
-    basins = distance_basins(distance)
-    parts = BasinGraph.of(distance, basins).merged(settings.depth, settings.oneness)[basins]
-    median, solid, accepted = float(np.median(sizes)), mask | ~outside, []
-    for k, box in enumerate(ndimage.find_objects(parts), start=1):
-        if box is None or any(s.start == 0 or s.stop == n for s, n in zip(box, parts.shape, strict=True)):
-            continue
-        wide = tuple(slice(s.start - 1, s.stop + 1) for s in box)
-        if _is_blob(parts[wide] == k, distance[wide], solid[wide], median, ball):
-            accepted.append(k)
-    if not accepted:
+    dark = median_of_labels(labels, array, 0)
+    step = mean_of_labels(labels, array) - dark
+    if step <= 0:
         return None
-    chosen = np.isin(parts, accepted)
-    level = float(np.median(smooth[chosen]))
+    smooth = _smooth_far(array, labels, dark)
+    middle = quantile_of_parts(lambda: map(_known, smooth), 0.5)
+    if np.isnan(middle):
+        return None
+    noise = 1.4826 * quantile_of_parts(lambda: (np.abs(_known(plane) - middle) for plane in smooth), 0.5)
+    mask = smooth > max(dark + BLOB_LEVEL * step, middle + BLOB_NOISE * noise)
+    del smooth  # made again in the rare case that there is a blob
+    median, ball = float(np.median(sizes)), float(np.median(np.cbrt(3 * sizes / (4 * np.pi))))
+    if not _holds_a_ball(mask, MIN_BLOB_RADIUS * ball):
+        return None
+    blobs = list(_blobs(mask, labels, median, ball))
+    if not blobs:
+        return None
+    smooth = _smooth_far(array, labels, dark)
+    level = float(np.median(np.concatenate([smooth[box][own] for box, own in blobs])))
     threshold = dark + (level - dark) / 2
-    rest = far & ~ndimage.binary_dilation(chosen, iterations=int(BLOB_GAP) + 1)
-    clear = not rest.any() or np.count_nonzero(smooth[rest] > threshold) < 0.1 * np.count_nonzero(chosen)
-    share = float(array[chosen].sum(dtype=float)) / whole
-    return Blobs(len(accepted), share, level, threshold if clear else float("nan"))
+    reach, size = BLOB_GAP + 1, sum(np.count_nonzero(own) for _, own in blobs)
+    for box, own in blobs:
+        wide = tuple(slice(max(s.start - reach, 0), s.stop + reach) for s in box)
+        inside = np.zeros(smooth[wide].shape, bool)
+        inside[tuple(slice(s.start - w.start, s.stop - w.start) for s, w in zip(box, wide, strict=True))] = own
+        smooth[wide][ndimage.binary_dilation(inside, iterations=reach)] = np.nan
+    clear = sum(np.count_nonzero(plane > threshold) for plane in smooth) < 0.1 * size
+    share = sum(float(array[box][own].sum(dtype=float)) for box, own in blobs) / whole
+    return Blobs(len(blobs), share, level, threshold if clear else float("nan"))
+
+
+def _smooth_far(array: Image, labels: NDArray[np.integer], dark: float) -> Image:
+    """Voxels without a label under a Gaussian filter, NaN near the labels; some planes at a time."""
+    out = large_empty(array.shape, array.dtype)
+    margin = max(int(4 * BLOB_SIGMA + 0.5), BLOB_GAP + 1)
+    for around, inner in _slabs(len(array), margin):
+        outside = labels[around] == 0
+        smooth = ndimage.gaussian_filter(np.where(outside, array[around], dark), BLOB_SIGMA)
+        smooth[_near(~outside)] = np.nan
+        out[around.start + inner.start : around.start + inner.stop] = smooth[inner]
+    return out
+
+
+def _near(solid: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Voxels within a ball of `BLOB_GAP`, two, voxels around those of a mask: the mask moved over its offsets."""
+    row = _with_moved(solid, solid, 2, 1)
+    square = _with_moved(row, row, 1, 1)
+    disk = _with_moved(_with_moved(square, solid, 2, 2), solid, 1, 2)
+    return _with_moved(_with_moved(disk, square, 0, 1), solid, 0, 2)
+
+
+def _with_moved(mask: NDArray[np.bool_], other: NDArray[np.bool_], axis: int, step: int) -> NDArray[np.bool_]:
+    """A mask, and another moved by so many voxels either way."""
+    out = mask.copy()
+    to, of = np.moveaxis(out, axis, 0), np.moveaxis(other, axis, 0)
+    to[step:] |= of[:-step]
+    to[:-step] |= of[step:]
+    return out
+
+
+def _holds_a_ball(mask: NDArray[np.bool_], radius: float) -> bool:
+    """Whether any voxel of a mask is so far from all voxels outside of it; some planes at a time."""
+    for around, inner in _slabs(len(mask), int(radius) + 1):
+        if mask[around][inner].any() and float(edt.edt(mask[around], parallel=1)[inner].max()) >= radius:
+            return True
+    return False
+
+
+def _slabs(planes: int, margin: int) -> Iterator[tuple[slice, slice]]:
+    """Planes that are worked on together, a margin beside them, and those within the margins, counted from them on."""
+    for first in counted(range(0, planes, PLANES_TOGETHER)):
+        start, stop = max(first - margin, 0), min(first + PLANES_TOGETHER, planes)
+        yield slice(start, min(stop + margin, planes)), slice(first - start, stop - start)
+
+
+def _known(plane: Image) -> Image:
+    """Pixels that are not NaN."""
+    return plane[~np.isnan(plane)]
+
+
+def _blobs(
+    mask: NDArray[np.bool_], labels: NDArray[np.integer], median: float, ball: float
+) -> Iterator[tuple[Box, NDArray[np.bool_]]]:
+    """Boxes of the parts of a mask that are as large and compact as grains and lie in air, and their voxels therein.
+
+    Each connected piece is divided by itself, as grains are by `segment`.
+    """
+    settings, shape = SegmentSettings(), mask.shape
+    pieces, _ = ndimage.label(mask, np.ones((3, 3, 3)))
+    for piece, place in enumerate(ndimage.find_objects(pieces), start=1):
+        around = tuple(slice(max(s.start - 1, 0), s.stop + 1) for s in place)
+        own = pieces[around] == piece
+        if np.count_nonzero(own) < BLOB_VOLUMES[0] * median:
+            continue
+        distance, solid = edt.edt(own, parallel=1), own | (labels[around] > 0)
+        basins = distance_basins(distance)
+        parts = BasinGraph.of(distance, basins).merged(settings.depth, settings.oneness)[basins]
+        for k, part in enumerate(ndimage.find_objects(parts), start=1):
+            z, y, x = (slice(s.start + w.start, s.stop + w.start) for s, w in zip(part, around, strict=True))
+            box = z, y, x
+            if any(s.start == 0 or s.stop == n for s, n in zip(box, shape, strict=True)):
+                continue
+            wide = tuple(slice(s.start - 1, s.stop + 1) for s in part)
+            if _is_blob(parts[wide] == k, distance[wide], solid[wide], median, ball):
+                yield box, parts[part] == k
 
 
 def _is_blob(
@@ -171,7 +254,7 @@ def check_grain_sizes(labels: NDArray[np.integer], where: str = "segment.thresho
     tuple of Finding
         At most one.
     """
-    sizes = np.bincount(labels.ravel())
+    sizes = label_sizes(labels)
     sizes[0] = 0
     others = np.delete(sizes, sizes.argmax())
     others = others[others > 0]
@@ -205,11 +288,13 @@ def check_fragments(
     tuple of Finding
         At most one.
     """
-    present = np.flatnonzero(np.bincount(labels.ravel()))
-    present = present[present > 0]
-    if not threshold > 0 or len(present) < 2:
+    if not threshold > 0:
         return ()
-    means = np.asarray(ndimage.mean(volume.array, labels, present))
+    sizes = label_sizes(labels)
+    present = 1 + np.flatnonzero(sizes[1:])
+    if len(present) < 2:
+        return ()
+    means = label_sums(labels, volume.array)[present] / sizes[present]
     faint = means < MIN_GRAIN_OVER_THRESHOLD * threshold
     if not faint.any() or faint.all():
         return ()

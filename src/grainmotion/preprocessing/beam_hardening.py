@@ -13,6 +13,7 @@ of the unhardened beam.  Where the departure from linear is not significant, g i
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Annotated
 
 import numpy as np
@@ -20,15 +21,18 @@ from numpy.typing import NDArray
 from pydantic import Field
 from scipy import ndimage
 from scipy.optimize import nnls
-from skimage.filters import threshold_otsu
 
 from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Float, Projector
 from grainmotion._validation import validated
 from grainmotion.errors import InputError
 from grainmotion.model.hardening import SIGNIFICANT_SD, Hardening
+from grainmotion.model.label_sums import label_sizes, label_sums
+from grainmotion.model.large_arrays import large_empty
+from grainmotion.model.order_statistics import quantile_of_parts
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
+from grainmotion.preprocessing.volume_threshold import otsu
 from grainmotion.projection.volumes import project
 
 __all__ = ["Hardening", "HardeningSettings", "calibrate_hardening"]
@@ -37,10 +41,12 @@ JACKKNIFE_GROUPS = 8
 """Groups of views that are left out in turn, for the standard deviation of the curve."""
 MIN_DEPARTURE = 0.02
 """Smallest relative departure on the longest path that counts as hardening: partly filled voxels cause less."""
-LONGEST_PERCENTILE = 99.5
-"""Percentile of the line integrals that stands for the longest path."""
+LONGEST_SHARE = 0.995
+"""Quantile of the line integrals that stands for the longest path."""
 MIN_PATH = 0.2
 """Shortest path that is fitted, over the longest: shorter ones depend on surfaces more than on material."""
+Parts = Callable[[], NDArray[np.integer]]
+"""Makes labels of parts of the sample, each of one attenuation."""
 
 
 @validated
@@ -101,26 +107,33 @@ def calibrate_hardening(
     True
     """
     settings = settings or HardeningSettings()
+    parts: list[Parts] = [lambda: material_pieces(volume, settings)]
+    return best_hardening(scan, volume, settings, parts if labels is None else [*parts, lambda: labels])
+
+
+def best_hardening(scan: Scan, volume: Volume, settings: HardeningSettings, parts: Sequence[Parts]) -> Hardening:
+    """The curve of `calibrate_hardening` whose template fits best; labels of templates are made one after the other."""
     if len(scan) < JACKKNIFE_GROUPS:
         raise InputError("hardening", f"{len(scan)} views", f"give the full scan, {JACKKNIFE_GROUPS} views at least")
     views = scan.select(np.unique(np.linspace(0, len(scan) - 1, min(settings.views, len(scan))).astype(int)))
-    parts = [_pieces(volume, settings)] if labels is None else [_pieces(volume, settings), labels]
-    curves = [_curve(views, _template(volume, part), settings) for part in parts]
+    curves = [_curve(views, _template(volume, labels()), settings) for labels in parts]
     return min(curves, key=lambda curve: curve[0])[1]
 
 
 def _curve(scan: Scan, template: Volume, settings: HardeningSettings) -> tuple[float, Hardening]:
     """Relative misfit ‖t − s g(b)‖/‖t‖ of a template, and the curve."""
     t = project(template, scan.geometry, projector=settings.projector)
-    b = scan.line_integrals.astype(float)
-    material = t > 0 if scan.valid is None else (t > 0) & scan.valid
-    if not material.any():
+    del template
+    material = [(own > 0) if scan.valid is None else (own > 0) & scan.valid[k] for k, own in enumerate(t)]
+    if not any(own.any() for own in material):
         raise InputError("hardening", "no radiograph shows the material", "check the threshold and the volume")
-    longest = float(np.percentile(b[material], LONGEST_PERCENTILE))
-    used = material & (b > MIN_PATH * longest)
-    group = np.broadcast_to((np.arange(len(scan)) % JACKKNIFE_GROUPS)[:, None, None], b.shape)[used]
-    x, y = b[used] / longest, t[used].astype(float)
-    moments = [_moments(x[group == k], y[group == k], settings.degree) for k in range(JACKKNIFE_GROUPS)]
+    images = scan.line_integrals
+    longest = quantile_of_parts(lambda: (b[own] for b, own in zip(images, material, strict=True)), LONGEST_SHARE)
+    moments = np.zeros((JACKKNIFE_GROUPS, settings.degree + 1, settings.degree + 1))
+    for k, (b, own, own_t) in enumerate(zip(images, material, t, strict=True)):
+        used = own & (b > MIN_PATH * longest)
+        x = b[used].astype(float) / longest
+        moments[k % JACKKNIFE_GROUPS] += _moments(x, own_t[used].astype(float), settings.degree)
     whole = np.sum(moments, axis=0)
     c, misfit = _fit(whole)
     # jackknife: the variance of the curve fitted without one group of views
@@ -131,12 +144,12 @@ def _curve(scan: Scan, template: Volume, settings: HardeningSettings) -> tuple[f
     return misfit, Hardening(tuple(float(k) for k in c / longest ** np.arange(len(c))), longest, sd)
 
 
-def _pieces(volume: Volume, settings: HardeningSettings) -> NDArray[np.integer]:
+def material_pieces(volume: Volume, settings: HardeningSettings) -> NDArray[np.integer]:
     """Connected components of the voxels above the threshold, numbered 1 … n."""
     array = volume.array
     if array.max() <= array.min():
         raise InputError("hardening", "the volume is uniform", "check the reconstruction")
-    threshold = float(threshold_otsu(array)) if settings.threshold is None else settings.threshold
+    threshold = otsu(array) if settings.threshold is None else settings.threshold
     pieces, n = ndimage.label(array > threshold)
     if n == 0:
         raise InputError("hardening.threshold", f"no voxel above {threshold:.4g} 1/mm", "lower it")
@@ -148,10 +161,12 @@ def _template(volume: Volume, labels: NDArray[np.integer]) -> Volume:
     if labels.shape != volume.shape:
         fact = f"labels of {labels.shape} voxels, the volume of {volume.shape}"
         raise InputError("hardening", fact, "give the labels of that volume")
-    counts = np.bincount(labels.ravel())
-    means = np.bincount(labels.ravel(), volume.array.ravel()) / np.maximum(counts, 1)
+    means = label_sums(labels, volume.array) / np.maximum(label_sizes(labels), 1)
     means[0] = 0
-    return Volume(means.astype(volume.array.dtype)[labels], volume.voxel_size, volume.center)
+    values, out = means.astype(volume.array.dtype), large_empty(volume.shape, volume.array.dtype)
+    for plane, own in zip(out, labels, strict=True):
+        np.take(values, own, out=plane, mode="clip")
+    return Volume(out, volume.voxel_size, volume.center)
 
 
 def _moments(b: Float, t: Float, degree: int) -> Float:

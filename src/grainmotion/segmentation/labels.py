@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from grainmotion.errors import InputError
+from grainmotion.model.label_sums import label_sizes
+from grainmotion.model.large_arrays import large_copy
 
 MIN_LABEL_VOXELS = 8
 """Voxels of the smallest label that is a grain: fewer have no orientation, and as a rule are specks of a threshold."""
@@ -69,7 +71,7 @@ class CleanLabels:
             small = sizes <= max(MAX_SPECK_SHARE * sizes.max(), min(_fewest(labels), sizes.max() - 1))
             small[0] = False
             if small.any():
-                clean = labels.copy() if clean is labels else clean
+                clean = large_copy(labels) if clean is labels else clean
                 clean[box][small[pieces]] = 0
                 specks[label] = int(sizes[small].sum())
             if np.count_nonzero(sizes[~small]) > 1:
@@ -99,11 +101,16 @@ def checked_labels(labels: NDArray, shape: tuple[int, int, int] | None = None) -
 
 def without_small_labels(labels: NDArray[np.integer]) -> tuple[NDArray[np.integer], tuple[int, ...]]:
     """Labels with those of too few voxels set to 0, and which they were."""
-    sizes = np.bincount(labels.ravel())
+    sizes = label_sizes(labels)
     sizes[0] = 0
     small = (sizes > 0) & (sizes < _fewest(labels))
     dropped = tuple(int(label) for label in np.flatnonzero(small))
-    return (np.where(small[labels], 0, labels).astype(labels.dtype), dropped) if dropped else (labels, ())
+    if not dropped:
+        return labels, ()
+    kept = large_copy(labels)
+    for plane in kept:
+        plane[small[plane]] = 0
+    return kept, dropped
 
 
 def _fewest(labels: NDArray[np.integer]) -> int:
