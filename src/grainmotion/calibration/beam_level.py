@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion._typing import Float
+from grainmotion.model.progress import counted
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.preprocessing.binning import binned_grid, binned_images, binning_factor
@@ -120,7 +121,7 @@ def beam_levels(scan: Scan, grid: Volume, settings: ReconstructSettings) -> Beam
     levels = BeamLevels(offsets, "reconstruction")
     if not _notable(levels):
         return constant
-    before, after = (_misfit(s, coarse, settings) for s in (small, small.levelled(offsets)))
+    before, after = (_misfit(s, coarse, settings) for s in counted((small, small.levelled(offsets))))
     return levels if after < MAX_LEVELLED_MISFIT * before else constant
 
 

@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from grainmotion.cli.command import current_call
 from grainmotion.cli.description import Description
 from grainmotion.cli.no_experiment import EXPERIMENT, check_there, command, experiment_near
 from grainmotion.cli.options import Display, Strict
 from grainmotion.cli.outcome import Ending, Outcome, ending_of_inspection
+from grainmotion.cli.progress import progress
 from grainmotion.cli.stages import read
 from grainmotion.errors import InputError
 from grainmotion.model.finding import Level
@@ -49,14 +51,15 @@ def inspect(
 
     check_there(file)
     told, drawn = Description(file, display.terminal), Drawing(picture, terminal)
-    if is_volume(file):
-        told.facts(file.name, describe_volume(file))
-    elif file.is_dir():
-        _inspect_folder(file, told, drawn)
-    elif file.suffix.lower() == ".toml":
-        _inspect_experiment(file, told, drawn)
-    else:
-        _inspect_file(file, told, drawn)
+    with progress(display.terminal, current_call().stop):
+        if is_volume(file):
+            told.facts(file.name, describe_volume(file))
+        elif file.is_dir():
+            _inspect_folder(file, told, drawn)
+        elif file.suffix.lower() == ".toml":
+            _inspect_experiment(file, told, drawn)
+        else:
+            _inspect_file(file, told, drawn)
     found = tuple(told.found)
     ending = Ending() if file.is_dir() else ending_of_inspection(found, strict=strict)
     return Outcome(told.document, lambda _terminal: None, found, ending)
@@ -82,8 +85,9 @@ def init(
         raise InputError(str(folder), "it is no folder", "name the folder with the scan and the later radiographs")
     if path.exists() and not force:
         raise InputError(str(path), "it is there already", "edit it, or replace it with --force")
-    contents = folder_contents(folder)
-    draft = draft_experiment(contents, EXPERIMENT)
+    with progress(display.terminal, current_call().stop):
+        contents = folder_contents(folder)
+        draft = draft_experiment(contents, EXPERIMENT)
     with atomic_write(path) as part:
         part.write_text(draft.text, encoding="utf-8")
     told = Description(path, display.terminal)

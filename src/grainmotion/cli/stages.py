@@ -79,7 +79,8 @@ def run_stages(
         from grainmotion.cli.dry_run import dry_run
 
         wanted = experiment.checked(force=checks.force, try_fixes=checks.try_fixes)
-        return dry_run(wanted, out, until, call.execution.workplace)
+        with progress(call.display.terminal, current_call().stop):
+            return dry_run(wanted, out, until, call.execution.workplace)
     with prepared(experiment, call.execution, checks, call.display) as (wanted, options):
         result = gm.run(wanted, out=out, until=until, **options)
     ending = ending_by(result.motions, result.findings, strict=checks.strict)

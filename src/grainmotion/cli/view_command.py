@@ -7,10 +7,12 @@ from typing import Annotated
 
 import typer
 
+from grainmotion.cli.command import current_call
 from grainmotion.cli.completion import complete_experiment
 from grainmotion.cli.no_experiment import EXPERIMENT
 from grainmotion.cli.options import Display, Out
 from grainmotion.cli.outcome import Outcome
+from grainmotion.cli.progress import progress
 from grainmotion.cli.stages import read
 
 Place = Annotated[
@@ -37,10 +39,13 @@ def view(place: Place, *, value: Value = "u", out: Out = None, display: Display)
     if (place / EXPERIMENT).is_file():
         place = place / EXPERIMENT
     folder = place if place.is_dir() else out or read(place).output
-    results = gm.read_results(folder)
-    gm.viewer.open(results, value=value)
-    if gm.viewer.residual_layers(results):
-        gm.viewer.open_residuals(results)
+    with progress(display.terminal, current_call().stop) as listener:
+        listener("opening the results", 0, 2)
+        results = gm.read_results(folder)
+        gm.viewer.open(results, value=value)
+        listener("opening the residual radiographs", 1, 2)
+        if gm.viewer.residual_layers(results):
+            gm.viewer.open_residuals(results)
     import napari
 
     napari.run()

@@ -11,6 +11,7 @@ from grainmotion._typing import Float
 from grainmotion.diagnosis.read_scan import MAX_LEVEL_PIXELS, ReadScan
 from grainmotion.diagnosis.stuck_views import stuck_views
 from grainmotion.model.finding import Finding, Level
+from grainmotion.model.progress import counted
 
 MAX_MASKED_SHARE = 0.01
 """Share of all pixels that may be masked without a warning."""
@@ -46,7 +47,7 @@ def frame_findings(read: ReadScan) -> tuple[Finding, ...]:
     checks: tuple[Callable[[ReadScan], Iterable[Finding]], ...] = (
         _beam_images, _pixels, _black, _empty, _odd_levels, _repeated, stuck_views, _unlike,
     )  # fmt: skip
-    return tuple(finding for check in checks for finding in check(read))
+    return tuple(finding for check in counted(checks) for finding in check(read))
 
 
 def _beam_images(read: ReadScan) -> Iterable[Finding]:
@@ -137,7 +138,7 @@ def _repeated(read: ReadScan) -> Iterable[Finding]:
     seen: dict[bytes, int] = {}
     pairs: list[tuple[int, int]] = []
     step = max(1, read.images[0].size // MAX_LEVEL_PIXELS)
-    for k, image in enumerate(read.images):
+    for k, image in enumerate(counted(read.images)):
         rows = image[:: max(1, min(step, len(image) // 4))]
         first = seen.setdefault(hashlib.blake2b(np.ascontiguousarray(rows).tobytes(), digest_size=16).digest(), k)
         if first != k and np.ptp(rows) > 0 and np.array_equal(image, read.images[first]):

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from grainmotion.diagnosis.read_scan import ReadScan, border_width, borders, middle_of
 from grainmotion.model.finding import Finding, Level
+from grainmotion.model.progress import counted
 
 MIN_COUNT = 20.0
 """Level of an image above which its values can only be counts."""
@@ -118,7 +119,7 @@ def grey_value_findings(read: ReadScan) -> tuple[Finding, ...]:
     checks: tuple[Callable[[ReadScan], Iterable[Finding]], ...] = (
         _scaled, _kind, _sign, _beam_scale, _offset, _opaque, _pile_up, _eight_bits,
     )  # fmt: skip
-    return tuple(finding for check in checks for finding in check(read))
+    return tuple(finding for check in counted(checks) for finding in check(read))
 
 
 def _scaled(read: ReadScan) -> Iterable[Finding]:

@@ -17,8 +17,10 @@ from grainmotion.errors import InputError
 from grainmotion.io.angles import in_degrees
 from grainmotion.io.files import checked_file
 from grainmotion.io.hdf5_numbers import unit_of
+from grainmotion.io.hdf5_slabs import read_whole
 from grainmotion.io.hdf5_sources import check_link, check_sources, check_written
 from grainmotion.io.nxtomo_records import Record, read_records
+from grainmotion.model.progress import counted
 
 MAX_NAMES_IN_AN_ERROR = 8
 PROJECTION, FLAT, DARK = 0, 1, 2  # NXtomo's image_key; 3 is an invalid frame
@@ -53,7 +55,7 @@ def read_dataset(path: str | Path, inner: str, chosen: Index | None = None) -> P
     with opened(path) as file:
         data = dataset_in(file, path, inner)
         check_written(data, chosen)
-        return np.asarray(data[()]) if chosen is None else np.stack([data[int(k)] for k in chosen])
+        return read_whole(data) if chosen is None else np.stack([data[int(k)] for k in counted(chosen)])
 
 
 def read_angles_deg(path: str | Path, inner: str) -> Float:
@@ -100,7 +102,7 @@ class NXtomo:
         with opened(self.path) as file:
             data = dataset_in(file, self.path, self.data)
             check_written(data, rows)
-            for frame, row in zip(frames, rows):
+            for frame, row in counted(zip(frames, rows), len(rows)):
                 frame[...] = data[row]
         return frames
 

@@ -31,6 +31,7 @@ from grainmotion.io.field_hdf5 import read_field, write_field
 from grainmotion.io.files import atomic_write
 from grainmotion.io.fit_hdf5 import read_bodies, read_new_grains, read_pieces, write_parts
 from grainmotion.io.hdf5 import opened
+from grainmotion.io.hdf5_slabs import read_whole, write_whole
 from grainmotion.model.detector_response import Response
 from grainmotion.model.fluid import Fluid, FluidFit
 from grainmotion.model.grains import GrainSet
@@ -99,16 +100,14 @@ def write_reference(
 ) -> None:
     """Write a ``reference.h5``: the volume, its labels if it is segmented, and the table of ``grains`` if given."""
     with atomic_write(path) as temporary, h5py.File(temporary, "w") as file:
-        volume = file.create_dataset("volume", data=reference.volume.array)
+        volume = write_whole(file, "volume", reference.volume.array)
         volume.attrs.update(voxel_size=reference.volume.voxel_size, center=reference.volume.center, unit="1/mm")
         file["residuals"] = np.asarray(reference.residuals, dtype=float)
         write_field(file, reference.volume.field)
         curve = reference.volume.hardening
         volume.attrs.update(hardening=curve.coefficients, hardening_longest=curve.longest, hardening_sd=curve.sd)
         if reference.labels is not None:
-            labels = file.create_dataset(
-                "labels", data=reference.labels, compression="gzip", compression_opts=1, shuffle=True
-            )
+            labels = write_whole(file, "labels", reference.labels, compressed=True)
             labels.attrs["threshold"] = reference.threshold
             labels.attrs["border"] = np.asarray(reference.border, dtype=np.int64)
             kinds = [phase.kind for phase in reference.phases]
@@ -136,7 +135,7 @@ def _write_bodies(file: h5py.File, volume: Volume, scene: Scene) -> None:
         start = first_voxel(body.volume, volume)
         box = tuple(slice(a, a + n) for a, n in zip(start, body.volume.shape, strict=True))
         owners[box][body.volume.array != 0] = k
-    data = file.create_dataset("bodies", data=owners, compression="gzip", compression_opts=1, shuffle=True)
+    data = write_whole(file, "bodies", owners, compressed=True)
     data.attrs.create("names", [body.name for body in scene.bodies], dtype=text)
     data.attrs.create("kinds", [body.kind for body in scene.bodies], dtype=text)
     data.attrs.create("freedoms", [body.freedom.text for body in scene.bodies], dtype=text)
@@ -144,7 +143,7 @@ def _write_bodies(file: h5py.File, volume: Volume, scene: Scene) -> None:
 
 def _write_fluid(file: h5py.File, fluid: Fluid) -> None:
     """The liquid: the space that it can fill, its attenuation and its level."""
-    data = file.create_dataset("fluid", data=fluid.space.array, compression="gzip", compression_opts=1, shuffle=True)
+    data = write_whole(file, "fluid", fluid.space.array, compressed=True)
     level = float("nan") if fluid.level is None else fluid.level
     data.attrs.update(attenuation=fluid.attenuation, level=level, units="1, 1/mm, mm")
 
@@ -154,13 +153,13 @@ def _read_scene(file: h5py.File, volume: Volume) -> Scene | None:
     if "bodies" not in file:
         return None
     data = file["bodies"]
-    owners, bodies = data[()], []
+    owners, bodies = read_whole(data), []
     for k, (name, kind, freedom) in enumerate(zip(*(data.attrs[a] for a in ("names", "kinds", "freedoms"))), start=1):
         bodies.append(Body(str(name), kind, volume.cropped(owners == k), Freedom.of(str(freedom))))
     fluid = None
     if "fluid" in file:
         level = float(file["fluid"].attrs["level"])
-        space = replace(volume, array=file["fluid"][()])
+        space = replace(volume, array=read_whole(file["fluid"]))
         fluid = Fluid(float(file["fluid"].attrs["attenuation"]), space, None if np.isnan(level) else level)
     return Scene(tuple(bodies), fluid, volume.field, volume.hardening)
 
@@ -170,7 +169,9 @@ def read_reference(path: str | Path) -> StoredReference:
     with opened(path) as file:
         data = file["volume"]
         x, y, z = (float(c) for c in data.attrs["center"])
-        volume = Volume(data[()], float(data.attrs["voxel_size"]), (x, y, z), read_field(file), _read_hardening(data))
+        volume = Volume(
+            read_whole(data), float(data.attrs["voxel_size"]), (x, y, z), read_field(file), _read_hardening(data)
+        )
         residuals = tuple(float(r) for r in file["residuals"][()])
         if "labels" not in file:
             return StoredReference(volume, residuals)
@@ -179,7 +180,7 @@ def read_reference(path: str | Path) -> StoredReference:
         return StoredReference(
             volume,
             residuals,
-            labels[()],
+            read_whole(labels),
             float(labels.attrs["threshold"]),
             border,
             _read_scene(file, volume),

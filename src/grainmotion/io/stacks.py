@@ -20,6 +20,7 @@ from grainmotion.io import hdf5, png, tiff, txrm
 from grainmotion.io.formats import FORMATS, HDF5, PNG, TIFF, TXRM, check_npy, family, unreadable
 from grainmotion.io.locate import locate
 from grainmotion.model.large_arrays import large_empty
+from grainmotion.model.progress import counted
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ class Stack:
     @cached_property
     def _infos(self) -> list[tuple[tuple[int, int, int], np.dtype]]:
         """Shape (images, rows, columns) and type of each part."""
-        return [_info(part, self.nxtomo) for part in self.parts]
+        return [_info(part, self.nxtomo) for part in counted(self.parts)]
 
     def frames(self, key: int) -> Stack:
         """The flats or darks of the same NXtomo file."""
@@ -83,7 +84,7 @@ class Stack:
             return images
         shape, dtype = self.info()
         images, first = large_empty(shape, dtype), 0  # each file goes to its place, so that no two copies are held
-        for part, (expected, _) in zip(self.parts, self._infos, strict=True):
+        for part, (expected, _) in counted(zip(self.parts, self._infos, strict=True), len(self.parts)):
             array = _read(part, self.nxtomo)
             if array.shape != expected:
                 fact = f"it holds {array.shape} (images, rows, columns), and held {expected} a moment ago"
@@ -96,7 +97,7 @@ class Stack:
         """Read only the files that hold a chosen image; of .npy and HDF5, only those images."""
         owners = np.searchsorted(self._ends, chosen, side="right")
         arrays, order = [], []
-        for k in np.unique(owners):
+        for k in counted(np.unique(owners)):
             members = np.flatnonzero(owners == k)
             start = self._ends[k - 1] if k > 0 else 0
             arrays.append(_read(self.parts[k], self.nxtomo, chosen[members] - start))

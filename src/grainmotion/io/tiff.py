@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
 
@@ -14,6 +14,7 @@ from grainmotion._typing import Pixels
 from grainmotion.errors import InputError
 from grainmotion.io.colour import grey
 from grainmotion.io.files import atomic_write, checked_file
+from grainmotion.model.progress import counted
 
 _COPY = "copy or export the file again"
 _OTHER_FILES = ("ome", "mmstack", "ndtiff")
@@ -65,11 +66,18 @@ def write_tiff(path: str | Path, array: Pixels, about: Mapping[str, str] | None 
     with atomic_write(path) as temporary:
         tifffile.imwrite(
             temporary,
-            array,
+            pages(array),
+            shape=array.shape,
+            dtype=array.dtype,
             photometric="minisblack",
             metadata={"axes": axes, **(about or {})},
             compression=compression,
         )
+
+
+def pages(array: Pixels) -> Iterator[Pixels]:
+    """The pages of an image or stack as they are written, one by one."""
+    return counted(array if array.ndim > 2 else array[None])
 
 
 # ---------------------------------------------------------------------- checks

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from skimage.measure import block_reduce
 
 from grainmotion.model.geometry import Geometry
+from grainmotion.model.progress import counted
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 
@@ -44,7 +45,7 @@ def binned_scan(
     geometry = binned_geometry(scan.geometry, factor, views, (first, end))
     r0, height = r0 + first * factor, end - first
     inner = (slice(r0, r0 + height * factor), slice(c0, c0 + columns * factor))
-    images = (scan.line_integrals[view][inner] for view in views)  # one at a time: a scan may fill the memory
+    images = (scan.line_integrals[view][inner] for view in counted(views))  # one at a time: a scan may fill the memory
     if scan.valid is None:
         means = np.empty((len(views), height, columns), scan.line_integrals.dtype)
         for mean, image in zip(means, images, strict=True):

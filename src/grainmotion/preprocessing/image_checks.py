@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from grainmotion.errors import InputError
 from grainmotion.model.geometry import Geometry
+from grainmotion.model.progress import counted
 from grainmotion.preprocessing.beam_images import MAX_MISSING_SHARE
 
 MEDIAN_SAMPLE = 1 << 16
@@ -51,7 +52,7 @@ def is_floating(images: NDArray) -> bool:
 
 def check_missing(name: str, images: NDArray) -> None:
     """Refuse images of which too many values are NaN or infinite."""
-    share = np.array([(~np.isfinite(image)).mean() for image in images])
+    share = np.array([(~np.isfinite(image)).mean() for image in counted(images)])
     worst = int(np.argmax(share)) if len(share) else 0
     if len(share) and share[worst] > MAX_MISSING_SHARE:
         row, column = np.argwhere(~np.isfinite(images[worst]))[0]
@@ -67,7 +68,7 @@ def check_counts(name: str, images: NDArray) -> None:
         check_missing(name, images)
     if np.issubdtype(images.dtype, np.unsignedinteger):
         return
-    numbers = [int(np.count_nonzero(_negative(image))) for image in images]
+    numbers = [int(np.count_nonzero(_negative(image))) for image in counted(images)]
     if any(numbers):
         signed = "unsigned 16-bit numbers that were read as signed ones; save the images as unsigned, or set kind = "
         raw = "give raw counts, or set kind = "

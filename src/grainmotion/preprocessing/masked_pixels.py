@@ -17,6 +17,7 @@ from scipy import ndimage
 from grainmotion.errors import InputError
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.large_arrays import large_empty
+from grainmotion.model.progress import counted
 from grainmotion.model.scan import Scan
 from grainmotion.preprocessing.outliers import constant_lines, spikes
 
@@ -113,7 +114,7 @@ def masked_scan(
     """
     values, good = large_empty(raw.shape, np.float32), large_empty(raw.shape, bool)
     numbers: Counter[str] = Counter()
-    for k, image in enumerate(raw):
+    for k, image in enumerate(counted(raw)):
         view = prepared(image)
         here: Counter[str] = Counter()
         good[k] = True

@@ -26,6 +26,7 @@ from scipy.ndimage import gaussian_filter
 from grainmotion._typing import Float, Image, Index
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.hardening import LINEAR, Hardening
+from grainmotion.model.progress import counted
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.preprocessing.binning import binned_grid, binned_scan, binning_factor, sufficient_views
@@ -92,7 +93,7 @@ def consistent_hardening(
     problem = _Problem.of(views, geometry, grid, settings)
     theta = change = 0.0
     moments = np.ones((JACKKNIFE_GROUPS, 3))
-    for step in range(MAX_CURVE_STEPS):
+    for step in counted(range(MAX_CURVE_STEPS)):
         residual, derivative = problem.residual(_curve(theta)), problem.residual(_derivative(theta))
         groups = [slice(k, None, JACKKNIFE_GROUPS) for k in range(JACKKNIFE_GROUPS)]
         moments = np.array([_moments(residual[group], derivative[group]) for group in groups])

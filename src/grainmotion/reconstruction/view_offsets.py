@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion._typing import Float, Image
+from grainmotion.model.progress import counted
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.reconstruction import slabs
@@ -36,10 +37,10 @@ def fitted_offsets(scan: Scan, grid: Volume, settings: ReconstructSettings) -> F
     iterate = HostIterate.of(scan, grid, replace(settings, device="cpu"))
     used = _crossing(iterate)
     order = golden_order(len(scan))
-    for sweep in range(SWEEPS):
-        for view in order:
+    for sweep in counted(range(SWEEPS)):
+        for view in counted(order):
             _update(iterate, int(view), used, OFFSET_DECAY**sweep)
-    differences = (scan.line_integrals[view] - _simulated(iterate, view) for view in range(len(scan)))
+    differences = (scan.line_integrals[view] - _simulated(iterate, view) for view in counted(range(len(scan))))
     return np.array([d[pixels].mean(dtype=float) for d, pixels in zip(differences, used, strict=True)])
 
 

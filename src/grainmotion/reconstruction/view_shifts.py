@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from grainmotion._typing import Float, Index
+from grainmotion.model.progress import counted
 from grainmotion.model.scan import Scan
 from grainmotion.model.view_shifts import ViewShifts
 from grainmotion.model.volume import Volume
@@ -37,7 +38,7 @@ def measured_shifts(scan: Scan, grid: Volume) -> ViewShifts | None:
     views = sufficient_views(len(scan), columns // factor)
     small, coarse = binned_scan(scan, factor, views), binned_grid(grid, factor)
     residual = np.zeros(small.line_integrals.shape)
-    for half in (0, 1):
+    for half in counted((0, 1)):
         residual[1 - half :: 2] = _residual_outside(small, coarse, half)
     return view_shifts(small, residual, factor, views, grid.center)
 

@@ -33,6 +33,7 @@ def _levels(context: RunContext, source: ScanInput) -> BeamLevels:
     if context.cache.is_done("beam level", fingerprint):
         constant = BeamLevels(np.zeros(len(source.geometry)))
         return load_result(read_beam_levels, path) if context.cache.files("beam level") else constant
+    context.notify("level of the beam")
     levels = beam_levels(context.measured(source), grid, settings)
     context.cache.discard("beam level")
     files = [path] if levels.source != "none" else []  # a constant beam leaves no file

@@ -212,6 +212,7 @@ def load_result(read: Callable[[Path], T], path: Path) -> T:
 
 def check_inputs(context: RunContext, *, states: bool) -> None:
     """Read the inputs of all stages that are not done, so that errors are raised before anything is written."""
+    context.notify("comparing the input files with those of the last run")
     prints, inputs, is_done = context.fingerprints, context.inputs, context.cache.is_done
     has_scanner = not prints.calibrates or is_done("calibrate", prints.calibrate)
     has_grains = is_done("segment", prints.segment)

@@ -16,6 +16,7 @@ from typing import Generic, TypeVar
 
 from grainmotion import __version__
 from grainmotion.io.files import atomic_write
+from grainmotion.model.progress import counted
 
 STAGES_FILE = "stages.json"
 _HASH_BLOCK = 1 << 22  # bytes of a file hashed at a time
@@ -60,7 +61,7 @@ class StageCache:
     def fingerprint(self, settings: object, files: Iterable[Path] = (), upstream: Iterable[str] = ()) -> str:
         """Hash of a stage's inputs; ``settings`` must be plain data, as JSON holds it."""
         paths, before = [Path(f) for f in files], list(upstream)
-        contents = [self._content(path) for path in paths]
+        contents = [self._content(path) for path in counted(paths)]
         made_from = [__version__, settings, contents, before]
         data = json.dumps(made_from, sort_keys=True, default=str).encode()
         digest = hashlib.blake2b(data, digest_size=16).hexdigest()

@@ -9,6 +9,7 @@ import h5py
 
 from grainmotion._typing import Pixels
 from grainmotion.io.files import atomic_write
+from grainmotion.io.hdf5_slabs import write_whole
 from grainmotion.io.volumes.tiff_writer import short_labels
 from grainmotion.model.volume import Volume
 
@@ -30,9 +31,7 @@ def write_volume_hdf5(
     with atomic_write(path) as temporary, h5py.File(temporary, "w") as file:
         file.attrs["grainmotion"] = version("grainmotion")
         if volume is not None:
-            file.create_dataset("volume", data=volume.array).attrs.update({**told, "unit": "1/mm"})
+            write_whole(file, "volume", volume.array).attrs.update({**told, "unit": "1/mm"})
         if labels is not None:
-            data = file.create_dataset(
-                "labels", data=short_labels(labels), compression="gzip", compression_opts=1, shuffle=True
-            )
+            data = write_whole(file, "labels", short_labels(labels), compressed=True)
             data.attrs.update({**told, "unit": "1", "meaning": "grain, 0 for none"})

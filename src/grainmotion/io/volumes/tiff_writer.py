@@ -11,6 +11,7 @@ import tifffile
 from grainmotion._typing import Pixels
 from grainmotion.errors import InputError
 from grainmotion.io.files import atomic_write
+from grainmotion.io.tiff import pages
 
 MAX_IMAGEJ_BYTES = 4_000_000_000
 """Bytes of pixels up to which ImageJ's format serves: offsets in it have 32 bits."""
@@ -45,14 +46,28 @@ def write_volume_tiff(
             metadata = {"axes": "ZYX", "spacing": voxel_size, "unit": "mm", "Info": text}
             per_mm = (1 / voxel_size, 1 / voxel_size)
             tifffile.imwrite(
-                temporary, array, imagej=True, resolution=per_mm, metadata=metadata, compression=compression
+                temporary,
+                pages(array),
+                shape=array.shape,
+                dtype=array.dtype,
+                imagej=True,
+                resolution=per_mm,
+                metadata=metadata,
+                compression=compression,
             )
         else:
             sizes = {f"PhysicalSize{axis}": voxel_size for axis in "XYZ"}
             units = {f"PhysicalSize{axis}Unit": "mm" for axis in "XYZ"}
             metadata = {"axes": "ZYX", **sizes, **units, "Description": text}
             tifffile.imwrite(
-                temporary, array, ome=True, photometric="minisblack", metadata=metadata, compression=compression
+                temporary,
+                pages(array),
+                shape=array.shape,
+                dtype=array.dtype,
+                ome=True,
+                photometric="minisblack",
+                metadata=metadata,
+                compression=compression,
             )
 
 
