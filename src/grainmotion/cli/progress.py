@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from grainmotion.cli.compiling import COMPILING, compilation_told
 from grainmotion.cli.interrupts import Stop
 from grainmotion.cli.log_listener import Say, shown
 from grainmotion.cli.terminal import Terminal, styled
@@ -23,7 +24,9 @@ if TYPE_CHECKING:
     from grainmotion._typing import Progress
     from grainmotion.model.finding import Finding
 
-Show = Callable[[Terminal, Sequence[str]], Iterator[tuple["Progress", Say]]]
+Shown = tuple["Progress", Say, Callable[[], None]]
+"""What to call with reports, with lines that are to stay, and when the compiler begins something."""
+Show = Callable[[Terminal, Sequence[str]], Iterator[Shown]]
 
 
 LOG_SECONDS = 30.0
@@ -39,13 +42,17 @@ def progress(
     An interrupt that was lost inside a callback of a compiler or library is raised again at the next report.
     """
     show = contextmanager(_silence if terminal.quiet else _bar if _draws_bars() else _log)
-    with show(terminal, states) as (listen, say), shown(say, terminal, [] if found is None else found):
+    with show(terminal, states) as (listen, say, compiling), shown(say, terminal, [] if found is None else found):
 
         def listen_or_stop(message: str, done: int, total: int) -> None:
             stop.check()
             listen(message, done, total)
 
-        with listening(listen_or_stop) as listener:
+        def compiling_or_stop() -> None:
+            stop.check()
+            compiling()
+
+        with listening(listen_or_stop) as listener, compilation_told(compiling_or_stop):
             assert listener is not None
             yield listener
 
@@ -55,11 +62,11 @@ def _draws_bars() -> bool:
     return sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
 
 
-def _silence(terminal: Terminal, _states: Sequence[str]) -> Iterator[tuple[Progress, Say]]:
-    yield (lambda _message, _done, _total: None), terminal.note
+def _silence(terminal: Terminal, _states: Sequence[str]) -> Iterator[Shown]:
+    yield (lambda _message, _done, _total: None), terminal.note, (lambda: None)
 
 
-def _bar(terminal: Terminal, states: Sequence[str]) -> Iterator[tuple[Progress, Say]]:
+def _bar(terminal: Terminal, states: Sequence[str]) -> Iterator[Shown]:
     from rich.progress import BarColumn, ProgressColumn, SpinnerColumn, TextColumn, TimeElapsedColumn
     from rich.progress import Progress as Bar
     from rich.text import Text
@@ -86,15 +93,25 @@ def _bar(terminal: Terminal, states: Sequence[str]) -> Iterator[tuple[Progress, 
     console = terminal.console(stderr=True)
     with Bar(*columns, console=console, transient=True, redirect_stdout=above) as bar:
         task = bar.add_task("", total=None, share="", visible=False)
+        text, told = "", False
 
         def listen(message: str, done: int, total: int) -> None:
+            nonlocal text
+            text = message
             left.after(message, done, total)
             bar.update(task, description=message, completed=done, total=total, share=_share(done, total), visible=True)
 
         def say(message: str) -> None:  # rich draws the bar again below
             bar.console.print(styled(message, bar.console.width))
 
-        yield listen, say
+        def compiling() -> None:
+            nonlocal told
+            if not told:
+                say(COMPILING)
+            told = True
+            bar.update(task, description=f"{text} (compiling)".lstrip(), visible=True)
+
+        yield listen, say, compiling
 
 
 def _share(done: int, total: int) -> str:
@@ -102,12 +119,12 @@ def _share(done: int, total: int) -> str:
     return f"{done / total:4.0%}" if total > 0 else ""
 
 
-def _log(terminal: Terminal, states: Sequence[str]) -> Iterator[tuple[Progress, Say]]:
+def _log(terminal: Terminal, states: Sequence[str]) -> Iterator[Shown]:
     """Print the last message of each step, which carries its outcome; one that takes long now and then, with its share.
 
     Reports come at least every few seconds, so that a line is late by no more.
     """
-    left, last, printed = TimeLeft(states), [""], [time.monotonic()]
+    left, last, printed, told = TimeLeft(states), [""], [time.monotonic()], [False]
 
     def step(message: str) -> str:
         return re.split(r", ε|: residual", message)[0]
@@ -125,7 +142,12 @@ def _log(terminal: Terminal, states: Sequence[str]) -> Iterator[tuple[Progress, 
         if time.monotonic() - printed[0] > LOG_SECONDS:
             tell(" ... " + ", ".join(part for part in (_share(done, total).strip(), text) if part))
 
+    def compiling() -> None:
+        if not told[0]:
+            terminal.note(COMPILING)
+        told[0] = True
+
     try:
-        yield listen, terminal.note
+        yield listen, terminal.note, compiling
     finally:
         tell()

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from grainmotion._typing import Progress
 from grainmotion.kernels.label_growth import grow
 from grainmotion.model.large_arrays import large_empty
+from grainmotion.model.progress import counted
 
 VOXELS_GROWN_TOGETHER = 1 << 24
 """Voxels after which progress is told."""
@@ -41,7 +42,7 @@ def grown_labels(labels: NDArray[np.integer], reach: float, progress: Progress |
     labels = np.ascontiguousarray(labels)
     grown, planes = large_empty(labels.shape, labels.dtype), len(labels)
     together = max(1, VOXELS_GROWN_TOGETHER // max(1, labels[0].size))
-    for first in range(0, planes, together):
+    for first in counted(range(0, planes, together)):
         end = min(first + together, planes)
         if progress is not None:
             progress("surfaces of the grains", first, planes)

@@ -20,6 +20,7 @@ from grainmotion._typing import Float, Image, Projector
 from grainmotion.backends.cpu import CPU
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.pose import Pose
+from grainmotion.model.progress import counted
 from grainmotion.objective.evaluation import Evaluation
 from grainmotion.objective.nuisance_motions import corrected_geometry
 from grainmotion.objective.residual import StateProblem
@@ -90,7 +91,7 @@ def _in_batches(grains: GrainArrays, pose: Pose, images: tuple[Image, ...], setu
     """Translation, matrix, contradicted share and deviations of each alternative ``(n, 14)``, of every second row."""
     size, n = 2 * CANDIDATES_PER_BATCH, len(grains)
     out = np.zeros((n, 14))
-    for k in range(0, n, size):
+    for k in counted(range(0, n, size)):
         rows = np.arange(k, min(k + size, n))
         out[rows[1::2]] = _fit(grains, pose, images, setup, rows)
     return out

@@ -23,6 +23,7 @@ from grainmotion.model.geometry import Geometry
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions, Status
 from grainmotion.model.pose import Pose
+from grainmotion.model.progress import counted
 from grainmotion.projection.grain_arrays import GrainArrays, planar
 from grainmotion.rotations import rotation_vector
 from grainmotion.solvers.gauss_newton import gauss_newton
@@ -142,7 +143,7 @@ def _candidates(
     """Rows of grains, the rotations from which they are to be fitted ``(k, 3, 3)``, and which are of mirrored poses."""
     owners, matrices, kinds = list[int](), list[Float](), list[bool]()
     grains, reference = references
-    for row in np.flatnonzero(seen.mean(axis=1) >= MIN_COVERAGE).tolist():
+    for row in counted(np.flatnonzero(seen.mean(axis=1) >= MIN_COVERAGE).tolist()):
         found = known_symmetries(grains.grains[row], reference, row)
         signs = np.linalg.det(found.matrices)
         view = int(np.argmax(seen[row] > 0.5 * seen[row].max()))

@@ -148,9 +148,11 @@ def finish(job: Job, near: Approach) -> Attempt:
     alignment, solution = align_views(fit, problem, solution)
     refined, ambiguous = refine(fit, field_pose, alignment, solution), dict[int, str]()
     if settings.alternatives:
+        fit.report("classifying the grains: other poses that fit", fit.expected_stages)
         refined, moved, ambiguous = settle_ambiguities(fit, field_pose, refined, grains, limits)
         if moved.any():
             refined = refine(fit, field_pose, alignment, refined.solution, refined, moved)
+    fit.report("classifying the grains: statuses", fit.expected_stages)
     motions = classify(grains, refined, result.ambiguous, limits, tuple(fit.costs))
     motions = with_reasons(motions, ambiguous)
     if new:

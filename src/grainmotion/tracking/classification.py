@@ -13,6 +13,7 @@ from grainmotion.diagnosis.reference_errors import ReferenceErrors
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import POORLY_DETERMINED_REASON, Motions, Status
 from grainmotion.model.pose import Pose
+from grainmotion.model.progress import counted
 from grainmotion.model.state_fit import StateFit
 from grainmotion.objective.residual import StateProblem
 from grainmotion.rotations import rotation_vector
@@ -65,7 +66,7 @@ def classify(
     shared = ReferenceErrors.of(grains.scene.field, problem.target.scan.geometry, places)
     added = bent.covariances + shared.covariances
     verdicts = list[_Verdict]()
-    for k in range(n):
+    for k in counted(range(n)):
         fit = _GrainFit(
             fits.rms_residuals[k], fits.rms_line_integrals[k], coverage[k], bool(misregistered[k]),
             bool(disturbed[k]), bool(moving[k]), supports[k], cut_reason(bool(cut[k]), bool(cut_now[k])),

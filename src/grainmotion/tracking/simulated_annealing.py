@@ -17,6 +17,7 @@ from grainmotion._typing import Float, Image
 from grainmotion.backends.cpu import CPU
 from grainmotion.kernels import gibbs_sampling as kernel
 from grainmotion.model.pose import Pose
+from grainmotion.model.progress import counted
 from grainmotion.objective.data_term import Target
 from grainmotion.objective.nuisance_motions import GRAINS_ONLY
 from grainmotion.objective.response_parameters import IDENTITY_RESPONSE
@@ -154,7 +155,7 @@ class _CandidateTable:
             rows = np.linspace(0, len(rotations) - 1, limit).astype(int)
             rotations = rotations[np.unique(np.append(rows, _identity_row(rotations)))]
         values, equal_weights = np.empty((len(rotations), pixels), np.float32), np.ones_like(target.valid)
-        for k, rotation in enumerate(rotations):
+        for k, rotation in enumerate(counted(rotations)):
             rotated = Pose(pose.translations, rotation @ pose.matrices)
             one = project_patches(grains, rotated, geometry, patches, target.projector)[None]
             CPU.filter_patches(one, patches.table, equal_weights, target.kernel)

@@ -19,6 +19,7 @@ from scipy import sparse
 
 from grainmotion._typing import Float
 from grainmotion.model.pose import Pose
+from grainmotion.model.progress import counted
 from grainmotion.objective.data_term import Target, gaussian
 from grainmotion.objective.evaluation import Evaluation, LinearizedEvaluation
 from grainmotion.objective.global_parameters import Columns
@@ -193,7 +194,8 @@ def excess_factors(problem: StateProblem, evaluation: LinearizedEvaluation, vari
     noise_left = float((np.concatenate([kernel[:0:-1], kernel]).astype(float) ** 2).sum()) ** 2
     sums = np.zeros((len(problem.grains), 3))
     images = problem.target.trust, evaluation.raw_residual, smooth, variances
-    for grain, own, (good, residual, smoothed, variance) in evaluation.grain_pixels(*images):
+    per_grain = counted(evaluation.grain_pixels(*images), len(evaluation.patches.boxes))
+    for grain, own, (good, residual, smoothed, variance) in per_grain:
         weight = np.abs(own) * good
         squares = [weight @ image.astype(float) ** 2 for image in (residual, smoothed)]
         sums[grain] += *squares, weight @ variance

@@ -26,6 +26,7 @@ from grainmotion._typing import Float, Image, Projector
 from grainmotion.backends.cpu import CPU
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.pose import Pose
+from grainmotion.model.progress import counted
 from grainmotion.objective.evaluation import Evaluation
 from grainmotion.objective.nuisance_motions import corrected_geometry
 from grainmotion.objective.residual import StateProblem
@@ -89,7 +90,7 @@ def _unconfirmed_in_batches(
     """`unconfirmed_rotations` of some grains, batch by batch."""
     n, (factor, residual) = len(grains), images
     batches = [np.arange(k, min(k + GRAINS_PER_BATCH, n)) for k in range(0, n, GRAINS_PER_BATCH)]
-    return np.concatenate([_unconfirmed(grains, pose, factor, residual, setup, rows) for rows in batches])
+    return np.concatenate([_unconfirmed(grains, pose, factor, residual, setup, rows) for rows in counted(batches)])
 
 
 def _unconfirmed(
