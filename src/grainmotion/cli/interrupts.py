@@ -7,13 +7,18 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from types import FrameType
 
+from grainmotion.io.files import remove_unfinished
+
 INTERRUPTED = "interrupted: finished stages are kept; the same command continues"
 CONTINUE = "the same command continues"
+GRACE_SECONDS = 1.5
+"""Seconds in which Python has to look at a signal: a single call of a library may take longer than a person waits."""
 SHELL_BASE = 128
 """Shells tell a command that a signal ended by this number plus that of the signal."""
 
@@ -58,10 +63,40 @@ def stoppable() -> Iterator[Stop]:
         return
     before = {number: signal.signal(number, raised) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield stop
+        with _ended_if_stuck(stop):
+            yield stop
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+@contextmanager
+def _ended_if_stuck(stop: Stop) -> Iterator[None]:
+    """End the process from another thread if the main one does not see a signal within `GRACE_SECONDS`.
+
+    Results are complete files or none, so that nothing is lost but the step in hand.
+    """
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    before = signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
+
+    def watch() -> None:
+        while number := os.read(reading, 1):  # the system writes the number of a signal at once
+            if stop.signal is None and number[0] in (signal.SIGINT, signal.SIGTERM):
+                time.sleep(GRACE_SECONDS)
+                if stop.signal is None and signal.getsignal(number[0]) is not signal.SIG_IGN:
+                    stop.signal = number[0]
+                    _print_interrupted(stop.code)
+                    remove_unfinished()
+                    os._exit(stop.code)
+        os.close(reading)
+
+    threading.Thread(target=watch, name="signals", daemon=True).start()
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(before)
+        os.close(writing)  # ends the thread
 
 
 @contextmanager

@@ -18,7 +18,7 @@ from grainmotion.cli.interrupts import Stop
 from grainmotion.cli.log_listener import Say, shown
 from grainmotion.cli.terminal import Terminal, styled
 from grainmotion.cli.time_left import TimeLeft
-from grainmotion.model.progress import listening
+from grainmotion.model.progress import listening, without_detail
 
 if TYPE_CHECKING:
     from grainmotion._typing import Progress
@@ -127,11 +127,11 @@ def _log(terminal: Terminal, states: Sequence[str]) -> Iterator[Shown]:
     left, last, printed, told = TimeLeft(states), [""], [time.monotonic()], [False]
 
     def step(message: str) -> str:
-        return re.split(r", ε|: residual", message)[0]
+        return re.split(r", ε|: residual", without_detail(message))[0]
 
     def tell(more: str = "") -> None:
         if last[0]:
-            print(last[0] + more, file=sys.stderr, flush=True)
+            print(without_detail(last[0]) + more, file=sys.stderr, flush=True)
             printed[0] = time.monotonic()
 
     def listen(message: str, done: int, total: int) -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 
+from grainmotion.model.progress import without_detail
+
 MIN_SECONDS = 3.0
 """Seconds of a stage before which nothing is said about its end."""
 MIN_SHARE_DONE = 0.02
@@ -27,7 +29,7 @@ class TimeLeft:
     def after(self, message: str, done: int, total: int) -> str:
         """What to say about the time left after this message; empty if too little is known."""
         now, share = self.clock(), done / total if total > 0 else 0.0
-        stage = message.partition(":")[0]
+        stage = without_detail(message).partition(":")[0]
         if stage != self.stage:
             if self.stage in self.states:
                 self.took[self.stage] = now - self.started

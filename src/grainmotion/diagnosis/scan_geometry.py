@@ -24,7 +24,7 @@ from grainmotion.diagnosis.moving_sample import moving_sample_findings
 from grainmotion.diagnosis.rival_geometries import Comparison, Rivals, Tried, singles
 from grainmotion.diagnosis.settings import CheckSettings
 from grainmotion.model.finding import Check, Finding, Level
-from grainmotion.model.progress import begin, counted
+from grainmotion.model.progress import counted, detail
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 
@@ -130,7 +130,7 @@ def _contradictions(scan: Scan, grid: Volume, settings: CheckSettings, where: st
     share = CoarseScan.of(scan, grid.center).share_outside(grid)
     if share > MAX_SHARE_OUTSIDE:
         return (_beside_the_volume(share, where),)
-    _begin("views against each other", 0)
+    detail("views against each other", 0, 3)
     rivals = Rivals(scan, grid)
     negligible = SHIFT_SEARCHED_FROM * settings.warn
     nominal = rivals.as_given(settings.warn)
@@ -166,11 +166,6 @@ def _contradictions(scan: Scan, grid: Volume, settings: CheckSettings, where: st
     )
 
 
-def _begin(what: str, done: int) -> None:
-    """Report a part of the check."""
-    begin(f"checking the reference scan: {what}", done, 3)
-
-
 def _beside_the_volume(share: float, where: str) -> Finding:
     """A finding on a volume that does not hold the sample: its views contradict each other in any geometry."""
     fact = "the volume is smaller than the sample, as the distances and the pixel size have it: what lies beside it is "
@@ -200,7 +195,7 @@ def _sinogram_order(scan: Scan, grid: Volume, nominal: Tried, where: str) -> tup
 
 def _compared(rivals: Rivals, nominal: Tried) -> dict[str, Comparison]:
     """The nominal geometry beside those without a mistake that leaves the residual low."""
-    _begin("sense of rotation and end point", 1)
+    detail("sense of rotation and end point", 1, 3)
     names = ALWAYS_TESTED if has_equal_steps(nominal.geometry) else (*ALWAYS_TESTED, EQUAL_STEPS)
     return {name: rivals.compare(nominal, corrected(nominal.geometry, [name])) for name in counted(names)}
 
@@ -209,7 +204,7 @@ def _moving_sample(rivals: Rivals, nominal: Tried, where: str) -> tuple[Finding,
     """A finding if the sample moved during the scan; with less than half a turn nothing tells it from its shape."""
     if missing_directions(nominal.geometry, where):
         return ()
-    _begin("motion of the sample", 2)
+    detail("motion of the sample", 2, 3)
     views = rivals.judged_views
     geometry = views.geometry(nominal.geometry, nominal.shift / views.factor)
     return moving_sample_findings(views, geometry, nominal.consistency.residuals, where=where)
@@ -242,7 +237,7 @@ def _close_rivals(rivals: Rivals, nominal: Tried, where: str) -> tuple[Finding, 
 
 def _explanation(rivals: Rivals, nominal: Tried, settings: CheckSettings) -> Tried | None:
     """The best of the hypotheses, one or two together, if it is clearly better than the nominal geometry."""
-    _begin("possible mistakes of the geometry", 1)
+    detail("possible mistakes of the geometry", 1, 3)
     limit = EXPLAINS_SHARE * nominal.consistency.judged
     ranking = rivals.ranked(singles())
     best = _best(rivals, ranking[:CANDIDATES])

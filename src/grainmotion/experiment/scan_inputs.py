@@ -17,7 +17,7 @@ from grainmotion.experiment.scan_tables import Air, Circular
 from grainmotion.io.stacks import Stack
 from grainmotion.model.finding import Finding, Level
 from grainmotion.model.geometry import Geometry
-from grainmotion.model.progress import begin
+from grainmotion.model.progress import detail
 from grainmotion.model.scan import Scan, air_levels
 from grainmotion.preprocessing.beam_hardening import Hardening
 from grainmotion.preprocessing.flat_field import (
@@ -99,7 +99,7 @@ class ScanInput:
     def read_checked(self) -> tuple[Scan, PixelReport, tuple[Finding, ...]]:
         """The same, with what the checks of frames and grey values found."""
         read = self.read_with_raw()
-        begin(f"reading {self._name}: checks of frames and grey values", 2, 3)
+        detail("checks of frames and grey values", 2, 3)
         frames, values = frame_findings(read), grey_value_findings(read)
         if any(
             f.level is Level.ERROR for f in values
@@ -109,9 +109,9 @@ class ScanInput:
 
     def read_with_raw(self) -> ReadScan:
         """The same, with the images as they are in the files."""
-        begin(f"reading {self._name}: files", 0, 3)
+        detail("files", 0, 3)
         images = self.radiographs.read(self.views)
-        begin(f"reading {self._name}: pixels", 1, 3)
+        detail("pixels", 1, 3)
         flats = darks = None
         if self.kind == "counts":
             flats = self._white(images) if self.flats is None else self.flats.read()
@@ -164,11 +164,6 @@ class ScanInput:
             _PANELS.clear()
             _PANELS[key] = panel_facts(self.radiographs.read(self.sample), flats)
         return _PANELS[key]
-
-    @property
-    def _name(self) -> str:
-        """The scan in a message of progress."""
-        return "the reference scan" if self.key == "reference" else self.key.removeprefix("states.")
 
     def _named(self, where: str) -> str:
         """File and key for the "counts", "flats" or "darks" that an error names."""

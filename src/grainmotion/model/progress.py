@@ -8,6 +8,7 @@ or files needs no argument for it; where nobody listens it costs nothing (decisi
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
@@ -22,6 +23,7 @@ SHARES = 1000
 """Parts in which the share of a step is told."""
 MIN_INTERVAL = 0.1
 """Seconds between two reports of `counted`: loops may be quick."""
+_DETAIL = re.compile(r" \([^()]*\)$")
 
 
 class Listener:
@@ -33,42 +35,57 @@ class Listener:
     def __init__(self, progress: Progress) -> None:
         self.progress = progress
         self.step: tuple[str, int, int] = ("", 0, 1)
-        self.width, self.share, self.told = 1, 0.0, -MIN_INTERVAL
+        self.width, self.told = 1, -MIN_INTERVAL
+        self.share, self.what, self.within = 0.0, "", (0.0, 1.0)
 
     def __call__(self, message: str, done: int, total: int) -> None:
         """A step begins."""
         _, before, of = self.step
         self.width = done - before if of == total and done > before else 1
-        self.step, self.share, self.told = (message, done, total), 0.0, time.monotonic()
+        self.step, self.told = (message, done, total), time.monotonic()
+        self.share, self.what, self.within = 0.0, "", (0.0, 1.0)
         self.progress(message, done, total)
 
+    def detail(self, what: str, first: float, end: float) -> None:
+        """A part of the step begins, from one share of it to another."""
+        self.what, self.within = what, (first, end)
+        self.told = -MIN_INTERVAL
+        self.inside(0.0)
+
     def inside(self, share: float) -> None:
-        """So much of the step is done, 0 to 1; never less than before, as where one loop follows another."""
+        """So much of the part in hand is done, 0 to 1; never less than before, as where one loop follows another."""
         now = time.monotonic()
-        self.share = max(self.share, share)
+        first, end = self.within
+        self.share = max(self.share, first + (end - first) * share)
         if now - self.told >= MIN_INTERVAL:
             self.told = now
             message, done, total = self.step
-            self.progress(
-                message, min(round(SHARES * (done + self.width * self.share)), SHARES * total), SHARES * total
-            )
+            reached = round(SHARES * (done + self.width * self.share))
+            told = f"{message} ({self.what})" if self.what else message
+            self.progress(told, min(reached, SHARES * total), SHARES * total)
 
 
 class Part:
-    """A part of a step, from one share of it to another."""
+    """A part of a step, from one share of it to another; loops inside loops share it."""
 
     def __init__(self, listener: Listener, first: float = 0.0, end: float = 1.0) -> None:
-        self.listener, self.first, self.end, self.step = listener, first, end, listener.step
+        self.listener, self.first, self.end = listener, first, end
+        self.place = listener.step, listener.what
 
-    def within(self, first: float, end: float) -> Part:
-        """A part of this part, or of the step that has begun since."""
-        if self.step is not self.listener.step:
+    @property
+    def is_past(self) -> bool:
+        """Whether another step, or part of it, has begun since."""
+        return self.place != (self.listener.step, self.listener.what)
+
+    def share(self, first: float, end: float) -> Part:
+        """A part of this part, or of what has begun since."""
+        if self.is_past:
             return Part(self.listener, first, end)
         width = self.end - self.first
         return Part(self.listener, self.first + width * first, self.first + width * end)
 
 
-_PART: ContextVar[Part | None] = ContextVar("part", default=None)
+_PART: ContextVar[Part | None] = ContextVar("part of a step", default=None)
 
 
 @contextmanager
@@ -92,13 +109,14 @@ def counted(items: Iterable[T], total: int | None = None) -> Iterator[T]:
     if part is None:
         yield from items
         return
-    listener, step = part.listener, part.listener.step
+    listener, started = part.listener, Part(part.listener)
     count = total if total is not None else len(items) if isinstance(items, Collection) else 0
     for k, item in enumerate(items):
-        if listener.step is not step:  # the loop's own turns begin steps
+        inner = part
+        if started.is_past:  # the loop's own turns begin steps
             inner = Part(listener)
-        else:
-            inner = part.within(min(k / count, 1.0), min((k + 1) / count, 1.0)) if count else part
+        elif count:
+            inner = part.share(min(k / count, 1.0), min((k + 1) / count, 1.0))
         listener.inside(inner.first)
         _PART.set(inner)
         try:
@@ -113,6 +131,18 @@ def begin(message: str, done: int = 0, total: int = 1) -> None:
     part = _PART.get()
     if part is not None:
         part.listener(message, done, total)
+
+
+def detail(what: str, done: int = 0, total: int = 1) -> None:
+    """Report a part of the step in hand, ``done`` of ``total``: its message is followed by ``what`` in brackets."""
+    part = _PART.get()
+    if part is not None:
+        part.listener.detail(what, done / total, (done + 1) / total)
+
+
+def without_detail(message: str) -> str:
+    """The message of a step without what is in brackets at its end."""
+    return _DETAIL.sub("", message)
 
 
 def prefixed(progress: Progress | None, stage: str) -> Progress | None:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Progress
-from grainmotion.model.progress import begin
+from grainmotion.model.progress import detail
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.reconstruction.fit import Reconstruction, on_grid
@@ -55,13 +55,13 @@ def reconstruct(
     """
     settings = settings or ReconstructSettings()
     place = fitted_grid(scan.select(growth_views(len(scan))), scan.geometry, grid, settings)
-    begin("reconstruct: beam hardening, by what the views contradict each other")
+    detail("beam hardening")
     hardening = consistent_hardening(scan.select, scan.geometry, place.grid, place.settings)
     scan = hardening.apply(scan)
-    begin("reconstruct: start")
+    detail("start on coarse voxels")
     fitted = on_grid(scan, place, progress)
     volume = replace(fitted.volume, hardening=hardening)
     if volume.field is not None:
-        begin("reconstruct: shifts of views")
+        detail("shifts of views")
         volume = replace(volume, field=replace(volume.field, shifts=measured_shifts(scan, volume)))
     return replace(fitted, volume=volume)

@@ -10,7 +10,7 @@ import numpy as np
 from grainmotion._typing import Float
 from grainmotion.model.motion_table import MOTION_COLUMNS, STRAIN_COLUMNS
 from grainmotion.model.motions import Motions, Status
-from grainmotion.model.progress import begin, counted
+from grainmotion.model.progress import counted, detail
 from grainmotion.report.data import ReportData, StateReport
 from grainmotion.report.embedding import Embedded, embed, embed_json
 from grainmotion.report.fit_record import fit_record
@@ -51,7 +51,7 @@ def page_data(data: ReportData) -> dict[str, object]:
         ``statuses``, ``quantities``, ``slices`` of the reference, ``columns`` and ``weak`` (directions) of all states
         together, and ``states``.  Rows of every state are those of ``grains.labels``, NaN where a state lacks a grain.
     """
-    begin("report: grains and slices", 0, 3)
+    detail("grains and slices", 0, 3)
     rows = grain_rows(data)
     voxel_size = _voxel_size(data)
     decimals = 3 if voxel_size is None else length_decimals(voxel_size)
@@ -73,9 +73,9 @@ def page_data(data: ReportData) -> dict[str, object]:
         "columns": _columns(data.states, rows, 10.0 ** -(decimals + 2)),
         "weak": weak_directions([rows.spread(s.motions.labels, s.motions.covariances, np.nan) for s in data.states]),
     }
-    begin("report: states", 1, 3)
+    detail("states", 1, 3)
     states = [_state(state, rows) for state in counted(data.states)]
-    begin("report: radiographs", 2, 3)
+    detail("radiographs", 2, 3)
     left = PAGE_CHARACTERS - ROUND_CHARACTERS - len(json.dumps([record, states]))
     views = radiograph_records(data.states, int(np.clip(left, LEAST_RADIOGRAPHS, RADIOGRAPH_CHARACTERS)))
     return record | {"states": [state | {"views": views[k]} for k, state in enumerate(states)]}

@@ -14,7 +14,7 @@ from grainmotion._arguments import checked_arguments
 from grainmotion.errors import InputError
 from grainmotion.kernels.layout import PADDING
 from grainmotion.model.grains import Grain, GrainSet
-from grainmotion.model.progress import begin, counted
+from grainmotion.model.progress import counted, detail
 from grainmotion.model.scene import NO_MOTION, RIGID_MOTION, Body, Freedom, Scene
 from grainmotion.model.volume import Volume
 from grainmotion.segmentation.bodies import Piece, find_bodies
@@ -140,7 +140,7 @@ def _grains_and_scene(
     volume: Volume, labels: NDArray[np.integer], border: Collection[int], settings: SegmentSettings, cut: Cut
 ) -> GrainSet:
     """The grains of labels, and what no label holds."""
-    begin("grains: extraction")
+    detail("cutting grains", 0, 2)
     labels, small = without_small_labels(checked_labels(labels, volume.shape))
     if small:
         some = ", ".join(str(label) for label in small[:MAX_LABELS_NAMED])
@@ -162,7 +162,7 @@ def _grains_and_scene(
             grains.append(grain)
             boxes.append((label, box))
     if settings.finer > 1 and min(volume.shape) > 1:
-        begin("grains: finer voxels")
+        detail("cutting grains on finer voxels", 1, 2)
         fines = cut(volume, owned.labels, boxes, settings.finer, owned.reach)
         for k, fine in enumerate(counted(fines, len(boxes))):
             grains[k] = grains[k] if fine is None else replace(grains[k], fine=padded(fine))

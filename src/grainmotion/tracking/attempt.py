@@ -13,6 +13,7 @@ from grainmotion.backends.device import Device
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions
 from grainmotion.model.pose import Pose
+from grainmotion.model.progress import detail
 from grainmotion.model.scan import Scan
 from grainmotion.model.starting_pose import starting_pose
 from grainmotion.objective.residual import StateProblem
@@ -148,11 +149,11 @@ def finish(job: Job, near: Approach) -> Attempt:
     alignment, solution = align_views(fit, problem, solution)
     refined, ambiguous = refine(fit, field_pose, alignment, solution), dict[int, str]()
     if settings.alternatives:
-        fit.report("classifying the grains: other poses that fit", fit.expected_stages)
+        detail("other poses that fit")
         refined, moved, ambiguous = settle_ambiguities(fit, field_pose, refined, grains, limits)
         if moved.any():
             refined = refine(fit, field_pose, alignment, refined.solution, refined, moved)
-    fit.report("classifying the grains: statuses", fit.expected_stages)
+    detail("statuses")
     motions = classify(grains, refined, result.ambiguous, limits, tuple(fit.costs))
     motions = with_reasons(motions, ambiguous)
     if new:

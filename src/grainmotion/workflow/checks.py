@@ -71,6 +71,7 @@ def check_reference(context: RunContext) -> None:
 
 def _reference_findings(context: RunContext, source: ScanInput) -> Findings:
     """All checks of the reference scan."""
+    context.notify("checking the reference scan")
     return check_scan(context.measured(source), context.inputs.grid, context.tables.check, where=source.key)
 
 

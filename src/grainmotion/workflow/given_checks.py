@@ -13,6 +13,7 @@ from grainmotion.diagnosis.start_file import check_start
 from grainmotion.diagnosis.unlabelled import check_fragments, check_grain_sizes, check_unlabelled
 from grainmotion.experiment.given_inputs import given_label_findings, given_volume_findings
 from grainmotion.model.finding import Finding, Level
+from grainmotion.model.progress import detail
 from grainmotion.workflow.checks import findings_once, settle
 from grainmotion.workflow.context import RunContext
 from grainmotion.workflow.given_starts import given_start
@@ -54,7 +55,8 @@ def check_grains(context: RunContext, reference: Callable[[], SegmentedReference
     fingerprint = context.cache.fingerprint(settings, files, [context.fingerprints.segment])
 
     def check() -> tuple[Finding, ...]:
-        context.notify("checking the grains: what has no label", 0, 3)
+        context.notify("checking the grains")
+        detail("what has no label", 0, 3)
         stored = reference().stored
         assert stored.labels is not None
         found = list[Finding]()
@@ -63,12 +65,12 @@ def check_grains(context: RunContext, reference: Callable[[], SegmentedReference
         if not any(f.level is Level.ERROR for f in found):
             fragments = check_fragments(stored.volume, stored.labels, stored.threshold)
             found += fragments or check_unlabelled(stored.volume, stored.labels)
-            context.notify("checking the grains: sizes and shapes", 1, 3)
+            detail("sizes and shapes", 1, 3)
             found += check_grain_sizes(stored.labels)
             if inputs.reference is not None:
                 found += check_grain_shapes(stored.labels, f"{source.key}.geometry.pixel_size")
         if inputs.reference is not None and inputs.volume is None:
-            context.notify("checking the grains: beam hardening", 2, 3)
+            detail("beam hardening", 2, 3)
             scan = context.some_views(inputs.reference)
             found += corrected_hardening(stored.volume.hardening, inputs.reference.key)
             found += check_hardening(

@@ -113,6 +113,7 @@ def segment_stage(context: RunContext, reference: Callable[[], StoredReference])
         stored = StoredReference(stored.volume, stored.residuals, labels, threshold, border, phases=segmentation.phases)
         segmented = SegmentedReference(path, settings, cut)
         segmented.stored = stored
+        context.notify("segment: cutting the grains")
         scene = segmented.grains.scene  # extracted now: if that fails, the old result is kept
         segmented.stored = replace(segmented.stored, scene=scene)
         return segmented
@@ -134,6 +135,7 @@ def _reconstruct(context: RunContext) -> StoredReference:
     source, grid, settings = context.inputs.reference, context.inputs.grid, context.tables.reconstruct
     assert source is not None
     progress = prefixed(context.progress, "reconstruct")
+    context.notify("reconstruct")
     if context.inputs.labels is not None:  # they are on this grid
         settings = replace(settings, outline="grid")
     if context.tables.calibrate.hardening:  # the scan is linearised by another curve
