@@ -41,9 +41,11 @@ that wants an experiment file and gets something else names the command that mak
 
 Standard output has what was asked for: tables, states, findings, paths. Standard error has progress, findings as they
 come, and errors. So `grainmotion run experiment.toml > results.txt` keeps the results and still shows progress. On a
-terminal progress is a bar, with the time left of the stage in hand and, once a state is done, of all states; elsewhere
-it is a log, one line a step. Each run also writes `run.log` beside its results: versions, machine, inputs, settings,
-stages with their times and files, findings, errors. An error that comes while a run is under way names that file.
+terminal progress is a bar, with the share and the time left of the stage in hand and, once a state is done, of all
+states; elsewhere it is a log, one line a step, and one every half minute of a longer step. Kernels are compiled when
+they are first used, which is told. Ctrl-C ends a command within two seconds, and what is finished is kept. Each run
+also writes `run.log` beside its results: versions, machine, inputs, settings, stages with their times and files,
+findings, errors. An error that comes while a run is under way names that file.
 
 `--quiet` hides progress and notes; warnings stay. `--verbose` adds times of stages, and files as they are written.
 

@@ -51,3 +51,15 @@ def test_states_by_those_that_are_done(clock):
 )
 def test_durations(seconds, text):
     assert duration(seconds) == text
+
+
+def test_time_left_is_counted_down_between_messages(clock):
+    left = TimeLeft(clock=clock)
+    left.after("segment", 0, 10)
+    clock.now = 10
+    assert left.after("segment (distances)", 2, 10) == "about 40 s left"
+    clock.now = 25
+    assert left.now() == "about 25 s left"
+    clock.now = 60
+    assert left.now() == "longer than expected"
+    assert left.after("segment", 1, 10) == ""  # it goes back: a loop of the same stage begins anew

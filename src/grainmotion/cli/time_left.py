@@ -34,7 +34,7 @@ class TimeLeft:
             if self.stage in self.states:
                 self.took[self.stage] = now - self.started
             self.stage, self.started, self.from_share = stage, now, share
-        elif share < self.from_share:  # it begins anew
+        elif share < self.share:  # it begins anew
             self.started, self.from_share = now, share
         self.reported, self.share = now, share
         return self.now()

@@ -9,6 +9,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from grainmotion.errors import InputError
+from grainmotion.model.progress import counted
 
 if TYPE_CHECKING:
     from dask.delayed import Delayed
@@ -57,11 +58,16 @@ class Executor:
         InputError
             If the same task ended several workers, as it does where their memory is too small for it.
         """
+        from distributed import as_completed
+
         held = [_future_of(task) for task in tasks]
         asked = self.client.compute([t for t, f in zip(tasks, held, strict=True) if f is None], optimize_graph=False)
         more = iter(asked)
+        futures = [next(more) if future is None else future for future in held]
+        for _ in counted(as_completed(futures), len(futures)):
+            pass  # progress, until all are there
         with _report_dead_workers():
-            return list(self.client.gather([next(more) if future is None else future for future in held]))
+            return list(self.client.gather(futures))
 
     def as_completed(self, more: Callable[[], tuple[str, Delayed] | None]) -> Iterator[tuple[str, Any]]:
         """Run tasks, as many at once as there are workers; names and results, in the order in which they are ready.

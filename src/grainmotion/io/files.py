@@ -12,12 +12,12 @@ from pathlib import Path
 
 from grainmotion.errors import InputError, WriteError
 
-_UNFINISHED: set[Path] = set()  # files and folders that are being written
+_BEING_WRITTEN: set[Path] = set()  # files and folders that are being written
 
 
 def remove_unfinished() -> None:
     """Remove what is half written, before the process is ended from outside the code that writes it."""
-    for path in tuple(_UNFINISHED):
+    for path in tuple(_BEING_WRITTEN):
         if path.is_dir():
             shutil.rmtree(path, ignore_errors=True)
         else:
@@ -66,7 +66,7 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
         raise _not_written(path, error) from error
     os.close(handle)
     temporary = Path(name)
-    _UNFINISHED.add(temporary)
+    _BEING_WRITTEN.add(temporary)
     try:
         with _written(path, temporary):
             yield temporary
@@ -80,7 +80,7 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
             raise WriteError(str(path), fact, "choose another file") from error
     finally:
         temporary.unlink(missing_ok=True)
-        _UNFINISHED.discard(temporary)
+        _BEING_WRITTEN.discard(temporary)
 
 
 @contextmanager
@@ -112,7 +112,7 @@ def atomic_folder(path: str | Path) -> Iterator[Path]:
         temporary = Path(tempfile.mkdtemp(prefix=f".{path.stem}-", dir=path.parent))
     except OSError as error:
         raise _not_written(path, error) from error
-    _UNFINISHED.add(temporary)
+    _BEING_WRITTEN.add(temporary)
     try:
         new = temporary / "new"
         with _written(path, temporary):
@@ -127,4 +127,4 @@ def atomic_folder(path: str | Path) -> Iterator[Path]:
             raise WriteError(str(path), fact, "choose another folder") from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
-        _UNFINISHED.discard(temporary)
+        _BEING_WRITTEN.discard(temporary)

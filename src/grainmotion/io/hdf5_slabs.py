@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from grainmotion.model.large_arrays import large_empty
 from grainmotion.model.progress import counted
 
-SLAB_BYTES = 1 << 26
+PLANES_BYTES = 1 << 26
 """Bytes of the planes that are read or written at once: a fraction of a second where they are compressed."""
 CHUNK_SHAPE = (16, 128, 128)
 """Voxels of a compressed chunk, at most: thin along z, so that a slab holds whole ones."""
@@ -45,5 +45,5 @@ def _slabs(data: h5py.Dataset) -> Iterator[slice]:
     """Planes along the first axis, in whole chunks."""
     depth = data.chunks[0] if data.chunks else 1
     plane = max(1, data.dtype.itemsize * int(np.prod(data.shape[1:], dtype=np.int64)))
-    step = depth * max(1, SLAB_BYTES // (plane * depth))
+    step = depth * max(1, PLANES_BYTES // (plane * depth))
     return counted([slice(first, first + step) for first in range(0, data.shape[0], step)])
