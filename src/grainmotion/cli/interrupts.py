@@ -116,7 +116,13 @@ def signals_end_the_command() -> Iterator[None]:
                 _print_interrupted(stop.code)
                 os._exit(stop.code)  # what is half imported may hang when Python tidies up
     except SystemExit as end:
-        _signals_end_at_once(end.code if isinstance(end.code, int) else 0)
+        code = end.code if isinstance(end.code, int) else 0
+        _signals_end_at_once(code)
+        if code > SHELL_BASE:  # who stopped it waits, and Python tidies up for half a second
+            with suppress(OSError, ValueError):
+                sys.stdout.flush()
+                sys.stderr.flush()
+            os._exit(code)
         raise
 
 

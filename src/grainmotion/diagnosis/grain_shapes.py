@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from grainmotion._typing import Float
 from grainmotion.model.finding import Finding, Level
 from grainmotion.model.label_sums import label_sizes
+from grainmotion.model.progress import counted
 
 PLATE = 0.25
 """Height over width, or its inverse, below which a body is a plate or a pillar and does not count; platens: 0.18."""
@@ -54,7 +55,7 @@ def heights_over_widths(labels: NDArray[np.integer]) -> Float:
     """Standard deviation of the voxels of each grain along z over that along x and y, ``(grains,)``."""
     counts = label_sizes(labels)
     sums, squares = np.zeros((2, 3, len(counts)))  # along z, y, x
-    for z, plane in enumerate(labels):
+    for z, plane in enumerate(counted(labels)):
         y, x = np.nonzero(plane)
         grains = plane[y, x]
         for axis, place in enumerate((np.full(len(grains), z), y, x)):

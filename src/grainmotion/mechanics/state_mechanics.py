@@ -16,6 +16,7 @@ from grainmotion.mechanics.strains import Strains, strains
 from grainmotion.mechanics.void_ratio import VoidRatios, void_ratio
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions
+from grainmotion.model.progress import detail
 from grainmotion.model.volume import Volume
 
 
@@ -54,8 +55,11 @@ class StateMechanics:
 
 def reference_mechanics(grains: GrainSet, grid: Volume, settings: MechanicsSettings) -> StateMechanics:
     """Contacts and void ratios of the reference."""
+    detail("contacts", 0, 2)
+    pairs = contacts(grains, tolerance=settings.tolerance)
+    detail("bodies and voids", 1, 2)
     return StateMechanics(
-        contacts(grains, tolerance=settings.tolerance),
+        pairs,
         body_contacts(grains, tolerance=settings.tolerance),
         void_ratio(grains, grid, cells=settings.cells),
     )
@@ -65,7 +69,9 @@ def state_mechanics(
     grains: GrainSet, grid: Volume, motions: Motions, before: Contacts, settings: MechanicsSettings
 ) -> StateMechanics:
     """Strains, contacts, their changes since the reference (``before``) and void ratios of a state."""
+    detail("contacts", 0, 2)
     after = contacts(grains, motions, tolerance=settings.tolerance)
+    detail("bodies, voids and strains", 1, 2)
     return StateMechanics(
         after,
         body_contacts(grains, motions, tolerance=settings.tolerance),

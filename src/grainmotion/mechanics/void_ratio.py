@@ -30,6 +30,7 @@ from grainmotion.mechanics.tetrahedra import tessellate
 from grainmotion.model.described_table import described
 from grainmotion.model.grains import Grain, GrainSet
 from grainmotion.model.motions import Motions, Status
+from grainmotion.model.progress import counted
 from grainmotion.model.scene import Scene
 from grainmotion.model.summary import Summarised, Summary
 from grainmotion.model.volume import Volume
@@ -164,7 +165,7 @@ def void_ratio(grains: GrainSet, grid: Volume, motions: Motions | None = None, *
         fact = f"labels {unknown[:10]} are not among the grains"
         raise InputError("motions.label", fact, "use motions of this reference")
     rows = [row_of[int(label)] for label in motions.labels]
-    volumes = np.array([_grain_volume(grains.grains[row]) for row in rows])
+    volumes = np.array([_grain_volume(grains.grains[row]) for row in counted(rows)])
     shifts = recenter(motions.gradients, motions.translations, motions.centers, grains.centers[rows])
     places, radii = grains.centers[rows] + shifts, np.cbrt(0.75 / np.pi * volumes)
     if cells == "set":
