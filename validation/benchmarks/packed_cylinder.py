@@ -6,6 +6,7 @@ accuracy.  One later state of four views, in which each grain moved by up to 2 v
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -38,11 +39,8 @@ def write_packed_cylinder(size: int, folder: Path, views: int | None = None) -> 
         return int(done.read_text())
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(1)
-    centers = _places(size, rng)
+    centers, axes, turned = _grains(size, rng)
     count = len(centers)
-    axes = np.exp(rng.uniform(-0.18, 0.18, (count, 3)))
-    axes *= RADIUS / np.cbrt(axes.prod(axis=1))[:, None]
-    turned = Rotation.from_rotvec(rng.normal(size=(count, 3))).as_matrix()
     shifts = rng.uniform(-SHIFT, SHIFT, (count, 3))
     turns = Rotation.from_rotvec(np.radians(TURN_DEG) * rng.uniform(-1, 1, (count, 3))).as_matrix()
     views = size if views is None else views
@@ -54,6 +52,25 @@ def write_packed_cylinder(size: int, folder: Path, views: int | None = None) -> 
     (folder / "experiment.toml").write_text(_experiment(size, angles))
     done.write_text(str(count))
     return count
+
+
+def voxelised_cylinder(size: int) -> tuple[Volume, NDArray[np.int32]]:
+    """The same grains without a scan: attenuation on ``size``³ voxels, and the label of each voxel."""
+    rng = np.random.default_rng(1)
+    centers, axes, turned = _grains(size, rng)
+    labels, deepest = np.zeros((size,) * 3, np.int32), np.zeros((size,) * 3, np.float16)
+    for label, (box, depth) in enumerate(_depths(size, centers, axes, turned), start=1):
+        inside = depth > deepest[box]
+        labels[box][inside], deepest[box][inside] = label, depth[inside]
+    return _voxels(size, centers, axes, turned), labels
+
+
+def _grains(size: int, rng: np.random.Generator) -> tuple[Float, Float, Float]:
+    """Centres, half axes (voxels over the radius) and rotations."""
+    centers = _places(size, rng)
+    axes = np.exp(rng.uniform(-0.18, 0.18, (len(centers), 3)))
+    axes *= RADIUS / np.cbrt(axes.prod(axis=1))[:, None]
+    return centers, axes, Rotation.from_rotvec(rng.normal(size=(len(centers), 3))).as_matrix()
 
 
 def _places(size: int, rng: np.random.Generator) -> Float:
@@ -68,17 +85,22 @@ def _places(size: int, rng: np.random.Generator) -> Float:
 
 def _voxels(size: int, centers: Float, axes: Float, rotations: Float) -> Volume:
     """The grains as attenuation, with the partial volumes of their surfaces."""
-    array, middle, reach = np.zeros((size,) * 3, np.float32), (size - 1) / 2, int(1.3 * RADIUS) + 2
+    array = np.zeros((size,) * 3, np.float32)
+    for box, depth in _depths(size, centers, axes, rotations):
+        np.maximum(array[box], ATTENUATION * np.clip(depth + 0.5, 0, 1), out=array[box], casting="unsafe")
+    return Volume(array, VOXEL)
+
+
+def _depths(size: int, centers: Float, axes: Float, rotations: Float) -> Iterator[tuple[tuple[slice, ...], Float]]:
+    """Of each grain a box of voxels around it, and how far these lie below its surface, voxels."""
+    middle, reach = (size - 1) / 2, int(1.3 * RADIUS) + 2
     for center, half, rotation in zip(centers, axes, rotations, strict=True):
         nearest = np.round(center + middle).astype(int)
         box = [slice(max(k - reach, 0), min(k + reach + 1, size)) for k in nearest]
         grids = np.meshgrid(*[np.arange(s.start, s.stop) - middle for s in box], indexing="ij")
         scaled = (np.stack(grids, axis=-1) - center) @ rotation / half
         depth = (1 - np.linalg.norm(scaled, axis=-1)) * RADIUS
-        own = (ATTENUATION * np.clip(depth + 0.5, 0, 1)).transpose(2, 1, 0)
-        part = array[box[2], box[1], box[0]]
-        np.maximum(part, own, out=part)
-    return Volume(array, VOXEL)
+        yield (box[2], box[1], box[0]), depth.transpose(2, 1, 0)
 
 
 def _distances(size: int) -> tuple[float, float]:

@@ -1,8 +1,8 @@
 """Catchment basins: every voxel goes to its highest neighbour, and so on up to a voxel that has a label.
 
-``labels`` are 0 where nothing is sought, -1 where a label is wanted.  Where a voxel ends up does not depend on the
-order in which voxels are visited, so blocks of a volume may be worked on at the same time, and paths lead through all
-of them: what another thread has written in the meantime only shortens a path.
+``labels`` are 0 or below -1 where nothing is sought, -1 where a label is wanted.  Where a voxel ends up does not depend
+on the order in which voxels are visited, so blocks of a volume may be worked on at the same time, and paths lead
+through all of them: what another thread has written in the meantime only shortens a path.
 """
 
 from __future__ import annotations
@@ -252,7 +252,7 @@ def _brightest(heights, labels, place, shape):
 @nb.njit(cache=CACHE, nogil=True)
 def _higher(heights, labels, place, best):
     """The higher one of two places, of which the first may be left out."""
-    if labels[place] == 0:
+    if labels[place] == 0 or labels[place] < -1:
         return best
     other, value = heights[place], heights[best]
     return place if other > value or (other == value and place < best) else best

@@ -11,13 +11,15 @@ from grainmotion.kernels.block_filters import erode_block, smooth_block
 from grainmotion.model.large_arrays import large_zeros
 from grainmotion.segmentation.blocks import Block, Work, blocks_of
 from grainmotion.segmentation.distance_basins import largest_balls
+from grainmotion.segmentation.heights import Heights
 from grainmotion.segmentation.label_measures import (
-    add_labels,
     faces_on_codes,
     highest_label,
     label_sizes,
     label_sums,
+    put_aside,
     renumber,
+    take_back,
 )
 from grainmotion.segmentation.large_bodies import large_bodies
 from grainmotion.segmentation.level_codes import gaussian_weights
@@ -38,6 +40,8 @@ MAX_NOISE = 0.12
 """Noise of a voxel over the excess of a grain, above which grains are separated in the filtered volume."""
 NOISE_SIGMA = 0.7
 """Width of that filter, a Gaussian, voxels."""
+MAX_EXCESS = 100.0
+"""Largest excess that is told apart where noise is measured."""
 MAX_MEAN = 1.35
 """Mean attenuation of a grain over its level; 0.8 to 1.1 in grains, 1.2 to 3 in what is blurred between denser ones."""
 MIN_BALL = 1.5
@@ -85,14 +89,15 @@ class Pieces:
         around = levels.around(work)
         for level in levels.solids:
             solid = levels.of_voxel == level
-            excess = _excess(array, levels, around, level, 0.0, work)
+            excess = _excess(array, levels, around, level, 0.0)
             if _noise(excess, solid, work) > MAX_NOISE:
-                excess = _excess(array, levels, around, level, NOISE_SIGMA, work)
-            own = separated(excess, solid, 0.0, settings, work)
-            del excess, solid
-            add_labels(labels, own, len(level_of) - 1, work)
-            level_of += [level] * (highest_label(labels, work) + 1 - len(level_of))
+                excess = _excess(array, levels, around, level, NOISE_SIGMA)
+            count = highest_label(separated(excess, solid, 0.0, settings, work, labels), work)
+            del solid
+            put_aside(labels, len(level_of) - 1, work)
+            level_of += [level] * count
         del around
+        take_back(labels, work)
         numbers = np.array(level_of, np.intp)
         if len(levels.solids) > 1:
             hosts = hosts_across_surface(labels, numbers, levels, work)
@@ -127,36 +132,32 @@ class Pieces:
         return bool(high <= MAX_RATIO * low and low >= MIN_OVER_THRESHOLD * threshold and not outside)
 
 
-def _excess(
-    array: Floats, levels: Levels, around: NDArray[np.int8], level: int, sigma: float, work: Work
-) -> NDArray[np.float32]:
+def _excess(array: Floats, levels: Levels, around: NDArray[np.int8], level: int, sigma: float) -> Heights:
     """How far attenuation rises above what surrounds a grain, over the step to the grain's level; 0 outside.
 
     A grain may lie half in a liquid: the step differs from place to place.
     """
-    values, out = levels.values.astype(np.float32), large_zeros(array.shape, np.float32)
-    weights = gaussian_weights(sigma) if sigma else np.ones(1)
+    values, weights = levels.values.astype(np.float32), gaussian_weights(sigma) if sigma else np.ones(1)
 
-    def fill(block: Block) -> None:
-        solid = levels.of_voxel[block.box] == level
-        if solid.any():
-            low = values[around[block.box]]
-            smooth = smooth_block(block.gather(array, len(weights) - 1), weights)
-            step = np.where(solid, values[level] - low, np.float32(1))
-            out[block.box] = np.where(solid, (smooth - low) / step, 0)
+    def gather(block: Block, reach: int) -> NDArray[np.float32]:
+        solid = block.gather(levels.of_voxel, reach, -1, np.int8) == level
+        if not solid.any():
+            return np.zeros(solid.shape, np.float32)
+        low = values[block.gather(around, reach, 0, np.int8)]
+        smooth = smooth_block(block.gather(array, reach + len(weights) - 1), weights)
+        return np.where(solid, (smooth - low) / np.where(solid, values[level] - low, np.float32(1)), np.float32(0))
 
-    work.each(blocks_of(array.shape), fill)
-    return out
+    return Heights(array.shape, gather)
 
 
-def _noise(excess: NDArray[np.float32], solid: Bools, work: Work) -> float:
+def _noise(excess: Heights, solid: Bools, work: Work) -> float:
     """Noise of the voxels inside grains over their excess, from the differences of neighbours."""
-    bins = FineBins.up_to(float(excess.max()))
+    bins = FineBins.up_to(MAX_EXCESS)
 
     def count(block: Block, counts: NDArray[np.int64]) -> NDArray[np.int64]:
         if solid[block.box].any():
             inner = erode_block(erode_block(block.gather(solid, 3, 0, np.uint8))) > 0  # a voxel more on each side
-            values = block.gather(excess, 1, 0)
+            values = excess.gather(block, 1)
             here = inner[1:-1, 1:-1, 1:-1]
             bins.add(values[1:-1, 1:-1, 1:-1], here.view(np.int8) - np.int8(1), counts[:1])
             pairs = here & inner[2:, 1:-1, 1:-1]

@@ -26,26 +26,28 @@ def distances(mask: NDArray[np.bool_], work: Work) -> Floats:
 
 def distance_basins(distance: Floats) -> Ints:
     """Watershed basins of the distance, one for each of its local maxima."""
-    return find_basins(distance, Work())[0]
+    basins = large_zeros(distance.shape, np.int32)
+    label_basins(basins, distance, Work())
+    return basins
 
 
-def find_basins(distance: Floats, work: Work) -> tuple[Ints, NDArray[np.float64]]:
-    """Basins 1 … n of a distance, one for each of its local maxima, and these ``(n + 1,)``.
+def label_basins(labels: Ints, distance: Floats, work: Work) -> NDArray[np.float64]:
+    """Label the basins 1 … n of a distance, one for each of its local maxima; returns these ``(n + 1,)``.
 
     A voxel belongs to the basin of its highest neighbour (`kernels.steepest_ascent`), so basins do not depend on an
-    order of voxels.
+    order of voxels.  ``labels`` are 0, but for some that are set aside, which stay where there is no distance.
     """
-    slabs, basins = slabs_of(distance.shape), large_empty(distance.shape, np.int32)
+    slabs = slabs_of(distance.shape)
 
     def ask(slab: tuple[int, int]) -> None:
-        basins[slice(*slab)] = np.where(distance[slice(*slab)] > 0, np.int32(-1), np.int32(0))
+        labels[slice(*slab)][distance[slice(*slab)] > 0] = -1
 
     work.each(slabs, ask)
     places = np.concatenate(work.each(slabs, lambda slab: find_peaks(distance, *slab)))
-    peaks = np.zeros(label_places(basins, places) + 1)
-    peaks[basins.reshape(-1)[places]] = distance.reshape(-1)[places]
-    work.each(slabs, lambda slab: climb_to_peaks(distance, basins, *slab))
-    return basins, peaks
+    peaks = np.zeros(label_places(labels, places) + 1)
+    peaks[labels.reshape(-1)[places]] = distance.reshape(-1)[places]
+    work.each(slabs, lambda slab: climb_to_peaks(distance, labels, *slab))
+    return peaks
 
 
 def largest_balls(labels: Ints, count: int, work: Work) -> NDArray[np.float64]:

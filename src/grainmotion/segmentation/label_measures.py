@@ -6,7 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion.kernels.label_faces import add_faces_on_codes
-from grainmotion.kernels.label_tables import add_boxes, add_sizes, add_values, replace_in_mask, replace_labels
+from grainmotion.kernels.label_tables import (
+    add_boxes,
+    add_sizes,
+    add_values,
+    bring_back,
+    replace_in_mask,
+    replace_labels,
+    set_aside,
+)
 from grainmotion.model.large_arrays import large_empty
 from grainmotion.segmentation.blocks import Work, chunks_of, slabs_of
 
@@ -83,14 +91,16 @@ def renumber(labels: Ints, new: NDArray[np.integer], work: Work, mask: NDArray[n
         work.each(chunks_of(flat.size), lambda part: replace_in_mask(flat[part], wanted[part], numbers))
 
 
-def add_labels(labels: Ints, own: Ints, before: int, work: Work) -> None:
-    """Write further labels, in place, numbered after those before."""
-    flat, further = labels.reshape(-1), own.reshape(-1)
+def put_aside(labels: Ints, before: int, work: Work) -> None:
+    """Set labels aside, in place, numbered after so many others, while others are found in the same array."""
+    flat = labels.reshape(-1)
+    work.each(chunks_of(flat.size), lambda part: set_aside(flat[part], before))
 
-    def add(part: slice) -> None:
-        np.copyto(flat[part], further[part] + np.int32(before), where=further[part] > 0)
 
-    work.each(chunks_of(flat.size), add)
+def take_back(labels: Ints, work: Work) -> None:
+    """Make labels that are set aside labels again, in place."""
+    flat = labels.reshape(-1)
+    work.each(chunks_of(flat.size), lambda part: bring_back(flat[part]))
 
 
 def looked_up(table: NDArray, labels: Ints, work: Work) -> NDArray:

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from grainmotion.model.large_arrays import large_empty
-from grainmotion.segmentation.blocks import Work, slabs_of
+from grainmotion.segmentation.blocks import Block, Work, slabs_of
+from grainmotion.segmentation.heights import Heights
 from grainmotion.segmentation.label_measures import faces_on_codes, highest_label, label_sizes
 from grainmotion.segmentation.label_pairs import LabelPairs
 from grainmotion.segmentation.separation import separated
@@ -88,25 +89,25 @@ def liquid_levels(
 
 def _is_liquid(array: Floats, of_voxel: NDArray[np.int8], levels: NDArray[np.float64], level: int, work: Work) -> bool:
     """Whether a level surrounds denser grains."""
-    excess, dense = large_empty(array.shape, np.float32), large_empty(array.shape, bool)
+    dense, base = large_empty(array.shape, bool), np.float32(levels[level])
     slabs = [slice(*slab) for slab in slabs_of(array.shape)]
 
-    def rise(slab: slice) -> None:
-        np.greater(of_voxel[slab], level, dense[slab])
-        excess[slab] = np.where(dense[slab], array[slab] - np.float32(levels[level]), 0)
+    def rise(block: Block, reach: int) -> NDArray[np.float32]:
+        inside = block.gather(of_voxel, reach, -1, np.int8) > level
+        return np.where(inside, block.gather(array, reach, 0) - base, np.float32(0))
 
-    work.each(slabs, rise)
-    grains = separated(excess, dense, 0.0, SegmentSettings(), work)
+    work.each(slabs, lambda slab: np.greater(of_voxel[slab], level, dense[slab]))
+    grains = separated(Heights(array.shape, rise), dense, 0.0, SegmentSettings(), work)
     submerged = share_of_surface(grains, of_voxel, level, work) > SUBMERGED
     if np.count_nonzero(submerged) < MIN_SUBMERGED:
         return False
 
     def join(slab: slice) -> None:
         dense[slab] = (of_voxel[slab] == level) | submerged[grains[slab]]
-        excess[slab] = dense[slab]
 
     work.each(slabs, join)
-    pieces = separated(excess, dense, 0.5, SegmentSettings(), work)
+    flat = Heights(array.shape, lambda block, reach: block.gather(dense, reach, 0))
+    pieces = separated(flat, dense, 0.5, SegmentSettings(), work)
     most = np.bincount(_homes(grains, pieces, submerged, work)).max(initial=0)
     return bool(most >= MIN_SUBMERGED and most >= MOST * np.count_nonzero(submerged))
 
@@ -134,23 +135,21 @@ def share_of_surface(labels: Ints, of_voxel: NDArray[np.int8], level: int, work:
     return np.asarray(faces[:, level] / np.maximum(faces[:, : level + 1].sum(axis=1), 1))
 
 
-def without_inclusions(cores: UniformCores, neighbours: Neighbours, fluid: tuple[int, ...]) -> NDArray[np.intp]:
-    """Level of each core ``(n + 1,)``, that of its host for an inclusion: a core that lies within another solid."""
+def inclusion_hosts(cores: UniformCores, neighbours: Neighbours) -> NDArray[np.intp]:
+    """Level of each core ``(n + 1,)``, that of its host for a core that lies within another one of some level."""
     level_of, parts = cores.level_of.copy(), connected(neighbours, cores.level_of)
-    sizes = np.bincount(parts, neighbours.sizes)
-    for core in np.argsort(neighbours.sizes):
-        if core == 0:
+    sizes, first = np.bincount(parts, neighbours.sizes), np.unique(parts, return_index=True)[1]
+    faces = neighbours.faces
+    for core in range(1, len(level_of)):
+        row = slice(faces.indptr[core], faces.indptr[core + 1])
+        across, count = parts[faces.indices[row]], faces.data[row]
+        apart = across != parts[core]
+        if not apart.any():
             continue
-        row = neighbours.faces[[core]].tocoo()
-        across = parts[row.col]
-        others = np.bincount(across[across != parts[core]], row.data[across != parts[core]], minlength=len(sizes))
-        host = int(others.argmax()) if len(others) else 0
-        level = int(cores.level_of[np.flatnonzero(parts == host)[0]])
-        if (
-            level in fluid
-            or sizes[parts[core]] > sizes[host]
-            or others[host] < ENCLOSED * (row.data.sum() + neighbours.border[core])
-        ):
-            continue
-        level_of[core] = level
+        others, index = np.unique(across[apart], return_inverse=True)
+        shared = np.bincount(index, count[apart])
+        host = int(others[shared.argmax()])
+        whole = count.sum() + neighbours.border[core]
+        if sizes[parts[core]] <= sizes[host] and shared.max() >= ENCLOSED * whole:
+            level_of[core] = cores.level_of[first[host]]
     return level_of

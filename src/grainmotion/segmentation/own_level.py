@@ -11,6 +11,7 @@ from grainmotion.kernels.block_filters import erode_block, sum_block
 from grainmotion.model.large_arrays import large_zeros
 from grainmotion.segmentation.blocks import Block, Box, Work, blocks_of
 from grainmotion.segmentation.components import Components, fill_holes
+from grainmotion.segmentation.heights import Heights
 from grainmotion.segmentation.order_statistics import median
 
 Floats = NDArray[np.float32]
@@ -30,7 +31,7 @@ class OwnLevel:
 
     Attributes
     ----------
-    array : (nz, ny, nx) array
+    heights : Heights
         Attenuation, 1/mm.
     solid : (nz, ny, nx) bool array
         Voxels of the grains.
@@ -38,14 +39,15 @@ class OwnLevel:
         Median of the grains and mean outside of them, 1/mm.
     """
 
-    array: NDArray[np.floating]
+    heights: Heights
     solid: Bools
     bright: float
     dark: float
 
     @classmethod
-    def of(cls, array: NDArray[np.floating], solid: Bools, box: Box, work: Work) -> OwnLevel:
+    def of(cls, heights: Heights, solid: Bools, box: Box, work: Work) -> OwnLevel:
         """The levels of a volume whose grains lie in a box."""
+        array = heights.whole(work)
         bright = median(work, array, solid.view(np.uint8))
 
         def add(block: Block) -> tuple[float, int]:
@@ -56,14 +58,14 @@ class OwnLevel:
         # every plane is added up by itself, whatever the blocks
         planes = [Block((z, box[1].start, box[2].start), (z + 1, box[1].stop, box[2].stop)) for z in _planes(box)]
         sums = np.array(work.each(planes, add))
-        return cls(array, solid, bright, float(sums[:, 0].sum() / max(sums[:, 1].sum(), 1)))
+        return cls(heights, solid, bright, float(sums[:, 0].sum() / max(sums[:, 1].sum(), 1)))
 
     def at(self, block: Block, reach: int = 0) -> Floats:
         """Levels of a block and of some voxels around it; beyond the volume those of nothing."""
         half = CORE_WINDOW // 2
         bright, dark = np.float32(self.bright), np.float32(self.dark)
         inner = erode_block(block.gather(self.solid, reach + half + 1, 0, np.uint8)).astype(np.float32)
-        values = block.gather(self.array, reach + half, 0)
+        values = self.heights.gather(block, reach + half)
         middle = tuple(slice(half, n - half) for n in values.shape)
         level = values[middle] - dark
         weight = sum_block(inner, CORE_WINDOW)
@@ -84,7 +86,7 @@ class OwnLevel:
         def fill(block: Block) -> None:
             solid = self.solid[block.box]
             if solid.any():
-                found[block.box] = solid & (self.array[block.box] > threshold) & (self.at(block) > CORE_LEVEL)
+                found[block.box] = solid & (self.heights.gather(block, 0) > threshold) & (self.at(block) > CORE_LEVEL)
 
         work.each(blocks_of(found.shape, box), fill)
         fill_holes(found, work)

@@ -22,7 +22,7 @@ from grainmotion.segmentation.border import BeyondField, beyond_field
 from grainmotion.segmentation.distance_basins import nearest_codes
 from grainmotion.segmentation.label_measures import looked_up
 from grainmotion.segmentation.labels import checked_labels
-from grainmotion.segmentation.level_kinds import Neighbours, liquid_levels, without_inclusions
+from grainmotion.segmentation.level_kinds import Neighbours, inclusion_hosts, liquid_levels
 from grainmotion.segmentation.level_map import flooded, without_shells
 from grainmotion.segmentation.settings import PhaseKind, PhaseSettings
 from grainmotion.segmentation.uniform_cores import UniformCores
@@ -142,17 +142,21 @@ def find_levels(
     cores = UniformCores.of(array, threshold, [phase.bounds for phase in told], beyond, work)
     if len(cores.levels) < 3 and not told:
         return None
-    regions = flooded(array, cores, work)
-    neighbours = Neighbours.of(regions, len(cores.level_of) - 1, work)
-    if told:
-        kinds, level_of = tuple(str(told[k].kind) for k in cores.told), cores.level_of
-    else:
-        level_of = cores.level_of
-        liquid = liquid_levels(array, looked_up(level_of.astype(np.int8), regions, work), cores.levels, work)
-        kinds = tuple("air" if k == 0 else "liquid" if k in liquid else "solid" for k in range(len(cores.levels)))
-        level_of = without_inclusions(cores, neighbours, (0, *liquid))
-    of_voxel = looked_up(level_of.astype(np.int8), regions, work)
+    regions, count, own = flooded(array, cores, work), len(cores.levels), cores.level_of
+    neighbours = Neighbours.of(regions, len(own) - 1, work)
+    hosts = own if told else inclusion_hosts(cores, neighbours)
+    kinds_of = np.unique(own * count + hosts, return_inverse=True)
+    both = looked_up(kinds_of[1].astype(np.int16), regions, work)  # of each voxel its own level and its host's
     del regions
+    own, hosts = np.divmod(kinds_of[0], count)
+    if told:
+        kinds, level_of = tuple(str(told[k].kind) for k in cores.told), own
+    else:
+        liquid = liquid_levels(array, looked_up(own.astype(np.int8), both, work), cores.levels, work)
+        kinds = tuple("air" if k == 0 else "liquid" if k in liquid else "solid" for k in range(count))
+        level_of = np.where(np.isin(hosts, (0, *liquid)), own, hosts)  # an inclusion in a solid belongs to it
+    of_voxel = looked_up(level_of.astype(np.int8), both, work)
+    del both
     of_voxel = without_shells(array, of_voxel, cores.levels, work)
     return Levels(cores.levels, kinds, of_voxel)
 

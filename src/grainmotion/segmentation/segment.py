@@ -24,6 +24,7 @@ from grainmotion.segmentation.blocks import Work, chunks_of, slabs_of
 from grainmotion.segmentation.border import beyond_field, border_labels, cut_labels
 from grainmotion.segmentation.by_level import Pieces
 from grainmotion.segmentation.components import fill_holes
+from grainmotion.segmentation.heights import Heights
 from grainmotion.segmentation.label_measures import highest_label, renumber
 from grainmotion.segmentation.labels import checked_labels
 from grainmotion.segmentation.large_bodies import large_bodies
@@ -141,6 +142,7 @@ def segment(
     if settings.threshold is None and solid.any() and _solid_neighbours(solid, work) < MIN_SOLID_NEIGHBOURS:
         fact = f"no grains found: what lies above {threshold:.4g} 1/mm is scattered like noise"
         raise InputError("segment.threshold", fact, "give a threshold, or check the scan")
+    del solid  # found again where one threshold is enough
     work.begin("phases", 40, 14)
     levels = None
     if min(volume.shape) > 1 and (settings.phases or settings.threshold is None):
@@ -152,9 +154,10 @@ def segment(
         if settings.phases or not pieces.fit_one_threshold(levels, threshold):
             labels, threshold = pieces.labels, levels.half_way(pieces.level_of[1:])
     if labels is None:
-        labels = separated(volume.array, solid, threshold, settings, work)
+        solid = _above(volume.array, threshold, work)
+        labels = separated(Heights.of(volume.array), solid, threshold, settings, work)
+        del solid
         large_enough(labels, settings, work)
-    del solid
     work.begin("bodies", 99, 12)
     _take_out_bodies(labels, settings, work)
     if highest_label(labels, work) == 0:

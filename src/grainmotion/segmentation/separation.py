@@ -33,9 +33,10 @@ from numpy.typing import NDArray
 
 from grainmotion.model.large_arrays import large_zeros
 from grainmotion.segmentation.blocks import Block, Work
-from grainmotion.segmentation.distance_basins import distances, find_basins
+from grainmotion.segmentation.distance_basins import distances, label_basins
 from grainmotion.segmentation.flooding import flooded_regions
 from grainmotion.segmentation.fragments import added_up, without_fragments
+from grainmotion.segmentation.heights import Heights
 from grainmotion.segmentation.label_measures import highest_label, kept_numbers, label_sizes, label_sums, renumber
 from grainmotion.segmentation.label_pairs import LabelPairs
 from grainmotion.segmentation.own_level import OwnLevel
@@ -55,13 +56,18 @@ MARK = float(1 << 24)
 
 
 def separated(
-    array: NDArray[np.floating], solid: Bools, threshold: float, settings: SegmentSettings, work: Work | None = None
+    heights: Heights,
+    solid: Bools,
+    threshold: float,
+    settings: SegmentSettings,
+    work: Work | None = None,
+    labels: Ints | None = None,
 ) -> Ints:
     """Labels of the grains of one material, in all its voxels.
 
     Parameters
     ----------
-    array : (nz, ny, nx) array
+    heights : Heights
         Attenuation above what surrounds the grains, 1/mm.
     solid : (nz, ny, nx) bool array
         Voxels of the grains.
@@ -71,18 +77,21 @@ def separated(
         ``depth``, ``oneness`` and ``min_volume``.
     work : Work, optional
         Threads.
+    labels : (nz, ny, nx) int32 array, optional
+        Where to write them, 0 but for labels that are `set_aside`.
 
     Returns
     -------
     (nz, ny, nx) int32 array
         0 for no grain; pieces of fewer than `MIN_GRAIN_VOXELS` are left out.
     """
-    work = work or Work()
+    work, labels = work or Work(), large_zeros(heights.shape, np.int32) if labels is None else labels
     box = bounding_box(solid)
     if box is None:
-        return large_zeros(array.shape, np.int32)
+        return labels
     smallest = min(settings.min_volume or MIN_GRAIN_VOXELS, MIN_GRAIN_VOXELS)
-    labels, count = _cores(OwnLevel.of(array, solid, box, work), threshold, smallest, settings, work)
+    count = _label_cores(labels, OwnLevel.of(heights, solid, box, work), threshold, smallest, settings, work)
+    array = heights.whole(work)
     pairs, new = flooded_regions(labels, array, count, work)
     sizes, sums = label_sizes(labels, len(new) - 1, work), label_sums(labels, array, len(new) - 1, work)
     hosts = without_fragments(pairs.renumbered(new), added_up(new, sizes), added_up(new, sums))
@@ -90,17 +99,19 @@ def separated(
     return labels
 
 
-def _cores(level: OwnLevel, threshold: float, smallest: int, settings: SegmentSettings, work: Work) -> tuple[Ints, int]:
-    """Labels 1 … n of the grains' cores, -1 in other voxels of grains; and n."""
+def _label_cores(
+    labels: Ints, level: OwnLevel, threshold: float, smallest: int, settings: SegmentSettings, work: Work
+) -> int:
+    """Label the grains' cores 1 … n, other voxels of grains -1; returns n."""
     box = bounding_box(level.solid)
     assert box is not None
     distance = distances(level.cores(threshold, box, work), work)
-    basins, peaks = find_basins(distance, work)
-    graph, sizes = _graph(level, distance, basins, peaks, work)
+    peaks = label_basins(labels, distance, work)
+    graph, sizes = _graph(level, distance, labels, peaks, work)
     new = graph.merged(settings.depth, settings.oneness)
     kept = kept_numbers(np.bincount(new, sizes) >= smallest)
-    renumber(basins, kept[new], work, level.solid)
-    return basins, int(kept.max())
+    renumber(labels, kept[new], work, level.solid)
+    return int(kept.max())
 
 
 def _graph(
