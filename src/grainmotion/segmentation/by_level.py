@@ -40,7 +40,7 @@ MAX_NOISE = 0.12
 """Noise of a voxel over the excess of a grain, above which grains are separated in the filtered volume."""
 NOISE_SIGMA = 0.7
 """Width of that filter, a Gaussian, voxels."""
-MAX_EXCESS = 100.0
+HIGHEST_EXCESS = 100.0
 """Largest excess that is told apart where noise is measured."""
 MAX_MEAN = 1.35
 """Mean attenuation of a grain over its level; 0.8 to 1.1 in grains, 1.2 to 3 in what is blurred between denser ones."""
@@ -152,7 +152,7 @@ def _excess(array: Floats, levels: Levels, around: NDArray[np.int8], level: int,
 
 def _noise(excess: Heights, solid: Bools, work: Work) -> float:
     """Noise of the voxels inside grains over their excess, from the differences of neighbours."""
-    bins = FineBins.up_to(MAX_EXCESS)
+    bins = FineBins.up_to(HIGHEST_EXCESS)
 
     def count(block: Block, counts: NDArray[np.int64]) -> NDArray[np.int64]:
         if solid[block.box].any():
