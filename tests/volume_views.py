@@ -27,6 +27,8 @@ UPRIGHT_PANELS = {
     "panel beside the axis": cone(DetectorAlignment(detector_offset=(0.9, -0.6), axis_offset=0.13)),
     "panel rotated about z": cone(DetectorAlignment(detector_tilts_deg=(0, 0, 9))),
     "first row on top": cone(DetectorAlignment(first_row="top")),
+    "small pixels": Geometry.cone(ANGLES, (53, 65), 0.15, source_to_axis=20, source_to_detector=80),
+    "large pixels": Geometry.cone(ANGLES, (7, 9), 1.2, source_to_axis=20, source_to_detector=80),
 }
 
 
@@ -35,9 +37,10 @@ def volume(precision=np.float32, center=(0.05, -0.1, 0.15)):
     return Volume(rng.uniform(size=SHAPE).astype(precision), 0.1, center)
 
 
-def project_any_view(geometry, body):
+def project_any_view(geometry, body, exact=False):
     """A x by the projector for any view."""
     out = np.empty((len(geometry), *geometry.shape), body.array.dtype)
     cone = geometry.beam == "cone"
-    volume_projection.forward(pad(body.array), padded_origin(body), body.voxel_size, geometry.vectors, cone, False, out)
+    where = padded_origin(body), body.voxel_size, geometry.vectors, cone
+    volume_projection.forward(pad(body.array), *where, exact, out)
     return out

@@ -6,7 +6,7 @@ import pytest
 from grainmotion.kernels import volume_projection_vertical
 from grainmotion.model.detector_alignment import DetectorAlignment
 from grainmotion.model.geometry import Geometry
-from grainmotion.projection.volume_operator import MIN_VERTICAL_VIEWS, VolumeOperator
+from grainmotion.projection.volume_operator import VolumeOperator
 from volume_views import ANGLES, PANEL, UPRIGHT_PANELS, cone, project_any_view, volume
 
 
@@ -44,11 +44,18 @@ class TestProjectorChoice:
         computed = operator.forward(operator.padded(operator.grid.array))
         np.testing.assert_array_equal(computed, project_any_view(cone(panel), volume()))
 
-    def test_exact_projector(self):
-        assert not VolumeOperator(cone(), volume(), "exact").upright
+    @pytest.mark.parametrize(("projector", "views"), [("trilinear", 24), ("exact", 24), ("trilinear", 1)])
+    def test_upright_panels(self, projector, views):
+        assert VolumeOperator(cone()[:views], volume(), projector).upright
 
-    def test_too_few_views(self):
-        assert not VolumeOperator(cone()[: MIN_VERTICAL_VIEWS - 1], volume()).upright
+    @pytest.mark.parametrize("pixel", [0.02, 2.0])
+    def test_neighbouring_rays_far_less_or_more_than_a_voxel_apart(self, pixel):
+        geometry = Geometry.cone(ANGLES, (4, 4), pixel, source_to_axis=20, source_to_detector=80)
+        assert not VolumeOperator(geometry, volume()).upright
+
+    def test_source_inside_the_volume(self):
+        within = Geometry.cone(ANGLES, (4, 4), 0.4, source_to_axis=0.5, source_to_detector=80)
+        assert not VolumeOperator(within, volume()).upright
 
     def test_rays_steeper_than_45_degrees(self):
         near = Geometry.cone(ANGLES, (200, 10), 0.4, source_to_axis=8, source_to_detector=32)

@@ -72,13 +72,13 @@ def crossed_planes(rays, na, n_b, radius, margin):
 
 @_jit
 def columns_across(view, cone, columns, origin, h, rectangle):
-    """The columns first … end − 1 of a panel whose rays may cross a rectangle x0, x1, y0, y1."""
+    """The columns first … end − 1 of a panel whose rays may use voxels of a rectangle x0, x1, y0, y1."""
     x0, x1, y0, y1 = rectangle
     px, py = (view[3] - origin[0]) * h, (view[4] - origin[1]) * h
     ux, uy, dx, dy = view[6] * h, view[7] * h, view[0], view[1]
     low, high, right = np.inf, -np.inf, 0
-    for x in (x0, x1):
-        for y in (y0, y1):
+    for x in (x0 - 2.0, x1 + 1.0):
+        for y in (y0 - 2.0, y1 + 1.0):
             if cone:
                 sx, sy = (view[0] - origin[0]) * h, (view[1] - origin[1]) * h
                 dx, dy = x - sx, y - sy
@@ -103,3 +103,26 @@ def lengths(rays, cone, voxel, first, out):
     for r in range(len(out)):
         rise = (dz + (first + r) * vz if cone else dz) / da
         out[r] = voxel * math.sqrt(square + rise * rise)
+
+
+@_jit
+def axes(rays, tile, shape, radius, margin):
+    """How a column's rays cross a tile x0, x1, y0, y1 of an image ``(ny, nx, nz)``.
+
+    Returns the planes first … end − 1 of a in it (see `crossed_planes`), its range b0, b1 of b, and the strides of a
+    and b.
+    """
+    ny, nx, nz = shape
+    x0, x1, y0, y1 = tile
+    if rays[0]:
+        first, end = crossed_planes(rays, nx, ny, radius, margin)
+        return max(first, x0), min(end, x1), y0, y1, nz, nx * nz
+    first, end = crossed_planes(rays, ny, nx, radius, margin)
+    return max(first, y0), min(end, y1), x0, x1, nx * nz, nz
+
+
+@_jit
+def reach(start, step, rows, low, high):
+    """The voxels of low … high − 1 that rays at heights start + r · step sample."""
+    last = start + (rows - 1) * step
+    return max(low, math.floor(min(start, last))), min(high, math.floor(max(start, last)) + 2)

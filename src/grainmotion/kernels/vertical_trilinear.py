@@ -19,8 +19,10 @@ import numba as nb
 
 from grainmotion.kernels.compilation import CACHE
 from grainmotion.kernels.lanes import LANES, absolute, larger, load, prefetch, ramp, smaller, splat, store
+from grainmotion.kernels.pixel_columns import axes, heights, reach
 
 LINE_MARGIN = 64  # values beside a line of voxels that blocks of rays may read; enough for steps up to 4
+PLANES_AHEAD = 4  # planes before its use that a line of voxels is asked for from memory
 FRACTION = 40  # binary places of heights as whole numbers, which are quicker to split in whole and rest
 ONE = 1 << FRACTION
 _jit = nb.njit(cache=CACHE, error_model="numpy")
@@ -54,14 +56,14 @@ def add_samples(line, voxels, start, step, total):
     """Add the line of ``voxels`` at height start + r · step to ``total[r]``."""
     f = total.dtype.type
     zero, one, unit = splat(f(0)), splat(f(1)), splat(f(1.0 / ONE))
-    across = ramp(f(0)) * splat(f(step - 1.0))
     slope = fixed(step) - ONE
+    across = ramp(f(0)) * (splat(f(slope)) * unit)
     rise = (LANES - 1) * slope
     taps = 2 + (abs(rise) >> FRACTION)
     place, one_block = fixed(start) + min(rise, 0), LANES * slope
     low, high = -(LANES + taps), voxels - 1
     if slope < 0:
-        across = across - splat(f(rise) * f(1.0 / ONE))
+        across = across - splat(f(rise)) * unit
     for r in range(0, len(total), LANES):
         lowest = place >> FRACTION
         at = r + lowest
@@ -88,8 +90,8 @@ def collect(rays, rows, start, step, low, high, line):
     """The adjoint of `add_samples`: voxels low … high − 1 of a line from values ``rays[LINE_MARGIN + r]``."""
     f = line.dtype.type
     zero, one, unit = splat(f(0)), splat(f(1)), splat(f(1.0 / ONE))
-    across, one_step = ramp(f(0)) * splat(f(step - 1.0)), splat(f(step))
     from_start, per_row = fixed(start), fixed(step)
+    across, one_step = ramp(f(0)) * (splat(f(per_row - ONE)) * unit), splat(f(step))
     rise = (LANES - 1) * (step - 1.0)
     reach_down, reach = 1.0 + max(rise, 0.0), 2.0 + abs(rise)
     taps = math.ceil(reach / step)
@@ -134,3 +136,55 @@ def add_line(line, weight, low, high, image, at):
     while z < high:
         image[at + z] += weight * line[LINE_MARGIN + z]
         z += 1
+
+
+@_jit
+def add_tile(image, rays, cone, radius, tile, rows, line, total):
+    """Add the samples of a column's rays, of the rows first … end − 1, in a tile to ``total``."""
+    nz = image.shape[2]
+    flat = image.reshape(-1)
+    _, sa, sb, _, da, db, _, _ = rays
+    slope = db / da
+    first, end, b0, b1, stride_a, stride_b = axes(rays, tile, image.shape, radius, 0.0)
+    for k in range(first, end):
+        b = sb + (k - sa) * slope
+        at = int(b)
+        if at < b0 or at >= b1:
+            continue
+        start, step = heights(rays, cone, k)
+        start += rows[0] * step
+        low, high = reach(start, step, rows[1] - rows[0], 0, nz)
+        if low < high:
+            near = k * stride_a + at * stride_b
+            ahead = (k + PLANES_AHEAD) * stride_a + int(b + PLANES_AHEAD * slope) * stride_b
+            expect(flat, ahead, low, high)
+            expect(flat, ahead + stride_b, low, high)
+            blend(flat, near, near + stride_b, image.dtype.type(b - at), low, high, line)
+            add_samples(line, nz, start, step, total)
+
+
+@_jit
+def spread_tile(values, rows, rays, cone, radius, tile, span, line, out):
+    """The adjoint of `add_tile` for the voxels z0 … z1 − 1 (``span``) of a tile; ``values`` as in `collect`."""
+    f = out.dtype.type
+    flat = out.reshape(-1)
+    _, sa, sb, _, da, db, _, _ = rays
+    slope = db / da
+    first, end, b0, b1, stride_a, stride_b = axes(rays, tile, out.shape, radius, 0.0)
+    for k in range(first, end):
+        b = sb + (k - sa) * slope
+        at = int(b)
+        if at < b0 - 1 or at >= b1:
+            continue
+        start, step = heights(rays, cone, k)
+        low, high = reach(start, step, rows, span[0], span[1])
+        if low < high:
+            near, weight = k * stride_a + at * stride_b, f(b - at)
+            ahead = (k + PLANES_AHEAD) * stride_a + int(b + PLANES_AHEAD * slope) * stride_b
+            expect(flat, ahead, low, high)
+            expect(flat, ahead + stride_b, low, high)
+            collect(values, rows, start, step, low, high, line)
+            if at >= b0:
+                add_line(line, f(1) - weight, low, high, flat, near)
+            if at + 1 < b1:
+                add_line(line, weight, low, high, flat, near + stride_b)

@@ -17,26 +17,25 @@ back, the tiles: no two write the same number, and every sum is taken in one ord
 
 from __future__ import annotations
 
-import math
-
 import numba as nb
 import numpy as np
 
+from grainmotion.kernels import vertical_exact, vertical_trilinear
 from grainmotion.kernels.compilation import CACHE
 from grainmotion.kernels.lanes import LANES
-from grainmotion.kernels.pixel_columns import column_rays, columns_across, crossed_planes, heights, lengths
-from grainmotion.kernels.vertical_trilinear import LINE_MARGIN, add_line, add_samples, blend, collect, expect
+from grainmotion.kernels.pixel_columns import column_rays, columns_across, lengths
+from grainmotion.kernels.vertical_exact import path_slopes
+from grainmotion.kernels.vertical_trilinear import LINE_MARGIN
 
 TILE_EDGE = 24  # edge of a tile along x and y, voxels
 TILE_ROWS = 256  # rows, and voxels along z, that a tile has about
 MAX_VALUES = 1 << 24  # values of rays that are held at once, about
-PLANES_AHEAD = 4  # planes before its use that a line of voxels is asked for from memory
 STRIPS_OF_A_THREAD = 4  # strips of columns, where there are fewer views than threads
 _jit = nb.njit(cache=CACHE, error_model="numpy")
 
 
 @nb.njit(parallel=True, cache=CACHE, error_model="numpy")
-def forward(image, origin, voxel, views, cone, radius, threads, out):
+def forward(image, origin, voxel, views, cone, exact, radius, threads, out):
     """Line integrals ``out (views, rows, columns)`` of ``image``, by ``threads`` threads."""
     n, rows, columns = out.shape
     groups = min(n, threads)
@@ -51,29 +50,33 @@ def forward(image, origin, voxel, views, cone, radius, threads, out):
             batch = max(1, MAX_VALUES // max(1, (c1 - c0) * (r1 - r0)))
             for i in range(i0, i1, batch):
                 part = i, min(i1, i + batch), c0, c1, r0, r1
-                _forward_part(image, origin, voxel, views, cone, radius, part, out)
+                _forward_part(image, origin, voxel, views, cone, exact, radius, part, out)
 
 
 @_jit
-def _forward_part(image, origin, voxel, views, cone, radius, part, out):
+def _forward_part(image, origin, voxel, views, cone, exact, radius, part, out):
     """`forward` for the views i0 … i1 − 1, columns c0 … c1 − 1 and rows r0 … r1 − 1, the lowest counted 0."""
     ny, nx, nz = image.shape
     rows, columns = out.shape[1:]
     i0, i1, c0, c1, r0, r1 = part
     size = -(-(r1 - r0) // LANES) * LANES
     totals = np.zeros(((i1 - i0) * (c1 - c0), size), image.dtype)
-    line = np.zeros(nz + 2 * LINE_MARGIN, image.dtype)
+    lines = np.zeros((2, nz + 2 * LINE_MARGIN), image.dtype)
+    slopes = np.empty((3, size), image.dtype)
     h = 1.0 / voxel
     for y in range(0, ny, TILE_EDGE):
         for x in range(0, nx, TILE_EDGE):
             tile = x, min(nx, x + TILE_EDGE), y, min(ny, y + TILE_EDGE)
-            around = x - 1.0, x + TILE_EDGE + 1.0, y - 1.0, y + TILE_EDGE + 1.0
             for i in range(i0, i1):
-                first, end = columns_across(views[i], cone, columns, origin, h, around)
+                first, end = columns_across(views[i], cone, columns, origin, h, tile)
                 for c in range(max(first, c0), min(end, c1)):
                     rays = column_rays(views[i], cone, c - (columns - 1) / 2, rows, origin, h)
                     total = totals[(i - i0) * (c1 - c0) + c - c0]
-                    _add_tile(image, rays, cone, radius, tile, (r0, r1), line, total)
+                    if exact:
+                        path_slopes(rays, cone, r0, slopes)
+                        vertical_exact.add_tile(image, rays, cone, radius, tile, (r0, r1), slopes, lines, total)
+                    else:
+                        vertical_trilinear.add_tile(image, rays, cone, radius, tile, (r0, r1), lines[0], total)
     length = np.empty(r1 - r0, image.dtype)
     for i in range(i0, i1):
         for c in range(c0, c1):
@@ -84,43 +87,8 @@ def _forward_part(image, origin, voxel, views, cone, radius, part, out):
                 out[i, r if views[i, 11] >= 0 else rows - 1 - r, c] = total[r - r0] * length[r - r0]
 
 
-@_jit
-def _add_tile(image, rays, cone, radius, tile, rows, line, total):
-    """Add the samples of a column's rays in a tile to ``total``."""
-    ny, nx, nz = image.shape
-    flat = image.reshape(-1)
-    x0, x1, y0, y1 = tile
-    along_x, sa, sb, _, da, db, _, _ = rays
-    na, n_b = (nx, ny) if along_x else (ny, nx)
-    a0, a1, b0, b1 = (x0, x1, y0, y1) if along_x else (y0, y1, x0, x1)
-    stride_a, stride_b = (nz, nx * nz) if along_x else (nx * nz, nz)
-    first, end = crossed_planes(rays, na, n_b, radius, 0.0)
-    for k in range(max(first, a0), min(end, a1)):
-        b = sb + (k - sa) * (db / da)
-        at = int(b)
-        if at < b0 or at >= b1:
-            continue
-        start, step = heights(rays, cone, k)
-        start += rows[0] * step
-        low, high = _reach(start, step, rows[1] - rows[0], 0, nz)
-        if low < high:
-            near = k * stride_a + at * stride_b
-            ahead = (k + PLANES_AHEAD) * stride_a + int(b + PLANES_AHEAD * (db / da)) * stride_b
-            expect(flat, ahead, low, high)
-            expect(flat, ahead + stride_b, low, high)
-            blend(flat, near, near + stride_b, image.dtype.type(b - at), low, high, line)
-            add_samples(line, nz, start, step, total)
-
-
-@_jit
-def _reach(start, step, rows, low, high):
-    """The voxels of low … high − 1 that some rays sample."""
-    last = start + (rows - 1) * step
-    return max(low, math.floor(min(start, last))), min(high, math.floor(max(start, last)) + 2)
-
-
 @nb.njit(parallel=True, cache=CACHE, error_model="numpy")
-def adjoint(images, origin, voxel, views, cone, radius, threads, out):
+def adjoint(images, origin, voxel, views, cone, exact, radius, threads, out):
     """Add the exact adjoint of `forward` applied to ``images`` to ``out (ny, nx, nz)``."""
     ny, nx, nz = out.shape
     n, rows, columns = images.shape
@@ -141,7 +109,7 @@ def adjoint(images, origin, voxel, views, cone, radius, threads, out):
                 y, x = at // tiles_x * TILE_EDGE, at % tiles_x * TILE_EDGE
                 tile = x, min(nx, x + TILE_EDGE), y, min(ny, y + TILE_EDGE)
                 part = i0, i1, z * nz // tiles_z, (z + 1) * nz // tiles_z
-                _adjoint_tile(values, origin, voxel, views, cone, radius, tile, part, (rows, columns), out)
+                _adjoint_tile(values, origin, voxel, views, cone, exact, radius, tile, part, (rows, columns), out)
 
 
 @_jit
@@ -158,40 +126,20 @@ def _weighted_column(image, origin, voxel, view, cone, column, out):
 
 
 @_jit
-def _adjoint_tile(values, origin, voxel, views, cone, radius, tile, part, panel, out):
+def _adjoint_tile(values, origin, voxel, views, cone, exact, radius, tile, part, panel, out):
     """Add the adjoint of the views i0 … i1 − 1 to the voxels z0 … z1 − 1 of a tile."""
-    ny, nx, nz = out.shape
-    flat = out.reshape(-1)
     i0, i1, z0, z1 = part
-    x0, x1, y0, y1 = tile
     rows, columns = panel
-    line = np.empty(nz + 2 * LINE_MARGIN, out.dtype)
-    h, f = 1.0 / voxel, out.dtype.type
-    around = x0 - 2.0, x1 + 1.0, y0 - 2.0, y1 + 1.0
+    h = 1.0 / voxel
+    lines = np.empty((2, out.shape[2] + 2 * LINE_MARGIN), out.dtype)
+    slopes = np.empty((3, values.shape[1]), out.dtype)
     for i in range(i0, i1):
-        first_column, end_column = columns_across(views[i], cone, columns, origin, h, around)
-        for c in range(first_column, end_column):
+        first, end = columns_across(views[i], cone, columns, origin, h, tile)
+        for c in range(first, end):
             rays = column_rays(views[i], cone, c - (columns - 1) / 2, rows, origin, h)
-            along_x, sa, sb, _, da, db, _, _ = rays
-            na, n_b = (nx, ny) if along_x else (ny, nx)
-            a0, a1, b0, b1 = (x0, x1, y0, y1) if along_x else (y0, y1, x0, x1)
-            stride_a, stride_b = (nz, nx * nz) if along_x else (nx * nz, nz)
-            first, end = crossed_planes(rays, na, n_b, radius, 0.0)
-            for k in range(max(first, a0), min(end, a1)):
-                b = sb + (k - sa) * (db / da)
-                at = int(b)
-                if at < b0 - 1 or at >= b1:
-                    continue
-                start, step = heights(rays, cone, k)
-                low, high = _reach(start, step, rows, z0, z1)
-                if low >= high:
-                    continue
-                collect(values[(i - i0) * columns + c], rows, start, step, low, high, line)
-                near, weight = k * stride_a + at * stride_b, f(b - at)
-                ahead = (k + PLANES_AHEAD) * stride_a + int(b + PLANES_AHEAD * (db / da)) * stride_b
-                expect(flat, ahead, low, high)
-                expect(flat, ahead + stride_b, low, high)
-                if at >= b0:
-                    add_line(line, f(1) - weight, low, high, flat, near)
-                if at + 1 < b1:
-                    add_line(line, weight, low, high, flat, near + stride_b)
+            given = values[(i - i0) * columns + c]
+            if exact:
+                path_slopes(rays, cone, -LINE_MARGIN, slopes)
+                vertical_exact.spread_tile(given, rows, rays, cone, radius, tile, (z0, z1), slopes, lines, out)
+            else:
+                vertical_trilinear.spread_tile(given, rows, rays, cone, radius, tile, (z0, z1), lines[0], out)

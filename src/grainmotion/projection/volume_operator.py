@@ -1,7 +1,7 @@
 """VolumeOperator: the line integrals A x of a whole volume and the adjoint Aᵀ y, block of views by block of views.
 
 Two projectors compute the same sums.  `kernels.volume_projection_vertical` serves panels whose columns are parallel to
-the rotation axis and keeps the volume with z fastest; `kernels.volume_projection` serves any view, and the exact path.
+the rotation axis and keeps the volume with z fastest; `kernels.volume_projection` serves any view, more slowly.
 """
 
 from __future__ import annotations
@@ -23,8 +23,6 @@ from grainmotion.model.large_arrays import large_zeros
 from grainmotion.model.progress import counted
 from grainmotion.model.volume import Volume
 
-MIN_VERTICAL_VIEWS = 16
-"""Views from which on a copy of the volume with z fastest pays."""
 SAMPLES_OF_A_CALL, UPRIGHT_SAMPLES_OF_A_CALL = 1e9, 3e9
 """Samples of the volume that a call of a kernel takes at most, unless one view needs more: about a second."""
 MIN_ROW_DISTANCE, MAX_ROW_DISTANCE = 0.1, 4.0
@@ -58,10 +56,8 @@ class VolumeOperator:
     def upright(self) -> bool:
         """Whether the projector for upright detectors serves.
 
-        That is for many views, columns along z, no ray steeper than 45°, and neighbouring rays a voxel or so apart.
+        That is for columns along z, no ray steeper than 45°, and neighbouring rays a voxel or so apart.
         """
-        if self.projector != "trilinear" or len(self.geometry) < MIN_VERTICAL_VIEWS:
-            return False
         d, u, v = self.geometry.detector, self.geometry.u, self.geometry.v
         if np.abs(v[:, :2]).max() > 1e-9 * np.abs(v[:, 2]).min():
             return False
@@ -122,13 +118,13 @@ class VolumeOperator:
         vectors = self._vectors(views)
         out = np.empty((len(vectors), *self.geometry.shape), image.dtype)
         origin, h, cone = self._origin, self.grid.voxel_size, self.geometry.beam == "cone"
-        threads = numba.get_num_threads()
+        exact, threads = self.projector == "exact", numba.get_num_threads()
         for part in self._parts(len(vectors)):
             if self.upright:
-                where = origin, h, vectors[part], cone, self.radius, threads
+                where = origin, h, vectors[part], cone, exact, self.radius, threads
                 volume_projection_vertical.forward(image, *where, out[part])
             else:
-                volume_projection.forward(image, origin, h, vectors[part], cone, self.projector == "exact", out[part])
+                volume_projection.forward(image, origin, h, vectors[part], cone, exact, out[part])
         return out
 
     def add_adjoint(self, images: Image, out: Image, views: NDArray[np.int64] | None = None) -> None:
@@ -136,13 +132,12 @@ class VolumeOperator:
         vectors = self._vectors(views)
         images = np.ascontiguousarray(images, out.dtype)
         origin, h, cone = self._origin, self.grid.voxel_size, self.geometry.beam == "cone"
-        threads = numba.get_num_threads()
+        exact, threads = self.projector == "exact", numba.get_num_threads()
         for part in self._parts(len(vectors)):
             if self.upright:
-                where = origin, h, vectors[part], cone, self.radius, threads
+                where = origin, h, vectors[part], cone, exact, self.radius, threads
                 volume_projection_vertical.adjoint(images[part], *where, out)
             else:
-                exact = self.projector == "exact"
                 volume_projection.adjoint(images[part], origin, h, vectors[part], cone, exact, out)
 
     def _parts(self, views: int) -> Iterator[slice]:
