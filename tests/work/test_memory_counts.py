@@ -18,20 +18,23 @@ from grainmotion.model.geometry import Geometry
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.projection.volumes import project
+from grainmotion.segmentation.bodies import find_bodies
+from grainmotion.segmentation.label_growth import grown_labels
 from grainmotion.segmentation.labels import CleanLabels
 
 EDGE, PERIOD, RADIUS = 96, 16, 6.5
 """Voxels of the volume's edge, of the distance between grains, and of a grain's radius."""
 VOXEL = 0.1
 
-# Bytes a voxel at the peak.  A plane is a hundredth of this volume, 32 planes are a third of it.
+# Bytes a voxel at the peak.  A plane is a hundredth of this volume, 64 planes are two thirds of it.
 MAX_BYTES = {
     "sizes of the grains": 0.2,
     "fragments": 0.3,
     "shapes of the grains": 0.4,
     "label of the background": 0.2,
     "specks of labels": 0.2,
-    "attenuation without a label": 10.5,
+    "attenuation without a label": 17.0,
+    "bodies beside the grains": 22.0,
     "beam hardening": 14.5,
 }
 
@@ -55,6 +58,17 @@ def scan() -> Scan:
     return Scan(project(sample()[0], views), views)
 
 
+def pistons(volume: Volume, labels: np.ndarray) -> None:
+    """Two bodies, each an eighth of the volume."""
+    array, grains = volume.array, labels.copy()
+    array = array.copy()
+    for part in (slice(None, EDGE // 8), slice(-EDGE // 8, None)):
+        array[part], grains[part] = 1.0, 0
+    beyond = grown_labels(grains, 1.5) == 0
+    tracemalloc.reset_peak()
+    assert len(find_bodies(Volume(array, VOXEL), grains, beyond)[1]) == 2
+
+
 WORK = {
     "sizes of the grains": lambda volume, labels: check_grain_sizes(labels),
     "fragments": lambda volume, labels: check_fragments(volume, labels, 0.25),
@@ -62,6 +76,7 @@ WORK = {
     "label of the background": background_label,
     "specks of labels": lambda volume, labels: CleanLabels.of(labels),
     "attenuation without a label": check_unlabelled,
+    "bodies beside the grains": pistons,
     "beam hardening": lambda volume, labels: check_hardening(scan(), volume, labels),
 }
 

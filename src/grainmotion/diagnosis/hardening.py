@@ -17,6 +17,7 @@ from grainmotion.model.finding import Check, Finding, Level
 from grainmotion.model.hardening import Hardening
 from grainmotion.model.progress import counted
 from grainmotion.model.scan import Scan
+from grainmotion.model.slabs import slabs
 from grainmotion.model.volume import Volume
 from grainmotion.preprocessing.beam_hardening import HardeningSettings, best_hardening, material_pieces
 
@@ -38,8 +39,6 @@ attenuation, and half of the grains at 0.25 to 0.4 of the others' looked like a 
 material gave 1.01 to 1.05, hardened by a fifth or not."""
 HALO_VOXELS = 2
 """Voxels around grains that belong to them."""
-PLANES_OF_HALO = 32
-"""Planes of voxels whose surroundings are looked at together."""
 
 
 def corrected_hardening(curve: Hardening, where: str = "reference") -> tuple[Finding, ...]:
@@ -104,11 +103,9 @@ def check_hardening(
 def _away_from_grains(array: Image, labels: NDArray[np.integer]) -> float:
     """Sum of the voxels further than `HALO_VOXELS` from all grains, some planes at a time."""
     total = 0.0
-    for first in range(0, len(array), PLANES_OF_HALO):
-        start, end = max(first - HALO_VOXELS, 0), first + PLANES_OF_HALO
-        near = ndimage.binary_dilation(labels[start : end + HALO_VOXELS] > 0, iterations=HALO_VOXELS)
-        near = near[first - start : end - start]
-        total += float(array[first:end].sum(dtype=float, where=~near))
+    for around, inner in slabs(len(array), HALO_VOXELS):
+        near = ndimage.binary_dilation(labels[around] > 0, iterations=HALO_VOXELS)[inner]
+        total += float(array[around][inner].sum(dtype=float, where=~near))
     return total
 
 

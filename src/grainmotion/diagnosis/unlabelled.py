@@ -15,7 +15,7 @@ from grainmotion.model.finding import Check, Finding, Level
 from grainmotion.model.label_sums import label_sizes, label_sums, mean_of_labels
 from grainmotion.model.large_arrays import large_empty
 from grainmotion.model.order_statistics import median_of_labels, quantile_of_parts
-from grainmotion.model.progress import counted
+from grainmotion.model.slabs import slabs
 from grainmotion.model.volume import Volume
 from grainmotion.segmentation.distance_basins import distance_basins
 from grainmotion.segmentation.region_merging import BasinGraph
@@ -50,8 +50,6 @@ MAX_SHARE_OF_A_GRAIN = 0.5
 """Share of all labelled voxels in one grain."""
 MAX_GRAIN = 30.0
 """Volume of the largest grain over that of the median of the others; a sample of 10 to 32 voxels has 8."""
-PLANES_TOGETHER = 32
-"""Planes of voxels that are filtered together, so that little memory is needed beside the volume."""
 
 Box = tuple[slice, slice, slice]
 
@@ -154,7 +152,7 @@ def _smooth_far(array: Image, labels: NDArray[np.integer], dark: float) -> Image
     """Voxels without a label under a Gaussian filter, NaN near the labels; some planes at a time."""
     out = large_empty(array.shape, array.dtype)
     margin = max(int(4 * BLOB_SIGMA + 0.5), BLOB_GAP + 1)
-    for around, inner in _slabs(len(array), margin):
+    for around, inner in slabs(len(array), margin):
         outside = labels[around] == 0
         smooth = ndimage.gaussian_filter(np.where(outside, array[around], dark), BLOB_SIGMA)
         smooth[_near(~outside)] = np.nan
@@ -181,17 +179,10 @@ def _with_moved(mask: NDArray[np.bool_], other: NDArray[np.bool_], axis: int, st
 
 def _holds_a_ball(mask: NDArray[np.bool_], radius: float) -> bool:
     """Whether any voxel of a mask is so far from all voxels outside of it; some planes at a time."""
-    for around, inner in _slabs(len(mask), int(radius) + 1):
+    for around, inner in slabs(len(mask), int(radius) + 1):
         if mask[around][inner].any() and float(edt.edt(mask[around], parallel=1)[inner].max()) >= radius:
             return True
     return False
-
-
-def _slabs(planes: int, margin: int) -> Iterator[tuple[slice, slice]]:
-    """Planes that are worked on together, a margin beside them, and those within the margins, counted from them on."""
-    for first in counted(range(0, planes, PLANES_TOGETHER)):
-        start, stop = max(first - margin, 0), min(first + PLANES_TOGETHER, planes)
-        yield slice(start, min(stop + margin, planes)), slice(first - start, stop - start)
 
 
 def _known(plane: Image) -> Image:
