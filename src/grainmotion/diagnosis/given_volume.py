@@ -25,7 +25,7 @@ from grainmotion.diagnosis.orientations import (
     oriented,
 )
 from grainmotion.model.finding import Check, Finding, Level
-from grainmotion.model.order_statistics import quantile_of_parts
+from grainmotion.model.quantiles import quantile_of_parts
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.preprocessing.volume_threshold import otsu

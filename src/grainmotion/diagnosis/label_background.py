@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion.model.label_sums import label_sizes, label_sums
-from grainmotion.model.order_statistics import quantile_of_parts
+from grainmotion.model.quantiles import quantile_of_parts
 from grainmotion.model.volume import Volume
 
 MIN_SURROUNDING_SHARE = 0.15

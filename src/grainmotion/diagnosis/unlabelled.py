@@ -14,7 +14,7 @@ from grainmotion._typing import Image
 from grainmotion.model.finding import Check, Finding, Level
 from grainmotion.model.label_sums import label_sizes, label_sums, mean_of_labels
 from grainmotion.model.large_arrays import large_empty
-from grainmotion.model.order_statistics import median_of_labels, quantile_of_parts
+from grainmotion.model.quantiles import median_of_labels, quantile_of_parts
 from grainmotion.model.slabs import slabs
 from grainmotion.model.volume import Volume
 from grainmotion.segmentation.distance_basins import distance_basins

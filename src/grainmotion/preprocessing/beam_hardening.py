@@ -29,7 +29,7 @@ from grainmotion.errors import InputError
 from grainmotion.model.hardening import SIGNIFICANT_SD, Hardening
 from grainmotion.model.label_sums import label_sizes, label_sums
 from grainmotion.model.large_arrays import large_empty
-from grainmotion.model.order_statistics import quantile_of_parts
+from grainmotion.model.quantiles import quantile_of_parts
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.preprocessing.volume_threshold import otsu

@@ -18,7 +18,7 @@ from skimage.segmentation import expand_labels, watershed
 from grainmotion._typing import Image
 from grainmotion.model.label_sums import label_sums, mean_of_labels
 from grainmotion.model.large_arrays import large_copy, large_empty
-from grainmotion.model.order_statistics import quantile_of_parts
+from grainmotion.model.quantiles import quantile_of_parts
 from grainmotion.model.scene import Kind
 from grainmotion.model.slabs import slabs
 from grainmotion.model.volume import Volume
@@ -50,7 +50,7 @@ PLANES_EXPANDED = 16
 """Planes in which parts of a body are grown together, which takes 44 bytes a voxel."""
 
 Mask = NDArray[np.bool_]
-Box = tuple[slice, slice, slice]
+Box = tuple[slice, ...]
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def find_bodies(
             out[box][cores[-1].own] = 0
     extent = GrainsExtent.of(out)
     level = mean_of_labels(out, volume.array) if extent is not None else float(volume.array.max())
-    for core in told and cores:
+    for core in cores:
         beyond = beyond & ~core.filled(beyond.shape)
     cores += _cores(volume.array, beyond, level)
     numbers = np.zeros(labels.shape, np.min_scalar_type(len(cores)))
@@ -136,8 +136,8 @@ class Core:
 
     def inside(self, box: Box) -> Core:
         """The core, whose box was counted from the first voxel of another one, in the whole volume."""
-        z, y, x = (slice(s.start + o.start, s.stop + o.start) for s, o in zip(self.box, box, strict=True))
-        return Core((z, y, x), self.own)
+        place = tuple(slice(s.start + o.start, s.stop + o.start) for s, o in zip(self.box, box, strict=True))
+        return Core(place, self.own)
 
 
 def _box_of(labels: NDArray[np.integer], label: int) -> Box | None:

@@ -17,7 +17,7 @@ from scipy import ndimage
 from grainmotion._typing import Image
 from grainmotion.model.fluid import Fluid, below_level
 from grainmotion.model.large_arrays import large_empty
-from grainmotion.model.order_statistics import median_of_labels
+from grainmotion.model.quantiles import median_of_labels
 from grainmotion.model.volume import Volume
 from grainmotion.segmentation.liquid_voxels import (
     GROWTH,

@@ -18,7 +18,7 @@ from grainmotion.segmentation.components import Components
 
 Bools = NDArray[np.bool_]
 Squares = NDArray[np.uint8]
-"""Squared distance of each voxel from the nearest label, voxels; `FAR` and more are one."""
+"""Squared distance of each voxel from the nearest label, voxels; `FAR_SQUARE` and more are one."""
 
 SHELL_VOXELS = (2.0, 4.0)
 """Distances from a label between which voxels show what surrounds it, free of the blur of its surface, voxels."""
@@ -47,7 +47,7 @@ GROWTH = 3
 """Layers of voxels by which the liquid is grown to its border, halfway to the attenuation of air or grains."""
 EDGE = 2
 """Voxels beyond the liquid over which its own edge is blurred."""
-FAR = 25
+FAR_SQUARE = 25
 """Squared distance from which it does not matter."""
 PLANES_CLOSED = 128
 """Planes of voxels that are closed together: many against the reach of the closing."""
@@ -56,9 +56,9 @@ PLANES_CLOSED = 128
 def squared_distances(labels: NDArray[np.integer]) -> Squares:
     """Squared distance of each voxel from the nearest label, voxels."""
     out = large_empty(labels.shape, np.uint8)
-    for around, inner in slabs(len(labels), int(FAR**0.5) + 1):
+    for around, inner in slabs(len(labels), int(FAR_SQUARE**0.5) + 1):
         distance = edt.edtsq((labels[around] == 0).astype(np.uint8), parallel=1)[inner]
-        out[own_planes(around, inner)] = np.minimum(distance, FAR)
+        out[own_planes(around, inner)] = np.minimum(distance, FAR_SQUARE)
     return out
 
 
@@ -77,9 +77,9 @@ def find_liquid(array: Image, squares: Squares, attenuation: float, grains: floa
     for around, inner in slabs(len(array), int(2 * LIQUID_SIGMA + 0.5)):
         free, here = squares[around] > SKIRT**2, own_planes(around, inner)
         weight = ndimage.gaussian_filter(free.astype(np.float32), LIQUID_SIGMA, truncate=2.0)[inner]
-        filtered = np.where(free, array[around], 0).astype(np.float32)
-        filtered = ndimage.gaussian_filter(filtered, LIQUID_SIGMA, truncate=2.0)[inner] / np.maximum(weight, 1e-3)
-        smooth[here] = np.where(free[inner], filtered, 0)
+        values = np.where(free, array[around], 0).astype(np.float32)
+        values = ndimage.gaussian_filter(values, LIQUID_SIGMA, truncate=2.0)[inner]
+        smooth[here] = np.where(free[inner], values / np.maximum(weight, 1e-3), 0)
         liquid[here] = free[inner] & (np.abs(smooth[here] - attenuation) < tolerance)
     work = Work()
     pieces = Components.of(liquid, work)

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from grainmotion.model.order_statistics import median_of_labels, quantile_of_parts
+from grainmotion.model.quantiles import median_of_labels, quantile_of_parts
 
 VALUES = arrays.arrays(np.float32, st.integers(1, 40), elements=st.floats(-1e6, 1e6, width=32))
 
