@@ -132,26 +132,6 @@ def climb_to_labels(values: np.ndarray, labels: np.ndarray, first: int, last: in
 
 
 @nb.njit(cache=CACHE, nogil=True)
-def join_tops(lower: np.ndarray, higher: np.ndarray, order: np.ndarray, labelled: int, count: int) -> np.ndarray:
-    """New labels ``(count + 1,)`` of which those above ``labelled`` join the one that the highest pass leads to.
-
-    Pairs are taken in the given order, that of falling passes; two labels up to ``labelled`` never join.  What no pass
-    connects with one becomes 0.
-    """
-    parents = np.arange(count + 1)
-    for k in order:
-        one, two = _root(parents, lower[k]), _root(parents, higher[k])
-        if one > labelled or two > labelled:
-            parents[max(one, two)] = min(one, two)
-    for i in range(count + 1):
-        parents[i] = _root(parents, i)
-    for i in range(count + 1):
-        if parents[i] > labelled:
-            parents[i] = 0
-    return parents
-
-
-@nb.njit(cache=CACHE, nogil=True)
 def _root(parents, i):
     while parents[i] != i:
         parents[i] = parents[parents[i]]

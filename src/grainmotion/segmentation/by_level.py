@@ -24,7 +24,7 @@ from grainmotion.segmentation.label_measures import (
 from grainmotion.segmentation.large_bodies import large_bodies
 from grainmotion.segmentation.level_codes import gaussian_weights
 from grainmotion.segmentation.level_crossing import grow_caps, hosts_across_surface
-from grainmotion.segmentation.order_statistics import FineBins
+from grainmotion.segmentation.percentiles import FineBins
 from grainmotion.segmentation.phases import Levels
 from grainmotion.segmentation.separation import large_enough, separated
 from grainmotion.segmentation.settings import SegmentSettings

@@ -8,43 +8,60 @@ but where values are equal; there the first in the array is the higher one.
 
 from __future__ import annotations
 
+import threading
+
 import numpy as np
 from numpy.typing import NDArray
 
-from grainmotion.kernels.steepest_ascent import climb_to_labels, find_tops, join_tops
+from grainmotion.kernels import highest_passes
+from grainmotion.kernels.steepest_ascent import climb_to_labels, find_tops
 from grainmotion.segmentation.blocks import Work, slabs_of
-from grainmotion.segmentation.label_pairs import LabelPairs
+from grainmotion.segmentation.label_measures import renumber
 
 Ints = NDArray[np.int32]
 
 
-def flooded_regions(labels: Ints, heights: NDArray, count: int, work: Work) -> tuple[LabelPairs, Ints]:
-    """Let labels grow, in place, and number the local maxima that they don't reach by rising paths.
+def grow_labels(labels: Ints, heights: NDArray, count: int, work: Work) -> None:
+    """Let labels grow, in place.
 
     Parameters
     ----------
     labels : (nz, ny, nx) int32 array
-        1 … ``count``, -1 where a label is wanted, 0 elsewhere.
+        1 … ``count``, -1 where a label is wanted, 0 elsewhere.  What no label can reach becomes 0.
     heights : (nz, ny, nx) array
         Highest first.
     count : int
         The highest label.
     work : Work
         Threads.
-
-    Returns
-    -------
-    pairs : LabelPairs
-        Of the regions, which include those of local maxima, from ``count + 1`` on.
-    new : (regions + 1,) int32 array
-        The label of each region, 0 if there is none to reach.
     """
     slabs = slabs_of(labels.shape)
     tops = np.concatenate(work.each(slabs, lambda slab: find_tops(heights, labels, *slab)))
-    regions = count + len(tops)
-    labels.reshape(-1)[tops] = np.arange(count + 1, regions + 1, dtype=np.int32)
+    labels.reshape(-1)[tops] = np.arange(count + 1, count + len(tops) + 1, dtype=np.int32)
+    joined = np.arange(count + len(tops) + 1, dtype=np.int32)
+    del tops
     work.each(slabs, lambda slab: climb_to_labels(heights, labels, *slab))
-    pairs = LabelPairs.of(labels, heights, regions, work)
-    order = np.lexsort((-pairs.beside, -pairs.tops[:, 0]))  # of equal passes the one beside the highest voxel
-    new = join_tops(pairs.pairs[:, 0].copy(), pairs.pairs[:, 1].copy(), order, count, regions)
-    return pairs, new.astype(np.int32)
+    while len(joined) > count + 1 and _joined_further(labels, heights, joined, count, work):
+        pass
+    joined[joined > count] = 0
+    renumber(labels, joined, work)
+
+
+def _joined_further(labels: Ints, heights: NDArray, joined: Ints, count: int, work: Work) -> bool:
+    """Join the regions without a label along their highest passes, once; whether there was one to join."""
+    shape, lock = (len(joined),), threading.Lock()
+    passes = np.empty(shape, heights.dtype), np.empty(shape, heights.dtype), np.full(shape, -1, np.int64)
+
+    def find(slab: tuple[int, int]) -> None:
+        planes = labels[slab[0] : slab[1] + 1]  # faces with the next plane, too
+        low, high = highest_passes.wanting_range(planes.reshape(-1), joined, count)
+        if high < low:
+            return
+        size = high - low + 1
+        found = np.empty(size, heights.dtype), np.empty(size, heights.dtype), np.full(size, -1, np.int64)
+        highest_passes.find_passes(labels, heights, joined, count, slab, low, *found)
+        with lock:
+            highest_passes.raise_passes(low, found, *passes)
+
+    work.each(slabs_of(labels.shape), find)
+    return bool(highest_passes.join_along(labels, joined, count, passes[2]))

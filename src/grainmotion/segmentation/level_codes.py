@@ -14,7 +14,7 @@ from grainmotion.kernels.value_histogram import count_equal_bins
 from grainmotion.model.large_arrays import large_empty, large_zeros
 from grainmotion.segmentation.blocks import Block, Work, blocks_of, chunks_of
 from grainmotion.segmentation.border import BeyondField
-from grainmotion.segmentation.order_statistics import FineBins, quantiles
+from grainmotion.segmentation.percentiles import FineBins, quantiles
 
 Floats = NDArray[np.float32]
 Codes = NDArray[np.uint8]

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion.segmentation.blocks import Work
-from grainmotion.segmentation.flooding import flooded_regions
-from grainmotion.segmentation.label_measures import highest_label, label_sizes, renumber
+from grainmotion.segmentation.flooding import grow_labels
+from grainmotion.segmentation.label_measures import highest_label, label_sizes
 from grainmotion.segmentation.label_pairs import LabelPairs
 from grainmotion.segmentation.phases import Levels
 from grainmotion.segmentation.uniform_cores import Floats, Ints
@@ -124,8 +124,7 @@ def grow_caps(labels: Ints, array: Floats, levels: Levels, work: Work) -> None:
     cap = (own == 0) & (array[around] > half_way[:, None, None].astype(array.dtype))
     cap[: first - around.start] = False
     own[cap] = -1
-    _, new = flooded_regions(own, array[around], highest_label(labels, work), work)
-    renumber(own, new, work)
+    grow_labels(own, array[around], highest_label(labels, work), work)
 
 
 def _liquid_value(levels: Levels) -> float:

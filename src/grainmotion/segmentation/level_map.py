@@ -15,8 +15,7 @@ from grainmotion.kernels.block_filters import half_way_block, range_block, smoot
 from grainmotion.model.large_arrays import large_empty, large_zeros
 from grainmotion.segmentation.blocks import Block, Work, blocks_of
 from grainmotion.segmentation.distance_basins import nearest_codes
-from grainmotion.segmentation.flooding import flooded_regions
-from grainmotion.segmentation.label_measures import renumber
+from grainmotion.segmentation.flooding import grow_labels
 from grainmotion.segmentation.level_codes import SMOOTHING, gaussian_weights
 from grainmotion.segmentation.uniform_cores import Floats, Ints, UniformCores
 
@@ -54,8 +53,7 @@ def flooded(array: Floats, cores: UniformCores, work: Work) -> Ints:
     regions[...] = -1
     cores.components.paint(regions, cores.numbers, work)
     cores.components.paint(fixed, (cores.numbers > 0).astype(np.uint8), work)
-    _, new = flooded_regions(regions, heights, count, work)
-    renumber(regions, new, work)
+    grow_labels(regions, heights, count, work)
     out, levels = heights.view(np.int32), cores.levels[cores.level_of].astype(np.float32)  # the same memory
     reach = BORDER_SWEEPS
 

@@ -12,7 +12,7 @@ from grainmotion.model.large_arrays import large_zeros
 from grainmotion.segmentation.blocks import Block, Box, Work, blocks_of
 from grainmotion.segmentation.components import Components, fill_holes
 from grainmotion.segmentation.heights import Heights
-from grainmotion.segmentation.order_statistics import median
+from grainmotion.segmentation.percentiles import median
 
 Floats = NDArray[np.float32]
 Bools = NDArray[np.bool_]

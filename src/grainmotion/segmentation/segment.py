@@ -28,7 +28,7 @@ from grainmotion.segmentation.heights import Heights
 from grainmotion.segmentation.label_measures import highest_label, renumber
 from grainmotion.segmentation.labels import checked_labels
 from grainmotion.segmentation.large_bodies import large_bodies
-from grainmotion.segmentation.order_statistics import median
+from grainmotion.segmentation.percentiles import median
 from grainmotion.segmentation.phases import Levels, Phase, find_levels, phase_map
 from grainmotion.segmentation.separation import large_enough, separated
 from grainmotion.segmentation.settings import SegmentSettings

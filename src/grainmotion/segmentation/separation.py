@@ -34,8 +34,8 @@ from numpy.typing import NDArray
 from grainmotion.model.large_arrays import large_zeros
 from grainmotion.segmentation.blocks import Block, Work
 from grainmotion.segmentation.distance_basins import distances, label_basins
-from grainmotion.segmentation.flooding import flooded_regions
-from grainmotion.segmentation.fragments import added_up, without_fragments
+from grainmotion.segmentation.flooding import grow_labels
+from grainmotion.segmentation.fragments import without_fragments
 from grainmotion.segmentation.heights import Heights
 from grainmotion.segmentation.label_measures import highest_label, kept_numbers, label_sizes, label_sums, renumber
 from grainmotion.segmentation.label_pairs import LabelPairs
@@ -92,10 +92,10 @@ def separated(
     smallest = min(settings.min_volume or MIN_GRAIN_VOXELS, MIN_GRAIN_VOXELS)
     count = _label_cores(labels, OwnLevel.of(heights, solid, box, work), threshold, smallest, settings, work)
     array = heights.whole(work)
-    pairs, new = flooded_regions(labels, array, count, work)
-    sizes, sums = label_sizes(labels, len(new) - 1, work), label_sums(labels, array, len(new) - 1, work)
-    hosts = without_fragments(pairs.renumbered(new), added_up(new, sizes), added_up(new, sums))
-    renumber(labels, hosts[new], work)
+    grow_labels(labels, array, count, work)
+    pairs = LabelPairs.of(labels, array, count, work)
+    sizes, sums = label_sizes(labels, count, work), label_sums(labels, array, count, work)
+    renumber(labels, without_fragments(pairs, sizes, sums), work)
     return labels
 
 

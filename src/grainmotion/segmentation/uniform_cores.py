@@ -18,7 +18,7 @@ from grainmotion.segmentation.blocks import Work
 from grainmotion.segmentation.border import BeyondField
 from grainmotion.segmentation.components import Components
 from grainmotion.segmentation.level_codes import level_codes
-from grainmotion.segmentation.order_statistics import median
+from grainmotion.segmentation.percentiles import median
 
 Floats = NDArray[np.float32]
 Bools = NDArray[np.bool_]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from grainmotion.kernels.block_filters import sum_block
 from grainmotion.segmentation.blocks import Block, Work, blocks_of
-from grainmotion.segmentation.order_statistics import FineBins
+from grainmotion.segmentation.percentiles import FineBins
 
 Floats = NDArray[np.float32]
 

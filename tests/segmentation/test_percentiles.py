@@ -1,11 +1,11 @@
-"""Medians and percentiles from histograms (`segmentation.order_statistics`)."""
+"""Medians and percentiles from histograms (`segmentation.percentiles`)."""
 
 import numpy as np
 import pytest
 
 from grainmotion.kernels.value_histogram import count_equal_bins
 from grainmotion.segmentation.blocks import Work
-from grainmotion.segmentation.order_statistics import FineBins, median, quantiles
+from grainmotion.segmentation.percentiles import FineBins, median, quantiles
 
 VALUES = np.random.default_rng(0).normal(0.02, 1.0, 5001).astype(np.float32)
 
