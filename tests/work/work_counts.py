@@ -16,8 +16,12 @@ import numba as nb
 import numpy as np
 
 from grainmotion.kernels import grain_projection as kernel
-from grainmotion.kernels.grain_ray_tracing import between, ordered, row_of_rays
+from grainmotion.kernels.cuda.grain_ray_tracing import ordered
+from grainmotion.kernels.grain_projection import at_columns, span_of_columns, span_of_row
+from grainmotion.kernels.grain_ray_packets import crossing, dominant
+from grainmotion.kernels.grain_ray_tracing import row_of_rays
 from grainmotion.kernels.layout import GrainTable, PatchTable, ViewTable
+from grainmotion.kernels.packets import PACKET_SIZE, any_lane, counted
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.pose import Pose
 from grainmotion.projection.footprints import Patches
@@ -29,7 +33,7 @@ COUNTED_KERNELS = ("project", "project_with_derivatives")
 @dataclass(frozen=True)
 class RayWork:
     """Calls, projections of a grain to a view, rays, rays that meet a grain's extents, planes crossed there, and planes
-    sampled (whole groups of eight)."""
+    sampled (those of eight rays, from the first to the last that any of them crosses)."""
 
     calls: int = 0
     projections: int = 0
@@ -51,20 +55,24 @@ def _counted(shapes, corners, extents, voxel, positions, matrices, views, cone, 
         p, r, c0, c1 = jobs[j, 0], jobs[j, 1], jobs[j, 2], jobs[j, 3]
         g, i = boxes[p, 0], boxes[p, 1]
         row = r - (panel[0] - 1) / 2
-        o0, o1, d0, d1 = row_of_rays(views[i], cone, row, positions[g], matrices[g], corners[g], 1.0 / voxel)
-        span = np.empty((2, c1 - c0), np.float32)
-        between(extents[g], o0, o1, d0, d1, c0 - middle, span)
+        rays = row_of_rays(views[i], cone, row, positions[g], matrices[g], corners[g], 1.0 / voxel)
+        span = span_of_row(extents[g], rays, c0 - middle, c1 - c0)
         for c in range(c0, c1):
             low, high = span[0, c - c0], span[1, c - c0]
             if low > high:
                 continue
-            x = c - middle
-            o = (o0[0] + x * o1[0], o0[1] + x * o1[1], o0[2] + x * o1[2])
-            d = (d0[0] + x * d1[0], d0[1] + x * d1[1], d0[2] + x * d1[2])
-            count = ordered(o, d, shapes[g], low, high)[2]
+            o, d = at_columns(rays[0], rays[1], c - middle), at_columns(rays[2], rays[3], c - middle)
             meeting += 1
-            planes += count
-            sampled += (count + 7) // 8 * 8
+            planes += ordered(o, d, shapes[g], low, high)[2]
+        for c in range(c0, c1, PACKET_SIZE):
+            lows, highs = span_of_columns(span, c - c0, min(c1 - c, PACKET_SIZE))
+            x = counted(c - middle)
+            os, ds = at_columns(rays[0], rays[1], x), at_columns(rays[2], rays[3], x)
+            for axis in range(3):
+                own = (lows <= highs) & dominant(ds, axis)
+                if any_lane(own):
+                    first, end, _ = crossing(shapes[g], os, ds, lows, highs, own, axis)[0]
+                    sampled += PACKET_SIZE * max(end - first, 0)
     return meeting, planes, sampled
 
 

@@ -12,76 +12,77 @@ work; pixels of a patch that belong to no run are left as they are.
 
 from __future__ import annotations
 
-import math
-
 import numba as nb
 import numpy as np
 
+from grainmotion.kernels import grain_ray_packets
 from grainmotion.kernels.compilation import CACHE
-from grainmotion.kernels.grain_ray_tracing import (
-    between,
-    exact_path,
-    exact_value,
-    ordered,
-    row_of_rays,
-    smooth_path,
-    smooth_value,
-)
+from grainmotion.kernels.grain_ray_tracing import FAR, between, row_of_rays
+from grainmotion.kernels.packet_memory import loaded, stored
+from grainmotion.kernels.packets import PACKET_SIZE, as_double, counted, square_root, where
 
 _inlined = nb.njit(cache=CACHE, error_model="numpy", forceinline=True)  # calls would cost a tenth of the whole
 
 
 @_inlined
-def value_at(image, shape, o, d, low, high, voxel, exact):
-    """I of the ray o + t d through a grain's voxels, t from low to high."""
-    _, first, count, oo, dd, strides, sizes = ordered(o, d, shape, low, high)
-    length = voxel * math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
-    if exact:
-        return length * exact_value(image, first, count, oo, dd, strides, sizes)
-    return length * smooth_value(image, first, count, oo, dd, strides, sizes)
+def at_columns(start, step, x):
+    """start + x step, for the rays of columns x."""
+    return start[0] + x * step[0], start[1] + x * step[1], start[2] + x * step[2]
 
 
 @_inlined
-def gradients_at(image, shape, o, d, low, high, exact):
-    """J of the ray o + t d in a grain's voxels, and its gradients G by o and H by d (see `grain_ray_tracing`)."""
-    axis, first, count, oo, dd, strides, sizes = ordered(o, d, shape, low, high)
-    if exact:
-        total, gb, gc, hb, hc = exact_path(image, first, count, oo, dd, strides, sizes)
-    else:
-        total, gb, gc, hb, hc = smooth_path(image, first, count, oo, dd, strides, sizes)
-    inverse = 1.0 / dd[0]
-    ga = -(gb * dd[1] + gc * dd[2]) * inverse
-    ha = -(total + hb * dd[1] + hc * dd[2]) * inverse
-    if axis == 0:
-        gx, gy, gz, hx, hy, hz = ga, gb, gc, ha, hb, hc
-    elif axis == 1:
-        gx, gy, gz, hx, hy, hz = gb, ga, gc, hb, ha, hc
-    else:
-        gx, gy, gz, hx, hy, hz = gb, gc, ga, hb, hc, ha
-    return total, (gx, gy, gz), (hx, hy, hz)
+def lengths(d):
+    """Lengths of the vectors of all packets."""
+    return square_root(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
 
 
 @_inlined
-def derivatives_at(image, shape, corner, o, d, low, high, m, voxel, exact):
-    """I of the ray o + t d, and its derivatives by u and δ, for a grain rotated by the matrix m."""
-    total, (gx, gy, gz), (hx, hy, hz) = gradients_at(image, shape, o, d, low, high, exact)
-    h, length = 1.0 / voxel, voxel * math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
-    ox, oy, oz = o[0] + corner[0] * h, o[1] + corner[1] * h, o[2] + corner[2] * h
-    tx = -length * (oy * gz - oz * gy + d[1] * hz - d[2] * hy)
-    ty = -length * (oz * gx - ox * gz + d[2] * hx - d[0] * hz)
-    tz = -length * (ox * gy - oy * gx + d[0] * hy - d[1] * hx)
-    gx, gy, gz = -length * h * gx, -length * h * gy, -length * h * gz
-    by_shift = (
-        m[0, 0] * gx + m[0, 1] * gy + m[0, 2] * gz,
-        m[1, 0] * gx + m[1, 1] * gy + m[1, 2] * gz,
-        m[2, 0] * gx + m[2, 1] * gy + m[2, 2] * gz,
+def span_of_row(extents, rays, start, columns):
+    """`between` for the rays (o₀, o₁, d₀, d₁) of a row, with room to read eight from any column."""
+    span = np.empty((2, columns + PACKET_SIZE), np.float32)
+    between(extents, rays[0], rays[1], rays[2], rays[3], start, span)
+    return span
+
+
+@_inlined
+def span_of_columns(span, c, count):
+    """Where eight rays, of which ``count`` are traced, lie in a grain's extents: ends of t."""
+    low, high = as_double(loaded(span[0], c)), as_double(loaded(span[1], c))
+    return where(counted(0) < count, low, FAR), high
+
+
+@_inlined
+def product(m, x):
+    """m x."""
+    return (
+        m[0, 0] * x[0] + m[0, 1] * x[1] + m[0, 2] * x[2],
+        m[1, 0] * x[0] + m[1, 1] * x[1] + m[1, 2] * x[2],
+        m[2, 0] * x[0] + m[2, 1] * x[1] + m[2, 2] * x[2],
     )
-    by_rotation = (
-        m[0, 0] * tx + m[0, 1] * ty + m[0, 2] * tz,
-        m[1, 0] * tx + m[1, 1] * ty + m[1, 2] * tz,
-        m[2, 0] * tx + m[2, 1] * ty + m[2, 2] * tz,
+
+
+@_inlined
+def by_motion(o, d, g, h, m, factor):
+    """Derivatives by u and δ, from the gradients by o and by d, of which ``factor`` G and ``factor`` H are to be taken.
+
+    Lengths are voxels; o counts from the grain's centre, which the matrix m rotates.
+    """
+    f = (factor * g[0], factor * g[1], factor * g[2])
+    w = (factor * h[0], factor * h[1], factor * h[2])
+    turning = (
+        o[1] * f[2] - o[2] * f[1] + d[1] * w[2] - d[2] * w[1],
+        o[2] * f[0] - o[0] * f[2] + d[2] * w[0] - d[0] * w[2],
+        o[0] * f[1] - o[1] * f[0] + d[0] * w[1] - d[1] * w[0],
     )
-    return length * total, by_shift, by_rotation
+    return product(m, f), product(m, turning)
+
+
+@_inlined
+def store_vectors(arrays, first, at, count, by):
+    """Put three components of ``count`` lanes into rows ``first`` to ``first + 2``."""
+    stored(arrays[first], at, count, by[0])
+    stored(arrays[first + 1], at, count, by[1])
+    stored(arrays[first + 2], at, count, by[2])
 
 
 @nb.njit(parallel=True, cache=CACHE, error_model="numpy")
@@ -96,19 +97,16 @@ def project(grains, views, patches, exact, values):
         image = images[starts[g] : starts[g] + shapes[g, 0] * shapes[g, 1] * shapes[g, 2]]
         middle = (panel[1] - 1) / 2
         row = r - (panel[0] - 1) / 2
-        o0, o1, d0, d1 = row_of_rays(vectors[i], cone, row, positions[g], matrices[g], corners[g], 1.0 / voxel)
-        span = np.empty((2, c1 - c0), np.float32)
-        between(extents[g], o0, o1, d0, d1, c0 - middle, span)
+        rays = row_of_rays(vectors[i], cone, row, positions[g], matrices[g], corners[g], 1.0 / voxel)
+        span = span_of_row(extents[g], rays, c0 - middle, c1 - c0)
         at = offsets[p] + (r - boxes[p, 2]) * (boxes[p, 5] - boxes[p, 4]) - boxes[p, 4]
-        for c in range(c0, c1):
-            low, high = span[0, c - c0], span[1, c - c0]
-            if low > high:
-                values[at + c] = 0
-                continue
-            x = c - middle
-            o = (o0[0] + x * o1[0], o0[1] + x * o1[1], o0[2] + x * o1[2])
-            d = (d0[0] + x * d1[0], d0[1] + x * d1[1], d0[2] + x * d1[2])
-            values[at + c] = value_at(image, shapes[g], o, d, low, high, voxel, exact)
+        for c in range(c0, c1, PACKET_SIZE):
+            count = min(c1 - c, PACKET_SIZE)
+            low, high = span_of_columns(span, c - c0, count)
+            x = counted(c - middle)
+            o, d = at_columns(rays[0], rays[1], x), at_columns(rays[2], rays[3], x)
+            total = grain_ray_packets.values(image, shapes[g], o, d, low, high, exact)
+            stored(values, at + c, count, voxel * lengths(d) * total)
 
 
 @nb.njit(parallel=True, cache=CACHE, error_model="numpy")
@@ -121,29 +119,26 @@ def project_with_derivatives(grains, views, patches, exact, values, derivatives)
         p, r, c0, c1 = jobs[j, 0], jobs[j, 1], jobs[j, 2], jobs[j, 3]
         g, i = boxes[p, 0], boxes[p, 1]
         image = images[starts[g] : starts[g] + shapes[g, 0] * shapes[g, 1] * shapes[g, 2]]
-        m = matrices[g]
+        m, h = matrices[g], 1.0 / voxel
+        corner = (corners[g, 0] * h, corners[g, 1] * h, corners[g, 2] * h)
         middle = (panel[1] - 1) / 2
         row = r - (panel[0] - 1) / 2
-        o0, o1, d0, d1 = row_of_rays(vectors[i], cone, row, positions[g], m, corners[g], 1.0 / voxel)
-        span = np.empty((2, c1 - c0), np.float32)
-        between(extents[g], o0, o1, d0, d1, c0 - middle, span)
+        rays = row_of_rays(vectors[i], cone, row, positions[g], m, corners[g], h)
+        span = span_of_row(extents[g], rays, c0 - middle, c1 - c0)
         at = offsets[p] + (r - boxes[p, 2]) * (boxes[p, 5] - boxes[p, 4]) - boxes[p, 4]
-        for c in range(c0, c1):
-            low, high = span[0, c - c0], span[1, c - c0]
-            if low > high:
-                values[at + c] = 0
-                for k in range(6):
-                    derivatives[k, at + c] = 0
-                continue
-            x = c - middle
-            o = (o0[0] + x * o1[0], o0[1] + x * o1[1], o0[2] + x * o1[2])
-            d = (d0[0] + x * d1[0], d0[1] + x * d1[1], d0[2] + x * d1[2])
-            total, by_shift, by_rotation = derivatives_at(
-                image, shapes[g], corners[g], o, d, low, high, m, voxel, exact
+        for c in range(c0, c1, PACKET_SIZE):
+            count = min(c1 - c, PACKET_SIZE)
+            low, high = span_of_columns(span, c - c0, count)
+            x = counted(c - middle)
+            o, d = at_columns(rays[0], rays[1], x), at_columns(rays[2], rays[3], x)
+            total, g_own, h_own = grain_ray_packets.gradients(image, shapes[g], o, d, low, high, exact)
+            length = voxel * lengths(d)
+            by_shift, by_rotation = by_motion(
+                (o[0] + corner[0], o[1] + corner[1], o[2] + corner[2]), d, g_own, h_own, m, -length
             )
-            values[at + c] = total
-            derivatives[0, at + c], derivatives[1, at + c], derivatives[2, at + c] = by_shift
-            derivatives[3, at + c], derivatives[4, at + c], derivatives[5, at + c] = by_rotation
+            stored(values, at + c, count, length * total)
+            store_vectors(derivatives, 0, at + c, count, (by_shift[0] * h, by_shift[1] * h, by_shift[2] * h))
+            store_vectors(derivatives, 3, at + c, count, by_rotation)
 
 
 @nb.njit(cache=CACHE, error_model="numpy")

@@ -15,43 +15,32 @@ entries of U.  Tables are those of `kernels.layout`; what is rigid is in `grain_
 
 from __future__ import annotations
 
-import math
-
 import numba as nb
 import numpy as np
 
+from grainmotion.kernels import grain_ray_packets
 from grainmotion.kernels.compilation import CACHE
-from grainmotion.kernels.grain_projection import gradients_at, value_at
-from grainmotion.kernels.grain_ray_tracing import between, row_of_rays
+from grainmotion.kernels.grain_projection import (
+    at_columns,
+    by_motion,
+    lengths,
+    product,
+    span_of_columns,
+    span_of_row,
+    store_vectors,
+)
+from grainmotion.kernels.grain_ray_tracing import row_of_rays
+from grainmotion.kernels.packet_memory import stored
+from grainmotion.kernels.packets import PACKET_SIZE, counted
 
 _inlined = nb.njit(cache=CACHE, error_model="numpy", forceinline=True)
 _NO_CORNER = np.zeros(3)
 
 
 @_inlined
-def _product(m, x):
-    """m x."""
-    return (
-        m[0, 0] * x[0] + m[0, 1] * x[1] + m[0, 2] * x[2],
-        m[1, 0] * x[0] + m[1, 1] * x[1] + m[1, 2] * x[2],
-        m[2, 0] * x[0] + m[2, 1] * x[1] + m[2, 2] * x[2],
-    )
-
-
-@_inlined
-def _at_column(start, step, c):
-    """start + c step."""
-    return (start[0] + c * step[0], start[1] + c * step[1], start[2] + c * step[2])
-
-
-@_inlined
-def _scaled(x, factor):
-    return (factor * x[0], factor * x[1], factor * x[2])
-
-
-@_inlined
-def _length(d):
-    return math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
+def _at_columns(rays, x):
+    """o and d of the rays of columns x."""
+    return at_columns(rays[0], rays[1], x), at_columns(rays[2], rays[3], x)
 
 
 @_inlined
@@ -64,11 +53,10 @@ def _row(grains, views, extents, g, i, r, c0, c1):
     inverse = np.linalg.inv(grains.stretches[g])
     row = r - (panel[0] - 1) / 2
     outer = row_of_rays(views.vectors[i], views.cone, row, grains.positions[g], grains.rotations[g], _NO_CORNER, h)
-    o0, corner = _product(inverse, outer[0]), grains.corners[g]
+    o0, corner = product(inverse, outer[0]), grains.corners[g]
     o0 = (o0[0] - corner[0] * h, o0[1] - corner[1] * h, o0[2] - corner[2] * h)
-    inner = (o0, _product(inverse, outer[1]), _product(inverse, outer[2]), _product(inverse, outer[3]))
-    span = np.empty((2, c1 - c0), np.float32)
-    between(extents, inner[0], inner[1], inner[2], inner[3], c0 - (panel[1] - 1) / 2, span)
+    inner = (o0, product(inverse, outer[1]), product(inverse, outer[2]), product(inverse, outer[3]))
+    span = span_of_row(extents, inner, c0 - (panel[1] - 1) / 2, c1 - c0)
     return outer, inner, span, inverse
 
 
@@ -84,15 +72,13 @@ def project(grains, views, patches, exact, values):
         outer, inner, span, inverse = _row(grains, views, grains.extents[g], g, i, r, c0, c1)
         density = np.linalg.det(inverse)
         at = offsets[p] + (r - boxes[p, 2]) * (boxes[p, 5] - boxes[p, 4]) - boxes[p, 4]
-        for c in range(c0, c1):
-            low, high = span[0, c - c0], span[1, c - c0]
-            if low > high:
-                values[at + c] = 0
-                continue
-            x = c - middle
-            o, d = _at_column(inner[0], inner[1], x), _at_column(inner[2], inner[3], x)
-            longer = _length(_at_column(outer[2], outer[3], x)) / _length(d)
-            values[at + c] = density * longer * value_at(image, shape, o, d, low, high, grains.voxel_size, exact)
+        for c in range(c0, c1, PACKET_SIZE):
+            count = min(c1 - c, PACKET_SIZE)
+            low, high = span_of_columns(span, c - c0, count)
+            x = counted(c - middle)
+            (o, d), (_, b) = _at_columns(inner, x), _at_columns(outer, x)
+            total = grain_ray_packets.values(image, shape, o, d, low, high, exact)
+            stored(values, at + c, count, density * grains.voxel_size * lengths(b) * total)
 
 
 @nb.njit(parallel=True, cache=CACHE, error_model="numpy")
@@ -107,36 +93,22 @@ def project_with_derivatives(grains, views, patches, exact, values, derivatives,
         outer, inner, span, inverse = _row(grains, views, grains.extents[g], g, i, r, c0, c1)
         density, m, corner = np.linalg.det(inverse), grains.rotations[g], grains.corners[g]
         at = offsets[p] + (r - boxes[p, 2]) * (boxes[p, 5] - boxes[p, 4]) - boxes[p, 4]
-        for c in range(c0, c1):
-            low, high = span[0, c - c0], span[1, c - c0]
-            if low > high:
-                values[at + c] = 0
-                for k in range(6):
-                    derivatives[k, at + c] = by_strain[k, at + c] = 0
-                continue
-            x = c - middle
-            o, d = _at_column(inner[0], inner[1], x), _at_column(inner[2], inner[3], x)
-            a, b = _at_column(outer[0], outer[1], x), _at_column(outer[2], outer[3], x)
-            total, g_own, h_own = gradients_at(image, shape, o, d, low, high, exact)
-            length = density * grains.voxel_size * _length(b)
-            integral = length * total
+        for c in range(c0, c1, PACKET_SIZE):
+            count = min(c1 - c, PACKET_SIZE)
+            low, high = span_of_columns(span, c - c0, count)
+            x = counted(c - middle)
+            (o, d), (a, b) = _at_columns(inner, x), _at_columns(outer, x)
+            total, g_own, h_own = grain_ray_packets.gradients(image, shape, o, d, low, high, exact)
+            length = density * grains.voxel_size * lengths(b)
             q = (o[0] + corner[0] * h, o[1] + corner[1] * h, o[2] + corner[2] * h)
-            f, w = _scaled(_product(inverse, g_own), -length), _scaled(_product(inverse, h_own), -length)
-            by_shift = _product(m, f)
-            by_rotation = _product(
-                m,
-                (
-                    a[1] * f[2] - a[2] * f[1] + b[1] * w[2] - b[2] * w[1],
-                    a[2] * f[0] - a[0] * f[2] + b[2] * w[0] - b[0] * w[2],
-                    a[0] * f[1] - a[1] * f[0] + b[0] * w[1] - b[1] * w[0],
-                ),
-            )
-            values[at + c] = integral
+            f, w = product(inverse, g_own), product(inverse, h_own)
+            by_shift, by_rotation = by_motion(a, b, f, w, m, -length)
+            stored(values, at + c, count, length * total)
+            store_vectors(derivatives, 0, at + c, count, (h * by_shift[0], h * by_shift[1], h * by_shift[2]))
+            store_vectors(derivatives, 3, at + c, count, by_rotation)
             for n in range(3):
-                derivatives[n, at + c] = h * by_shift[n]
-                derivatives[3 + n, at + c] = by_rotation[n]
                 s, t = (n + 1) % 3, (n + 2) % 3
-                by_strain[n, at + c] = f[n] * q[n] + w[n] * d[n] - integral * inverse[n, n]
-                by_strain[3 + n, at + c] = (
-                    f[s] * q[t] + f[t] * q[s] + w[s] * d[t] + w[t] * d[s] - 2 * integral * inverse[s, t]
-                )
+                along = f[n] * q[n] + w[n] * d[n] + total * inverse[n, n]
+                shear = f[s] * q[t] + f[t] * q[s] + w[s] * d[t] + w[t] * d[s] + 2 * total * inverse[s, t]
+                stored(by_strain[n], at + c, count, -length * along)
+                stored(by_strain[3 + n], at + c, count, -length * shear)

@@ -1,4 +1,4 @@
-"""Projection of moving grains on the GPU, with the ray tracing of `kernels.grain_projection`.
+"""Projection of moving grains on the GPU, a ray a thread.
 
 A block of threads takes some rows of a patch and runs along them, a thread a pixel: its rays stay close together,
 and so do the voxels that they read.
@@ -6,10 +6,13 @@ and so do the voxels that they read.
 
 from __future__ import annotations
 
+import math
+
 from numba import cuda, float32
 
 from grainmotion.kernels.cuda.device_array import SQUARE_PIXELS, TILE, download, on_gpu, square_grid
-from grainmotion.kernels.grain_projection import derivatives_at, value_at
+from grainmotion.kernels.cuda.grain_ray_tracing import gradients_at, value_at
+from grainmotion.kernels.grain_projection import by_motion
 from grainmotion.kernels.grain_ray_tracing import DIRECTIONS, FAR, along, narrowed, row_of_rays
 
 SIDES = len(DIRECTIONS)
@@ -99,8 +102,9 @@ def _project_with_derivatives(images, starts, shapes, corners, extents, position
     own = min(j, len(jobs) - 1)
     p, r, c0 = jobs[own, 0], jobs[own, 1], jobs[own, 2]
     g, i = boxes[p, 0], boxes[p, 1]
-    m = matrices[g]
-    o0, o1, d0, d1 = row_of_rays(views[i], cone, r - middle_row, positions[g], m, corners[g], 1.0 / voxel)
+    m, h = matrices[g], 1.0 / voxel
+    corner = (corners[g, 0] * h, corners[g, 1] * h, corners[g, 2] * h)
+    o0, o1, d0, d1 = row_of_rays(views[i], cone, r - middle_row, positions[g], m, corners[g], h)
     lines = cuda.shared.array((TILE[1], SIDES, 4), float32)
     for k in range(cuda.threadIdx.x, SIDES, cuda.blockDim.x):
         line = along(k, o0, o1, d0, d1, c0 - middle)
@@ -122,10 +126,14 @@ def _project_with_derivatives(images, starts, shapes, corners, extents, position
         x = c - middle
         o = (o0[0] + x * o1[0], o0[1] + x * o1[1], o0[2] + x * o1[2])
         d = (d0[0] + x * d1[0], d0[1] + x * d1[1], d0[2] + x * d1[2])
-        total, by_shift, by_rotation = derivatives_at(image, shape, corners[g], o, d, low, high, m, voxel, exact)
-        values[at + c] = total
-        derivatives[0, at + c], derivatives[1, at + c], derivatives[2, at + c] = by_shift
-        derivatives[3, at + c], derivatives[4, at + c], derivatives[5, at + c] = by_rotation
+        total, by_o, by_d = gradients_at(image, shape, o, d, low, high, exact)
+        length = voxel * math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
+        own = (o[0] + corner[0], o[1] + corner[1], o[2] + corner[2])
+        by_shift, by_rotation = by_motion(own, d, by_o, by_d, m, -length)
+        values[at + c] = length * total
+        for n in range(3):
+            derivatives[n, at + c] = h * by_shift[n]
+            derivatives[3 + n, at + c] = by_rotation[n]
 
 
 @cuda.jit
