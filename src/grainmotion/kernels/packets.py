@@ -21,7 +21,7 @@ from numba.extending import lower_builtin, register_model, type_callable
 
 PACKET_SIZE = 8
 _FUSED = ("contract",)
-_ELEMENTS = {
+_NUMBER_TYPES = {
     types.float32: ir.FloatType(),
     types.float64: ir.DoubleType(),
     types.int32: ir.IntType(32),
@@ -39,7 +39,7 @@ class Packet(types.Type):
 
 def vector(dtype):
     """LLVM's type of eight numbers."""
-    return ir.VectorType(_ELEMENTS[dtype], PACKET_SIZE)
+    return ir.VectorType(_NUMBER_TYPES[dtype], PACKET_SIZE)
 
 
 @register_model(Packet)
@@ -109,7 +109,7 @@ def compiled(function, result, generate, *kinds):
     def typing(context):
         return result
 
-    @lower_builtin(function, *(kinds or (types.VarArg(types.Any),)))
+    @lower_builtin(function, *(kinds or (types.VarArg(types.Type),)))
     def lower(context, builder, signature, values):
         return generate(Call(context, builder, signature, values))
 
@@ -281,8 +281,8 @@ def square_root(x):
     return np.sqrt(x)
 
 
-for _function, _name in ((absolute, "fabs"), (square_root, "sqrt")):
-    compiled(_function, lambda x: x, lambda call, name=_name: call.intrinsic(name))
+compiled(absolute, lambda x: x, lambda call: call.intrinsic("fabs"))
+compiled(square_root, lambda x: x, lambda call: call.intrinsic("sqrt"))
 
 
 def any_lane(mask):

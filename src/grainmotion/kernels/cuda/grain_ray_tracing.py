@@ -75,25 +75,41 @@ def ordered(o, d, shape, low, high):
     return axis, first, max(0, last - first + 1), o, d, strides, sizes
 
 
+@_inlined
+def _on_middle_plane(o, d, sizes):
+    """How far the image's middle plane lies from o, 1/d_a, where a ray crosses that plane, and slopes."""
+    inverse = 1.0 / d[0]
+    kb, kc = d[1] * inverse, d[2] * inverse
+    back = sizes[0] // 2 - o[0]
+    return back, inverse, o[1] + back * kb, o[2] + back * kc, kb, kc
+
+
+@_inlined
+def _integrals(total, gb, gc, hb, hc, back, inverse):
+    """J, G_b, G_c, H_b, H_c from sums over planes k, and of k − middle."""
+    scale = abs(inverse)
+    hb, hc = (hb + back * gb) * scale * inverse, (hc + back * gc) * scale * inverse
+    return total * scale, gb * scale, gc * scale, hb, hc
+
+
 @_jit
 def smooth_value(image, first, count, o, d, strides, sizes):
     """J by bilinear samples on planes first … first + count − 1."""
     f, i4 = image.dtype.type, np.int32
-    inverse = 1.0 / d[0]
-    kb, kc = d[1] * inverse, d[2] * inverse
-    pb0, pc0 = f(o[1] + (first - o[0]) * kb), f(o[2] + (first - o[0]) * kc)
-    kb, kc = f(kb), f(kc)
+    _, inverse, pb0, pc0, kb, kc = _on_middle_plane(o, d, sizes)
+    pb0, pc0, kb, kc = f(pb0), f(pc0), f(kb), f(kc)
     sa, sb, sc = i4(strides[0]), i4(strides[1]), i4(strides[2])
     image_b, image_c, image_bc = image[strides[1] :], image[strides[2] :], image[strides[1] + strides[2] :]
     start, last, end_b, end_c = i4(first), i4(sizes[0] - 1), i4(sizes[1] - 2), i4(sizes[2] - 2)
-    zero = i4(0)
+    zero, middle = i4(0), i4(sizes[0] // 2)
     total = f(0)
     for k in range(np.uint32(count)):
-        i = i4(k)
-        pb, pc = pb0 + f(i) * kb, pc0 + f(i) * kc
+        plane = i4(start + i4(k))
+        i = f(i4(plane - middle))
+        pb, pc = pb0 + i * kb, pc0 + i * kc
         ib, ic = min(max(i4(pb), zero), end_b), min(max(i4(pc), zero), end_c)
         wb, wc = pb - f(ib), pc - f(ic)
-        plane = min(i4(start + i), last)
+        plane = min(plane, last)
         at = np.uint32(i4(i4(plane * sa) + i4(ib * sb) + i4(ic * sc)) & _MASK)
         v00, v10, v01, v11 = image[at], image_b[at], image_c[at], image_bc[at]
         near = v00 + wb * (v10 - v00)
@@ -105,65 +121,61 @@ def smooth_value(image, first, count, o, d, strides, sizes):
 def smooth_path(image, first, count, o, d, strides, sizes):
     """J, G_b, G_c, H_b, H_c by bilinear samples on planes first … first + count − 1."""
     f, i4 = image.dtype.type, np.int32
-    inverse = 1.0 / d[0]
-    kb, kc = d[1] * inverse, d[2] * inverse
-    pb0, pc0 = f(o[1] + (first - o[0]) * kb), f(o[2] + (first - o[0]) * kc)
-    kb, kc = f(kb), f(kc)
-    t0, dt = f((first - o[0]) * inverse), f(inverse)
+    back, inverse, pb0, pc0, kb, kc = _on_middle_plane(o, d, sizes)
+    pb0, pc0, kb, kc = f(pb0), f(pc0), f(kb), f(kc)
     sa, sb, sc = i4(strides[0]), i4(strides[1]), i4(strides[2])
     image_b, image_c, image_bc = image[strides[1] :], image[strides[2] :], image[strides[1] + strides[2] :]
     start, last, end_b, end_c = i4(first), i4(sizes[0] - 1), i4(sizes[1] - 2), i4(sizes[2] - 2)
-    zero = i4(0)
+    zero, middle = i4(0), i4(sizes[0] // 2)
     total, gb, gc, hb, hc = f(0), f(0), f(0), f(0), f(0)
     for k in range(np.uint32(count)):
-        i = i4(k)
-        pb, pc = pb0 + f(i) * kb, pc0 + f(i) * kc
+        plane = i4(start + i4(k))
+        i = f(i4(plane - middle))
+        pb, pc = pb0 + i * kb, pc0 + i * kc
         ib, ic = min(max(i4(pb), zero), end_b), min(max(i4(pc), zero), end_c)
         wb, wc = pb - f(ib), pc - f(ic)
-        plane = min(i4(start + i), last)
+        plane = min(plane, last)
         at = np.uint32(i4(i4(plane * sa) + i4(ib * sb) + i4(ic * sc)) & _MASK)
         v00, v10, v01, v11 = image[at], image_b[at], image_c[at], image_bc[at]
         slope0, slope1 = v10 - v00, v11 - v01
         near = v00 + wb * slope0
         across = v01 + wb * slope1 - near
         along = slope0 + wc * (slope1 - slope0)
-        t = t0 + f(i) * dt
         total += near + wc * across
         gb += along
         gc += across
-        hb += t * along
-        hc += t * across
-    scale = abs(inverse)
-    return total * scale, gb * scale, gc * scale, hb * scale, hc * scale
+        hb += i * along
+        hc += i * across
+    return _integrals(total, gb, gc, hb, hc, back, inverse)
 
 
 @_jit
 def exact_value(image, first, count, o, d, strides, sizes):
     """J over the slabs first … first + count − 1; slab k spans k − ½ … k + ½ of the dominant axis."""
     f, i4 = image.dtype.type, np.int32
-    inverse = 1.0 / d[0]
-    kb, kc = d[1] * inverse, d[2] * inverse
-    pb0, pc0 = f(o[1] + 0.5 + (first - 0.5 - o[0]) * kb), f(o[2] + 0.5 + (first - 0.5 - o[0]) * kc)
+    _, inverse, pb0, pc0, kb, kc = _on_middle_plane(o, d, sizes)
+    pb0, pc0 = f(pb0 + 0.5 - 0.5 * kb), f(pc0 + 0.5 - 0.5 * kc)
     rb, rc = f(1 / kb if abs(kb) > _TINY else 0.0), f(1 / kc if abs(kc) > _TINY else 0.0)
     kb, kc = f(kb), f(kc)
     sa, sb, sc = i4(strides[0]), i4(strides[1]), i4(strides[2])
     start, last, end_b, end_c = i4(first), i4(sizes[0] - 1), i4(sizes[1] - 1), i4(sizes[2] - 1)
-    zero = i4(0)
+    zero, middle = i4(0), i4(sizes[0] // 2)
     total = f(0)
     for k in range(np.uint32(count)):
-        i = i4(k)
-        pb, pc = pb0 + f(i) * kb, pc0 + f(i) * kc
+        plane = i4(start + i4(k))
+        i = f(i4(plane - middle))
+        pb, pc = pb0 + i * kb, pc0 + i * kc
         eb, xb = min(max(i4(pb), zero), end_b), min(max(i4(pb + kb), zero), end_b)
         ec, xc = min(max(i4(pc), zero), end_c), min(max(i4(pc + kc), zero), end_c)
         tb = (f(max(eb, xb)) - pb) * rb if xb != eb else f(1)
         tc = (f(max(ec, xc)) - pc) * rc if xc != ec else f(1)
         b_first = tb < tc
         mb, mc = (xb, ec) if b_first else (eb, xc)
-        plane = i4(min(i4(start + i), last) * sa)
+        plane = i4(min(plane, last) * sa)
         entry = image[np.uint32(i4(plane + i4(eb * sb) + i4(ec * sc)) & _MASK)]
-        middle = image[np.uint32(i4(plane + i4(mb * sb) + i4(mc * sc)) & _MASK)]
+        between = image[np.uint32(i4(plane + i4(mb * sb) + i4(mc * sc)) & _MASK)]
         leave = image[np.uint32(i4(plane + i4(xb * sb) + i4(xc * sc)) & _MASK)]
-        total += leave + (entry - middle) * min(tb, tc) + (middle - leave) * max(tb, tc)
+        total += leave + (entry - between) * min(tb, tc) + (between - leave) * max(tb, tc)
     return total * abs(inverse)
 
 
@@ -171,37 +183,35 @@ def exact_value(image, first, count, o, d, strides, sizes):
 def exact_path(image, first, count, o, d, strides, sizes):
     """J, G_b, G_c, H_b, H_c of the exact radiological path; the derivatives are sums of jumps over crossings."""
     f, i4 = image.dtype.type, np.int32
-    inverse = 1.0 / d[0]
-    kb, kc = d[1] * inverse, d[2] * inverse
-    pb0, pc0 = f(o[1] + 0.5 + (first - 0.5 - o[0]) * kb), f(o[2] + 0.5 + (first - 0.5 - o[0]) * kc)
+    back, inverse, pb0, pc0, kb, kc = _on_middle_plane(o, d, sizes)
+    pb0, pc0 = f(pb0 + 0.5 - 0.5 * kb), f(pc0 + 0.5 - 0.5 * kc)
     rb, rc = f(1 / kb if abs(kb) > _TINY else 0.0), f(1 / kc if abs(kc) > _TINY else 0.0)
     kb, kc = f(kb), f(kc)
-    # Entering planes in the direction of growing k; t grows with k only if d_a > 0.
-    t0, dt = f((first - 0.5 - o[0]) * inverse), f(inverse)
     sa, sb, sc = i4(strides[0]), i4(strides[1]), i4(strides[2])
     start, last, end_b, end_c = i4(first), i4(sizes[0] - 1), i4(sizes[1] - 1), i4(sizes[2] - 1)
-    zero = i4(0)
+    zero, middle = i4(0), i4(sizes[0] // 2)
     total, gb, gc, hb, hc = f(0), f(0), f(0), f(0), f(0)
     for k in range(np.uint32(count)):
-        i = i4(k)
-        pb, pc = pb0 + f(i) * kb, pc0 + f(i) * kc
+        plane = i4(start + i4(k))
+        i = f(i4(plane - middle))
+        pb, pc = pb0 + i * kb, pc0 + i * kc
         eb, xb = min(max(i4(pb), zero), end_b), min(max(i4(pb + kb), zero), end_b)
         ec, xc = min(max(i4(pc), zero), end_c), min(max(i4(pc + kc), zero), end_c)
         tb = (f(max(eb, xb)) - pb) * rb if xb != eb else f(1)
         tc = (f(max(ec, xc)) - pc) * rc if xc != ec else f(1)
         b_first = tb < tc
         mb, mc = (xb, ec) if b_first else (eb, xc)
-        plane = i4(min(i4(start + i), last) * sa)
+        plane = i4(min(plane, last) * sa)
         entry = image[np.uint32(i4(plane + i4(eb * sb) + i4(ec * sc)) & _MASK)]
-        middle = image[np.uint32(i4(plane + i4(mb * sb) + i4(mc * sc)) & _MASK)]
+        between = image[np.uint32(i4(plane + i4(mb * sb) + i4(mc * sc)) & _MASK)]
         leave = image[np.uint32(i4(plane + i4(xb * sb) + i4(xc * sc)) & _MASK)]
-        e1, e2 = entry - middle, middle - leave
+        e1, e2 = entry - between, between - leave
         jb, jc = (e1, e2) if b_first else (e2, e1)
         total += leave + jb * tb + jc * tc
         gb += jb
         gc += jc
-        hb += jb * (t0 + (f(i) + tb) * dt)
-        hc += jc * (t0 + (f(i) + tc) * dt)
+        hb += jb * (i + tb)
+        hc += jc * (i + tc)
     # J = Σ (μ_before − μ_after) t: a shift of o_b by 1 moves its crossings by −1/d_b.
-    scale = abs(inverse)
-    return total * scale, -gb * rb * scale, -gc * rc * scale, -hb * rb * scale, -hc * rc * scale
+    gb, gc, hb, hc = -gb * rb, -gc * rc, -(hb - 0.5 * gb) * rb, -(hc - 0.5 * gc) * rc
+    return _integrals(total, gb, gc, hb, hc, back, inverse)
