@@ -99,7 +99,14 @@ def _bar(terminal: Terminal, states: Sequence[str]) -> Iterator[Shown]:
             nonlocal text
             text = message
             left.after(message, done, total)
-            bar.update(task, description=message, completed=done, total=total, share=_share(done, total), visible=True)
+            bar.update(
+                task,
+                description=message or "starting",
+                completed=done,
+                total=total,
+                share=_share(done, total),
+                visible=True,
+            )
 
         def say(message: str) -> None:  # rich draws the bar again below
             bar.console.print(styled(message, bar.console.width))

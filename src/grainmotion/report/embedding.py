@@ -9,7 +9,11 @@ import zlib
 import numpy as np
 from numpy.typing import ArrayLike
 
+from grainmotion.model.progress import counted
+
 COMPRESSION_LEVEL = 9
+PACKED_AT_ONCE = 1 << 19
+"""Bytes that are compressed between two reports of progress: some tenths of a second."""
 Embedded = dict[str, object]
 """What `embed` returns: ``dtype``, ``shape`` and ``data``, ready for JSON."""
 
@@ -65,4 +69,7 @@ def rounded(values: ArrayLike, digits: int) -> np.ndarray:
 
 
 def _packed(data: bytes) -> str:
-    return base64.b64encode(zlib.compress(data, COMPRESSION_LEVEL)).decode("ascii")
+    compressor = zlib.compressobj(COMPRESSION_LEVEL)
+    parts = [compressor.compress(data[first : first + PACKED_AT_ONCE])
+             for first in counted(range(0, len(data), PACKED_AT_ONCE))]  # fmt: skip
+    return base64.b64encode(b"".join((*parts, compressor.flush()))).decode("ascii")
