@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from grainmotion._typing import Image
+from grainmotion.model.label_sums import label_sizes, label_sums
 from grainmotion.model.scene import Scene, first_voxel
 from grainmotion.model.volume import Volume
 
@@ -63,25 +65,30 @@ def scene_parts(
     total = float(volume.array.sum(dtype=float))
     if total <= 0:
         return ()
-    values, in_grain = volume.array, labels > 0
-    grains, count = float(values[in_grain].sum(dtype=float)), len(np.unique(labels[in_grain]))
+    values, sizes, sums = volume.array, label_sizes(labels), label_sums(labels, volume.array)
+    grains, count = float(sums[1:].sum()), np.count_nonzero(sizes[1:])
     cut = f", {len(border)} of them cut by the border of the field" if border else ""
     parts = [ScenePart("grains", grains / total, f"{count}{cut}")]
-    free = ~in_grain
+    free = labels == 0
     for body in scene.bodies:
         start = first_voxel(body.volume, volume)
         box = tuple(slice(a, a + n) for a, n in zip(start, body.volume.shape, strict=True))
         own = (body.volume.array != 0) & free[box]
-        share = float(values[box][own].sum(dtype=float)) / total
+        share = _sum_where(values[box], own) / total
         parts.append(ScenePart(body.name, share, f"freedom: {body.freedom.text}"))
         free[box] &= ~own
     if scene.fluid is not None:
         own = free & (scene.fluid.volume.array > 0)
         level = "up to the top of the field" if scene.fluid.level is None else f"up to z = {scene.fluid.level:.4g} mm"
         detail = f"{scene.fluid.attenuation:.4g} 1/mm {level}"
-        parts.append(ScenePart("liquid", float(values[own].sum(dtype=float)) / total, detail))
+        parts.append(ScenePart("liquid", _sum_where(values, own) / total, detail))
         free &= ~own
-    return *parts, ScenePart(NO_PART, float(values[free].sum(dtype=float)) / total, "noise and blurred edges")
+    return *parts, ScenePart(NO_PART, _sum_where(values, free) / total, "noise and blurred edges")
+
+
+def _sum_where(values: Image, mask: NDArray[np.bool_]) -> float:
+    """Sum of the values where a mask is true, without a copy of them."""
+    return float(sum(plane.sum(dtype=float, where=own) for plane, own in zip(values, mask, strict=True)))
 
 
 def field_sentence(scene: Scene) -> str:

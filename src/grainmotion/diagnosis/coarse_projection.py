@@ -162,9 +162,14 @@ def coarse_volume(volume: Volume, pixel: float) -> Volume:
     if factor == 1:
         return volume
     padding = [(-n % factor // 2, -n % factor - -n % factor // 2) for n in volume.shape]
-    array = np.pad(volume.array, padding)
-    nz, ny, nx = (n // factor for n in array.shape)
-    array = array.reshape(nz, factor, ny, factor, nx, factor).mean(axis=(1, 3, 5))
+    nz, ny, nx = ((n + sum(more)) // factor for n, more in zip(volume.shape, padding, strict=True))
+    array = np.empty((nz, ny, nx), volume.array.dtype)
+    for k in range(nz):  # layer by layer: no padded copy of the whole volume
+        first = k * factor - padding[0][0]
+        layer = volume.array[max(first, 0) : first + factor]
+        ends = (max(-first, 0), max(first + factor - volume.shape[0], 0))
+        blocks = np.pad(layer, [ends, *padding[1:]]).reshape(factor, ny, factor, nx, factor)
+        array[k] = blocks.mean(axis=(0, 2, 4))
     offset = np.array([(after - before) / 2 for before, after in padding[::-1]]) * volume.voxel_size
     x, y, z = np.array(volume.center) + offset
     return Volume(array, factor * volume.voxel_size, (x, y, z))

@@ -36,6 +36,7 @@ from grainmotion.model.detector_response import Response
 from grainmotion.model.fluid import Fluid, FluidFit
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.hardening import LINEAR, Hardening
+from grainmotion.model.label_sums import label_sizes
 from grainmotion.model.motion_table import MOTIONS_CONTENT
 from grainmotion.model.motions import Motions
 from grainmotion.model.pose import ViewCorrections
@@ -207,7 +208,7 @@ def _read_phases(labels: h5py.Dataset) -> tuple[Phase, ...]:
 def grain_columns(grains: GrainSet, labels: NDArray[np.int32]) -> dict[str, NDArray[np.generic]]:
     """The grains' table: label, centre of mass (mm), segmented volume (mm³), whether it touches the field's border."""
     centers = grains.centers
-    voxels = np.bincount(labels[labels > 0], minlength=int(grains.labels.max(initial=0)) + 1)
+    voxels = label_sizes(labels, int(grains.labels.max(initial=0)) + 1)
     return {
         "label": grains.labels,
         "x": centers[:, 0],

@@ -132,12 +132,16 @@ class Volume(Summarised):
         Volume
             In its place; one empty voxel if nothing is left.
         """
-        filled = mask & (self.array != 0)
+        filled = (own & (plane != 0) for own, plane in zip(mask, self.array, strict=True))
+        heights, columns = np.zeros(self.shape[0], bool), np.zeros(self.shape[1:], bool)
+        for k, plane in enumerate(filled):
+            heights[k] = plane.any()
+            columns |= plane
         box = []
-        for axis in range(3):
-            places = np.nonzero(filled.any(axis=tuple({0, 1, 2} - {axis})))[0]
+        for places in map(np.flatnonzero, (heights, columns.any(axis=1), columns.any(axis=0))):
             box.append(slice(int(places[0]), int(places[-1]) + 1) if len(places) else slice(0, 1))
-        part = np.where(mask[tuple(box)], self.array[tuple(box)], 0)
+        part = large_zeros(mask[tuple(box)].shape, self.array.dtype)
+        np.copyto(part, self.array[tuple(box)], where=mask[tuple(box)])
         starts = np.array([s.start for s in box[::-1]])
         x, y, z = self.origin + self.voxel_size * (starts + (np.array(part.shape[::-1]) - 1) / 2)
         return Volume(part, self.voxel_size, (float(x), float(y), float(z)))

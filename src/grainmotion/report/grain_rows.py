@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion._typing import Float
+from grainmotion.model.label_sums import label_sizes
 from grainmotion.report.data import ReportData
 
 Value = TypeVar("Value", bound=np.generic)
@@ -55,11 +56,8 @@ def _present(sizes: NDArray[np.int64] | None) -> NDArray[np.int64]:
 
 
 def _sizes(labels: NDArray[np.integer]) -> NDArray[np.int64]:
-    """Voxels of each label, by label; 0 for what is no grain.  A layer at a time, which takes little memory."""
-    top = int(labels.max(initial=0))
-    sizes = np.zeros(top + 1, np.int64)
-    for layer in labels:
-        sizes += np.bincount(layer.ravel(), minlength=top + 1)
+    """Voxels of each label, by label; 0 for what is no grain."""
+    sizes = label_sizes(labels)
     sizes[0] = 0
     return sizes
 

@@ -26,6 +26,7 @@ from grainmotion.io.results import StoredReference
 from grainmotion.io.series_files import write_series
 from grainmotion.io.tiff import read_tiff, write_tiff
 from grainmotion.model.finding import Finding
+from grainmotion.model.label_sums import label_sizes
 from grainmotion.model.motions import Motions
 from grainmotion.model.scan import Scan
 from grainmotion.report import ReportData, StateReport
@@ -253,7 +254,7 @@ def _reference_facts(inputs: Inputs, reference: StoredReference) -> Rows:
     size = " x ".join(str(n) for n in volume.shape)
     rows = [
         ("Volume", f"{size} voxels (z, y, x) of {volume.voxel_size:.4g} mm"),
-        ("Grains", str(0 if labels is None else len(np.unique(labels[labels > 0])))),
+        ("Grains", str(0 if labels is None else np.count_nonzero(label_sizes(labels)[1:]))),
     ]
     if np.isfinite(reference.threshold):
         rows.append(("Threshold", f"{reference.threshold:.4g} 1/mm"))

@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 from grainmotion._typing import Pixels
 from grainmotion.errors import InputError
 from grainmotion.io.volumes.record import VolumeFile
+from grainmotion.model.label_sums import label_sizes
+from grainmotion.model.large_arrays import large_zeros
 from grainmotion.segmentation.labels import MAX_LABEL
 
 MAX_NEGATIVE_LABELS = 1
@@ -24,7 +26,7 @@ def label_array(file: VolumeFile, where: str) -> tuple[NDArray[np.int32], int]:
     One negative number is taken for no grain.  Refused are several, as labels that ran over the top of their type; one
     other than -1 that is rarer than 0, for the same reason; and one beside which 0 is no more frequent than a grain.
     """
-    labels, negative, below, zeros = np.zeros(file.shape, np.int32), set[int](), 0, 0
+    labels, negative, below, zeros = large_zeros(file.shape, np.int32), set[int](), 0, 0
     for (first, last), slab in zip(file.bounds, file.slabs(file.bounds), strict=True):
         _check_whole(slab, where)
         if float(slab.max(initial=0)) > MAX_LABEL:
@@ -67,6 +69,6 @@ def _check_negative(
     if one != USUAL_NEGATIVE and below < zeros:
         fact = f"label {one} beside 0 for no grain: probably a label that ran over the top of {dtype}"
         raise InputError(where, fact, f"{unsigned}; if no grain is there, give 0")
-    if 0 < zeros < below and zeros <= MAX_GRAIN_RATIO * int(np.bincount(labels.ravel())[1:].max(initial=0)):
+    if 0 < zeros < below and zeros <= MAX_GRAIN_RATIO * int(label_sizes(labels)[1:].max(initial=0)):
         fact = f"{one} is around the grains, and 0 holds {zeros} voxels, as a grain does: probably grains begin at 0"
         raise InputError(where, fact, "give labels + 1, so that 0 is no grain")
