@@ -15,11 +15,14 @@ from scipy import ndimage
 from grainmotion._typing import Image
 from grainmotion.model.finding import Check, Finding, Level
 from grainmotion.model.hardening import Hardening
+from grainmotion.model.large_arrays import large_zeros
 from grainmotion.model.progress import counted
 from grainmotion.model.scan import Scan
 from grainmotion.model.slabs import slabs
 from grainmotion.model.volume import Volume
-from grainmotion.preprocessing.beam_hardening import HardeningSettings, best_hardening, material_pieces
+from grainmotion.preprocessing.beam_hardening import HardeningSettings, best_hardening, material_mask
+from grainmotion.segmentation.blocks import Work
+from grainmotion.segmentation.components import Components
 
 HARDENING_CHECK: Check = "hardening"
 HARDENING_VIEWS = 24
@@ -88,7 +91,7 @@ def check_hardening(
     if max(medians) > MAX_CONTRAST * min(medians):
         return ()
     settings = HardeningSettings(degree=2)
-    parts = [lambda: material_pieces(volume, settings), lambda: _pieces_of(labels)]
+    parts = [lambda: _pieces(material_mask(volume, settings)), lambda: _pieces(labels > 0)]
     curve = best_hardening(scan, volume, settings, parts)
     if curve.departure < NOTED_DEPARTURE:
         return ()
@@ -109,6 +112,9 @@ def _away_from_grains(array: Image, labels: NDArray[np.integer]) -> float:
     return total
 
 
-def _pieces_of(labels: NDArray[np.integer]) -> NDArray[np.integer]:
-    """Numbers of the connected pieces that all grains form together."""
-    return np.asarray(ndimage.label(labels > 0)[0])
+def _pieces(mask: NDArray[np.bool_]) -> NDArray[np.integer]:
+    """Numbers of the connected pieces of a mask."""
+    work, out = Work(), large_zeros(mask.shape, np.int32)
+    found = Components.of(mask, work)
+    found.paint(out, np.arange(1, len(found.sizes) + 1, dtype=np.int32), work)
+    return out

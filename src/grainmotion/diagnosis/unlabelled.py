@@ -14,6 +14,7 @@ from grainmotion._typing import Image
 from grainmotion.model.finding import Check, Finding, Level
 from grainmotion.model.label_sums import label_sizes, label_sums, mean_of_labels
 from grainmotion.model.large_arrays import large_empty
+from grainmotion.model.progress import counted
 from grainmotion.model.quantiles import median_of_labels, quantile_of_parts
 from grainmotion.model.slabs import slabs
 from grainmotion.model.volume import Volume
@@ -122,10 +123,10 @@ def unlabelled_blobs(volume: Volume, labels: NDArray[np.integer]) -> Blobs | Non
     if step <= 0:
         return None
     smooth = _smooth_far(array, labels, dark)
-    middle = quantile_of_parts(lambda: map(_known, smooth), 0.5)
+    middle = quantile_of_parts(lambda: map(_known, counted(smooth)), 0.5)
     if np.isnan(middle):
         return None
-    noise = 1.4826 * quantile_of_parts(lambda: (np.abs(_known(plane) - middle) for plane in smooth), 0.5)
+    noise = 1.4826 * quantile_of_parts(lambda: (np.abs(_known(plane) - middle) for plane in counted(smooth)), 0.5)
     mask = smooth > max(dark + BLOB_LEVEL * step, middle + BLOB_NOISE * noise)
     del smooth  # made again in the rare case that there is a blob
     median, ball = float(np.median(sizes)), float(np.median(np.cbrt(3 * sizes / (4 * np.pi))))

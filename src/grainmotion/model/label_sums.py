@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion._typing import Float, Index
+from grainmotion.model.progress import counted
 
 
 def label_sizes(labels: NDArray[np.integer], minlength: int = 0) -> Index:
@@ -20,7 +21,7 @@ def label_sizes(labels: NDArray[np.integer], minlength: int = 0) -> Index:
 def label_sums(labels: NDArray[np.integer], values: NDArray[np.floating]) -> Float:
     """Sums of the values of each label from 0 to the highest, ``(n,)``."""
     sums = np.zeros(int(labels.max(initial=0)) + 1)
-    for plane, of_plane in zip(labels, values, strict=True):
+    for plane, of_plane in zip(counted(labels), values, strict=True):
         own = np.bincount(plane.ravel(), of_plane.ravel())
         sums[: len(own)] += own
     return sums

@@ -11,6 +11,8 @@ from collections.abc import Callable, Iterable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from grainmotion.model.progress import counted
+
 Parts = Callable[[], Iterable[NDArray[np.floating]]]
 """Gives all values, part by part, each time it is called."""
 _HALF = 16
@@ -58,12 +60,12 @@ def quantile_of_parts(parts: Parts, share: float) -> float:
 
 def median_of_labels(labels: NDArray[np.integer], values: NDArray[np.floating], wanted: int | None = None) -> float:
     """Median of the values of one label, by default of all labels above 0 together; NaN if there are none."""
-    return quantile_of_parts(
-        lambda: (
-            own[plane > 0 if wanted is None else plane == wanted] for plane, own in zip(labels, values, strict=True)
-        ),
-        0.5,
-    )
+
+    def parts() -> Iterator[NDArray[np.floating]]:
+        for plane, own in zip(counted(labels), values, strict=True):
+            yield own[plane > 0 if wanted is None else plane == wanted]
+
+    return quantile_of_parts(parts, 0.5)
 
 
 def _keys(parts: Parts) -> Iterator[NDArray[np.uint32]]:

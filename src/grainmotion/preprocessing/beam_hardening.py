@@ -107,7 +107,7 @@ def calibrate_hardening(
     True
     """
     settings = settings or HardeningSettings()
-    parts: list[Parts] = [lambda: material_pieces(volume, settings)]
+    parts: list[Parts] = [lambda: np.asarray(ndimage.label(material_mask(volume, settings))[0])]
     return best_hardening(scan, volume, settings, parts if labels is None else [*parts, lambda: labels])
 
 
@@ -144,16 +144,16 @@ def _curve(scan: Scan, template: Volume, settings: HardeningSettings) -> tuple[f
     return misfit, Hardening(tuple(float(k) for k in c / longest ** np.arange(len(c))), longest, sd)
 
 
-def material_pieces(volume: Volume, settings: HardeningSettings) -> NDArray[np.integer]:
-    """Connected components of the voxels above the threshold, numbered 1 … n."""
+def material_mask(volume: Volume, settings: HardeningSettings) -> NDArray[np.bool_]:
+    """Voxels above the threshold; an `InputError` if there are none."""
     array = volume.array
     if array.max() <= array.min():
         raise InputError("hardening", "the volume is uniform", "check the reconstruction")
     threshold = otsu(array) if settings.threshold is None else settings.threshold
-    pieces, n = ndimage.label(array > threshold)
-    if n == 0:
+    mask = array > threshold
+    if not mask.any():
         raise InputError("hardening.threshold", f"no voxel above {threshold:.4g} 1/mm", "lower it")
-    return np.asarray(pieces)
+    return np.asarray(mask)
 
 
 def _template(volume: Volume, labels: NDArray[np.integer]) -> Volume:
