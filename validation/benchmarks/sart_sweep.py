@@ -125,7 +125,8 @@ def main() -> int:
             "",
             f"The bar, at most {CPU_BAR:g} of RTK's CPU time at no larger ε: {'met' if passed else 'NOT met'}.",
             "",
-            f"{machine()}, itk-rtk {rtk_version}.  Made by `python -m validation.benchmarks.sart_sweep --views {options.views}`.",
+            f"{machine()}, itk-rtk {rtk_version}.  Made by "
+            f"`python -m validation.benchmarks.sart_sweep --views {options.views}`.",
             "",
         ]
     )
