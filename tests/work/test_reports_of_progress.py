@@ -57,6 +57,8 @@ class Watch:
 
     def counting(self, name, function):
         def counted(*args, **kwargs):
+            if progress._PART.get() is None:  # outside of a command, as where a test writes its files
+                return function(*args, **kwargs)
             self.since[name] += 1
             self.calls[name] += 1
             self.most[name] = max(self.most[name], self.since[name])
@@ -122,7 +124,7 @@ def test_reconstruct_and_calibrate(tmp_path, watch):
     invoke("reconstruct", path)
     assert_often_enough(
         watch, "io.stacks:_read", "preprocessing.masked_pixels:spikes", "reconstruction.slabs:advance",
-        "calibration.cross_validation:fitted_volume", "kernels.volume_projection:forward",
+        "calibration.cross_validation:fitted_volume", "kernels.volume_projection_vertical:forward",
     )  # fmt: skip
     assert watch.calls["io.stacks:_read"] >= VIEWS
 
