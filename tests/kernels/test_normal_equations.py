@@ -9,14 +9,16 @@ from patch_tables import BOXES, DERIVATIVES, GRAINS, SHAPE, TABLE, dense_jacobia
 
 def jvp(increments):
     images = np.full(SHAPE, np.nan)
-    normal_equations.jvp(DERIVATIVES, BOXES, TABLE.offsets, TABLE.order, TABLE.view_starts, increments, images)
+    normal_equations.jvp(
+        DERIVATIVES, BOXES, TABLE.offsets, TABLE.order, TABLE.view_starts, increments[None], images[None]
+    )
     return images
 
 
 def vjp(images):
     """Jᵀ y: the sums over each grain's patches."""
     parts = np.full((len(BOXES), 6), np.nan)
-    normal_equations.vjp(DERIVATIVES, BOXES, TABLE.offsets, images, parts)
+    normal_equations.vjp(DERIVATIVES, BOXES, TABLE.offsets, images[None], parts[None])
     out = np.zeros((GRAINS, 6))
     np.add.at(out, BOXES[:, 0], parts)
     return out

@@ -476,3 +476,41 @@ class TestSteppingBorder:
         dense = damped_step(whole, 1e-3)
         monkeypatch.setattr(block_cg, "MAX_DENSE_UNKNOWNS", 0)
         np.testing.assert_allclose(damped_step(whole, 1e-3, 1e-9), dense, atol=1e-6 * np.abs(dense).max())
+
+
+@dataclass(frozen=True, eq=False)
+class Objects(LeastSquares):
+    """Unknowns that are objects, one each."""
+
+    def step_sizes(self, state: Array, step: Array) -> Array:
+        return np.abs(step)
+
+
+def slow_and_quick() -> Objects:
+    """One unknown with a root of order four, to which steps shrink by three quarters only, among 19 linear ones."""
+    return Objects(
+        lambda x: np.append(x[1:] - 1.0, 10 * (x[0] - 1.0) ** 4),
+        lambda x: np.vstack([np.eye(20)[1:], 40 * (x[0] - 1.0) ** 3 * np.eye(20)[:1]]),
+    )
+
+
+def test_few_objects_that_move_while_the_others_rest_are_handed_over():
+    start = np.zeros(20)
+    stopping = Stopping(iterations=30, step=1e-4, straggler_distance=0.01, rest=0.01, few=0.1)
+    solution = gauss_newton(slow_and_quick(), start, stopping)
+    assert solution.moving is not None
+    assert np.flatnonzero(solution.moving).tolist() == [0]
+    assert not solution.settled
+    alone = gauss_newton(slow_and_quick(), start, replace(stopping, few=0.0))
+    assert alone.moving is None
+    assert solution.iterations < alone.iterations
+
+
+def test_rejected_steps_in_a_row_may_end_the_iteration():
+    known = rosenbrock()
+    many_steps = gauss_newton(known.problem, known.start, Stopping(iterations=100, step=1e-9, decrease=0.0))
+    few_steps = gauss_newton(
+        known.problem, known.start, Stopping(iterations=100, step=1e-9, decrease=0.0, rejections=1)
+    )
+    assert few_steps.iterations < many_steps.iterations
+    assert few_steps.costs[-1] < few_steps.costs[0]

@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from grainmotion._typing import Float, Image, Index
 from grainmotion.backends.base import BackendArray, Grains, ImageStacks, PatchBackend, Settings
 from grainmotion.kernels import filters, grain_projection, normal_equations, stretched_grain_projection
 from grainmotion.kernels.layout import GrainTable, PatchTable, ViewTable
+from grainmotion.model.compact_volume import CompactVoxels
 from grainmotion.model.pose import Pose
+from grainmotion.model.progress import counted
+
+LINES_OF_A_PART, VOXELS_OF_A_PART = 100_000, 1 << 22
+"""Lines of patches that are traced in one call, some tenths of a second; voxels of compact grains written for one."""
+STACKS_AT_ONCE = 8
+"""Stacks of radiographs that one pass over the derivatives multiplies: these are read from memory once."""
 
 
 @dataclass(frozen=True)
@@ -29,34 +38,38 @@ class CpuBackend:
         return patches
 
     def project(self, grains: GrainTable, views: ViewTable, patches: PatchTable, exact: bool) -> Image:
-        values = np.zeros(patches.offsets[-1], np.asarray(grains.voxels).dtype)
+        values = np.zeros(patches.offsets[-1], _precision(grains))
         kernels = grain_projection if grains.stretches is None else stretched_grain_projection
-        kernels.project(grains, views, patches, exact, values)
+        for some, lines in parts(grains, patches):
+            kernels.project(some, views, patches._replace(lines=lines), exact, values)
         return values
 
     def project_with_derivatives(
         self, grains: GrainTable, views: ViewTable, patches: PatchTable, exact: bool
     ) -> tuple[Image, Image]:
-        pixels, dtype = patches.offsets[-1], np.asarray(grains.voxels).dtype
+        pixels, dtype = patches.offsets[-1], _precision(grains)
         values, derivatives = np.zeros(pixels, dtype), np.zeros((6, pixels), dtype)
         if grains.stretches is not None:
             return self.project_with_strain_derivatives(grains, views, patches, exact)[:2]
-        grain_projection.project_with_derivatives(grains, views, patches, exact, values, derivatives)
+        for some, lines in parts(grains, patches):
+            table = patches._replace(lines=lines)
+            grain_projection.project_with_derivatives(some, views, table, exact, values, derivatives)
         return values, derivatives
 
     def project_with_strain_derivatives(
         self, grains: GrainTable, views: ViewTable, patches: PatchTable, exact: bool
     ) -> tuple[Image, Image, Image]:
         """Line integrals of stretched grains, and their derivatives by u and δ and by the strains."""
-        pixels, dtype = patches.offsets[-1], np.asarray(grains.voxels).dtype
+        pixels, dtype = patches.offsets[-1], _precision(grains)
         values, derivatives, by_strain = (
             np.zeros(pixels, dtype),
             np.zeros((6, pixels), dtype),
             np.zeros((6, pixels), dtype),
         )
-        stretched_grain_projection.project_with_derivatives(
-            grains, views, patches, exact, values, derivatives, by_strain
-        )
+        for some, lines in parts(grains, patches):
+            stretched_grain_projection.project_with_derivatives(
+                some, views, patches._replace(lines=lines), exact, values, derivatives, by_strain
+            )
         return values, derivatives, by_strain
 
     def add_patches(self, values: BackendArray, patches: PatchTable, shape: tuple[int, int, int]) -> Image:
@@ -72,19 +85,22 @@ class CpuBackend:
         filters.filter_patches(derivatives, patches.boxes, patches.offsets, factor, weights)
 
     def vjp(self, derivatives: BackendArray, patches: PatchTable, stacks: ImageStacks | Sequence[Image]) -> Float:
-        out = np.zeros((len(stacks), len(patches.boxes), 6))
-        for images, dots in zip(stacks, out, strict=True):
-            normal_equations.vjp(derivatives, patches.boxes, patches.offsets, images, dots)
+        out, some = np.zeros((len(stacks), len(patches.boxes), 6)), list(stacks)
+        tables = derivatives, patches.boxes, patches.offsets
+        for k in range(0, len(some), STACKS_AT_ONCE):
+            group = slice(k, k + STACKS_AT_ONCE)
+            normal_equations.vjp(*tables, _stacked(some[group]), out[group])
         return out
 
     def jvp(
         self, derivatives: BackendArray, patches: PatchTable, increments: Float, shape: tuple[int, int, int]
     ) -> list[Image]:
         tables, stacks = (patches.boxes, patches.offsets, patches.order, patches.view_starts), list[Image]()
-        for each in increments:
-            images = np.empty(shape)
-            normal_equations.jvp(derivatives, *tables, each, images)
-            stacks.append(images.astype(derivatives.dtype, copy=False))
+        for k in range(0, len(increments), STACKS_AT_ONCE):
+            some = increments[k : k + STACKS_AT_ONCE]
+            images = np.empty((len(some), *shape))
+            normal_equations.jvp(derivatives, *tables, some, images)
+            stacks += list(images.astype(derivatives.dtype, copy=False))
         return stacks
 
     def gram_blocks(self, derivatives: BackendArray, patches: PatchTable, pairs: Index, first: Index) -> Float:
@@ -101,6 +117,42 @@ class CpuBackend:
         settings: Settings,
     ) -> Float:
         return function(grains, pose, images, settings)
+
+
+def parts(grains: GrainTable, patches: PatchTable) -> Iterator[tuple[GrainTable, Index]]:
+    """The grains with all that a kernel needs to trace some of the patches' lines, and these, part by part.
+
+    Parts are small, so that progress is told between them and compact voxels are written for a few grains at a time.
+    """
+    lines = patches.lines
+    if not isinstance(grains.voxels, CompactVoxels):
+        for k in counted(range(0, len(lines), LINES_OF_A_PART)):
+            yield grains, lines[k : k + LINES_OF_A_PART]
+        return
+    owners = patches.boxes[lines[:, 0], 0]  # patches follow their grains
+    tops = np.cumsum(grains.shapes.prod(axis=1))
+    cuts = np.searchsorted(tops, np.arange(VOXELS_OF_A_PART, tops[-1], VOXELS_OF_A_PART))
+    firsts = np.unique([0, *cuts.tolist(), len(tops)])
+    for first, end in counted(list(pairwise(firsts.tolist()))):
+        own = slice(*np.searchsorted(owners, [first, end]))
+        if own.start == own.stop:
+            continue
+        rows, which = np.unique(grains.starts[first:end], return_inverse=True)
+        voxels, begins = grains.voxels.written(rows)
+        starts = np.zeros_like(grains.starts)
+        starts[first:end] = begins[which]
+        yield grains._replace(voxels=voxels, starts=starts), lines[own]
+
+
+def _stacked(images: Sequence[ArrayLike]) -> Image:
+    """Stacks of radiographs in one array, without a copy of a single one."""
+    return np.asarray(images[0])[None] if len(images) == 1 else np.stack([np.asarray(image) for image in images])
+
+
+def _precision(grains: GrainTable) -> np.dtype[np.floating]:
+    """The precision of the grains' voxels."""
+    voxels = grains.voxels
+    return voxels.dtype if isinstance(voxels, CompactVoxels) else np.asarray(voxels).dtype
 
 
 def _as_precise(kernel: Image, values: BackendArray) -> Image:

@@ -119,8 +119,7 @@ def jvp(piece: Piece, patches: PatchTable, increments: Float, like: tuple[int, i
     stacks = np.zeros((len(increments), views, max(end - first, 0), columns))
     tables = below(patches, first).boxes, patches.offsets, patches.order, patches.view_starts
     with use_worker_threads():
-        for each, images in zip(np.ascontiguousarray(increments), stacks, strict=True):
-            normal_equations.jvp(derivatives_of(piece), *tables, each, images)
+        normal_equations.jvp(derivatives_of(piece), *tables, np.ascontiguousarray(increments), stacks)
     return ImageStrip(first, stacks)
 
 

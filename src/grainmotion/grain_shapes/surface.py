@@ -246,7 +246,7 @@ def _marched(field: Float, level: float, grid: Volume, where: str, source: Sourc
 
 def _averaged(grain: Grain) -> Volume:
     """The grain on voxels of the reference's size; its upsampled voxels averaged where there are such."""
-    fine = grain.fine
+    fine = grain.fine_volume
     if fine is None:
         return grain.volume
     k = round(grain.volume.voxel_size / fine.voxel_size)

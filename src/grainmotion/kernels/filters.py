@@ -50,17 +50,47 @@ def filter_images(images, weights):
         _smooth(images[i], np.empty((rows, columns), images.dtype), weights)
 
 
+@nb.njit(cache=CACHE, fastmath=True, error_model="numpy")
+def _smooth_laid_out(source, target, weights, stride):
+    """Convolve pixels that lie one after the other with the symmetric half-kernel, neighbours ``stride`` apart.
+
+    What lies before and after is zero.  One loop over all pixels a weight: loops over short rows are slow.
+    """
+    n = len(source)
+    for c in range(n):
+        target[c] = weights[0] * source[c]
+    for k in range(1, len(weights)):
+        step, weight = k * stride, weights[k]
+        if step < n:
+            ahead, behind, near, far = source[step:], source[: n - step], target[: n - step], target[step:]
+            for c in range(n - step):
+                near[c] += weight * ahead[c]
+            for c in range(n - step):
+                far[c] += weight * behind[c]
+
+
 @nb.njit(parallel=True, cache=CACHE, error_model="numpy")
 def filter_patches(derivatives, boxes, offsets, valid, weights):
     """Mask, then filter each patch of ``derivatives (k, pixels)`` in place; ``valid`` is (views, rows, columns)."""
-    each = len(derivatives)
-    for job in nb.prange(each * len(boxes)):
-        p, k = job // each, job % each
+    each, reach = len(derivatives), len(weights) - 1
+    for p in nb.prange(len(boxes)):
         i, r0, r1, c0, c1 = boxes[p, 1], boxes[p, 2], boxes[p, 3], boxes[p, 4], boxes[p, 5]
         rows, columns = r1 - r0, c1 - c0
-        patch = derivatives[k, offsets[p] : offsets[p] + rows * columns].reshape(rows, columns)
-        for r in range(rows):
-            for c in range(columns):
-                patch[r, c] *= valid[i, r0 + r, c0 + c]
-        if len(weights) > 1:
-            _smooth(patch, np.empty((rows, columns), patch.dtype), weights)
+        wide = columns + reach  # zeros keep the rows apart
+        source = np.zeros(rows * wide, derivatives.dtype)
+        work = np.empty(rows * wide, derivatives.dtype)
+        for k in range(each):
+            patch = derivatives[k, offsets[p] : offsets[p + 1]]
+            for r in range(rows):
+                line, factor = patch[r * columns : (r + 1) * columns], valid[i, r0 + r, c0:c1]
+                masked = source[r * wide : r * wide + columns]
+                for c in range(columns):
+                    masked[c] = line[c] * factor[c]
+            if reach > 0:
+                _smooth_laid_out(source, work, weights, 1)
+                _smooth_laid_out(work, source, weights, wide)
+            for r in range(rows):
+                line, done = patch[r * columns : (r + 1) * columns], source[r * wide : r * wide + wide]
+                for c in range(columns):
+                    line[c] = done[c]
+                done[columns:] = 0

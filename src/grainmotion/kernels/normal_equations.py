@@ -15,59 +15,71 @@ from grainmotion.kernels.compilation import CACHE
 
 
 @nb.njit(parallel=True, cache=CACHE, fastmath=True, error_model="numpy")
-def vjp(derivatives, boxes, offsets, images, out):
-    """Jᵀ y: dot products ``out (patches, 6)`` of each patch's derivatives with ``images (views, rows, columns)``."""
+def vjp(derivatives, boxes, offsets, stacks, out):
+    """Jᵀ y: dot products ``out (k, patches, 6)`` of each patch's derivatives with ``stacks (k, views, rows, columns)``.
+
+    Sums do not depend on the number of stacks.
+    """
     for p in nb.prange(len(boxes)):
         i, r0, r1, c0, c1 = boxes[p, 1], boxes[p, 2], boxes[p, 3], boxes[p, 4], boxes[p, 5]
         width = c1 - c0
-        t0, t1, t2, t3, t4, t5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        for r in range(r0, r1):
-            at, image = offsets[p] + (r - r0) * width, images[i, r, c0:c1]
-            d0, d1 = derivatives[0, at : at + width], derivatives[1, at : at + width]
-            d2, d3 = derivatives[2, at : at + width], derivatives[3, at : at + width]
-            d4, d5 = derivatives[4, at : at + width], derivatives[5, at : at + width]
-            for c in range(width):
-                value = np.float64(image[c])
-                t0 += np.float64(d0[c]) * value
-                t1 += np.float64(d1[c]) * value
-                t2 += np.float64(d2[c]) * value
-                t3 += np.float64(d3[c]) * value
-                t4 += np.float64(d4[c]) * value
-                t5 += np.float64(d5[c]) * value
-        out[p, 0], out[p, 1], out[p, 2] = t0, t1, t2
-        out[p, 3], out[p, 4], out[p, 5] = t3, t4, t5
+        for q in range(len(stacks)):
+            t0, t1, t2, t3, t4, t5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            for r in range(r0, r1):
+                at, image = offsets[p] + (r - r0) * width, stacks[q, i, r, c0:c1]
+                d0, d1 = derivatives[0, at : at + width], derivatives[1, at : at + width]
+                d2, d3 = derivatives[2, at : at + width], derivatives[3, at : at + width]
+                d4, d5 = derivatives[4, at : at + width], derivatives[5, at : at + width]
+                for c in range(width):
+                    value = np.float64(image[c])
+                    t0 += np.float64(d0[c]) * value
+                    t1 += np.float64(d1[c]) * value
+                    t2 += np.float64(d2[c]) * value
+                    t3 += np.float64(d3[c]) * value
+                    t4 += np.float64(d4[c]) * value
+                    t5 += np.float64(d5[c]) * value
+            out[q, p, 0], out[q, p, 1], out[q, p, 2] = t0, t1, t2
+            out[q, p, 3], out[q, p, 4], out[q, p, 5] = t3, t4, t5
 
 
 ROWS_OF_A_THREAD = 32  # of an image that J x fills
 
 
 @nb.njit(parallel=True, cache=CACHE, fastmath=True, error_model="numpy")
-def jvp(derivatives, boxes, offsets, order, first, increments, images):
-    """J x: fill ``images (views, rows, columns)`` with what ``increments (n, 6)`` of the grains change in all patches.
+def jvp(derivatives, boxes, offsets, order, first, increments, stacks):
+    """J x: fill ``stacks (k, views, rows, columns)`` with what ``increments (k, n, 6)`` of the grains change.
 
     ``order[first[i]:first[i + 1]]`` are the patches of view i.  Each patch is worked out in the derivatives' precision;
     images in double precision add single numbers up exactly, so that no order of sums shows.
     """
-    views, rows, _ = images.shape
+    _, views, rows, columns = stacks.shape
     bands = (rows + ROWS_OF_A_THREAD - 1) // ROWS_OF_A_THREAD
     for job in nb.prange(views * bands):
         i, low = job // bands, job % bands * ROWS_OF_A_THREAD
         high = min(low + ROWS_OF_A_THREAD, rows)
-        images[i, low:high] = 0
+        stacks[:, i, low:high] = 0
+        work = np.empty(ROWS_OF_A_THREAD * columns, derivatives.dtype)
         for e in range(first[i], first[i + 1]):
             p = order[e]
-            g, r0, r1, c0, c1 = boxes[p, 0], boxes[p, 2], boxes[p, 3], boxes[p, 4], boxes[p, 5]
-            width = c1 - c0
+            g, c0, c1 = boxes[p, 0], boxes[p, 4], boxes[p, 5]
+            r0, r1, width = max(boxes[p, 2], low), min(boxes[p, 3], high), c1 - c0
+            if r0 >= r1:
+                continue
+            at = offsets[p] + (r0 - boxes[p, 2]) * width
+            end = at + (r1 - r0) * width
+            d0, d1, d2 = derivatives[0, at:end], derivatives[1, at:end], derivatives[2, at:end]
+            d3, d4, d5 = derivatives[3, at:end], derivatives[4, at:end], derivatives[5, at:end]
+            pixels = work[: end - at]
             f = derivatives.dtype.type
-            v0, v1, v2 = f(increments[g, 0]), f(increments[g, 1]), f(increments[g, 2])
-            v3, v4, v5 = f(increments[g, 3]), f(increments[g, 4]), f(increments[g, 5])
-            for r in range(max(r0, low), min(r1, high)):
-                at, line = offsets[p] + (r - r0) * width, images[i, r, c0:c1]
-                d0, d1 = derivatives[0, at : at + width], derivatives[1, at : at + width]
-                d2, d3 = derivatives[2, at : at + width], derivatives[3, at : at + width]
-                d4, d5 = derivatives[4, at : at + width], derivatives[5, at : at + width]
-                for c in range(width):
-                    line[c] += v0 * d0[c] + v1 * d1[c] + v2 * d2[c] + v3 * d3[c] + v4 * d4[c] + v5 * d5[c]
+            for q in range(len(stacks)):
+                x = increments[q, g]
+                v0, v1, v2, v3, v4, v5 = f(x[0]), f(x[1]), f(x[2]), f(x[3]), f(x[4]), f(x[5])
+                for c in range(len(pixels)):
+                    pixels[c] = v0 * d0[c] + v1 * d1[c] + v2 * d2[c] + v3 * d3[c] + v4 * d4[c] + v5 * d5[c]
+                for r in range(r0, r1):
+                    line, image = pixels[(r - r0) * width : (r - r0 + 1) * width], stacks[q, i, r, c0:c1]
+                    for c in range(width):
+                        image[c] += line[c]
 
 
 @nb.njit(parallel=True, cache=CACHE, fastmath=True, error_model="numpy")

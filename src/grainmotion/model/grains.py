@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion.errors import InputError
+from grainmotion.model.compact_volume import CompactVolume
 from grainmotion.model.scene import Scene
 from grainmotion.model.summary import Summarised, Summary, names_text, shape_text, vector_text
 from grainmotion.model.thumbnails import LINE, circles_picture, grey_picture
@@ -30,8 +31,9 @@ class Grain(Summarised):
         Attenuation-weighted centre of mass c, mm, x y z: the centre of its rotations.
     touches_border : bool
         Whether it reaches the border of the reconstructed field of view, and so may be incomplete.
-    fine : Volume, optional
-        The same attenuation on finer voxels, for the last stages of tracking; padded as ``volume``.
+    fine : Volume or CompactVolume, optional
+        The same attenuation on finer voxels, for the last stages of tracking; padded as ``volume``.  Of many
+        grains they are kept compactly, and their ``array`` is made anew each time.
 
     Examples
     --------
@@ -44,7 +46,12 @@ class Grain(Summarised):
     volume: Volume
     center: NDArray[np.float64]
     touches_border: bool = False
-    fine: Volume | None = None
+    fine: Volume | CompactVolume | None = None
+
+    @property
+    def fine_volume(self) -> Volume | None:
+        """``fine`` with all its voxels in memory."""
+        return self.fine.volume if isinstance(self.fine, CompactVolume) else self.fine
 
     def _summary(self) -> Summary:
         box = f"{shape_text(self.volume.shape)} voxels of {self.volume.voxel_size:.5g} mm"

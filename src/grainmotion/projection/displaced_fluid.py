@@ -77,7 +77,7 @@ class Submersion:
                 out.append(grain)
                 continue
             volume = replace(grain.volume, array=grain.volume.array + displaced * change * self.occupancies[k])
-            fine = grain.fine
+            fine = grain.fine_volume
             if fine is not None:
                 if k not in self._fine_occupancies:
                     scale = grain.volume.voxel_size / fine.voxel_size

@@ -15,6 +15,7 @@ from grainmotion.backends.cpu import CPU
 from grainmotion.errors import InputError
 from grainmotion.kernels import grain_ray_tracing
 from grainmotion.kernels.layout import PADDING, GrainTable
+from grainmotion.model.compact_volume import CompactVolume, CompactVoxels
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.grains import Grain, GrainSet
 from grainmotion.model.pose import Pose
@@ -30,6 +31,7 @@ HULL_DIRECTIONS = 128
 class GrainArrays:
     """A `GrainSet` as the flat arrays that kernels trace (see `kernels.layout.GrainTable`).
 
+    ``compact`` are their voxels instead of ``images`` where finer grains are kept compactly.
     ``extents (n, 2, directions)`` are the pairs of planes between which each grain's voxels count (voxels, see
     `kernels.grain_ray_tracing`).  ``hulls (n, k, 3)`` are outermost points of each grain from its centre,
     ``radii (n,)`` the radii of balls with the grains' own moments of inertia, both in mm.  ``voxel_size`` is that of
@@ -51,6 +53,7 @@ class GrainArrays:
     backend: PatchBackend = CPU
     placed: object = None
     stretches: Float | None = None
+    compact: CompactVoxels | None = None
 
     def __len__(self) -> int:
         return len(self.starts)
@@ -63,13 +66,18 @@ class GrainArrays:
     def on(self, backend: PatchBackend) -> GrainArrays:
         """The same grains, to be projected by a backend if it accepts them."""
         heights, relative_size = self.centers[:, 2], self.voxel_size / self.unit
+        if self.compact is not None:
+            if backend is CPU:
+                return self
+            images, starts = self.compact.written(np.arange(len(self.compact.volumes)))
+            return replace(self, images=images, starts=starts[self.starts], compact=None).on(backend)
         accepted, placed = backend.place_voxels(self.images, self.starts, heights, relative_size)
         return replace(self, backend=accepted, placed=placed)
 
     def table(self, pose: Pose) -> GrainTable:
         """The grains at a pose, as kernels take them."""
         return GrainTable(
-            self.images if self.placed is None else self.placed,
+            (self.images if self.compact is None else self.compact) if self.placed is None else self.placed,
             self.starts, self.shapes, self.corners, self.extents, self.voxel_size,
             self.centers + pose.translations, np.ascontiguousarray(pose.matrices), self.stretches,
         )  # fmt: skip
@@ -86,20 +94,23 @@ class GrainArrays:
         """Pack the grains' voxels one after the other; ``fine`` takes their finer ones if all have some."""
         fine = fine and all(g.fine is not None for g in grains.grains)
         volumes = [g.fine if fine and g.fine is not None else g.volume for g in grains.grains]
-        arrays = [v.array for v in volumes]
-        sizes = np.array([a.size for a in arrays], dtype=np.int64)
+        sizes = np.array([np.prod(v.shape) for v in volumes], dtype=np.int64)
         if sizes.max() > MAX_GRAIN_VOXELS:
             raise InputError(
                 "grains", f"one spans {sizes.max()} voxels, more than {MAX_GRAIN_VOXELS}", "reconstruct coarser"
             )
         corners = np.array([v.origin - g.center for v, g in zip(volumes, grains.grains, strict=True)]).reshape(-1, 3)
         h = volumes[0].voxel_size
-        ends = [_line_ends(a) for a in arrays]
-        hulls = [_extreme_points(p, a) * h + corner for p, a, corner in zip(ends, arrays, corners, strict=True)]
+        ends = [_line_ends(v.array) for v in volumes]
+        hulls = [_extreme_points(p, v.shape) * h + corner for p, v, corner in zip(ends, volumes, corners, strict=True)]
+        compact = [v for v in volumes if isinstance(v, CompactVolume)]
+        kept = len(compact) == len(volumes)
+        starts = np.arange(len(grains)) if kept else np.concatenate([[0], np.cumsum(sizes)[:-1]])
         return cls(
-            images=_end_to_end(arrays),
-            starts=np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64),
-            shapes=np.array([a.shape for a in arrays], dtype=np.int64),
+            images=np.zeros(0, np.float32) if kept else _end_to_end([v.array for v in volumes]),
+            compact=CompactVoxels(compact) if kept else None,
+            starts=starts.astype(np.int64),
+            shapes=np.array([v.shape for v in volumes], dtype=np.int64),
             corners=corners,
             extents=np.array([_extents(points) for points in ends]),
             centers=grains.centers,
@@ -108,6 +119,12 @@ class GrainArrays:
             voxel_size=h,
             unit=grains.voxel_size,
         )
+
+    def voxels_of(self, row: int) -> Image:
+        """The voxels of one grain, flat."""
+        if self.compact is not None:
+            return self.compact.volumes[int(self.starts[row])].array.ravel()
+        return self.images[self.starts[row] : self.starts[row] + int(self.shapes[row].prod())]
 
     def select(self, which: Sequence[int] | NDArray[np.int64]) -> GrainArrays:
         """Some of the grains; a row may come more than once, and shares its voxels."""
@@ -121,8 +138,8 @@ class GrainArrays:
         if factor == 1:
             return self
         images, shapes = [], []
-        for start, shape in zip(self.starts, self.shapes, strict=True):
-            inner = self.images[start : start + shape.prod()].reshape(shape)
+        for row, shape in enumerate(self.shapes):
+            inner = self.voxels_of(row).reshape(shape)
             images.append(np.pad(block_reduce(inner, factor, np.mean), PADDING))
             shapes.append(images[-1].shape)
         sizes = np.array([i.size for i in images])
@@ -199,10 +216,10 @@ def _extents(points: Float) -> Image:
     )
 
 
-def _extreme_points(points: Float, array: Image) -> Float:
+def _extreme_points(points: Float, shape: tuple[int, int, int]) -> Float:
     """Voxels (x y z indices) of the grain that reach furthest in many directions: its convex hull, nearly."""
     if len(points) == 0:
-        return np.full((HULL_DIRECTIONS, 3), (np.array(array.shape[::-1]) - 1) / 2)
+        return np.full((HULL_DIRECTIONS, 3), (np.array(shape[::-1]) - 1) / 2)
     return points[np.argmax(ball_directions() @ points.T, axis=1)]
 
 

@@ -13,6 +13,7 @@ from scipy import ndimage
 from grainmotion._arguments import checked_arguments
 from grainmotion.errors import InputError
 from grainmotion.kernels.layout import PADDING
+from grainmotion.model.compact_volume import CompactVolume
 from grainmotion.model.grains import Grain, GrainSet
 from grainmotion.model.progress import counted, detail
 from grainmotion.model.scene import NO_MOTION, RIGID_MOTION, Body, Freedom, Scene
@@ -33,6 +34,8 @@ MAX_REACH_WITH_REST = 1.5
 """Largest ``reach`` where there is attenuation that belongs to no grain and no body, or a liquid, voxels."""
 BACKGROUND_SIGMA = 2.0
 """Width of the Gaussian filter under which a background is distinguished from noise, voxels."""
+MAX_FINE_BYTES = 1 << 30
+"""Memory of upsampled grains in single precision from which they are kept compactly (decision 0050)."""
 MAX_LABELS_NAMED = 10
 """Labels that a warning lists."""
 PLANES_FILTERED_TOGETHER = 32
@@ -163,9 +166,12 @@ def _grains_and_scene(
             boxes.append((label, box))
     if settings.finer > 1 and min(volume.shape) > 1:
         detail("cutting grains on finer voxels", 1, 2)
+        compact = volume.array.dtype == np.float32 and _fine_bytes(boxes, settings) > MAX_FINE_BYTES
         fines = cut(volume, owned.labels, boxes, settings.finer, owned.reach)
         for k, fine in enumerate(counted(fines, len(boxes))):
-            grains[k] = grains[k] if fine is None else replace(grains[k], fine=padded(fine))
+            if fine is not None:
+                whole = padded(fine)
+                grains[k] = replace(grains[k], fine=CompactVolume.of(whole) if compact else whole)
     if not grains:
         raise InputError("labels", "no grains found", "check the threshold, or the labels given")
     store_contiguously(grains)
@@ -232,13 +238,22 @@ def _unowned_share(
     return unowned / whole
 
 
+def _fine_bytes(boxes: list[Boxed], settings: SegmentSettings) -> int:
+    """Memory of all upsampled grains in single precision, about."""
+    edges = np.array([[s.stop - s.start for s in box] for _, box in boxes]).reshape(-1, 3)
+    return int(4 * (settings.finer * edges + 2 * PADDING).prod(axis=1).sum())
+
+
 def padded(volume: Volume) -> Volume:
     """The volume with `PADDING` empty voxels around it."""
     return Volume(np.pad(volume.array, PADDING), volume.voxel_size, volume.center)
 
 
 def store_contiguously(grains: list[Grain]) -> None:
-    """Move the voxels of all grains, in place, to one array (and upsampled ones to another), as kernels need them."""
+    """Move the voxels of all grains, in place, to one array (and upsampled ones to another), as kernels need them.
+
+    Compact ones stay where they are.
+    """
     arrays = [np.empty(sum(v.array.size for v in volumes), volumes[0].array.dtype) for volumes in _levels(grains)]
     ends = [0, 0]
     for k, grain in enumerate(grains):  # one by one, so that the memory of each is freed once it is copied
@@ -254,7 +269,7 @@ def store_contiguously(grains: list[Grain]) -> None:
 
 def _levels(grains: list[Grain]) -> list[list[Volume]]:
     """The volumes of all grains, and the upsampled ones if all grains have them."""
-    fine = [g.fine for g in grains if g.fine is not None]
+    fine = [g.fine for g in grains if isinstance(g.fine, Volume)]
     return [[g.volume for g in grains], *([fine] if len(fine) == len(grains) else [])]
 
 

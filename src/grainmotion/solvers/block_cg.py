@@ -14,6 +14,11 @@ from grainmotion.solvers.semidefinite import damped_solver, unresolved_informati
 MAX_DENSE_UNKNOWNS = 600
 """Unknowns up to which a dense Cholesky factor is taken; beyond, preconditioned conjugate gradients."""
 
+ITERATIONS_COMPARED = 5
+"""Iterations whose decrease together tells whether more of them are worth while."""
+LEAST_SHARE_OF_DECREASE, TIMES_ENOUGH = 0.05, 20.0
+"""Share of the decrease so far that they must reach while it exceeds so many times what is enough: the quadratic model
+of a long step is not worth solving."""
 CG_INVERSE_TOLERANCE, MAX_CG_ITERATIONS = 1e-8, 500
 """Relative residual at which the conjugate gradients of `inverse` end; iterations at most."""
 
@@ -65,12 +70,15 @@ def conjugate_gradients(
     b: Float,
     tolerance: float,
     max_iterations: int = MAX_CG_ITERATIONS,
+    enough: float = 0.0,
 ) -> Float:
     """Solve A x = b for a vector or for columns ``(N, k)`` to a relative residual, preconditioned by 6×6 blocks.
 
     Columns are solved side by side, each until it has converged: one product with many columns costs less than as
-    many products.
+    many products.  All end once `ITERATIONS_COMPARED` iterations lower ½ xᵀAx − bᵀx by less than ``enough``, or by
+    little of its decrease so far.
     """
+    gains = list[float]()
     inverses, residual = np.linalg.inv(blocks), b.reshape(len(b), -1).astype(float)
     x, direction, previous = np.zeros_like(residual), np.zeros_like(residual), np.ones(residual.shape[1])
     target = tolerance * np.linalg.norm(residual, axis=0)
@@ -88,7 +96,19 @@ def conjugate_gradients(
         x[:, active] += length * search
         residual[:, active] -= length * image
         direction[:, active], previous[active] = search, rho
+        gains.append(0.5 * float(length @ rho))
+        if enough > 0 and not worth_while(gains, enough):
+            break
     return x.reshape(b.shape)
+
+
+def worth_while(gains: list[float], enough: float) -> bool:
+    """Whether the last of the decreases by each iteration ask for more iterations."""
+    if len(gains) < ITERATIONS_COMPARED:
+        return True
+    total = sum(gains)
+    share = LEAST_SHARE_OF_DECREASE * total if total > TIMES_ENOUGH * enough else 0.0
+    return sum(gains[-ITERATIONS_COMPARED:]) > max(enough, share)
 
 
 def damped_product(hessian: Hessian, damping: float) -> tuple[Callable[[Float], Float], Float]:

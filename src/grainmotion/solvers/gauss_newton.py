@@ -28,6 +28,7 @@ from dataclasses import dataclass, field
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from grainmotion._typing import Float
 from grainmotion.solvers.block_cg import (
@@ -42,9 +43,9 @@ from grainmotion.solvers.semidefinite import pseudo_inverse
 
 State = TypeVar("State")
 
-DEFAULT_FORCING, MAX_CG_ITERATIONS_PER_STEP = 1e-2, 60
-"""Relative residual at which the conjugate gradients of a step end by default, and their iterations at most: a step is
-good long before directions that are hardly determined are solved for."""
+DEFAULT_FORCING, ENOUGH_OF_DECREASE, MAX_CG_ITERATIONS_PER_STEP = 1e-4, 0.2, 200
+"""Conjugate gradients of a step end at this relative residual, or once several iterations together lower the cost by
+less than this share of the decrease that ends the stage (`block_cg.worth_while`), or after so many iterations."""
 
 MAX_DAMPING_NEAR_MINIMUM = 1e-2
 """Damping up to which a small decrease means that the minimum is near, not that damping kept the step short."""
@@ -130,7 +131,14 @@ class Stopping:
         No decrease ends the iteration while more than a share ``stragglers`` of the objects moves further than
         ``straggler_distance``.
     forcing : float
-        Relative residual to which steps of large problems are solved.
+        Relative residual to which steps of large problems are solved; they end before where iterations lower the cost
+        by little of what ``decrease`` asks for.
+    rejections : float
+        Steps that do not lower the cost, one after the other, after which it ends once some have.
+    rest, few : float
+        It also ends where more than the share ``stragglers`` moves further than ``straggler_distance``, which keeps it
+        from ending otherwise, but no more than the share ``few`` moves further than ``rest``: those few can be solved
+        for alone (`Solution.moving`).
     pause, pause_cost : float
         Relative decrease over `PAUSE_TRIALS` steps tried below which it pauses, after `MIN_STEPS_BEFORE_PAUSE` and at a
         cost below ``pause_cost``: what hardly matters may be fixed before it goes on.
@@ -142,19 +150,26 @@ class Stopping:
     straggler_distance: float = np.inf
     stragglers: float = 0.0
     forcing: float = DEFAULT_FORCING
+    rejections: float = np.inf
+    rest: float = 0.0
+    few: float = 0.0
     pause: float = 0.0
     pause_cost: float = np.inf
 
 
 @dataclass(frozen=True, eq=False)
 class Solution(Generic[State]):
-    """The state where the solver ended, the cost after each accepted step, whether it settled and whether it paused."""
+    """The state where the solver ended, the cost after each accepted step, whether it settled and whether it paused.
+
+    ``moving`` are the objects that still moved while all others rested (see `Stopping.few`), None if there are none.
+    """
 
     state: State
     costs: tuple[float, ...]
     last_step: Float
     settled: bool = field(default=False)
     paused: bool = False
+    moving: NDArray[np.bool_] | None = None
 
     @property
     def iterations(self) -> int:
@@ -179,15 +194,19 @@ def gauss_newton(
     damping, growth = 1e-4, 2.0
     step = np.zeros(len(current.gradient) + len(current.border_gradient))
     previous = np.inf, np.inf  # size and predicted decrease of the step before
-    ended = settled = paused = False
+    ended, settled, paused, rejected = False, False, False, 0
+    moving: NDArray[np.bool_] | None = None
     while len(costs) <= stopping.iterations and not ended:
-        proposal = damped_step(current, damping, stopping.forcing)
+        enough = ENOUGH_OF_DECREASE * stopping.decrease * current.cost
+        proposal = damped_step(current, damping, stopping.forcing, enough)
         trial_state = problem.retract(state, proposal)
         sizes, predicted = problem.step_sizes(state, proposal), predicted_decrease(current, proposal, damping)
         near = damping <= MAX_DAMPING_NEAR_MINIMUM
         far = float((sizes > stopping.straggler_distance).mean())
         small = stopping.decrease * current.cost if near and far <= stopping.stragglers else 0.0
         last = _remaining(sizes.max(), previous[0]) < stopping.step or _remaining(predicted, previous[1]) < small
+        if not last and near and far > stopping.stragglers and (sizes > stopping.rest).mean() <= stopping.few:
+            last, moving = True, sizes > stopping.rest
         trial = None if last else problem.linearize(trial_state)
         cost = problem.cost(trial_state) if trial is None else trial.cost
         as_good = last and predicted > 0 and near and cost <= (1 + SIGNIFICANT_COST_CHANGE) * current.cost
@@ -195,6 +214,7 @@ def gauss_newton(
             ratio = (current.cost - cost) / predicted if predicted > 0 else 0.0
             ended = last or (current.cost - cost < small and ratio > MIN_DECREASE_RATIO)
             settled = ended and far == 0
+            moving, rejected = moving if ended else None, 0
             damping *= max(0.1, 1 - (2 * min(ratio, 1.5) - 1) ** 3)
             damping, growth = max(damping, 1e-9), 2.0
             state, step, previous = trial_state, proposal, (sizes.max(), predicted)
@@ -203,13 +223,15 @@ def gauss_newton(
             if observe is not None:
                 observe(cost)
         else:
-            ended = last or damping > 1e6
+            rejected += 1
+            given_up = rejected >= stopping.rejections and len(costs) > 1
+            ended, moving = (last and moving is None) or damping > 1e6 or given_up, None
             settled = ended and bool(np.isfinite(current.cost))
             damping, growth = max(damping, 1e-4) * growth, growth * 2
         tried.append(costs[-1])
         if len(costs) > MIN_STEPS_BEFORE_PAUSE and not ended and costs[-1] < stopping.pause_cost:
             ended = paused = tried[-1 - PAUSE_TRIALS] - costs[-1] < stopping.pause * costs[-1]
-    return Solution(state, tuple(costs), step, settled, paused)
+    return Solution(state, tuple(costs), step, settled, paused, moving)
 
 
 def _remaining(current: float, previous: float) -> float:
@@ -222,11 +244,15 @@ def _remaining(current: float, previous: float) -> float:
     return current * max(1.0, ratio / (1 - ratio))
 
 
-def damped_step(at: Linearization, damping: float, forcing: float = DEFAULT_FORCING) -> Float:
-    """The step (δ, ε) ``(N + k,)``, with ε of the k unknowns that are not eliminated."""
+def damped_step(at: Linearization, damping: float, forcing: float = DEFAULT_FORCING, enough: float = 0.0) -> Float:
+    """The step (δ, ε) ``(N + k,)``, with ε of the k unknowns that are not eliminated.
+
+    That of a large problem is solved to the relative residual ``forcing``, or until iterations lower the cost by less
+    than is ``enough``.
+    """
     k = len(at.border_gradient)
     if not is_small(at.hessian):
-        return _iterated_step(at, damping, forcing)
+        return _iterated_step(at, damping, forcing, enough)
     solve = inverse(at.hessian, damping)
     own = solve(at.gradient)
     if at.border.shape[1] == 0:
@@ -260,13 +286,13 @@ def schur_complement(at: Linearization, damping: float) -> tuple[Callable[[Float
     return lambda x: product(x) - at.border @ (corner_inverse @ (at.border.T @ x)), corner_inverse, blocks
 
 
-def _iterated_step(at: Linearization, damping: float, forcing: float) -> Float:
+def _iterated_step(at: Linearization, damping: float, forcing: float, enough: float) -> Float:
     """Solve the Schur complement by preconditioned conjugate gradients."""
     gradient = _full_border_gradient(at)
     product, corner_inverse, blocks = schur_complement(at, damping)
     iterations = MAX_CG_ITERATIONS_PER_STEP if forcing >= DEFAULT_FORCING else MAX_CG_ITERATIONS
     right = at.border @ (corner_inverse @ gradient) - at.gradient
-    own = conjugate_gradients(product, blocks, right, forcing, iterations)
+    own = conjugate_gradients(product, blocks, right, forcing, iterations, enough)
     border_step = -corner_inverse @ (gradient + at.border.T @ own)
     return np.concatenate([own, border_step[len(border_step) - len(at.border_gradient) :]])
 

@@ -175,7 +175,7 @@ def _half(grain: Grain, normal: Float, shift: float, label: int) -> Grain:
         return replace(volume, array=array), center
 
     volume, center = part(grain.volume)
-    fine = None if grain.fine is None else part(grain.fine)[0]
+    fine = None if grain.fine_volume is None else part(grain.fine_volume)[0]
     return Grain(label, volume, center, grain.touches_border, fine)
 
 

@@ -29,8 +29,7 @@ def cut_by_panel(problem: StateProblem, pose: Pose, evaluation: Evaluation) -> N
     sums = np.zeros(seen.shape)
     for view, (grain, own, _) in zip(evaluation.patches.boxes[:, 1], evaluation.grain_pixels(), strict=True):
         sums[grain, view] += own.sum() if found[grain] else 0
-    sizes = grains.shapes.prod(axis=1)
-    whole = np.array([grains.images[a : a + n].sum(dtype=float) for a, n in zip(grains.starts, sizes, strict=True)])
+    whole = np.array([grains.voxels_of(row).sum(dtype=float) for row in range(len(grains))])
     shares = sums * _cross_sections(problem.target.scan.geometry, grains.centers + pose.translations).T
     shares /= np.maximum(whole * grains.voxel_size**3, 1e-300)[:, None]
     return found & np.any((shares > MIN_SHADOW) & (shares < WHOLE_SHADOW), axis=1)

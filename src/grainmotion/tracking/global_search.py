@@ -21,6 +21,7 @@ from grainmotion.objective.residual import StateProblem
 from grainmotion.projection.grain_arrays import GrainArrays, planar
 from grainmotion.rotations import rotation_vector
 from grainmotion.solvers.gauss_newton import Solution
+from grainmotion.tracking.few_grains import MIN_GRAINS_IN_PARTS, with_neighbours
 from grainmotion.tracking.multistage import MultistageFit, pixels_per_unknown
 from grainmotion.tracking.simulated_annealing import SearchRanges, anneal
 from grainmotion.uncertainty.goodness_of_fit import misregistered_grains, response_corrected_scan
@@ -113,7 +114,11 @@ def search(
         if ranges.max_rotation < widest and tried % 2 == 0:  # the widest ones confirm, and must be independent
             around = affine_field_through(best.pose, fit.grains, field_pose)
         start = _annealed(fit, around, best, rows, ranges, seed=tried)
-        end = _Placement(*fit.solve_free(start, f"search {tried}", fit.settings.filters, tolerance))
+        if few and len(fit.grains) >= MIN_GRAINS_IN_PARTS:  # the others are in their places
+            some = with_neighbours(best.problem, start, np.flatnonzero(rows))
+            end = _Placement(*fit.solve_few(start, some, f"search {tried}", tolerance))
+        else:
+            end = _Placement(*fit.solve_free(start, f"search {tried}", fit.settings.filters, tolerance))
         vain = 0 if end.cost < 0.99 * best.cost else vain + 1
         best, other = (end, best) if end.cost < best.cost else (best, end)
         if ranges.max_rotation == widest:

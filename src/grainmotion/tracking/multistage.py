@@ -21,6 +21,7 @@ from grainmotion.objective.residual import StateProblem
 from grainmotion.objective.response_parameters import ResponseModel
 from grainmotion.projection.grain_arrays import GrainArrays, planar
 from grainmotion.solvers.gauss_newton import Solution, Stopping, gauss_newton
+from grainmotion.tracking.few_grains import MIN_GRAINS_IN_PARTS, freed, merged, placed_among
 from grainmotion.tracking.multiresolution import FREE_GRAIN_PIXELS, coarsened, coarsening
 from grainmotion.tracking.scene_target import target_of
 from grainmotion.tracking.settings import TrackSettings
@@ -30,7 +31,7 @@ FILTER_GRAIN_PIXELS = 45.0
 """Pixels across the grains on which the default filter widths were measured."""
 INITIAL_STOPPING = Stopping(iterations=20, step=0.1, decrease=0.05)
 """For the stages that only bring all grains near."""
-COARSE_STOPPING = Stopping(iterations=8, step=0.02, decrease=0.1, straggler_distance=1.0, forcing=0.1)
+COARSE_STOPPING = Stopping(iterations=8, step=0.02, decrease=0.1, straggler_distance=1.0)
 """For stages that a narrower filter follows."""
 LIT_SHARE = 0.05
 """Share of the largest line integral from which a pixel shows the sample."""
@@ -40,6 +41,14 @@ goes with the square of the tolerance."""
 PAUSE_DECREASE, PAUSE_RESIDUAL = 0.01, 0.05
 """Share of the cost over several steps below which the last stage may pause, and the relative residual that it needs:
 0.004 to 0.016 where all grains fit, 0.1 where some are lost."""
+REST_VOXELS, MAX_FEW_SHARE, MAX_ROUNDS_OF_FEW = 0.025, 0.1, 3
+"""Where no more than this share of many grains moves further than these voxels in a step of the last stage, while some
+keep it from ending, those are solved for alone, the others fixed; so many times."""
+MAX_COARSE_STRAGGLERS = 0.01
+"""Share of many grains that may still move by a voxel when a stage that a narrower filter follows ends; there such a
+stage ends with the first step that does not lower the cost, too."""
+MAX_REJECTIONS = 2
+"""Steps of many grains, one after the other, that do not lower the cost, after which the last stage ends."""
 STRAGGLER_VOXELS, MAX_STRAGGLER_SHARE = 0.1, 1e-3
 """No decrease ends the last stage while more than this share of the grains moves further than these voxels; those
 that still do are reported as moving."""
@@ -164,7 +173,10 @@ class MultistageFit:
         """Stopping criteria of a stage that a narrower filter follows."""
         tolerance = self.settings.tolerance if tolerance is None else tolerance
         iterations = min(COARSE_STOPPING.iterations, self.settings.iterations)
-        return replace(COARSE_STOPPING, iterations=iterations, step=max(tolerance, COARSE_STOPPING.step))
+        stopping = replace(COARSE_STOPPING, iterations=iterations, step=max(tolerance, COARSE_STOPPING.step))
+        if len(self.grains) < MIN_GRAINS_IN_PARTS:
+            return stopping
+        return replace(stopping, stragglers=MAX_COARSE_STRAGGLERS, rejections=1)
 
     def fine_stopping(self, tolerance: float | None = None) -> Stopping:
         """Stopping criteria of a last stage: no grain moves further than the tolerance, or all by little of their sd.
@@ -203,7 +215,48 @@ class MultistageFit:
         if may_pause:
             largest = 0.5 * PAUSE_RESIDUAL**2 * dot(problem.target.measured, problem.target.measured)
             stopping = replace(stopping, pause=PAUSE_DECREASE, pause_cost=largest)
-        return problem, gauss_newton(problem, pose, stopping, observe)
+        if len(self.grains) < MIN_GRAINS_IN_PARTS:
+            return problem, gauss_newton(problem, pose, stopping, observe)
+        return problem, self._solve_in_parts(problem, pose, stopping, observe)
+
+    def _solve_in_parts(
+        self, problem: StateProblem, pose: Pose, stopping: Stopping, observe: Callable[[float], None]
+    ) -> Solution[Pose]:
+        """The last stage of many grains: while only few of them move, these alone."""
+        stopping = replace(stopping, rest=REST_VOXELS, few=MAX_FEW_SHARE, rejections=MAX_REJECTIONS)
+        solution = gauss_newton(problem, pose, stopping, observe)
+        for _ in range(MAX_ROUNDS_OF_FEW):
+            if solution.moving is None:
+                break
+            rows = np.flatnonzero(solution.moving)
+            part, some = freed(problem, solution.state, rows)
+            end = gauss_newton(part, some, stopping_of_few(stopping, len(rows) / len(self.grains)), observe)
+            solution = gauss_newton(problem, merged(solution.state, end.state, rows), stopping, observe)
+        return solution
+
+    def solve_few(
+        self, pose: Pose, rows: NDArray[np.int64], name: str, tolerance: float
+    ) -> tuple[StateProblem, Solution[Pose]]:
+        """Only the grains of ``rows`` free, filter by filter, the others where they are; see `solve_free`."""
+        settings, model, share = self.settings, self.settings.response_model, len(rows) / len(self.grains)
+        for width in settings.filters[:-1]:
+            stage_model = model.while_far if width == settings.filters[0] else model.without_hardening
+            stopping = stopping_of_few(self.coarse_stopping(tolerance), share)
+            part, some = freed(StateProblem(*self.level(width, stage_model)), pose, rows)
+            observe = self.observer(part.target, f"{name}, filter {width:g}")
+            pose = merged(pose, gauss_newton(part, some, stopping, observe).state, rows)
+        width = settings.filters[-1]
+        problem = StateProblem(self.fine_grains, self.filtered_target(width, model))
+        part, some = freed(problem, pose, rows)
+        observe = self.observer(part.target, f"{name}, filter {width:g}")
+        stopping = stopping_of_few(self.fine_stopping(tolerance), share)
+        return problem, placed_among(problem, pose, gauss_newton(part, some, stopping, observe), rows)
+
+
+def stopping_of_few(stopping: Stopping, share: float) -> Stopping:
+    """The stopping criteria of a stage of all grains, for this share of them: costs are still those of all."""
+    decrease, stragglers = stopping.decrease * share, min(stopping.stragglers / share, 1.0)
+    return replace(stopping, decrease=decrease, stragglers=stragglers, few=0.0, pause=0.0, rejections=np.inf)
 
 
 def lit_pixels(target: Target) -> int:

@@ -116,7 +116,7 @@ def _power(grains: GrainArrays, row: int) -> NDArray[np.complex128]:
 def _samples(grains: GrainArrays, row: int) -> NDArray[np.complex128]:
     """Attenuation at points of spheres about the centre of mass ``(radii, directions)``, times √(r² dr)."""
     shape = grains.shapes[row]
-    image = grains.images[grains.starts[row] : grains.starts[row] + shape.prod()].reshape(shape)
+    image = grains.voxels_of(row).reshape(shape)
     reach = np.linalg.norm(grains.hulls[row], axis=1).max() + grains.voxel_size
     radii = reach * (np.arange(RADIUS_COUNT) + 0.5) / RADIUS_COUNT
     points = radii[:, None, None] * _directions() - grains.corners[row]

@@ -1,0 +1,116 @@
+"""Finer voxels of a grain in a quarter of the memory: 16-bit numbers, only where the grain is.
+
+Grains upsampled twice have eight times the voxels of the reference.  Of thousands of grains these would be the most
+that a run holds, so they are kept as whole numbers and made single precision again, always the same, batch by batch as
+they are projected.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grainmotion.kernels.voxel_lines import write_lines
+from grainmotion.model.volume import Volume
+
+LARGEST_WHOLE_NUMBER = 32_767
+"""Whole number of the largest voxel of a grain."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CompactVolume:
+    """A `Volume` in single precision, rounded to 1/32,767 of its largest voxel.
+
+    Attributes
+    ----------
+    values : (k,) int16 array
+        Voxels over ``unit``, from the first to the last of each line along x that is not zero, line after line.
+    firsts, ends : (nz * ny,) uint16 array
+        Where these voxels begin and end in each line.
+    unit : float
+        Attenuation of 1, 1/mm.
+    shape : (int, int, int)
+        Voxels along z, y, x.
+    voxel_size : float
+        Edge of a voxel, mm.
+    center : (3,) tuple of float
+        Centre of the whole array in the sample frame, mm, x y z.
+    """
+
+    values: NDArray[np.int16]
+    firsts: NDArray[np.uint16]
+    ends: NDArray[np.uint16]
+    unit: np.float32
+    shape: tuple[int, int, int]
+    voxel_size: float
+    center: tuple[float, float, float]
+
+    @classmethod
+    def of(cls, volume: Volume) -> CompactVolume:
+        """The voxels of a volume, rounded."""
+        lines = volume.array.reshape(-1, volume.shape[2])
+        unit = np.float32(max(float(np.abs(lines).max()), 1e-30) / LARGEST_WHOLE_NUMBER)
+        rounded = np.rint(lines / unit).astype(np.int16)
+        filled = rounded != 0
+        some = filled.any(axis=1)
+        firsts = np.where(some, filled.argmax(axis=1), 0)
+        ends = np.where(some, lines.shape[1] - filled[:, ::-1].argmax(axis=1), 0)
+        places = np.arange(lines.shape[1])
+        kept = (places >= firsts[:, None]) & (places < ends[:, None])
+        limits = firsts.astype(np.uint16), ends.astype(np.uint16)
+        return cls(rounded[kept], *limits, unit, volume.shape, volume.voxel_size, volume.center)
+
+    @property
+    def array(self) -> NDArray[np.float32]:
+        """The voxels ``(nz, ny, nx)``, made anew each time."""
+        out = np.empty(self.size, np.float32)
+        self.write(out)
+        return out.reshape(self.shape)
+
+    def write(self, out: NDArray[np.float32]) -> None:
+        """Fill a flat array with the voxels."""
+        write_lines(self.values, self.firsts, self.ends, self.unit, self.shape[2], out)
+
+    @property
+    def size(self) -> int:
+        """Number of voxels."""
+        return int(np.prod(self.shape))
+
+    @property
+    def nbytes(self) -> int:
+        """Memory that is held."""
+        return self.values.nbytes + self.firsts.nbytes + self.ends.nbytes
+
+    @property
+    def origin(self) -> NDArray[np.float64]:
+        """Position (x, y, z) of the centre of voxel [0, 0, 0], mm."""
+        return np.array(self.center) - (np.array(self.shape[::-1]) - 1) / 2 * self.voxel_size
+
+    @property
+    def volume(self) -> Volume:
+        """The same with all voxels in memory."""
+        return Volume(self.array, self.voxel_size, self.center)
+
+
+@dataclass(frozen=True, eq=False)
+class CompactVoxels:
+    """The voxels of many grains, those of row ``starts[g]`` of a `GrainTable` for grain g."""
+
+    volumes: Sequence[CompactVolume]
+
+    @property
+    def dtype(self) -> np.dtype[np.floating]:
+        """The precision of the voxels once they are made."""
+        return np.dtype(np.float32)
+
+    def written(self, rows: NDArray[np.int64]) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+        """The voxels of some volumes one after the other, and where each begins."""
+        ends = np.cumsum([self.volumes[k].size for k in rows])
+        starts = np.concatenate([[0], ends[:-1]]).astype(np.int64)
+        out = np.empty(ends[-1], np.float32)
+        for k, start, end in zip(rows, starts, ends, strict=True):
+            self.volumes[k].write(out[start:end])
+        return out, starts
