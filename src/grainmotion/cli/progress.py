@@ -137,8 +137,9 @@ def _log(terminal: Terminal, states: Sequence[str]) -> Iterator[Shown]:
         return re.split(r", ε|: residual", without_detail(message))[0]
 
     def tell(more: str = "") -> None:
-        if last[0]:
-            print(without_detail(last[0]) + more, file=sys.stderr, flush=True)
+        line = without_detail(last[0])
+        if line:  # the work has begun a step
+            print(line + more, file=sys.stderr, flush=True)
             printed[0] = time.monotonic()
 
     def listen(message: str, done: int, total: int) -> None:
