@@ -23,6 +23,8 @@ pytest.importorskip("numba_cuda", reason="numba-cuda is not installed: pip insta
 
 # Tolerance relative to the largest value: sums over about 10 voxels and 1000 pixels are in another order on a GPU.
 ROUNDING = {np.dtype(np.float32): 2e-6, np.dtype(np.float64): 1e-13}
+# The CPU's exact path of upright panels shifts rays by 2^-30 voxel, off the borders between voxels (decision 0048).
+ROUNDING_OF_VOLUMES = {"volume": 1e-12, "exact volume": 2.0**-29, "parallel volume": 1e-12}
 SIMULATOR = {"NUMBA_ENABLE_CUDASIM": "1", "NUMBA_DISABLE_JIT": "1"}
 
 
@@ -64,7 +66,7 @@ def test_patches_of_moving_grains_equal_those_of_the_cpu(cuda_results, task, pre
 
 @pytest.mark.parametrize("task", ["volume", "exact volume", "parallel volume"])
 def test_whole_volumes_equal_those_of_the_cpu(cuda_results, task):
-    assert_equal(cuda_results[task], device_tasks.run_task(task), 1e-12)
+    assert_equal(cuda_results[task], device_tasks.run_task(task), ROUNDING_OF_VOLUMES[task])
 
 
 @pytest.mark.parametrize("task", ["volume", "exact volume", "parallel volume"])

@@ -34,7 +34,7 @@ MAX_REACH_WITH_REST = 1.5
 """Largest ``reach`` where there is attenuation that belongs to no grain and no body, or a liquid, voxels."""
 BACKGROUND_SIGMA = 2.0
 """Width of the Gaussian filter under which a background is distinguished from noise, voxels."""
-MAX_FINE_BYTES = 1 << 30
+MAX_FINE_BYTES = 1 << 28
 """Memory of upsampled grains in single precision from which they are kept compactly (decision 0050)."""
 MAX_LABELS_NAMED = 10
 """Labels that a warning lists."""
