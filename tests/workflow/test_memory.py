@@ -22,6 +22,10 @@ def test_free_memory_is_between_none_and_all():
     assert 0 < memory.free_memory() < 1e14
 
 
+def test_memory_is_given_back_where_the_system_takes_it():
+    memory.give_back_memory()
+
+
 def test_a_container_limits_it(tmp_path, monkeypatch):
     monkeypatch.setattr(memory, "_GROUP", tmp_path)
     (tmp_path / "memory.max").write_text("3000\n")

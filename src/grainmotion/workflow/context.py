@@ -31,6 +31,7 @@ from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.workflow.fingerprints import Fingerprints
 from grainmotion.workflow.log import PACKAGE_LOG, STAGE_LOG, timed
+from grainmotion.workflow.memory import give_back_memory
 from grainmotion.workflow.provenance import Stage, StageCache
 
 LOG_LEVELS = {Level.NOTE: logging.INFO, Level.WARNING: logging.WARNING, Level.ERROR: logging.ERROR}
@@ -162,6 +163,7 @@ class RunContext:
             self.cache.discard(stage.name)
             stage.write(result)
             self.cache.add(stage.name, stage.fingerprint, stage.files)
+        give_back_memory()
         STAGE_LOG.info("wrote: %s", ", ".join(str(file.relative_to(self.folder)) for file in stage.files))
         self.done.append(stage.name)
         return lambda: result

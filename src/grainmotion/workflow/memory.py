@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ctypes
 import logging
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -33,6 +35,13 @@ def free_memory() -> float:
 def usable_memory(workplace: ComputeConfig) -> float:
     """Bytes that a process may use: as told, or most of what is free."""
     return USED_SHARE * free_memory() if workplace.bytes is None else workplace.bytes
+
+
+def give_back_memory() -> None:
+    """Give memory that was freed back to the system: the C library keeps that of arrays up to 32 MB for later ones."""
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if os.name == "posix" else None  # of glibc alone
+    if trim is not None:
+        trim(ctypes.c_size_t(0))
 
 
 @contextmanager

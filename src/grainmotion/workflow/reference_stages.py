@@ -26,12 +26,13 @@ from grainmotion.segmentation.settings import SegmentSettings
 from grainmotion.workflow.calibration_stage import corrected_source
 from grainmotion.workflow.checks import Findings, findings_once
 from grainmotion.workflow.context import RunContext, load_result
+from grainmotion.workflow.memory import give_back_memory
 from grainmotion.workflow.provenance import Stage
 
 CHECKPOINT = "reconstruction.h5"  # the volume until it is segmented; then REFERENCE holds volume and labels
 REFERENCE = "reference.h5"
 CHECKS_OF_GRID = "checks-grid.json"
-MAX_KEPT_VOLUME = 1 << 28
+MAX_KEPT_VOLUME = 1 << 26
 """Bytes of a volume up to which it stays in memory while grains are tracked."""
 
 
@@ -56,6 +57,7 @@ class SegmentedReference:
         if "stored" in self.__dict__ and self.stored.volume.array.nbytes > MAX_KEPT_VOLUME:
             _ = self.grains, self.doubts, self.residuals
             del self.__dict__["stored"]
+            give_back_memory()
         return self
 
     @cached_property
