@@ -19,7 +19,7 @@ from grainmotion.model.progress import counted
 
 LINES_OF_A_PART, VOXELS_OF_A_PART = 100_000, 1 << 22
 """Lines of patches that are traced in one call, some tenths of a second; voxels of compact grains written for one."""
-STACKS_AT_ONCE = 8
+STACKS_AT_ONCE = 4
 """Stacks of radiographs that one pass over the derivatives multiplies: these are read from memory once."""
 
 

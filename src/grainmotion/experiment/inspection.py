@@ -35,6 +35,7 @@ DRAWN_STEPS_DEG = np.array([0.0, 15.0, 40.0, 90.0])  # angles from view 0 of the
 BYTES_OF_PROGRAM = 0.44e9  # Python, the libraries and the compiled kernels
 BYTES_PER_VOXEL = 60  # volume, labels, distances and grown labels in segmentation; grains and their patches in tracking
 BYTES_OF_VOLUMES = 12  # of those: a volume, its last change and its labels, or what segmentation keeps of it
+BYTES_BEFORE_COMPACT, BYTES_PER_COMPACT_VOXEL, BYTES_PER_COMPACT_PIXEL = 0.25e9, 18, 6  # where grains are many
 BYTES_PER_REFERENCE_PIXEL = 8  # radiographs of the reference scan and their residuals
 
 
@@ -129,11 +130,13 @@ def inspect_inputs(inputs: Inputs, tables: ExperimentFile) -> Inspection:
 
 def peak_memory(inputs: Inputs) -> float:
     """Estimate of the memory of a run at its peak, bytes: by voxels and pixels, without reading a radiograph."""
-    memory = BYTES_OF_PROGRAM + BYTES_PER_VOXEL * float(np.prod(inputs.grid.shape))
+    voxels, pixels = float(np.prod(inputs.grid.shape)), 0.0
     if inputs.reference is not None:
         geometry = inputs.reference.geometry
-        memory += BYTES_PER_REFERENCE_PIXEL * len(geometry) * float(np.prod(geometry.shape))
-    return memory
+        pixels = len(geometry) * float(np.prod(geometry.shape))
+    small = BYTES_PER_VOXEL * voxels + BYTES_PER_REFERENCE_PIXEL * pixels
+    large = BYTES_BEFORE_COMPACT + BYTES_PER_COMPACT_VOXEL * voxels + BYTES_PER_COMPACT_PIXEL * pixels
+    return BYTES_OF_PROGRAM + min(small, large)
 
 
 def large_arrays_bytes(inputs: Inputs) -> float:

@@ -16,6 +16,7 @@ from scipy.optimize import linprog
 from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError, cKDTree
 
 from grainmotion._typing import Float
+from grainmotion.model.progress import counted
 from grainmotion.model.volume import Volume
 
 FIRST_NEIGHBOURS = 30
@@ -41,7 +42,7 @@ def cell_variances(centers: Float, radii: Float, grid: Volume, covariances: Floa
     Errors of different centres are taken as independent; NaN where one that bounds the cell has none.
     """
     variances = np.zeros(len(centers))
-    for i, cell in _cells(centers, radii, _field(grid)[2]):
+    for i, cell in counted(_cells(centers, radii, _field(grid)[2]), len(centers)):
         own = np.zeros(3)
         for j, area, middle in cell.faces():
             scaled = area / np.linalg.norm(centers[j] - centers[i])

@@ -218,7 +218,7 @@ def _set_cells(grains: GrainSet, motions: Motions, grid: Volume, volumes: Float)
     nearest, second = (np.full(grid.shape, np.inf, np.float32) for _ in range(2))
     owner, other = (np.full(grid.shape, -1, np.int32) for _ in range(2))
     boxes = ndimage.find_objects(labels, int(motions.labels.max(initial=0)))
-    for row, label in enumerate(motions.labels):
+    for row, label in enumerate(counted(motions.labels)):
         box = boxes[int(label) - 1]
         if box is None:
             continue
@@ -257,7 +257,7 @@ def _shares(
     order = np.argsort(rows.ravel(), kind="stable")
     ends = np.searchsorted(rows.ravel()[order], np.arange(len(motions) + 1))
     inverses = np.linalg.inv(motions.gradients)
-    for k, label in enumerate(motions.labels):
+    for k, label in enumerate(counted(motions.labels)):
         at = order[ends[k] : ends[k + 1]]
         surface = surface_of(grains.grains[row_of[int(label)]], grains.voxel_size) if len(at) else None
         if surface is not None:

@@ -1,10 +1,10 @@
 """Estimates of what a run needs: time of each stage, memory, and bytes on the disk.
 
 Times are those that the same stages took before, from ``run.log``, if scan and volume had the same sizes; else they
-follow from voxels, pixels and views by the CPU times of 15 experiments of 60 x 72 x 72 to 280 x 180 x 180 voxels on two
-cores of a server.  The estimate of a whole run was between 0.75 and 1.3 times its time for 13 of them, and half of it
-where the scanner was misaligned, or a state was refused; memory held within 15 %.  Of single stages it may be off by a
-factor of about 3: shapes of grains, large motions and other processors are not in it.
+follow from voxels, pixels and views by the CPU times of whole runs of 96³ to 320³ voxels on two cores of a server
+(`validation/benchmarks/large_scans.py`, which compares estimate and run).  Its grains are many and smooth, the slowest
+to track; few large ones take less.  Of single stages an estimate may be off by a factor of about 3: shapes of grains,
+large motions and other processors are not in it.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from grainmotion.workflow.memory import usable_memory
 
 SECONDS_OF_PROGRAM = 3.9
 """CPU seconds of a run for loading libraries and compiled kernels."""
-SECONDS_PER_CHECKED_PIXEL = 7.5e-7
+SECONDS_PER_CHECKED_PIXEL = 4e-7
 """Of reading and checking the radiographs of the reference scan."""
-SECONDS_PER_RECONSTRUCTED_VOXEL, SECONDS_PER_RAY_VOXEL = 1.8e-6, 8e-10
-"""Of the reconstruction: more views need fewer sweeps, so that it depends on the volume first."""
+SECONDS_PER_RECONSTRUCTED_VOXEL, SECONDS_PER_RAY_VOXEL = 2e-7, 9e-10
+"""Of the reconstruction: by voxels, and by those that the rays of all pixels cross."""
 SECONDS_OF_CALIBRATION, CALIBRATION_SHARE = 1.5, 0.9
 """Of the calibration: without any volume, and for its part as a share of the reconstruction."""
 SECONDS_PER_SEGMENTED_VOXEL = 1.6e-6
-SECONDS_PER_TRACKED_VOXEL = 7e-7
+SECONDS_PER_TRACKED_VOXEL = 1.3e-6
 """Of a voxel of the volume, for a state of `USUAL_VIEWS` views; how many grains it holds is not known before."""
 USUAL_VIEWS, SHARE_WITHOUT_VIEWS = 4, 0.3
 """Views of a usual state, and the share of its time that does not depend on their number."""
