@@ -10,6 +10,7 @@ import numba as nb
 import numpy as np
 
 from grainmotion.kernels.compilation import CACHE
+from grainmotion.kernels.disjoint_sets import root_of
 
 
 @nb.njit(cache=CACHE, nogil=True)
@@ -162,14 +163,6 @@ def paint_components(
 
 
 @nb.njit(cache=CACHE, nogil=True)
-def _root(parents, run):
-    while parents[run] != run:
-        parents[run] = parents[parents[run]]
-        run = parents[run]
-    return run
-
-
-@nb.njit(cache=CACHE, nogil=True)
 def _join_rows(codes, flip, here, there, offsets, starts, stops, parents):
     """Connect the overlapping runs of two rows."""
     ny = codes.shape[1]
@@ -182,7 +175,7 @@ def _join_rows(codes, flip, here, there, offsets, starts, stops, parents):
             b += 1
             continue
         if codes[here // ny, here % ny, starts[a]] == codes[there // ny, there % ny, starts[b]]:
-            one, other = _root(parents, a), _root(parents, b)
+            one, other = root_of(parents, a), root_of(parents, b)
             if one < other:
                 parents[other] = one
             else:

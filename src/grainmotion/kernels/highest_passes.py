@@ -11,6 +11,7 @@ import numba as nb
 import numpy as np
 
 from grainmotion.kernels.compilation import CACHE
+from grainmotion.kernels.disjoint_sets import root_of
 
 
 @nb.njit(cache=CACHE, nogil=True)
@@ -103,18 +104,10 @@ def join_along(labels: np.ndarray, joined: np.ndarray, labelled: int, faces: np.
         if faces[region] >= 0:
             place, axis = faces[region] // 3, faces[region] % 3
             beyond = place + (ny * nx if axis == 0 else nx if axis == 1 else 1)
-            one, other = _root(parents, joined[flat[place]]), _root(parents, joined[flat[beyond]])
+            one, other = root_of(parents, joined[flat[place]]), root_of(parents, joined[flat[beyond]])
             if one != other:
                 parents[max(one, other)] = min(one, other)
                 changed = True
     for k in range(len(joined)):
-        joined[k] = _root(parents, joined[k])
+        joined[k] = root_of(parents, joined[k])
     return changed
-
-
-@nb.njit(cache=CACHE, nogil=True)
-def _root(parents, i):
-    while parents[i] != i:
-        parents[i] = parents[parents[i]]
-        i = parents[i]
-    return i

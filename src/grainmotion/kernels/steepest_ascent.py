@@ -11,6 +11,7 @@ import numba as nb
 import numpy as np
 
 from grainmotion.kernels.compilation import CACHE
+from grainmotion.kernels.disjoint_sets import root_of
 
 _PATH = 1024
 """Voxels of a path that are labelled at once."""
@@ -71,7 +72,7 @@ def label_places(labels: np.ndarray, places: np.ndarray) -> int:
                         continue
                     other = labels[z + dz, y + dy, x + dx]
                     if other > 0:
-                        one, two = _root(parents, i + 1), _root(parents, other)
+                        one, two = root_of(parents, i + 1), root_of(parents, other)
                         parents[max(one, two)] = min(one, two)
     count = 0
     for i in range(1, len(parents)):
@@ -129,14 +130,6 @@ def climb_to_labels(values: np.ndarray, labels: np.ndarray, first: int, last: in
         label = flat[place]
         for k in range(steps):
             flat[path[k]] = label
-
-
-@nb.njit(cache=CACHE, nogil=True)
-def _root(parents, i):
-    while parents[i] != i:
-        parents[i] = parents[parents[i]]
-        i = parents[i]
-    return i
 
 
 @nb.njit(cache=CACHE, nogil=True)
