@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from grainmotion.diagnosis.grey_values import likely_kind
 from grainmotion.errors import InputError
@@ -120,6 +119,8 @@ def _motions(path: Path) -> tuple[tuple[str, str], ...]:
 
 
 def _spam(path: Path) -> tuple[tuple[str, str], ...]:
+    import pandas as pd  # takes half a second and 60 MB
+
     header = read_text(path).split("\n", 1)[0].split("\t")
     if len(set(header) & set(DDIC_COLUMNS)) < len(DDIC_COLUMNS) // 2:
         raise InputError(str(path), "no table of spam", "")

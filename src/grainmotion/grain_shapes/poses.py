@@ -10,9 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -21,6 +21,9 @@ from grainmotion.analysis.deformed_volume import WITHOUT_MOTION
 from grainmotion.grain_shapes.mass_properties import MassProperties
 from grainmotion.model.motions import Motions
 from grainmotion.rotations import apply_motion
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 REFERENCE_STATE = "reference"
 
@@ -129,10 +132,14 @@ def _vectors(matrices: Float) -> Float:
 
 def pose_table(found: Sequence[Poses]) -> pd.DataFrame:
     """The table of ``poses.csv``: one row for each state and body, mm and degrees, NaN left empty."""
+    import pandas as pd  # takes half a second and 60 MB
+
     return pd.concat([_rows(p) for p in found], ignore_index=True)
 
 
 def _rows(p: Poses) -> pd.DataFrame:
+    import pandas as pd  # takes half a second and 60 MB
+
     vectors = np.rad2deg(_vectors(p.matrices))
     columns: dict[str, object] = {"state": p.state, "time": np.nan if p.time is None else p.time, "label": p.labels}
     columns |= {name: p.positions[:, k] for k, name in enumerate(("x", "y", "z"))}

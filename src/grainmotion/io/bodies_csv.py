@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from grainmotion.io.files import atomic_write
 from grainmotion.model.state_fit import BodyMotion
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 BODY_COLUMNS = (
     "name", "kind", "freedom", "moved", "x", "y", "z", "ux", "uy", "uz", "wx", "wy", "wz",
@@ -19,6 +22,8 @@ BODY_COLUMNS = (
 
 def body_table(bodies: Sequence[BodyMotion]) -> pd.DataFrame:
     """The table of ``bodies.csv``: mm and degrees; standard deviations are empty for a body that did not move."""
+    import pandas as pd  # takes half a second and 60 MB
+
     rows = []
     for body in bodies:
         sd = np.sqrt(np.diagonal(body.covariance))

@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from grainmotion._typing import Progress
 from grainmotion.grain_shapes.harmonics import orders
@@ -29,6 +29,9 @@ from grainmotion.io.dem_shapes import (
     write_stl,
 )
 from grainmotion.io.files import atomic_write
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 BODY_FRAME = "frame of the body: origin at the centre of its volume, axes of inertia, smallest moment first"
 GRAINS_CSV, POSES_CSV, HARMONICS_CSV, CLUMPS_CSV = "grains.csv", "poses.csv", "harmonics.csv", "clumps.csv"
@@ -85,6 +88,8 @@ def write_dem_folder(
     list of Path
         The files.
     """
+    import pandas as pd  # takes half a second and 60 MB
+
     for path in _own_files(folder):  # its grains and shapes may be others
         path.unlink()
     written = _Written()
@@ -188,6 +193,8 @@ def _row(body: RigidBody) -> dict[str, object]:
 
 def _collect(body: RigidBody, written: _Written) -> None:
     """Coefficients and spheres of a grain."""
+    import pandas as pd  # takes half a second and 60 MB
+
     if body.harmonics is not None and body.harmonics.star_shaped:
         degrees, m = orders(body.harmonics.degree)
         columns = {"label": body.label, "l": degrees, "m": m, "a": body.harmonics.coefficients}

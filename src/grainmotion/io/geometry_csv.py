@@ -6,7 +6,6 @@ from io import StringIO
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from grainmotion._typing import Beam
 from grainmotion.errors import InputError
@@ -23,6 +22,8 @@ def read_geometry(path: str | Path, shape: tuple[int, int], beam: Beam = "cone")
     The file does not hold the panel's ``shape`` (rows, columns), nor whether sx,sy,sz is the source's position or the
     rays' direction (``beam``).  Errors name the row, 1 for the first view.
     """
+    import pandas as pd  # takes half a second and 60 MB
+
     path, text = Path(path), read_text(path)
     try:
         table = pd.read_csv(StringIO(text), comment="#", skipinitialspace=True, dtype=str, sep=_separator(text))
@@ -58,6 +59,8 @@ def _separator(text: str) -> str:
 
 def write_geometry(path: str | Path, geometry: Geometry) -> None:
     """Write the views of a scan, without the panel's shape and the beam; `read_geometry` restores every digit."""
+    import pandas as pd  # takes half a second and 60 MB
+
     table = pd.DataFrame(geometry.vectors, columns=list(VIEW_COLUMNS))
     with atomic_write(path) as temporary:
         table.to_csv(temporary, index=False)

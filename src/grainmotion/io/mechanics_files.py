@@ -12,14 +12,16 @@ from __future__ import annotations
 import dataclasses
 import json
 from pathlib import Path
-
-import pandas as pd
+from typing import TYPE_CHECKING
 
 from grainmotion.io.contents import about
 from grainmotion.io.files import atomic_write
 from grainmotion.mechanics.columns import STATE_CONTACT_COLUMNS
 from grainmotion.mechanics.settings import MechanicsSettings
 from grainmotion.mechanics.state_mechanics import StateMechanics
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 MECHANICS_UNITS = "mm, degrees, mm^3; strains, fabric and void ratios are numbers without a unit"
 

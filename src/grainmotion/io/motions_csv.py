@@ -11,7 +11,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from grainmotion._arguments import checked_arguments
 from grainmotion.errors import InputError
@@ -46,6 +45,8 @@ def read_motions(path: str | Path) -> Motions:
         If the file is no such table, a label is not a whole number or is given twice, or a status is
         unknown.
     """
+    import pandas as pd  # takes half a second and 60 MB
+
     path = checked_file(path)
     try:
         table = pd.read_csv(path, comment="#", skipinitialspace=True, dtype=_TEXT)

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from grainmotion.io.files import atomic_write
 from grainmotion.model.state_fit import PieceMotion
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 PIECE_COLUMNS = (
     "label", "piece", "status", "share", "x", "y", "z", "ux", "uy", "uz", "wx", "wy", "wz",
@@ -19,6 +22,8 @@ PIECE_COLUMNS = (
 
 def piece_table(pieces: Sequence[PieceMotion]) -> pd.DataFrame:
     """The table of ``pieces.csv``: mm and degrees; the motion is about the piece's own centre x y z."""
+    import pandas as pd  # takes half a second and 60 MB
+
     rows = []
     for piece in pieces:
         sd = np.sqrt(np.diagonal(piece.covariance))

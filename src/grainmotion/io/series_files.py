@@ -21,10 +21,10 @@ import json
 from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import h5py
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from grainmotion._arguments import checked_arguments
@@ -36,6 +36,9 @@ from grainmotion.model.motions import Motions
 from grainmotion.model.state_fit import StateFit
 from grainmotion.sequences.series import Series
 from grainmotion.sequences.table import GRAIN_COLUMNS, SERIES_STRAINS, STATE_COLUMNS
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 SERIES_CONTENT, SERIES_LAYOUT = "grainmotion load series", 1
 _STARTS = ("residual_previous", "residual_extrapolated")

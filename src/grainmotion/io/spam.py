@@ -22,9 +22,9 @@ in z y x order, is **minus** the reversed rotation vector of grainmotion; F itse
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from grainmotion._arguments import checked_arguments
@@ -48,6 +48,9 @@ from grainmotion.model.motions import Motions, Status
 from grainmotion.model.volume import Volume
 from grainmotion.rotations import recenter, rotation_vector, skew_matrix
 from grainmotion.segmentation.label_points import LabelPoints
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 TRANSLATION_TO_USE, NOT_TO_USE, WITHOUT_MOTION_STATUS = 1, -1, -7
 """``returnStatus`` of grains that did not converge: those whose translation is a result to use
@@ -103,6 +106,8 @@ def write_ddic_tsv(
     --------
     >>> gm.write_ddic_tsv("ddic.tsv", motions, volume, labels)
     """
+    import pandas as pd  # takes half a second and 60 MB
+
     spam_table.check_about(about)
     if len(motions) and motions.labels.min() < 1:
         raise InputError("motions.label", f"label {motions.labels.min()}", "spam counts grains from 1; relabel them")

@@ -18,13 +18,15 @@ import re
 import warnings
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
-import pandas as pd
 
 from grainmotion.errors import InputError
 from grainmotion.io.files import checked_file
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 About = Literal["centroid", "box"]
 """The point of a grain whose displacement a file gives: the position of its row, which is the centroid of the label,
@@ -89,6 +91,8 @@ def meaning(returned: int, *, correlated: bool) -> str:
 
 def read_table(path: str | Path) -> pd.DataFrame:
     """The table of a file, all columns that are used as numbers; those that some programs leave out as NaN or 0."""
+    import pandas as pd  # takes half a second and 60 MB
+
     path = checked_file(path)
     try:
         with warnings.catch_warnings():  # an empty column without a name, as of a tab at the ends of lines
@@ -149,6 +153,8 @@ def point_of(table: pd.DataFrame, about: About | None) -> About:
 
 def check_voxel_size(path: str | Path, table: pd.DataFrame, voxel_size: float) -> None:
     """Refuse a file that says that it is of other voxels."""
+    import pandas as pd  # takes half a second and 60 MB
+
     sizes = table[VOXEL_SIZE].dropna() if VOXEL_SIZE in table.columns else pd.Series(dtype=float)
     if len(sizes) and abs(float(sizes.iloc[0]) / voxel_size - 1) > MAX_VOXEL_SIZE_ERROR:
         fact = (

@@ -9,9 +9,9 @@ beside it; see `planning.fisher_information` and `planning.view_selection`.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
@@ -26,6 +26,9 @@ from grainmotion.planning.capture_range import Capture, expected_capture, room
 from grainmotion.planning.fisher_information import Candidates
 from grainmotion.planning.settings import PlanSettings
 from grainmotion.planning.view_selection import ViewSelector
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["Plan", "PlanSettings", "ViewSet", "plan"]
 
@@ -158,6 +161,8 @@ class Plan(Summarised):
 
     def to_table(self) -> pd.DataFrame:
         """One row a set and grain: where the grain is (mm) and its predicted sd (mm and degrees)."""
+        import pandas as pd  # takes half a second and 60 MB
+
         parts = []
         for s in self.sets:
             sd = s.sd
@@ -168,6 +173,8 @@ class Plan(Summarised):
 
     def angles_table(self) -> pd.DataFrame:
         """One row a set: its angles, medians over the grains of the predicted sd, and motions to expect."""
+        import pandas as pd  # takes half a second and 60 MB
+
         diameter = float(np.median(self.diameters))
         rows = []
         for s in self.sets:

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from grainmotion._typing import Float
 from grainmotion.errors import InputError
 from grainmotion.model.motions import Motions
 from grainmotion.model.status import STATUS_COLOURS
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 STATUS = "status"
 TRANSLATION_VALUES, ROTATION_VALUES = ("u", "ux", "uy", "uz"), ("w", "wx", "wy", "wz")

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
-import pandas as pd
 
 from grainmotion._typing import Float
 from grainmotion.errors import InputError
@@ -169,6 +168,8 @@ def _label_layer(stored: ResultsFolder, motions: Motions | None, value: str) -> 
 
 def _tracks_layer(motions: Mapping[str, Motions], value: str) -> LayerData:
     """One track a grain from state to state; where a translation is no result to use, the track passes over."""
+    import pandas as pd  # takes half a second and 60 MB
+
     rows, tables = list[Float](), []
     for step, each in enumerate((next(iter(motions.values())), *motions.values())):
         table = grain_table(each).select_dtypes(["number", "bool"]).astype(float)
@@ -192,6 +193,8 @@ def _tracks_layer(motions: Mapping[str, Motions], value: str) -> LayerData:
 
 def _displacement_layer(motions: Mapping[str, Motions], value: str) -> LayerData:
     """An arrow a grain and state, from its centre in the reference along the translation, magnified."""
+    import pandas as pd  # takes half a second and 60 MB
+
     arrows, tables = list[Float](), []
     for step, each in enumerate(motions.values(), start=1):
         known = each.ok_translation
