@@ -1,5 +1,6 @@
 """Damped Gauss–Newton (`solvers.gauss_newton`) on problems whose optimum is known."""
 
+import weakref
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -514,3 +515,55 @@ def test_rejected_steps_in_a_row_may_end_the_iteration():
     )
     assert few_steps.iterations < many_steps.iterations
     assert few_steps.costs[-1] < few_steps.costs[0]
+
+
+def bending_more_than_its_model(times: float) -> LeastSquares:
+    """A linear problem whose model has but a part of the curvature, as under ripples of voxel images."""
+    known = linear()
+    share = 1 / np.sqrt(times)
+
+    @dataclass(frozen=True, eq=False)
+    class Rippled(LeastSquares):
+        def linearize(self, state: Array) -> Linearization:
+            at = super().linearize(state)
+            return replace(at, hessian=share**2 * np.asarray(at.hessian))
+
+    return Rippled(known.problem.residual, known.problem.jacobian)
+
+
+@pytest.mark.parametrize("times", [1.9, 3.0])
+def test_interpolated_steps_come_to_rest_where_full_ones_go_to_and_fro(times):
+    known, stopping = linear(), Stopping(iterations=8, step=1e-9, decrease=0.0)
+    problem = bending_more_than_its_model(times)
+    full = gauss_newton(problem, known.start, stopping)
+    shorter = gauss_newton(problem, known.start, replace(stopping, interpolate=True))
+    np.testing.assert_allclose(shorter.state, known.optimum, atol=1e-6)
+    assert np.abs(full.state - known.optimum).max() > 1e-3
+
+
+def test_interpolation_leaves_exact_models_as_they_are():
+    known, stopping = rosenbrock(), Stopping(iterations=30, step=1e-9)
+    interpolated = gauss_newton(known.problem, known.start, replace(stopping, interpolate=True))
+    np.testing.assert_allclose(interpolated.state, known.optimum, atol=1e-6)
+
+
+def test_no_two_normal_matrices_of_many_unknowns_are_held_at_once(monkeypatch):
+    monkeypatch.setattr(block_cg, "MAX_DENSE_UNKNOWNS", 0)
+    held, most = set(), []
+
+    @dataclass(frozen=True, eq=False)
+    class Counted(LeastSquares):
+        def linearize(self, state: Array) -> Linearization:
+            at = super().linearize(state)
+            matrix = sparse.bsr_array(np.asarray(at.hessian), blocksize=(6, 6))
+            held.add(id(matrix))
+            weakref.finalize(matrix, held.discard, id(matrix))
+            most.append(len(held))
+            return replace(at, hessian=matrix)
+
+    rng = np.random.default_rng(2)
+    A, bend = rng.normal(size=(30, 12)), rng.normal(size=(30, 12))
+    problem = Counted(lambda x: A @ x + 0.2 * (bend @ x) ** 2 - 1, lambda x: A + 0.4 * (bend @ x)[:, None] * bend)
+    gauss_newton(problem, np.full(12, 2.0), Stopping(iterations=12, step=1e-9))
+    assert len(most) > 4
+    assert max(most) == 1

@@ -62,6 +62,9 @@ PAUSE_TRIALS = 5
 MIN_STEPS_BEFORE_PAUSE = 10
 """Accepted steps before an iteration may pause; where all unknowns are determined, 4 to 8 are enough."""
 
+MIN_STEP_LENGTH = 0.25
+"""Least share of a step that is taken where the cost bends more than its quadratic model."""
+
 SIGNIFICANT_COST_CHANGE = 1e-6
 """Relative change of the cost that is significant: residuals in single precision give the cost to some 1e-7."""
 
@@ -139,6 +142,9 @@ class Stopping:
         It also ends where more than the share ``stragglers`` moves further than ``straggler_distance``, which keeps it
         from ending otherwise, but no more than the share ``few`` moves further than ``rest``: those few can be solved
         for alone (`Solution.moving`).
+    interpolate : bool
+        Steps are shortened to where the parabola through the last two costs has its least: where residuals are noise
+        and images of voxels have ripples, the cost can bend twice as much as JᵀJ tells, and full steps go to and fro.
     pause, pause_cost : float
         Relative decrease over `PAUSE_TRIALS` steps tried below which it pauses, after `MIN_STEPS_BEFORE_PAUSE` and at a
         cost below ``pause_cost``: what hardly matters may be fixed before it goes on.
@@ -153,6 +159,7 @@ class Stopping:
     rejections: float = np.inf
     rest: float = 0.0
     few: float = 0.0
+    interpolate: bool = False
     pause: float = 0.0
     pause_cost: float = np.inf
 
@@ -189,30 +196,39 @@ def gauss_newton(
     more; it has not if the iterations ran out, or objects still move further than the straggler distance.
     """
     stopping = stopping or Stopping()
-    state, current = start, problem.linearize(start)
+    state, trial = start, None
+    current: Linearization | None = problem.linearize(start)
+    assert current is not None
     costs, tried = [current.cost], [current.cost]  # after each accepted step, and the least after each step tried
-    damping, growth = 1e-4, 2.0
+    damping, growth, length = 1e-4, 2.0, 1.0
     step = np.zeros(len(current.gradient) + len(current.border_gradient))
     previous = np.inf, np.inf  # size and predicted decrease of the step before
     ended, settled, paused, rejected = False, False, False, 0
     moving: NDArray[np.bool_] | None = None
     while len(costs) <= stopping.iterations and not ended:
-        enough = ENOUGH_OF_DECREASE * stopping.decrease * current.cost
-        proposal = damped_step(current, damping, stopping.forcing, enough)
-        trial_state = problem.retract(state, proposal)
-        sizes, predicted = problem.step_sizes(state, proposal), predicted_decrease(current, proposal, damping)
+        before = costs[-1]
+        if current is None:
+            current = problem.linearize(state)
+        proposal = damped_step(current, damping, stopping.forcing, ENOUGH_OF_DECREASE * stopping.decrease * before)
+        parabola = _Parabola.along(current, proposal, damping)
+        proposal, predicted = length * proposal, parabola.decrease(length)
+        trial_state, sizes = problem.retract(state, proposal), problem.step_sizes(state, proposal)
         near = damping <= MAX_DAMPING_NEAR_MINIMUM
         far = float((sizes > stopping.straggler_distance).mean())
-        small = stopping.decrease * current.cost if near and far <= stopping.stragglers else 0.0
+        small = stopping.decrease * before if near and far <= stopping.stragglers else 0.0
         last = _remaining(sizes.max(), previous[0]) < stopping.step or _remaining(predicted, previous[1]) < small
         if not last and near and far > stopping.stragglers and (sizes > stopping.rest).mean() <= stopping.few:
             last, moving = True, sizes > stopping.rest
+        if not (last or is_small(current.hessian)):
+            current = trial = None  # two normal matrices of many grains are not held at once
         trial = None if last else problem.linearize(trial_state)
         cost = problem.cost(trial_state) if trial is None else trial.cost
-        as_good = last and predicted > 0 and near and cost <= (1 + SIGNIFICANT_COST_CHANGE) * current.cost
-        if cost < current.cost or as_good:
-            ratio = (current.cost - cost) / predicted if predicted > 0 else 0.0
-            ended = last or (current.cost - cost < small and ratio > MIN_DECREASE_RATIO)
+        as_good = last and predicted > 0 and near and cost <= (1 + SIGNIFICANT_COST_CHANGE) * before
+        if stopping.interpolate:
+            length = parabola.best_length(length, before - cost)
+        if cost < before or as_good:
+            ratio = (before - cost) / predicted if predicted > 0 else 0.0
+            ended = last or (before - cost < small and ratio > MIN_DECREASE_RATIO)
             settled = ended and far == 0
             moving, rejected = moving if ended else None, 0
             damping *= max(0.1, 1 - (2 * min(ratio, 1.5) - 1) ** 3)
@@ -226,12 +242,37 @@ def gauss_newton(
             rejected += 1
             given_up = rejected >= stopping.rejections and len(costs) > 1
             ended, moving = (last and moving is None) or damping > 1e6 or given_up, None
-            settled = ended and bool(np.isfinite(current.cost))
+            settled = ended and bool(np.isfinite(before))
             damping, growth = max(damping, 1e-4) * growth, growth * 2
         tried.append(costs[-1])
         if len(costs) > MIN_STEPS_BEFORE_PAUSE and not ended and costs[-1] < stopping.pause_cost:
             ended = paused = tried[-1 - PAUSE_TRIALS] - costs[-1] < stopping.pause * costs[-1]
     return Solution(state, tuple(costs), step, settled, paused, moving)
+
+
+@dataclass(frozen=True)
+class _Parabola:
+    """The decrease of the cost along a step that the quadratic model predicts, from its ``slope`` at the start and the
+    ``full`` decrease by the whole step.
+    """
+
+    slope: float
+    full: float
+
+    @classmethod
+    def along(cls, at: Linearization, step: Float, damping: float) -> _Parabola:
+        return cls(_slope(at, step), predicted_decrease(at, step, damping))
+
+    def decrease(self, length: float) -> float:
+        """The decrease by a part of the step."""
+        return length * self.full + length * (1 - length) * (self.slope - self.full)
+
+    def best_length(self, length: float, found: float) -> float:
+        """The part of a step that lowers the cost most, if the one taken lowered it by ``found``."""
+        bend = (length * self.slope - found) / length**2
+        if not np.isfinite(bend):
+            return MIN_STEP_LENGTH
+        return float(np.clip(self.slope / (2 * bend), MIN_STEP_LENGTH, 1.0)) if bend > 0 else 1.0
 
 
 def _remaining(current: float, previous: float) -> float:
@@ -300,7 +341,12 @@ def _iterated_step(at: Linearization, damping: float, forcing: float, enough: fl
 def predicted_decrease(at: Linearization, step: Float, damping: float) -> float:
     """Decrease that the quadratic model predicts for a ``step`` of `damped_step`."""
     own, rest = step[: len(at.gradient)], step[len(at.gradient) :]
-    along_gradient = float(at.gradient @ own) + float(at.border_gradient @ rest)
     metric = float(own @ (np.asarray(at.hessian.diagonal()) * own))
     metric += float(rest @ (np.diagonal(at.corner)[len(at.corner) - len(rest) :] * rest))
-    return 0.5 * (damping * metric - along_gradient)
+    return 0.5 * (damping * metric + _slope(at, step))
+
+
+def _slope(at: Linearization, step: Float) -> float:
+    """Decrease of the cost by a unit of a step, to first order."""
+    own, rest = step[: len(at.gradient)], step[len(at.gradient) :]
+    return -(float(at.gradient @ own) + float(at.border_gradient @ rest))

@@ -176,7 +176,7 @@ class MultistageFit:
         stopping = replace(COARSE_STOPPING, iterations=iterations, step=max(tolerance, COARSE_STOPPING.step))
         if len(self.grains) < MIN_GRAINS_IN_PARTS:
             return stopping
-        return replace(stopping, stragglers=MAX_COARSE_STRAGGLERS, rejections=1)
+        return replace(stopping, stragglers=MAX_COARSE_STRAGGLERS, rejections=1, interpolate=True)
 
     def fine_stopping(self, tolerance: float | None = None) -> Stopping:
         """Stopping criteria of a last stage: no grain moves further than the tolerance, or all by little of their sd.
@@ -186,7 +186,10 @@ class MultistageFit:
         tolerance = self.settings.tolerance if tolerance is None else tolerance
         share = min(6 * len(self.grains) / max(lit_pixels(self.target), 1), 1.0)
         decrease = DECREASE_PER_UNKNOWN * share * (tolerance / DEFAULT_TOLERANCE) ** 2
-        return Stopping(self.settings.iterations, tolerance, decrease, STRAGGLER_VOXELS, MAX_STRAGGLER_SHARE)
+        many = len(self.grains) >= MIN_GRAINS_IN_PARTS
+        return Stopping(
+            self.settings.iterations, tolerance, decrease, STRAGGLER_VOXELS, MAX_STRAGGLER_SHARE, interpolate=many
+        )
 
     def solve_free(
         self,

@@ -13,13 +13,14 @@ import numpy as np
 from grainmotion._typing import Float
 from grainmotion.model.pose import Pose
 from grainmotion.objective.displacement_bases import rigid
-from grainmotion.objective.global_parameters import dot
+from grainmotion.objective.evaluation import LinearizedEvaluation
+from grainmotion.objective.global_parameters import Columns, dot
 from grainmotion.objective.priors import nuisance_prior
 from grainmotion.objective.residual import StateProblem
 from grainmotion.solvers.block_cg import inverse
 from grainmotion.solvers.gauss_newton import Linearization, damped_step, predicted_decrease
 from grainmotion.solvers.semidefinite import pseudo_inverse
-from grainmotion.uncertainty.goodness_of_fit import misregistered_grains
+from grainmotion.uncertainty.goodness_of_fit import misfits
 from grainmotion.uncertainty.noise_model import MIN_TRUST, shaded_pixels
 
 MIN_VIEWS_FOR_ALIGNMENT = 3
@@ -32,6 +33,8 @@ IDENTIFIABLE_VARIANCE_RATIO = 4.0
 CONTRADICTION_CHI2 = 15.0
 """χ² over its degrees of freedom from which views contradict each other: 1 to 10 where they are right, since
 residuals are not all noise, 500 and more where they are off by a third of a pixel."""
+ENOUGH_OF_EVIDENCE = 0.1
+"""χ² over its degrees of freedom by which several iterations for many grains must change it to be worth while."""
 MIN_MISALIGNMENT = 0.12
 """Pixels below which views are left alone: real residuals imitate 0.1 (`examples/savu`), and the part that cannot be
 identified grows with the one that is corrected."""
@@ -74,18 +77,21 @@ def view_misalignment(problem: StateProblem, pose: Pose) -> ViewMisalignment:
     views = len(problem.target.scan)
     if views < 2 or len(problem.grains) < MIN_GRAINS_FOR_ALIGNMENT:
         return ViewMisalignment()
-    if misregistered_grains(problem, pose).mean() > MAX_MISREGISTERED_SHARE:
+    free = _with_free_views(problem)
+    evaluation = free.evaluate_with_derivatives(pose)  # of which all that follows is made
+    misregistered = misfits(problem, evaluation).misregistered & (evaluation.patches.seen.mean(axis=1) > 0)
+    if misregistered.mean() > MAX_MISREGISTERED_SHARE:
         return ViewMisalignment()
-    trial = with_view_poses(problem, pose)
-    evaluation, at = trial.evaluate(pose), trial.linearize(pose)
-    explained, step = _explained(trial, pose, at)
+    trial = _with_gauge(free, _imitated(free, pose, evaluation))
+    at = trial.linearize_at(pose, evaluation)
     shaded = shaded_pixels(trial.target, evaluation) & (trial.target.trust >= MIN_TRUST)
     variance = float((evaluation.residual[shaded].astype(float) ** 2).mean()) if shaded.any() else np.inf
-    freedom = 3 * views - len(IMITATED_MOTIONS)
+    chance = max(variance * (3 * views - len(IMITATED_MOTIONS)), 1e-30)
+    explained, step = _explained(trial, pose, at, ENOUGH_OF_EVIDENCE * chance)
     corrections = step[: 3 * views].reshape(3, views)
     places = trial.grains.centers + pose.translations
     return ViewMisalignment(
-        explained / max(variance * freedom, 1e-30),
+        explained / chance,
         _spread(corrections[:2], 2 * views - 3),
         _spread(corrections[2], views - 1),
         float(np.abs(places).max()) / trial.target.scan.geometry.pixel_at(places.mean(axis=0)),
@@ -132,22 +138,36 @@ def alignment_refusal(problem: StateProblem, pose: Pose) -> str:
 
 def with_view_poses(problem: StateProblem, pose: Pose) -> StateProblem:
     """The same problem with unknown poses of views, without those that a motion of the whole sample imitates."""
-    nuisance, combinations = replace(problem.target.nuisance, views=True), imitated_corrections(problem, pose)
-    norms = np.linalg.norm(combinations, axis=0)
-    gauge = np.linalg.qr(combinations[:, norms > 0] / norms[norms > 0])[0]  # motions that no view sees need no gauge
-    gauge = np.vstack([gauge, np.zeros((nuisance.body_unknowns, gauge.shape[1]))])
-    return replace(problem, target=replace(problem.target, nuisance=replace(nuisance, gauge=gauge)))
+    return _with_gauge(_with_free_views(problem), imitated_corrections(problem, pose))
 
 
 def imitated_corrections(problem: StateProblem, pose: Pose) -> Float:
     """Corrections ``(3 views, 4)``, in the prior's deviations, with the effect of a unit of the sample's motions."""
-    nuisance = replace(problem.target.nuisance, views=True, freedoms=(), gauge=None)
-    trial = replace(problem, target=replace(problem.target, nuisance=nuisance))
-    evaluation = trial.evaluate_with_derivatives(pose)
-    columns, deviations = evaluation.nuisance_columns, nuisance.deviations(len(problem.target.scan))
+    free = _with_free_views(problem)
+    return _imitated(free, pose, free.evaluate_with_derivatives(pose))
+
+
+def _with_free_views(problem: StateProblem) -> StateProblem:
+    """The same problem with unknown poses of views, whatever a motion of the whole sample imitates."""
+    return replace(problem, target=replace(problem.target, nuisance=replace(problem.target.nuisance, views=True)))
+
+
+def _with_gauge(free: StateProblem, combinations: Float) -> StateProblem:
+    """The same problem without some ``combinations`` of corrections."""
+    nuisance, norms = free.target.nuisance, np.linalg.norm(combinations, axis=0)
+    gauge = np.linalg.qr(combinations[:, norms > 0] / norms[norms > 0])[0]  # motions that no view sees need no gauge
+    gauge = np.vstack([gauge, np.zeros((nuisance.body_unknowns, gauge.shape[1]))])
+    return replace(free, target=replace(free.target, nuisance=replace(nuisance, gauge=gauge)))
+
+
+def _imitated(free: StateProblem, pose: Pose, evaluation: LinearizedEvaluation) -> Float:
+    """`imitated_corrections` from an evaluation with derivatives by them."""
+    count, columns = 3 * len(free.target.scan), evaluation.nuisance_columns
+    columns = Columns(columns.stacks[:3], columns.shared[:3])  # those of bodies follow
+    deviations = free.target.nuisance.deviations(len(free.target.scan))[:count]
     border = columns.border(evaluation.jacobian) * deviations
     gram = columns.gram() * np.outer(deviations, deviations)
-    return np.asarray(pseudo_inverse(gram) @ border.T @ _imitated_basis(problem, pose))
+    return np.asarray(pseudo_inverse(gram) @ border.T @ _imitated_basis(free, pose))
 
 
 def identifiable_combinations(problem: StateProblem, pose: Pose) -> tuple[int, int]:
@@ -164,11 +184,14 @@ def identifiable_combinations(problem: StateProblem, pose: Pose) -> tuple[int, i
     return int((values > IDENTIFIABLE_VARIANCE_RATIO * max(variance, 1e-30)).sum()), len(values)
 
 
-def _explained(trial: StateProblem, pose: Pose, at: Linearization) -> tuple[float, Float]:
-    """Twice the decrease of the cost by the nuisance unknowns, all motions being free, and their step."""
+def _explained(trial: StateProblem, pose: Pose, at: Linearization, enough: float) -> tuple[float, Float]:
+    """Twice the decrease of the cost by the nuisance unknowns, all motions being free, and their step.
+
+    Iterations for many grains end where they change the cost by less than is ``enough``.
+    """
     k = len(at.corner) - len(at.border_gradient)  # unknowns of the response
     without = replace(at, border=at.border[:, :k], corner=at.corner[:k, :k], border_gradient=np.zeros(0))
-    full_step, motion_step = damped_step(at, 0.0), damped_step(without, 0.0)
+    full_step, motion_step = (damped_step(one, 0.0, enough=enough) for one in (at, without))
     step = full_step[len(at.gradient) :]
     precisions, _ = nuisance_prior(trial.target, pose)
     decrease = predicted_decrease(at, full_step, 0.0) - predicted_decrease(without, motion_step, 0.0)
