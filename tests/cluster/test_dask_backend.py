@@ -10,6 +10,7 @@ import pytest
 from few_grains import grain_set, radiographs, small_motions
 from grainmotion.cluster.dask_backend import DaskBackend
 from grainmotion.cluster.shared_store import SharedStore
+from grainmotion.model.compact_volume import CompactVolume
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.pose import Pose
 from grainmotion.objective.normal_matrix import PatchNormalMatrix, normal_matrix
@@ -89,6 +90,19 @@ def test_voxels_are_distributed_once(workers):
     del other
     gc.collect()
     assert len(shared) == before
+
+
+def test_compact_voxels_go_to_the_workers_as_they_are(workers):
+    """The client never writes them out; workers do, and project the same."""
+    some = (replace(g, fine=CompactVolume.of(g.fine)) for g in grains().grains)
+    one = GrainArrays.of(GrainSet(tuple(some)), fine=True)
+    many = one.on(workers)
+    assert many.backend is workers
+    patches = footprint_patches(one, REST_POSE, scan().geometry, margin=2)
+    expected = project_in_place(one, REST_POSE, scan().geometry, patches, "trilinear")
+    found = project_in_place(many, REST_POSE, scan().geometry, patches, "trilinear")
+    np.testing.assert_array_equal(np.asarray(found), expected)
+    assert len(list(workers.store.folder.iterdir())) <= 3 * workers.executor.worker_count
 
 
 def test_same_projections(both):

@@ -49,6 +49,9 @@ class RecordingCluster:
     def one_worker_tracks_a_state(self, grains):
         return not self.shares
 
+    def together(self, grains):
+        return False
+
     def track(self, grains, states, settings):
         self.asked.append({state.name: state.after or state.starts({})[0] for state in states})
         results = list(track_distributed(InlineExecutor(), self.store, grains, states, settings))

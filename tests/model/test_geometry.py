@@ -1,5 +1,7 @@
 """Geometry (`model.geometry`): where points of the sample project on the panel, with every sign; refused input."""
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -427,3 +429,9 @@ def test_vectors_of_a_table_are_stored_row_by_row():
     geometry = Geometry(vectors, SHAPE)
     assert geometry.vectors.flags.c_contiguous
     np.testing.assert_array_equal(geometry.vectors, vectors)
+
+
+def test_a_pickled_geometry_is_as_fixed():
+    """Else kernels would be compiled for it once more."""
+    geometry = pickle.loads(pickle.dumps(Geometry.cone((0.0,), (4, 4), 1.0, source_to_axis=10, source_to_detector=20)))
+    assert not geometry.vectors.flags.writeable

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from grainmotion._typing import Float, Image, Index
 from grainmotion.kernels.layout import GrainTable, PatchTable, ViewTable
+from grainmotion.model.compact_volume import CompactVoxels
 from grainmotion.model.pose import Pose
 
 Grains = TypeVar("Grains")
@@ -52,12 +53,18 @@ class PatchBackend(Protocol):
         """Whether grains on coarser voxels, too, are placed on it; otherwise the CPU projects them."""
         ...
 
+    @property
+    def takes_compact_voxels(self) -> bool:
+        """Whether it projects voxels that are kept compactly (`model.compact_volume`)."""
+        ...
+
     def place_voxels(
-        self, voxels: Image, starts: Index, heights: Float, relative_size: float
+        self, voxels: Image | CompactVoxels, starts: Index, heights: Float, relative_size: float
     ) -> tuple[PatchBackend, object]:
         """The backend that will project these grains, and their voxels in its memory.
 
-        ``voxels`` are flat, those of each grain from ``starts (n,)`` on; ``heights (n,)`` are the grains' z, and
+        ``voxels`` are flat, those of each grain from ``starts (n,)`` on, or compact if it `takes_compact_voxels`, those
+        of each in row ``starts``; ``heights (n,)`` are the grains' z, and
         ``relative_size`` is the edge of these voxels over that of the reference's.
         """
         ...

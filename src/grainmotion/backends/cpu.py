@@ -28,9 +28,10 @@ class CpuBackend:
     """A `PatchBackend`; its arrays are numpy's."""
 
     places_coarse_grains = False
+    takes_compact_voxels = True
 
     def place_voxels(
-        self, voxels: Image, starts: Index, heights: Float, relative_size: float
+        self, voxels: Image | CompactVoxels, starts: Index, heights: Float, relative_size: float
     ) -> tuple[PatchBackend, object]:
         return self, voxels
 

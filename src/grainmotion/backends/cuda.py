@@ -15,6 +15,7 @@ from grainmotion.backends.base import BackendArray, Grains, ImageStacks, PatchBa
 from grainmotion.kernels.cuda import filters, grain_projection, normal_equations
 from grainmotion.kernels.cuda.device_array import DeviceArray, empty, upload, zeros
 from grainmotion.kernels.layout import GrainTable, PatchTable, ViewTable
+from grainmotion.model.compact_volume import CompactVoxels
 from grainmotion.model.pose import Pose
 
 
@@ -23,9 +24,10 @@ class CudaBackend:
     """A `PatchBackend`; its arrays are `DeviceArray`."""
 
     places_coarse_grains = False
+    takes_compact_voxels = False
 
     def place_voxels(
-        self, voxels: Image, starts: Index, heights: Float, relative_size: float
+        self, voxels: Image | CompactVoxels, starts: Index, heights: Float, relative_size: float
     ) -> tuple[PatchBackend, object]:
         return self, upload(voxels)
 

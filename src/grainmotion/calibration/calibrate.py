@@ -39,6 +39,7 @@ from grainmotion.calibration.cross_validation import Trial
 from grainmotion.errors import InputError
 from grainmotion.model.progress import counted
 from grainmotion.model.scan import Scan
+from grainmotion.model.task_map import each
 from grainmotion.model.volume import Volume
 from grainmotion.preprocessing.binning import binning_factor
 
@@ -141,7 +142,7 @@ def calibrate(
     for done, trial in enumerate(trials[1:] or trials, start=1):
         values, sd = _gauss_newton(trial, values, settings.iterations)
         progress(_summary(names, values), done, len(trials))
-    before, after = (trials[-1].relative(v) for v in (np.zeros(len(names)), values))
+    before, after = each(trials[-1].relative, [np.zeros(len(names)), values])
     if after > before:  # the nominal geometry is the better one
         values, after = np.zeros(len(names)), before
     progress(_summary(names, values), len(trials), len(trials))
@@ -209,7 +210,7 @@ def _search(trial: Trial, values: Float) -> Float:
         return values
     steps = int(SEARCH_RANGE * trial.scan.geometry.shape[1])
     starts = [values + k * trial.units * (np.arange(len(values)) == index) for k in range(-steps, steps + 1)]
-    return min(counted(starts), key=trial.relative)
+    return starts[int(np.argmin(each(trial.relative, starts)))]
 
 
 def _corrections(names: tuple[Parameter, ...], values: Float, sd: Float) -> tuple[Correction, ...]:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from pydantic.dataclasses import dataclass
 
 from grainmotion._typing import Float
 from grainmotion.calibration.corrections import Parameter, corrected, step_of_a_pixel
 from grainmotion.model.geometry import Geometry
-from grainmotion.model.progress import counted
 from grainmotion.model.scan import Scan
+from grainmotion.model.task_map import each
 from grainmotion.model.volume import Volume
 from grainmotion.preprocessing.binning import binned_grid, binned_scan
 from grainmotion.projection.volumes import project
@@ -47,8 +49,8 @@ class Trial:
     def residual(self, values: Float) -> Float:
         """r(γ), flat, view after view."""
         out = np.zeros(self.scan.line_integrals.shape)
-        for half in counted((0, 1)):
-            out[1 - half :: 2] = self.residual_outside(values, half)
+        for half, outside in enumerate(each(partial(self.residual_outside, values), (0, 1))):
+            out[1 - half :: 2] = outside
         return out.ravel()
 
     def residual_outside(self, values: Float, half: int) -> Float:
@@ -68,5 +70,6 @@ class Trial:
     def derivatives(self, values: Float) -> Float:
         """∂r by each correction in its unit, ``(pixels, parameters)``."""
         steps = DIFFERENCE_STEP * np.diag(self.units)
-        differences = [self.residual(values + s) - self.residual(values - s) for s in counted(steps)]
+        residuals = each(self.residual, [*(values + steps), *(values - steps)])
+        differences = [ahead - behind for ahead, behind in zip(residuals, residuals[len(steps) :], strict=False)]
         return np.stack(differences, axis=1) / (2 * DIFFERENCE_STEP)

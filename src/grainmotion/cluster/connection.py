@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
@@ -15,18 +16,22 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from grainmotion._typing import Progress
+from grainmotion._typing import Image, Progress
 from grainmotion.cluster.dask_backend import DaskBackend, worth_sharing
 from grainmotion.cluster.distributed_iterate import reconstruct_distributed
 from grainmotion.cluster.executor import Executor
 from grainmotion.cluster.segmentation_tasks import extract_distributed
+from grainmotion.cluster.shared_calls import call_each
 from grainmotion.cluster.shared_store import SharedStore, StoredObject
 from grainmotion.cluster.state_tasks import State, track_distributed
+from grainmotion.cluster.team_backend import MIN_GRAINS_SHARED
+from grainmotion.cluster.team_tracking import TeamState, track_together
 from grainmotion.cluster.worker_setup import prepare_workers
 from grainmotion.errors import InputError
 from grainmotion.experiment.scan_inputs import ScanInput
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions
+from grainmotion.model.task_map import shared_among
 from grainmotion.model.volume import Volume
 from grainmotion.reconstruction.reconstruct import Reconstruction, ReconstructSettings
 from grainmotion.segmentation.label_refinement import Boxed
@@ -67,6 +72,16 @@ class ClusterConnection:
     ) -> Iterator[tuple[str, Motions]]:
         """Track states side by side; names and motions, in the order in which they are ready."""
         return track_distributed(self.executor, self.store, grains, states, settings)
+
+    def together(self, grains: GrainSet) -> bool:
+        """Whether all workers track a state together, each with all grains (see `cluster.team`)."""
+        return self.one_worker_tracks_a_state(grains) and len(grains) >= MIN_GRAINS_SHARED
+
+    def track_together(
+        self, grains: GrainSet, state: TeamState, progress: Progress | None = None
+    ) -> tuple[Motions, Image | None]:
+        """Track one state by all workers; motions and residual radiographs."""
+        return track_together(self.executor, self.store, grains, state, progress)
 
     def cut(
         self, volume: Volume, labels: NDArray[np.integer], wanted: list[Boxed], factor: int, reach: float
@@ -154,7 +169,9 @@ def connect(place: ComputeConfig, folder: Path) -> Iterator[ClusterConnection | 
         stack.callback(store.close)
         _check(client, store, where)
         prepare_workers(client, ours=place.scheduler is None)
-        yield ClusterConnection(Executor(client), store)
+        executor = Executor(client)
+        stack.enter_context(shared_among(partial(call_each, executor, store)))
+        yield ClusterConnection(executor, store)
 
 
 @contextmanager

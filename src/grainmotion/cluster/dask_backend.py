@@ -22,9 +22,10 @@ from grainmotion.backends.cpu import CPU
 from grainmotion.cluster import tracking_tasks
 from grainmotion.cluster.executor import Executor
 from grainmotion.cluster.remote_arrays import RemoteArray, RemoteSum, Split, Voxels, added_up, ends_of
-from grainmotion.cluster.shared_store import SharedStore, StoredImages
+from grainmotion.cluster.shared_store import SharedStore, StoredImages, StoredObject
 from grainmotion.cluster.tracking_tasks import Rays
 from grainmotion.kernels.layout import GrainTable, PatchTable, ViewTable
+from grainmotion.model.compact_volume import CompactVoxels
 from grainmotion.model.pose import Pose
 from grainmotion.projection.grain_arrays import GrainArrays
 
@@ -51,37 +52,51 @@ class DaskBackend:
     executor: Executor
     store: SharedStore
     places_coarse_grains = True
+    takes_compact_voxels = True
 
     def place_voxels(
-        self, voxels: Image, starts: Index, heights: Float, relative_size: float
+        self, voxels: Image | CompactVoxels, starts: Index, heights: Float, relative_size: float
     ) -> tuple[PatchBackend, object]:
         """See `PatchBackend`; the CPU keeps what is not worth sharing.
 
         The same voxels are handed out once for all states, while the number of workers is the same.
         """
-        if not worth_sharing(len(voxels) * min(relative_size, 1.0) ** 3):
+        compact = isinstance(voxels, CompactVoxels)
+        total = int(voxels.sizes.sum()) if isinstance(voxels, CompactVoxels) else len(voxels)
+        if not worth_sharing(total * min(relative_size, 1.0) ** 3):
             return CPU, voxels
-        base = voxels if voxels.base is None else voxels.base
-        key = voxels.ctypes.data, starts.tobytes(), self.executor.worker_count
+        if isinstance(voxels, CompactVoxels):
+            base: object = voxels.volumes[0]
+            place = id(base)
+        else:
+            base, place = voxels if voxels.base is None else voxels.base, voxels.ctypes.data
+        key = place, compact, starts.tobytes(), self.executor.worker_count
         if key not in self.store.shared:
             self.store.shared[key] = self._distributed(voxels, starts, heights)
             weakref.finalize(base, self.store.shared.pop, key, None)
         return self, self.store.shared[key]
 
-    def _distributed(self, voxels: Image, starts: Index, heights: Float) -> Voxels:
+    def _distributed(self, voxels: Image | CompactVoxels, starts: Index, heights: Float) -> Voxels:
         """Pieces of grains that are neighbours along z, so that they reach few rows; workers load them from files."""
         begins, rows = np.unique(starts, return_index=True)
-        ends = np.append(begins[1:], len(voxels))
-        order = np.argsort(heights[rows], kind="stable")
-        count = min(len(begins), max(self.executor.worker_count, -(-len(voxels) // MAX_VOXELS_OF_PIECE)))
-        sizes = (ends - begins)[order]
-        share = (np.cumsum(sizes) - sizes / 2) / len(voxels)
+        if isinstance(voxels, CompactVoxels):
+            each = voxels.sizes[begins]
+        else:
+            each = np.diff(np.append(begins, len(voxels)))
+        total, order = int(each.sum()), np.argsort(heights[rows], kind="stable")
+        count = min(len(begins), max(self.executor.worker_count, -(-total // MAX_VOXELS_OF_PIECE)))
+        sizes = each[order]
+        share = (np.cumsum(sizes) - sizes / 2) / total
         members = np.split(order, np.searchsorted(share, np.arange(1, count) / count))
         owner, local = np.zeros(len(begins), np.int64), np.zeros(len(begins), np.int64)
-        files: list[StoredImages] = []
+        files: list[StoredImages | StoredObject[CompactVoxels]] = []
         for mine in filter(len, members):
-            owner[mine], local[mine] = len(files), ends_of((ends - begins)[mine])[:-1]
-            files.append(self.store.store_images(np.concatenate([voxels[begins[k] : ends[k]] for k in mine])))
+            owner[mine], local[mine] = len(files), ends_of(each[mine])[:-1]
+            if isinstance(voxels, CompactVoxels):
+                files.append(self.store.put(voxels.end_to_end(begins[mine])))
+            else:
+                pieces = [voxels[begins[k] : begins[k] + each[k]] for k in mine]
+                files.append(self.store.store_images(np.concatenate(pieces)))
         addresses = self.executor.addresses(len(files))
         loaded = [self.executor.task_at(a, _load, stored=file) for a, file in zip(addresses, files, strict=True)]
         return Voxels(voxels.dtype, begins, owner, local, self.executor.persist(loaded), addresses, files)
@@ -223,7 +238,9 @@ class DaskBackend:
             stored, tasks = [], []
             for k in asked:
                 own = grains.select(rows[k])
-                without_voxels = replace(own, images=own.images[:0], starts=begins[rows[k]], backend=CPU, placed=None)
+                without_voxels = replace(
+                    own, images=own.images[:0], compact=None, starts=begins[rows[k]], backend=CPU, placed=None
+                )
                 here = pose.moved(pose.translations[rows[k]], pose.matrices[rows[k]])
                 stored.append(self.store.put((without_voxels, here, settings)))
                 literals = {"function": function, "stored": stored[-1], "images": temporary}
@@ -253,5 +270,8 @@ def _remote(array: BackendArray) -> RemoteArray:
     return array
 
 
-def _load(stored: StoredImages) -> Image:
-    return stored.all()
+def _load(stored: StoredImages | StoredObject[CompactVoxels]) -> Image:
+    if isinstance(stored, StoredImages):
+        return stored.all()
+    compact = stored.load()
+    return compact.written(np.arange(len(compact.volumes)))[0]

@@ -12,6 +12,7 @@ from grainmotion.cluster import reconstruction_tasks
 from grainmotion.cluster.executor import Executor
 from grainmotion.cluster.shared_store import SharedStore, StoredObject
 from grainmotion.experiment.scan_inputs import ScanInput
+from grainmotion.model.large_arrays import large_empty
 from grainmotion.model.volume import Volume
 from grainmotion.preprocessing.binning import sufficient_views
 from grainmotion.reconstruction.coarse_start import COARSENING, has_coarse_start, pieces_of
@@ -30,7 +31,8 @@ if TYPE_CHECKING:
 VIEWS_READ_TOGETHER = 16
 """Views that a worker reads at once."""
 VIEWS_BETWEEN_CHECKPOINTS = 160
-"""Views after which the slabs are stored: what a lost worker held is computed again from there."""
+"""Views after which the slabs are stored, or half of the scan's if that is more: what a lost worker held is computed
+again from there."""
 
 
 @dataclass(eq=False)
@@ -127,7 +129,7 @@ class DistributedIterate:
 
     def update(self, views: Views, relaxation: float, momentum: float = 0.0) -> PendingSum:
         """See `Iterate`."""
-        if self._views_since_checkpoint >= VIEWS_BETWEEN_CHECKPOINTS:
+        if self._views_since_checkpoint >= max(VIEWS_BETWEEN_CHECKPOINTS, len(self._place) // 2):
             self._views_since_checkpoint = 0
             self._store(momentum)
         task = self.executor.task_at  # without an address Dask would move slabs to idle workers
@@ -163,7 +165,7 @@ class DistributedIterate:
         self.executor.results(
             [self.executor.task(reconstruction_tasks.store_planes, s, path=p) for s, p in zip(self._slabs, paths)]
         )
-        array = np.empty(self.layout.shape, np.float32)
+        array = large_empty(self.layout.shape, np.float32)
         for path, planes in zip(paths, self.layout.slabs, strict=True):
             array[slice(*planes)] = np.load(path, mmap_mode="r")
             path.unlink()

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -14,6 +15,10 @@ from grainmotion.model.progress import counted
 if TYPE_CHECKING:
     from dask.delayed import Delayed
     from distributed import Client, Future
+
+
+TASKS_AHEAD = 4
+"""Tasks a worker whose results may wait for those before them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +74,20 @@ class Executor:
         with _report_dead_workers():
             return list(self.client.gather(futures))
 
+    def in_order(self, tasks: Iterable[Delayed]) -> Iterator[object]:
+        """Results of tasks, one after the other; only a few are computed ahead, so that they need little memory here.
+
+        Raises as `results` does.
+        """
+        ahead = TASKS_AHEAD * self.worker_count
+        futures: deque[Future] = deque()
+        for task in tasks:
+            futures.append(self.client.compute(task, optimize_graph=False))
+            if len(futures) > ahead:
+                yield _result_of(futures.popleft())
+        while futures:
+            yield _result_of(futures.popleft())
+
     def as_completed(self, more: Callable[[], tuple[str, Delayed] | None]) -> Iterator[tuple[str, Any]]:
         """Run tasks, as many at once as there are workers; names and results, in the order in which they are ready.
 
@@ -85,9 +104,13 @@ class Executor:
             if not names:
                 return
             future = next(done)
-            with _report_dead_workers():
-                result = future.result()
-            yield names.pop(future.key), result
+            yield names.pop(future.key), _result_of(future)
+
+
+def _result_of(future: Future) -> object:
+    with _report_dead_workers():
+        result: object = future.result()
+    return result
 
 
 @contextmanager

@@ -13,7 +13,6 @@ from numpy.typing import DTypeLike, NDArray
 from grainmotion._typing import Image, Index
 from grainmotion.cluster import tracking_tasks
 from grainmotion.cluster.executor import Executor
-from grainmotion.cluster.shared_store import StoredImages
 from grainmotion.kernels.layout import PatchTable, patch_table
 
 if TYPE_CHECKING:
@@ -37,7 +36,7 @@ class Voxels:
     local: Index
     pieces: list[Delayed]
     addresses: list[str]
-    files: list[StoredImages]
+    files: Sequence[object]
 
     def places(self, starts: Index) -> tuple[Index, Index]:
         """The piece of each grain, and where it begins there."""

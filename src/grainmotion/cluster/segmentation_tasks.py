@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TypeVar
+from typing import TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,13 +32,14 @@ def extract_distributed(
     crops = [(label, surroundings(box, volume.shape, reach)) for label, box in wanted]
     groups = [crops[k : k + GRAINS_PER_TASK] for k in range(0, len(crops), GRAINS_PER_TASK)]
     with store.temporary((volume.array, labels)) as (array, labelled):
-        tasks = [
+        tasks = (
             executor.task(fine_cuts, paths=(array.path, labelled.path), crops=group, factor=factor, reach=reach)
             for group in groups
-        ]
-        found = [cut for cuts in executor.results(tasks) for cut in cuts]
-    for (_, around), cut in zip(crops, found, strict=True):
-        yield None if cut is None else placed(cut, volume, around, factor)
+        )
+        found = cast("Iterator[list[Fine | None]]", executor.in_order(tasks))
+        for group, cuts in zip(groups, found, strict=True):
+            for (_, around), cut in zip(group, cuts, strict=True):
+                yield None if cut is None else placed(cut, volume, around, factor)
 
 
 def fine_cuts(paths: tuple[Path, Path], crops: list[tuple[int, Box]], factor: int, reach: float) -> list[Fine | None]:

@@ -5,6 +5,8 @@ Without the sizes Dask counts records as empty, and neither spills nor places th
 
 from __future__ import annotations
 
+import ctypes
+import os
 import signal
 import threading
 from dataclasses import fields
@@ -40,6 +42,10 @@ SIZED_RECORDS = (
 )
 
 
+MEMORY_OPTIONS = {-1: 64 << 20, -3: 32 << 20}
+"""glibc's M_TRIM_THRESHOLD and M_MMAP_THRESHOLD (bytes), at what they grow to by themselves where they are not set."""
+
+
 def register() -> None:
     """Register the sizes with Dask in this process."""
     from dask.sizeof import sizeof
@@ -49,6 +55,18 @@ def register() -> None:
 
     for kind in SIZED_RECORDS:
         sizeof.register(kind, size)
+
+
+def keep_freed_memory() -> None:
+    """Let the C library keep the memory of freed arrays for later ones, as it does in a process of its own.
+
+    Dask starts workers with a setting that gives it back at every free: a state of 76 grains took 12 CPU s instead of
+    8, as the system clears each page that it hands out anew.
+    """
+    set_option = getattr(ctypes.CDLL(None), "mallopt", None) if os.name == "posix" else None  # of glibc alone
+    if set_option is not None:
+        for option, size in MEMORY_OPTIONS.items():
+            set_option(ctypes.c_int(option), ctypes.c_int(size))
 
 
 def prepare_workers(client: Client, *, ours: bool) -> None:
@@ -65,6 +83,7 @@ def prepare_workers(client: Client, *, ours: bool) -> None:
         def setup(self, worker: Worker) -> None:
             register()
             limit_threads(worker.state.nthreads)
+            keep_freed_memory()
             if ours and threading.current_thread() is threading.main_thread():
                 signal.signal(signal.SIGINT, signal.SIG_IGN)
 

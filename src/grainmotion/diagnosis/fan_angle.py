@@ -7,6 +7,7 @@ views fit the other half best at the true f; a parabola through three residuals 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,7 @@ from grainmotion.diagnosis.view_consistency import BinnedViews
 from grainmotion.model.finding import Check, Finding, Level
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.scan import Scan
+from grainmotion.model.task_map import each
 from grainmotion.model.volume import Volume
 
 FAN_CHECK: Check = "reference-geometry"
@@ -59,16 +61,16 @@ def fan_findings(scan: Scan, grid: Volume, nominal: Tried, where: str, most: flo
     views = FanViews.of(scan, grid, nominal)
     if scan.geometry.beam != "cone" or len(views.binned.views) < MIN_FAN_VIEWS or views.edge > MAX_EDGE:
         return ()
-    if SURE_FACTORS[0] < best_factor_of({f: views.squares(f, (0,)) for f in FACTORS}) < SURE_FACTORS[1]:
+    if SURE_FACTORS[0] < best_factor_of(views.squares(FACTORS, (0,))) < SURE_FACTORS[1]:
         return ()
-    squares = {f: views.squares(f) for f in FACTORS}
+    squares = views.squares(FACTORS)
     if USUAL_FACTORS[0] < best_factor_of(squares) < USUAL_FACTORS[1]:
         return ()
-    squares.update({f: views.squares(f) for f in MORE_FACTORS})
+    squares.update(views.squares(MORE_FACTORS))
     factor = best_factor_of(squares)
     if USUAL_FACTORS[0] < factor < USUAL_FACTORS[1]:
         return ()
-    best = views.squares(factor)
+    best = views.squares((factor,))[factor]
     difference = best - squares[1.0]
     errors = float(difference.mean() / max(difference.std() / np.sqrt(len(difference)), 1e-12))
     if errors > -SIGNIFICANT_T or best.sum() > most**2:
@@ -111,15 +113,21 @@ class FanViews:
         images = self.binned.scan.line_integrals
         return float(np.median(images[:, :, [0, -1]]) / max(float(np.quantile(images, 0.99)), 1e-12))
 
-    def squares(self, factor: float, halves: tuple[int, ...] = (0, 1)) -> Float:
-        """r² of each view outside of halves, in the middle rows, with the source ``factor`` times as far away.
+    def squares(self, factors: Sequence[float], halves: tuple[int, ...] = (0, 1)) -> dict[float, Float]:
+        """r² of each view outside of halves, in the middle rows, with the source each factor times as far away.
 
         Towards the edge of a cone, flat faces and long bodies contradict any circular scan.
         """
+        trials = [(factor, half) for factor in factors for half in halves]
+        found = dict(zip(trials, each(self._squares_outside, trials), strict=True))
+        return {factor: np.concatenate([found[factor, half] for half in halves]) for factor in factors}
+
+    def _squares_outside(self, trial: tuple[float, int]) -> Float:
+        factor, half = trial
         rows = self.binned.scan.geometry.shape[0]
         cut = round((1 - MIDDLE_SHARE) / 2 * rows)
         geometry = self.binned.geometry(with_source_at(self.geometry, factor), self.shift)
-        return self.binned.squares_of_rows(geometry, slice(cut, rows - cut), halves)
+        return self.binned.squares_of_rows(geometry, slice(cut, rows - cut), (half,))
 
 
 def with_source_at(geometry: Geometry, factor: float) -> Geometry:

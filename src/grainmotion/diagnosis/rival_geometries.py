@@ -8,7 +8,7 @@ fine comparison uses the finest pixels, but few rows, and a paired test, view by
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -21,6 +21,7 @@ from grainmotion.diagnosis.view_consistency import BinnedViews, Consistency, bes
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.progress import counted
 from grainmotion.model.scan import Scan
+from grainmotion.model.task_map import each
 from grainmotion.model.volume import Volume
 from grainmotion.preprocessing.binning import best_factor
 
@@ -48,6 +49,10 @@ nothing tells it; with 12 views |t| < 1.
 """
 CLOSE_T = 3.0
 """Below it the shift of the panel is searched anew for both geometries."""
+
+
+_Trial = tuple[Geometry, float, int]
+"""A geometry of the whole scan, a shift of its panel, and the half of the views that are reconstructed."""
 
 
 @dataclass(frozen=True)
@@ -157,7 +162,7 @@ class Rivals:
         rough = self._rough
         reach = int(SEARCH_RANGE * rough.scan.geometry.shape[1]) // ROUGH_STEP * ROUGH_STEP
         shifts = np.arange(-reach, reach + 1.0, ROUGH_STEP)
-        values = [rough.half_residual(rough.geometry(geometry, float(x))) for x in counted(shifts)]
+        values = each(rough.half_residual, [rough.geometry(geometry, float(x)) for x in shifts])
         return min(values), float(shifts[int(np.argmin(values))])
 
     def compare(self, first: Tried, second: Geometry) -> Comparison:
@@ -177,13 +182,16 @@ class Rivals:
             comparison = self._compared(pair, shifts)
         return comparison
 
+    def compare_first_halves(self, first: Tried, others: Sequence[Geometry]) -> None:
+        """Prepare `compare` of one geometry with each of others: their trials do not depend on each other."""
+        self._try_squares([(g, first.shift / self._fine.factor, 0) for g in (first.geometry, *others)])
+
     def _compared(
         self, pair: tuple[Geometry, Geometry], shifts: list[float], halves: tuple[int, ...] = (0, 1)
     ) -> Comparison:
-        first, second = (
-            np.concatenate([self._squares(g, x, half) for half in counted(halves)])
-            for g, x in zip(pair, shifts, strict=True)
-        )
+        trials = [[(g, x, half) for half in halves] for g, x in zip(pair, shifts, strict=True)]
+        self._try_squares([trial for of_one in trials for trial in of_one])
+        first, second = (np.concatenate([self._known_squares[_key(t)] for t in of_one]) for of_one in trials)
         difference = second - first
         error = float(difference.std()) / np.sqrt(len(difference))
         scale = 1e-9 * float(first.mean())
@@ -193,19 +201,29 @@ class Rivals:
 
     def _misfit(self, geometry: Geometry, shift: float) -> float:
         """r² at the finest pixels."""
-        return float(sum(self._squares(geometry, shift, half).sum() for half in (0, 1)))
+        trials = [(geometry, shift, half) for half in (0, 1)]
+        self._try_squares(trials)
+        return float(sum(self._known_squares[_key(trial)].sum() for trial in trials))
 
-    def _squares(self, geometry: Geometry, shift: float, half: int) -> Float:
+    def _try_squares(self, trials: Sequence[_Trial]) -> None:
         """r² of each view outside a half, finest pixels; that of the nominal geometry is needed for each comparison."""
-        key = (geometry.vectors.tobytes(), shift, half)
-        if key not in self._known_squares:
-            self._known_squares[key] = self._fine.squares_by_view(self._fine.geometry(geometry, shift), half)
-        return self._known_squares[key]
+        new = {_key(trial): trial for trial in trials if _key(trial) not in self._known_squares}
+        self._known_squares.update(zip(new, each(partial(_squares, self._fine), list(new.values())), strict=True))
 
     def _tried(self, fixes: tuple[str, ...], geometry: Geometry, shift: float, negligible: float = 0.0) -> Tried:
         judged = self._judged
         consistency = judged.consistency(judged.geometry(geometry, shift / judged.factor), negligible)
         return Tried(fixes, geometry, shift, consistency)
+
+
+def _key(trial: _Trial) -> tuple[bytes, float, int]:
+    geometry, shift, half = trial
+    return geometry.vectors.tobytes(), shift, half
+
+
+def _squares(fine: BinnedViews, trial: _Trial) -> Float:
+    geometry, shift, half = trial
+    return fine.squares_by_view(fine.geometry(geometry, shift), half)
 
 
 def singles() -> list[tuple[str, ...]]:

@@ -24,7 +24,7 @@ from grainmotion.diagnosis.moving_sample import moving_sample_findings
 from grainmotion.diagnosis.rival_geometries import Comparison, Rivals, Tried, singles
 from grainmotion.diagnosis.settings import CheckSettings
 from grainmotion.model.finding import Check, Finding, Level
-from grainmotion.model.progress import counted, detail
+from grainmotion.model.progress import detail
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 
@@ -197,7 +197,9 @@ def _compared(rivals: Rivals, nominal: Tried) -> dict[str, Comparison]:
     """The nominal geometry beside those without a mistake that leaves the residual low."""
     detail("sense of rotation and end point", 1, 3)
     names = ALWAYS_TESTED if has_equal_steps(nominal.geometry) else (*ALWAYS_TESTED, EQUAL_STEPS)
-    return {name: rivals.compare(nominal, corrected(nominal.geometry, [name])) for name in counted(names)}
+    others = {name: corrected(nominal.geometry, [name]) for name in names}
+    rivals.compare_first_halves(nominal, list(others.values()))
+    return {name: rivals.compare(nominal, geometry) for name, geometry in others.items()}
 
 
 def _moving_sample(rivals: Rivals, nominal: Tried, where: str) -> tuple[Finding, ...]:

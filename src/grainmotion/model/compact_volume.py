@@ -8,7 +8,8 @@ they are projected.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,6 +106,22 @@ class CompactVoxels:
     def dtype(self) -> np.dtype[np.floating]:
         """The precision of the voxels once they are made."""
         return np.dtype(np.float32)
+
+    @property
+    def sizes(self) -> NDArray[np.int64]:
+        """Voxels of each once they are made."""
+        return np.array([volume.size for volume in self.volumes], dtype=np.int64)
+
+    def end_to_end(self, rows: NDArray[np.int64]) -> CompactVoxels:
+        """Some of them, whose numbers lie one after the other in three arrays, so that few files hold them."""
+        some = [self.volumes[k] for k in rows]
+        parts = []
+        for name in ("values", "firsts", "ends"):
+            arrays = [getattr(volume, name) for volume in some]
+            whole = np.concatenate(arrays)
+            edges = np.cumsum([0, *map(len, arrays)])
+            parts.append([whole[a:b] for a, b in pairwise(edges.tolist())])
+        return CompactVoxels([replace(v, values=a, firsts=b, ends=c) for v, a, b, c in zip(some, *parts, strict=True)])
 
     def written(self, rows: NDArray[np.int64]) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
         """The voxels of some volumes one after the other, and where each begins."""

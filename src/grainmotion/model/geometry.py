@@ -85,6 +85,10 @@ class Geometry(Summarised):
         object.__setattr__(self, "vectors", vectors)
         object.__setattr__(self, "shape", (rows, columns))
 
+    def __setstate__(self, state: dict[str, object]) -> None:
+        self.__dict__.update(state)
+        self.vectors.setflags(write=False)  # which pickling forgets: kernels are compiled once for both
+
     @classmethod
     @checked_arguments
     def cone(

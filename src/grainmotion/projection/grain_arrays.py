@@ -66,12 +66,11 @@ class GrainArrays:
     def on(self, backend: PatchBackend) -> GrainArrays:
         """The same grains, to be projected by a backend if it accepts them."""
         heights, relative_size = self.centers[:, 2], self.voxel_size / self.unit
-        if self.compact is not None:
-            if backend is CPU:
-                return self
+        if self.compact is not None and not backend.takes_compact_voxels:
             images, starts = self.compact.written(np.arange(len(self.compact.volumes)))
             return replace(self, images=images, starts=starts[self.starts], compact=None).on(backend)
-        accepted, placed = backend.place_voxels(self.images, self.starts, heights, relative_size)
+        voxels = self.images if self.compact is None else self.compact
+        accepted, placed = backend.place_voxels(voxels, self.starts, heights, relative_size)
         return replace(self, backend=accepted, placed=placed)
 
     def table(self, pose: Pose) -> GrainTable:
@@ -132,6 +131,19 @@ class GrainArrays:
         rows = ("starts", "shapes", "corners", "extents", "centers", "hulls", "radii")
         some = replace(self, **{name: vars(self)[name][index] for name in rows})
         return some if self.stretches is None else replace(some, stretches=self.stretches[index])
+
+    def alone(self, which: NDArray[np.int64]) -> GrainArrays:
+        """Some of the grains, as `select`, with their own voxels and no others'."""
+        some = self.select(which)
+        rows, places = np.unique(some.starts, return_inverse=True)
+        if self.compact is not None:
+            return replace(
+                some, compact=CompactVoxels([self.compact.volumes[k] for k in rows]), starts=places, placed=None
+            )
+        first = np.unique(some.starts, return_index=True)[1]
+        sizes = some.shapes[first].prod(axis=1)
+        images = np.concatenate([self.images[a : a + n] for a, n in zip(rows, sizes, strict=True)])
+        return replace(some, images=images, starts=(np.cumsum(sizes) - sizes)[places], placed=None)
 
     def coarsened(self, factor: int) -> GrainArrays:
         """The grains on voxels ``factor`` times as large, each the mean of those that it holds."""

@@ -8,12 +8,13 @@ as many views as these need show them to hundredths of a pixel (decision 0030), 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from grainmotion._typing import Float, Index
-from grainmotion.model.progress import counted
 from grainmotion.model.scan import Scan
+from grainmotion.model.task_map import each
 from grainmotion.model.view_shifts import ViewShifts
 from grainmotion.model.volume import Volume
 from grainmotion.preprocessing.binning import best_factor, binned_grid, binned_scan, sufficient_views
@@ -38,8 +39,8 @@ def measured_shifts(scan: Scan, grid: Volume) -> ViewShifts | None:
     views = sufficient_views(len(scan), columns // factor)
     small, coarse = binned_scan(scan, factor, views), binned_grid(grid, factor)
     residual = np.zeros(small.line_integrals.shape)
-    for half in counted((0, 1)):
-        residual[1 - half :: 2] = _residual_outside(small, coarse, half)
+    for half, outside in enumerate(each(partial(_residual_outside, small, coarse), (0, 1))):
+        residual[1 - half :: 2] = outside
     return view_shifts(small, residual, factor, views, grid.center)
 
 

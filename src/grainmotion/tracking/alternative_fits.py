@@ -26,6 +26,7 @@ from grainmotion.objective.nuisance_motions import corrected_geometry
 from grainmotion.objective.residual import StateProblem
 from grainmotion.projection.footprints import Patches, footprint_patches
 from grainmotion.projection.grain_arrays import GrainArrays, ball_directions
+from grainmotion.projection.grain_tasks import mapper_of
 from grainmotion.projection.grains import differentiate_patches, project_patches
 from grainmotion.rotations import rotation_matrix
 from grainmotion.solvers.semidefinite import pseudo_inverse
@@ -83,7 +84,7 @@ def fit_alternatives(
     pairs[1::2] = matrices
     both = pose.moved(pose.translations[twice], pairs)
     images = factor, evaluation.residual
-    out = grains.backend.map_grains(_in_batches, grains.select(twice), both, images, setup)[1::2]
+    out = mapper_of(grains)(_in_batches, grains.select(twice), both, images, setup)[1::2]
     return AlternativeFits(owners, out[:, :3], out[:, 3:12].reshape(-1, 3, 3), out[:, 12], out[:, 13])
 
 

@@ -31,7 +31,7 @@ from grainmotion.tracking.alternative_fits import AlternativeFits, fit_alternati
 from grainmotion.tracking.classification import MIN_COVERAGE
 from grainmotion.tracking.multistage import MultistageFit
 from grainmotion.tracking.refinement import RefinedFit
-from grainmotion.tracking.self_likeness import angles_between, known_symmetries
+from grainmotion.tracking.self_likeness import angles_between, find_symmetries, known_symmetries
 from grainmotion.uncertainty.weak_directions import poorly_determined
 
 NEAREST_TRIED, BEST_TRIED = 3, 3
@@ -143,7 +143,9 @@ def _candidates(
     """Rows of grains, the rotations from which they are to be fitted ``(k, 3, 3)``, and which are of mirrored poses."""
     owners, matrices, kinds = list[int](), list[Float](), list[bool]()
     grains, reference = references
-    for row in counted(np.flatnonzero(seen.mean(axis=1) >= MIN_COVERAGE).tolist()):
+    asked = np.flatnonzero(seen.mean(axis=1) >= MIN_COVERAGE).tolist()
+    find_symmetries(grains.grains, reference, asked)
+    for row in counted(asked):
         found = known_symmetries(grains.grains[row], reference, row)
         signs = np.linalg.det(found.matrices)
         view = int(np.argmax(seen[row] > 0.5 * seen[row].max()))

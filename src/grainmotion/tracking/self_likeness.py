@@ -12,6 +12,7 @@ value at R = 1, C is the likeness: 1 for a symmetry, near 0 for a rotation that 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from weakref import WeakKeyDictionary
@@ -23,6 +24,7 @@ from scipy.spatial.transform import Rotation
 from scipy.special import sph_harm_y
 
 from grainmotion._typing import Float, Image
+from grainmotion.model import task_map
 from grainmotion.model.grains import Grain
 from grainmotion.projection.grain_arrays import GrainArrays
 
@@ -47,6 +49,8 @@ MIN_DISTANCE = np.deg2rad(25.0)
 """Between two near-symmetries, and between one and the identity: the width of a peak of C."""
 MAX_SYMMETRIES = 64
 """Near-symmetries of a grain that are kept, the best: a cube has 47, an icosahedron 119."""
+GRAINS_OF_A_CALL = 32
+"""Grains that a worker looks at in one call."""
 REFINEMENT_STEPS = (np.deg2rad(8.0), np.deg2rad(4.0))
 """Steps of the finite differences with which a maximum is refined."""
 
@@ -98,6 +102,20 @@ def known_symmetries(grain: Grain, grains: GrainArrays, row: int) -> NearSymmetr
     if grain not in _SYMMETRIES_OF_GRAINS:
         _SYMMETRIES_OF_GRAINS[grain] = near_symmetries(grains, row)
     return _SYMMETRIES_OF_GRAINS[grain]
+
+
+def find_symmetries(grains: Sequence[Grain], arrays: GrainArrays, rows: Sequence[int]) -> None:
+    """Find what `known_symmetries` will be asked of these rows, where workers share the work."""
+    new = [row for row in rows if grains[row] not in _SYMMETRIES_OF_GRAINS]
+    if not task_map.is_shared() or not new:
+        return
+    groups = [np.array(new[k : k + GRAINS_OF_A_CALL]) for k in range(0, len(new), GRAINS_OF_A_CALL)]
+    for group, found in zip(groups, task_map.each(_symmetries_of_each, map(arrays.alone, groups)), strict=True):
+        _SYMMETRIES_OF_GRAINS.update((grains[row], symmetries) for row, symmetries in zip(group, found, strict=True))
+
+
+def _symmetries_of_each(grains: GrainArrays) -> list[NearSymmetries]:
+    return [near_symmetries(grains, row) for row in range(len(grains))]
 
 
 def angles_between(left: Float, right: Float) -> Float:

@@ -32,6 +32,7 @@ from grainmotion.objective.nuisance_motions import corrected_geometry
 from grainmotion.objective.residual import StateProblem
 from grainmotion.projection.footprints import Patches, footprint_patches
 from grainmotion.projection.grain_arrays import GrainArrays
+from grainmotion.projection.grain_tasks import mapper_of
 from grainmotion.projection.grains import differentiate_patches, project_patches
 from grainmotion.projection.jacobian import PatchJacobian
 from grainmotion.rotations import rotation_matrix
@@ -56,7 +57,7 @@ def unconfirmed_rotations(problem: StateProblem, pose: Pose, evaluation: Evaluat
     views = corrected_geometry(target.scan.geometry, pose.nuisance)
     setup = _ProjectionSetup(views, target.projector, target.kernel, grains.centers.mean(axis=0))
     images = factor, evaluation.residual
-    return grains.backend.map_grains(_unconfirmed_in_batches, grains, pose, images, setup)
+    return mapper_of(grains)(_unconfirmed_in_batches, grains, pose, images, setup)
 
 
 def shifts_by_rotations(unconfirmed: Float, blocks: Float) -> Float:

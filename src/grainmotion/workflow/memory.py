@@ -11,7 +11,7 @@ from pathlib import Path
 
 import psutil
 
-from grainmotion.cluster.connection import ComputeConfig
+from grainmotion.cluster.connection import LOCAL, ComputeConfig
 from grainmotion.experiment.inputs import Inputs
 from grainmotion.experiment.inspection import peak_memory
 from grainmotion.io.array_files import ArrayFiles
@@ -48,14 +48,16 @@ def give_back_memory() -> None:
 def memory_of_run(inputs: Inputs, folder: Path, workplace: ComputeConfig) -> Iterator[None]:
     """Keep radiographs, volumes and labels in files beside the results inside, if memory is too short for them.
 
-    That is said at once.  On workers, each of which has memory of its own, nothing is done.
+    That is said at once.  Where workers compute, this process still holds radiographs, volume and labels, and may use
+    what is free here; ``--memory`` is then of each worker.
     """
-    needed, usable = peak_memory(inputs), usable_memory(workplace)
-    if workplace.is_cluster or needed <= usable:
+    here = LOCAL if workplace.is_cluster else workplace
+    needed, usable = peak_memory(inputs), usable_memory(here)
+    if needed <= usable:
         yield
         return
     place = next(path for path in (folder, *folder.absolute().parents) if path.is_dir())
-    told = f"{usable / 1e9:.3g} GB are free" if workplace.bytes is None else f"{usable / 1e9:.3g} GB may be used"
+    told = f"{usable / 1e9:.3g} GB are free" if here.bytes is None else f"{usable / 1e9:.3g} GB may be used"
     _LOG.warning(
         "memory: the run needs about %.3g GB and %s: radiographs, volumes and labels are kept in files in %s, "
         "which takes longer (larger voxels, or fewer of them, need less)",

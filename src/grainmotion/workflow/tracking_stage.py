@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, replace
 
 from grainmotion._typing import Image
 from grainmotion.cluster.state_tasks import State
+from grainmotion.cluster.team_tracking import TeamState
 from grainmotion.diagnosis.labels import in_doubt
 from grainmotion.diagnosis.results import common_cause, with_common_cause
 from grainmotion.diagnosis.state_residual import residual_notes
@@ -71,9 +72,14 @@ def _track(
 ) -> TrackedState:
     """Track one state from the best of its starts, in this process or by all workers together."""
     grains, scan, settings = reference().released().grains, context.radiographs(source), context.tables.track
-    progress, backend = prefixed(context.progress, table.name), context.tracking_backend
-    with errors_of_state(source.key, table.initial):
-        motions, residual = track_with_residual(grains, scan, starts, settings, progress=progress, device=backend)
+    progress, cluster = prefixed(context.progress, table.name), context.cluster
+    if cluster is not None and cluster.together(grains):
+        state = TeamState(table.name, scan, table.initial, starts, settings)
+        motions, residual = cluster.track_together(grains, state, progress)
+    else:
+        backend = context.tracking_backend
+        with errors_of_state(source.key, table.initial):
+            motions, residual = track_with_residual(grains, scan, starts, settings, progress=progress, device=backend)
     return TrackedState(_explained(context, reference(), source, motions), residual)
 
 
