@@ -18,10 +18,10 @@ import numpy as np
 from grainmotion.kernels import grain_projection as kernel
 from grainmotion.kernels.cuda.grain_ray_tracing import ordered
 from grainmotion.kernels.grain_projection import at_columns, span_of_columns, span_of_row
-from grainmotion.kernels.grain_ray_packets import crossing, dominant
+from grainmotion.kernels.grain_ray_packets import PACKET_SIZE, crossing, dominant
 from grainmotion.kernels.grain_ray_tracing import row_of_rays
 from grainmotion.kernels.layout import GrainTable, PatchTable, ViewTable
-from grainmotion.kernels.packets import PACKET_SIZE, any_lane, counted
+from grainmotion.kernels.vector_functions import any_lane, counted
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.pose import Pose
 from grainmotion.projection.footprints import Patches
@@ -66,7 +66,7 @@ def _counted(shapes, corners, extents, voxel, positions, matrices, views, cone, 
             planes += ordered(o, d, shapes[g], low, high)[2]
         for c in range(c0, c1, PACKET_SIZE):
             lows, highs = span_of_columns(span, c - c0, min(c1 - c, PACKET_SIZE))
-            x = counted(c - middle)
+            x = counted(c - middle, PACKET_SIZE)
             os, ds = at_columns(rays[0], rays[1], x), at_columns(rays[2], rays[3], x)
             for axis in range(3):
                 own = (lows <= highs) & dominant(ds, axis)

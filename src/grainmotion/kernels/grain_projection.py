@@ -17,9 +17,10 @@ import numpy as np
 
 from grainmotion.kernels import grain_ray_packets
 from grainmotion.kernels.compilation import CACHE
+from grainmotion.kernels.grain_ray_packets import PACKET_SIZE
 from grainmotion.kernels.grain_ray_tracing import FAR, between, row_of_rays
-from grainmotion.kernels.packet_memory import loaded, stored
-from grainmotion.kernels.packets import PACKET_SIZE, as_double, counted, square_root, where
+from grainmotion.kernels.vector_functions import as_double, counted, square_root, where
+from grainmotion.kernels.vector_memory import loaded, stored_first
 
 _inlined = nb.njit(cache=CACHE, error_model="numpy", forceinline=True)  # calls would cost a tenth of the whole
 
@@ -32,7 +33,7 @@ def at_columns(start, step, x):
 
 @_inlined
 def lengths(d):
-    """Lengths of the vectors of all packets."""
+    """Lengths of the vectors (x, y, z) of all lanes."""
     return square_root(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
 
 
@@ -47,8 +48,8 @@ def span_of_row(extents, rays, start, columns):
 @_inlined
 def span_of_columns(span, c, count):
     """Where eight rays, of which ``count`` are traced, lie in a grain's extents: ends of t."""
-    low, high = as_double(loaded(span[0], c)), as_double(loaded(span[1], c))
-    return where(counted(0) < count, low, FAR), high
+    low, high = as_double(loaded(span[0], c, PACKET_SIZE)), as_double(loaded(span[1], c, PACKET_SIZE))
+    return where(counted(0, PACKET_SIZE) < count, low, FAR), high
 
 
 @_inlined
@@ -80,9 +81,9 @@ def by_motion(o, d, g, h, m, factor):
 @_inlined
 def store_vectors(arrays, first, at, count, by):
     """Put three components of ``count`` lanes into rows ``first`` to ``first + 2``."""
-    stored(arrays[first], at, count, by[0])
-    stored(arrays[first + 1], at, count, by[1])
-    stored(arrays[first + 2], at, count, by[2])
+    stored_first(arrays[first], at, by[0], count)
+    stored_first(arrays[first + 1], at, by[1], count)
+    stored_first(arrays[first + 2], at, by[2], count)
 
 
 @nb.njit(parallel=True, cache=CACHE, error_model="numpy")
@@ -103,10 +104,10 @@ def project(grains, views, patches, exact, values):
         for c in range(c0, c1, PACKET_SIZE):
             count = min(c1 - c, PACKET_SIZE)
             low, high = span_of_columns(span, c - c0, count)
-            x = counted(c - middle)
+            x = counted(c - middle, PACKET_SIZE)
             o, d = at_columns(rays[0], rays[1], x), at_columns(rays[2], rays[3], x)
             total = grain_ray_packets.values(image, shapes[g], o, d, low, high, exact)
-            stored(values, at + c, count, voxel * lengths(d) * total)
+            stored_first(values, at + c, voxel * lengths(d) * total, count)
 
 
 @nb.njit(parallel=True, cache=CACHE, error_model="numpy")
@@ -129,14 +130,14 @@ def project_with_derivatives(grains, views, patches, exact, values, derivatives)
         for c in range(c0, c1, PACKET_SIZE):
             count = min(c1 - c, PACKET_SIZE)
             low, high = span_of_columns(span, c - c0, count)
-            x = counted(c - middle)
+            x = counted(c - middle, PACKET_SIZE)
             o, d = at_columns(rays[0], rays[1], x), at_columns(rays[2], rays[3], x)
             total, g_own, h_own = grain_ray_packets.gradients(image, shapes[g], o, d, low, high, exact)
             length = voxel * lengths(d)
             by_shift, by_rotation = by_motion(
                 (o[0] + corner[0], o[1] + corner[1], o[2] + corner[2]), d, g_own, h_own, m, -length
             )
-            stored(values, at + c, count, length * total)
+            stored_first(values, at + c, length * total, count)
             store_vectors(derivatives, 0, at + c, count, (by_shift[0] * h, by_shift[1] * h, by_shift[2] * h))
             store_vectors(derivatives, 3, at + c, count, by_rotation)
 

@@ -1,10 +1,10 @@
 """Line integrals along eight rays at once through a grain's voxels, with derivatives.
 
-The mathematics is that of `kernels.grain_ray_tracing`.  The rays of eight neighbouring pixels, one in each of the
-`packets`, go together from plane to plane of their dominant axis, from the first that any of them needs to the last:
-t = (k − o_a)/d_a on plane k.  What a ray reads beyond its own planes are empty voxels, and where it leaves the image,
-indices are caught in the empty layers at its edge.  Both add zeros: the result of a ray is the same, bit by bit, next
-to any other rays.  If their dominant axes differ, they are traced one axis after the other.
+The mathematics is that of `kernels.grain_ray_tracing`.  The rays of eight neighbouring pixels, one in each lane of a
+vector (`kernels.vectors`), go together from plane to plane of their dominant axis, from the first that any of them
+needs to the last: t = (k − o_a)/d_a on plane k.  What a ray reads beyond its own planes are empty voxels, and where it
+leaves the image, indices are caught in the empty layers at its edge.  Both add zeros: the result of a ray is the same,
+bit by bit, next to any other rays.  If their dominant axes differ, they are traced one axis after the other.
 
 A sample needs the four voxels around it.  Two of them lie together, unless x is the dominant axis, and are read by one
 load (see `docs/decisions/0052-eight-rays-at-once.md`).
@@ -19,8 +19,7 @@ import numpy as np
 
 from grainmotion.kernels.compilation import CACHE
 from grainmotion.kernels.grain_ray_tracing import FAR
-from grainmotion.kernels.packet_memory import gathered, pairs
-from grainmotion.kernels.packets import (
+from grainmotion.kernels.vector_functions import (
     absolute,
     any_lane,
     as_double,
@@ -34,16 +33,18 @@ from grainmotion.kernels.packets import (
     truncated,
     where,
 )
+from grainmotion.kernels.vector_memory import gathered, pairs
 
 _inlined = nb.njit(cache=CACHE, error_model="numpy", forceinline=True)
 _jit = nb.njit(cache=CACHE, error_model="numpy")
+PACKET_SIZE = 8  # rays that are traced at once
 _TINY = 1e-20
 
 
 @_inlined
 def values(image, shape, o, d, low, high, exact):
     """J of the rays o + t d, t from low to high, in a grain's voxels; rays whose low exceeds their high have J = 0."""
-    total = spread(0.0)
+    total = spread(0.0, PACKET_SIZE)
     for axis in range(3):
         own = (low <= high) & dominant(d, axis)
         if any_lane(own):
@@ -61,7 +62,7 @@ def values(image, shape, o, d, low, high, exact):
 @_inlined
 def gradients(image, shape, o, d, low, high, exact):
     """J as `values`, and its gradients G by o and H by d."""
-    zero = spread(0.0)
+    zero = spread(0.0, PACKET_SIZE)
     total, gx, gy, gz, hx, hy, hz = zero, zero, zero, zero, zero, zero, zero
     for axis in range(3):
         own = (low <= high) & dominant(d, axis)
@@ -144,7 +145,7 @@ def crossing(shape, o, d, low, high, own, axis):
 def _rounded(image, ray):
     """Places and slopes in the image's precision, and zeros to begin sums with."""
     pb, pc, kb, kc = ray
-    zero = as_precision(spread(0.0), image)
+    zero = as_precision(spread(0.0, PACKET_SIZE), image)
     return as_precision(pb, image), as_precision(pc, image), as_precision(kb, image), as_precision(kc, image), zero
 
 

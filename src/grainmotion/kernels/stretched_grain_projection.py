@@ -29,9 +29,10 @@ from grainmotion.kernels.grain_projection import (
     span_of_row,
     store_vectors,
 )
+from grainmotion.kernels.grain_ray_packets import PACKET_SIZE
 from grainmotion.kernels.grain_ray_tracing import row_of_rays
-from grainmotion.kernels.packet_memory import stored
-from grainmotion.kernels.packets import PACKET_SIZE, counted
+from grainmotion.kernels.vector_functions import counted
+from grainmotion.kernels.vector_memory import stored_first
 
 _inlined = nb.njit(cache=CACHE, error_model="numpy", forceinline=True)
 _NO_CORNER = np.zeros(3)
@@ -75,10 +76,10 @@ def project(grains, views, patches, exact, values):
         for c in range(c0, c1, PACKET_SIZE):
             count = min(c1 - c, PACKET_SIZE)
             low, high = span_of_columns(span, c - c0, count)
-            x = counted(c - middle)
+            x = counted(c - middle, PACKET_SIZE)
             (o, d), (_, b) = _at_columns(inner, x), _at_columns(outer, x)
             total = grain_ray_packets.values(image, shape, o, d, low, high, exact)
-            stored(values, at + c, count, density * grains.voxel_size * lengths(b) * total)
+            stored_first(values, at + c, density * grains.voxel_size * lengths(b) * total, count)
 
 
 @nb.njit(parallel=True, cache=CACHE, error_model="numpy")
@@ -96,19 +97,19 @@ def project_with_derivatives(grains, views, patches, exact, values, derivatives,
         for c in range(c0, c1, PACKET_SIZE):
             count = min(c1 - c, PACKET_SIZE)
             low, high = span_of_columns(span, c - c0, count)
-            x = counted(c - middle)
+            x = counted(c - middle, PACKET_SIZE)
             (o, d), (a, b) = _at_columns(inner, x), _at_columns(outer, x)
             total, g_own, h_own = grain_ray_packets.gradients(image, shape, o, d, low, high, exact)
             length = density * grains.voxel_size * lengths(b)
             q = (o[0] + corner[0] * h, o[1] + corner[1] * h, o[2] + corner[2] * h)
             f, w = product(inverse, g_own), product(inverse, h_own)
             by_shift, by_rotation = by_motion(a, b, f, w, m, -length)
-            stored(values, at + c, count, length * total)
+            stored_first(values, at + c, length * total, count)
             store_vectors(derivatives, 0, at + c, count, (h * by_shift[0], h * by_shift[1], h * by_shift[2]))
             store_vectors(derivatives, 3, at + c, count, by_rotation)
             for n in range(3):
                 s, t = (n + 1) % 3, (n + 2) % 3
                 along = f[n] * q[n] + w[n] * d[n] + total * inverse[n, n]
                 shear = f[s] * q[t] + f[t] * q[s] + w[s] * d[t] + w[t] * d[s] + 2 * total * inverse[s, t]
-                stored(by_strain[n], at + c, count, -length * along)
-                stored(by_strain[3 + n], at + c, count, -length * shear)
+                stored_first(by_strain[n], at + c, -length * along, count)
+                stored_first(by_strain[3 + n], at + c, -length * shear, count)

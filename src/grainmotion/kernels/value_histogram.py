@@ -15,20 +15,21 @@ FINE_SHIFT = 11
 
 
 @nb.njit(cache=CACHE, nogil=True)
-def count_ordered(values: np.ndarray, groups: np.ndarray, wanted: int, prefix: int, counts: np.ndarray) -> None:
-    """Count the values of a group by the upper 16 bits of their keys, or the lower ones of those with a prefix.
+def count_ordered(values: np.ndarray, groups: np.ndarray, wanted: int, rows: np.ndarray, counts: np.ndarray) -> None:
+    """Count the values of a group by the upper 16 bits of their keys, or by the lower ones.
 
-    Keys are whole numbers in the order of the values.  Without a prefix (-1) the upper bits are counted.  All groups
-    but 0 are wanted if ``wanted`` is -1, all values if there are no groups.
+    Keys are whole numbers in the order of the values.  Without ``rows`` upper bits are counted, in ``counts[0]``;
+    else lower ones, in the row of ``counts`` that ``rows`` has for the upper ones, -1 for none.  All groups but 0 are
+    wanted if ``wanted`` is -1, all values if there are no groups.
     """
     for i in range(len(values)):
         if len(groups) == 0 or groups[i] == wanted or (wanted < 0 and groups[i] != 0):
             bits = np.int64(np.float32(values[i]).view(np.uint32))
             key = bits ^ 0xFFFFFFFF if bits & 0x80000000 else bits | 0x80000000
-            if prefix < 0:
-                counts[key >> 16] += 1
-            elif key >> 16 == prefix:
-                counts[key & 0xFFFF] += 1
+            if len(rows) == 0:
+                counts[0, key >> 16] += 1
+            elif rows[key >> 16] >= 0:
+                counts[rows[key >> 16], key & 0xFFFF] += 1
 
 
 @nb.njit(cache=CACHE, nogil=True)

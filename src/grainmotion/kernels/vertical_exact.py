@@ -18,9 +18,10 @@ import math
 import numba as nb
 
 from grainmotion.kernels.compilation import CACHE
-from grainmotion.kernels.lanes import LANES, larger, load, ramp, smaller, splat, store
 from grainmotion.kernels.pixel_columns import axes, heights, reach
-from grainmotion.kernels.vertical_trilinear import FRACTION, LINE_MARGIN, ONE, add_line, fixed
+from grainmotion.kernels.vector_functions import counted, maximum, minimum, spread
+from grainmotion.kernels.vector_memory import loaded, stored
+from grainmotion.kernels.vertical_trilinear import FRACTION, LANES, LINE_MARGIN, ONE, add_line, fixed
 
 LEVEL_SLOPE, LEAST_SLOPE = 1e-10, 1e-15  # a ray along z that rises or falls less is level: it rises by the second
 BORDER_TO_CENTER = (
@@ -65,11 +66,11 @@ def add_paths(lines, voxels, share, enter, leave, first, slopes, total):
     """
     f = total.dtype.type
     a_line, b_line = lines[0], lines[1]
-    zero, one, unit = splat(f(0)), splat(f(1)), splat(f(1.0 / ONE))
-    part, rest = splat(f(share)), splat(f(1) - f(share))
+    unit = spread(f(1.0 / ONE), LANES)
+    part, rest = spread(f(share), LANES), spread(f(1) - f(share), LANES)
     p0, s0 = fixed(enter[0]) + first * fixed(enter[1]), fixed(enter[1]) - ONE
     p1, s1 = fixed(leave[0]) + first * fixed(leave[1]), fixed(leave[1]) - ONE
-    across = ramp(f(0)) * (splat(f(s0)) * unit)
+    across = counted(f(0), LANES) * (f(s0) * unit)
     e0, e1 = (LANES - 1) * s0, (LANES - 1) * s1
     for r in range(0, len(total), LANES):
         least = min(min(p0, p0 + e0), min(p1, p1 + e1))
@@ -79,31 +80,32 @@ def add_paths(lines, voxels, share, enter, leave, first, slopes, total):
         at = r + lowest
         if at + LANES + borders >= 0 and at < voxels:
             at += LINE_MARGIN
-            per_height, sign, falls = load(slopes[0], r), load(slopes[1], r), load(slopes[2], r)
-            t = (one - (splat(f(p0 - (lowest << FRACTION))) * unit + across)) * per_height
-            a = load(a_line, at)
+            per_height, sign = loaded(slopes[0], r, LANES), loaded(slopes[1], r, LANES)
+            falls = loaded(slopes[2], r, LANES)
+            t = (1.0 - (f(p0 - (lowest << FRACTION)) * unit + across)) * per_height
+            a = loaded(a_line, at, LANES)
             if share == 1.0:
                 sums = a
                 for j in range(1, borders + 1):
-                    a_above = load(a_line, at + j)
-                    in_a = sign * (one - smaller(larger(t, zero), one)) + falls
+                    a_above = loaded(a_line, at + j, LANES)
+                    in_a = sign * (1.0 - minimum(maximum(t, 0.0), 1.0)) + falls
                     sums = in_a * (a_above - a) + sums
                     t = t + per_height
                     a = a_above
             else:
-                b = load(b_line, at)
+                b = loaded(b_line, at, LANES)
                 sums = part * a + rest * b
                 falls_a, falls_b = falls * part, falls * rest
                 for j in range(1, borders + 1):
-                    a_above, b_above = load(a_line, at + j), load(b_line, at + j)
-                    place = smaller(larger(t, zero), one)
-                    in_a = sign * larger(part - place, zero) + falls_a
-                    in_b = sign * smaller(one - place, rest) + falls_b
+                    a_above, b_above = loaded(a_line, at + j, LANES), loaded(b_line, at + j, LANES)
+                    place = minimum(maximum(t, 0.0), 1.0)
+                    in_a = sign * maximum(part - place, 0.0) + falls_a
+                    in_b = sign * minimum(1.0 - place, rest) + falls_b
                     sums = in_a * (a_above - a) + sums
                     sums = in_b * (b_above - b) + sums
                     t = t + per_height
                     a, b = a_above, b_above
-            store(total, r, load(total, r) + sums)
+            stored(total, r, loaded(total, r, LANES) + sums)
         p0 += LANES * s0
         p1 += LANES * s1
 
@@ -116,29 +118,29 @@ def collect_paths(rays, rows, share, enter, leave, slopes, span, lines):
     """
     f = lines.dtype.type
     a_line, b_line = lines[0], lines[1]
-    zero, one, unit = splat(f(0)), splat(f(1)), splat(f(1.0 / ONE))
-    part, rest = splat(f(share)), splat(f(1) - f(share))
+    unit = spread(f(1.0 / ONE), LANES)
+    part, rest = spread(f(share), LANES), spread(f(1) - f(share), LANES)
     p0, s0 = fixed(enter[0]), fixed(enter[1])
-    across, one_step = ramp(f(0)) * (splat(f(s0 - ONE)) * unit), splat(f(enter[1]))
+    across, one_step = counted(f(0), LANES) * (f(s0 - ONE) * unit), f(enter[1])
     up = (LANES - 1) * max(max(enter[1], leave[1]) - 1.0, 0.0)
     down = (LANES - 1) * min(min(enter[1], leave[1]) - 1.0, 0.0)
     for z in range(span[0], span[1], LANES):
         first = min(math.floor((z - up - enter[0]) / enter[1]), math.floor((z - up - leave[0]) / leave[1]))
         last = max(math.ceil((z + 1 - down - enter[0]) / enter[1]), math.ceil((z + 1 - down - leave[0]) / leave[1]))
         first, last = max(1 - LANES, first), min(rows - 1, last)
-        below = splat(f(p0 + first * s0 - (z << FRACTION))) * unit + across
-        in_a, in_b = zero, zero
+        below = f(p0 + first * s0 - (z << FRACTION)) * unit + across
+        in_a, in_b = spread(f(0), LANES), spread(f(0), LANES)
         for r in range(LINE_MARGIN + first, LINE_MARGIN + last + 1):
-            per_height = load(slopes[0], r)
-            t = zero - below * per_height
-            low = smaller(larger(t, zero), one)
-            high = smaller(larger(t + per_height, zero), one)
-            value = load(slopes[1], r) * load(rays, r)
-            in_a = (larger(part - low, zero) - larger(part - high, zero)) * value + in_a
-            in_b = (smaller(one - low, rest) - smaller(one - high, rest)) * value + in_b
+            per_height = loaded(slopes[0], r, LANES)
+            t = 0.0 - below * per_height
+            low = minimum(maximum(t, 0.0), 1.0)
+            high = minimum(maximum(t + per_height, 0.0), 1.0)
+            value = loaded(slopes[1], r, LANES) * loaded(rays, r, LANES)
+            in_a = (maximum(part - low, 0.0) - maximum(part - high, 0.0)) * value + in_a
+            in_b = (minimum(1.0 - low, rest) - minimum(1.0 - high, rest)) * value + in_b
             below = below + one_step
-        store(a_line, LINE_MARGIN + z, in_a)
-        store(b_line, LINE_MARGIN + z, in_b)
+        stored(a_line, LINE_MARGIN + z, in_a)
+        stored(b_line, LINE_MARGIN + z, in_b)
 
 
 @_jit

@@ -18,9 +18,11 @@ import math
 import numba as nb
 
 from grainmotion.kernels.compilation import CACHE
-from grainmotion.kernels.lanes import LANES, absolute, larger, load, prefetch, ramp, smaller, splat, store
 from grainmotion.kernels.pixel_columns import axes, heights, reach
+from grainmotion.kernels.vector_functions import absolute, counted, maximum, minimum, spread
+from grainmotion.kernels.vector_memory import loaded, prefetch, stored
 
+LANES = 16  # neighbouring rays or voxels that are computed at once
 LINE_MARGIN = 64  # values beside a line of voxels that blocks of rays may read; enough for steps up to 4
 PLANES_AHEAD = 4  # planes before its use that a line of voxels is asked for from memory
 FRACTION = 40  # binary places of heights as whole numbers, which are quicker to split in whole and rest
@@ -41,11 +43,10 @@ def blend(image, near, far, weight, low, high, line):
         for z in range(low, high):
             line[LINE_MARGIN + z] = image[near + z] + weight * (image[far + z] - image[near + z])
         return
-    part = splat(weight)
     z = low
     while True:
-        values = load(image, near + z)
-        store(line, LINE_MARGIN + z, part * (load(image, far + z) - values) + values)
+        values = loaded(image, near + z, LANES)
+        stored(line, LINE_MARGIN + z, weight * (loaded(image, far + z, LANES) - values) + values)
         if z == high - LANES:
             break
         z = min(z + LANES, high - LANES)
@@ -55,33 +56,33 @@ def blend(image, near, far, weight, low, high, line):
 def add_samples(line, voxels, start, step, total):
     """Add the line of ``voxels`` at height start + r · step to ``total[r]``."""
     f = total.dtype.type
-    zero, one, unit = splat(f(0)), splat(f(1)), splat(f(1.0 / ONE))
+    unit = spread(f(1.0 / ONE), LANES)
     slope = fixed(step) - ONE
-    across = ramp(f(0)) * (splat(f(slope)) * unit)
+    across = counted(f(0), LANES) * (f(slope) * unit)
     rise = (LANES - 1) * slope
     taps = 2 + (abs(rise) >> FRACTION)
     place, one_block = fixed(start) + min(rise, 0), LANES * slope
     low, high = -(LANES + taps), voxels - 1
     if slope < 0:
-        across = across - splat(f(rise)) * unit
+        across = across - f(rise) * unit
     for r in range(0, len(total), LANES):
         lowest = place >> FRACTION
         at = r + lowest
         if low <= at <= high:
-            u = splat(f(place - (lowest << FRACTION))) * unit + across
-            values = load(line, LINE_MARGIN + at)
+            u = f(place - (lowest << FRACTION)) * unit + across
+            values = loaded(line, LINE_MARGIN + at, LANES)
             if taps == 2:  # nearly always
-                middle = load(line, LINE_MARGIN + at + 1)
-                sums = smaller(u, one) * (middle - values) + values
-                sums = larger(u - one, zero) * (load(line, LINE_MARGIN + at + 2) - middle) + sums
+                middle = loaded(line, LINE_MARGIN + at + 1, LANES)
+                sums = minimum(u, 1.0) * (middle - values) + values
+                sums = maximum(u - 1.0, 0.0) * (loaded(line, LINE_MARGIN + at + 2, LANES) - middle) + sums
             else:
                 sums = values
                 for j in range(1, taps + 1):
-                    above = load(line, LINE_MARGIN + at + j)
-                    sums = smaller(larger(u, zero), one) * (above - values) + sums
-                    u = u - one
+                    above = loaded(line, LINE_MARGIN + at + j, LANES)
+                    sums = minimum(maximum(u, 0.0), 1.0) * (above - values) + sums
+                    u = u - 1.0
                     values = above
-            store(total, r, load(total, r) + sums)
+            stored(total, r, loaded(total, r, LANES) + sums)
         place += one_block
 
 
@@ -89,9 +90,9 @@ def add_samples(line, voxels, start, step, total):
 def collect(rays, rows, start, step, low, high, line):
     """The adjoint of `add_samples`: voxels low … high − 1 of a line from values ``rays[LINE_MARGIN + r]``."""
     f = line.dtype.type
-    zero, one, unit = splat(f(0)), splat(f(1)), splat(f(1.0 / ONE))
+    unit = spread(f(1.0 / ONE), LANES)
     from_start, per_row = fixed(start), fixed(step)
-    across, one_step = ramp(f(0)) * (splat(f(per_row - ONE)) * unit), splat(f(step))
+    across, one_step = counted(f(0), LANES) * (f(per_row - ONE) * unit), f(step)
     rise = (LANES - 1) * (step - 1.0)
     reach_down, reach = 1.0 + max(rise, 0.0), 2.0 + abs(rise)
     taps = math.ceil(reach / step)
@@ -99,23 +100,23 @@ def collect(rays, rows, start, step, low, high, line):
     for z in range(low, high, LANES):
         first = max(1 - LANES, min(rows, (row >> FRACTION) + 1))
         row += one_block
-        above = splat(f(from_start + first * per_row - (z << FRACTION))) * unit + across
+        above = f(from_start + first * per_row - (z << FRACTION)) * unit + across
         at = LINE_MARGIN + first
         if taps <= 4:  # nearly always
             second = above + one_step
             third = second + one_step
-            sums = larger(one - absolute(above), zero) * load(rays, at)
-            more = larger(one - absolute(second), zero) * load(rays, at + 1)
-            sums = larger(one - absolute(third), zero) * load(rays, at + 2) + sums
+            sums = maximum(1.0 - absolute(above), 0.0) * loaded(rays, at, LANES)
+            more = maximum(1.0 - absolute(second), 0.0) * loaded(rays, at + 1, LANES)
+            sums = maximum(1.0 - absolute(third), 0.0) * loaded(rays, at + 2, LANES) + sums
             if taps == 4:
-                more = larger(one - absolute(third + one_step), zero) * load(rays, at + 3) + more
+                more = maximum(1.0 - absolute(third + one_step), 0.0) * loaded(rays, at + 3, LANES) + more
             sums = sums + more
         else:
-            sums = zero
+            sums = spread(f(0), LANES)
             for r in range(at, min(at + taps, LINE_MARGIN + rows)):
-                sums = larger(one - absolute(above), zero) * load(rays, r) + sums
+                sums = maximum(1.0 - absolute(above), 0.0) * loaded(rays, r, LANES) + sums
                 above = above + one_step
-        store(line, LINE_MARGIN + z, sums)
+        stored(line, LINE_MARGIN + z, sums)
 
 
 @_jit
@@ -128,10 +129,9 @@ def expect(image, at, low, high):
 @_jit
 def add_line(line, weight, low, high, image, at):
     """Add a line's voxels low … high − 1, times a weight, to those of a flat image from ``at`` on."""
-    part = splat(weight)
     z = low
     while z + LANES <= high:
-        store(image, at + z, part * load(line, LINE_MARGIN + z) + load(image, at + z))
+        stored(image, at + z, weight * loaded(line, LINE_MARGIN + z, LANES) + loaded(image, at + z, LANES))
         z += LANES
     while z < high:
         image[at + z] += weight * line[LINE_MARGIN + z]

@@ -22,10 +22,9 @@ import numpy as np
 
 from grainmotion.kernels import vertical_exact, vertical_trilinear
 from grainmotion.kernels.compilation import CACHE
-from grainmotion.kernels.lanes import LANES
 from grainmotion.kernels.pixel_columns import column_rays, columns_across, lengths
 from grainmotion.kernels.vertical_exact import path_slopes
-from grainmotion.kernels.vertical_trilinear import LINE_MARGIN
+from grainmotion.kernels.vertical_trilinear import LANES, LINE_MARGIN
 
 TILE_EDGE = 24  # edge of a tile along x and y, voxels
 TILE_ROWS = 256  # rows, and voxels along z, that a tile has about

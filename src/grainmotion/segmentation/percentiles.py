@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion.kernels.value_histogram import FINE_SHIFT, count_fine, count_ordered
+from grainmotion.model.quantiles import quantiles_by_counting
 from grainmotion.segmentation.blocks import Work, chunks_of
 
 _ALL = np.zeros(0, np.uint8)
@@ -43,34 +45,14 @@ def quantiles(
     own = _ALL if groups is None else groups.reshape(-1)
     chunks = chunks_of(flat.size)
 
-    def count(prefix: int) -> NDArray[np.int64]:
-        def add(part: slice, counts: NDArray[np.int64]) -> NDArray[np.int64]:
-            count_ordered(flat[part], own[part] if own.size else own, wanted, prefix, counts)
-            return counts
+    def count(rows: NDArray[np.int16], counts: NDArray[np.int64]) -> None:
+        def add(part: slice, found: NDArray[np.int64]) -> NDArray[np.int64]:
+            count_ordered(flat[part], own[part] if own.size else own, wanted, rows, found)
+            return found
 
-        return np.asarray(sum(work.gathered(chunks, lambda: np.zeros(1 << 16, np.int64), add)))
+        counts += sum(work.gathered(chunks, partial(np.zeros_like, counts), add))
 
-    upper = np.cumsum(count(-1))
-    if upper[-1] == 0:
-        return [float("nan")] * len(shares)
-    lower: dict[int, NDArray[np.int64]] = {}
-
-    def ranked(rank: int) -> float:
-        prefix = int(np.searchsorted(upper, rank, side="right"))
-        if prefix not in lower:
-            lower[prefix] = np.cumsum(count(prefix))
-        within = rank - (int(upper[prefix - 1]) if prefix else 0)
-        key = prefix << 16 | int(np.searchsorted(lower[prefix], within, side="right"))
-        bits = key ^ 0x80000000 if key & 0x80000000 else key ^ 0xFFFFFFFF
-        return float(np.array(bits, np.uint32).view(np.float32))
-
-    found = []
-    for share in shares:
-        place = share * (int(upper[-1]) - 1)
-        first = int(place)
-        low = ranked(first)
-        found.append(low + (place - first) * (ranked(first + 1) - low) if place > first else low)
-    return found
+    return quantiles_by_counting(count, shares)
 
 
 def median(work: Work, values: NDArray, groups: NDArray | None = None, wanted: int = -1) -> float:
