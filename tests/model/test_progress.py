@@ -71,6 +71,17 @@ def test_the_width_of_a_step_follows_from_the_one_before(reports):
     assert reports[-1] == ("updates", SHARES * 50, SHARES * 100)
 
 
+def test_smaller_steps_than_the_one_before_do_not_go_back(reports):
+    for done in (0, 50, 75, 80):
+        begin("steps", done, 100)
+        list(counted(range(2)))
+    told = shares(reports)
+    assert told == sorted(told)
+    assert told[-1] == 0.875
+    begin("steps again", 10, 100)
+    assert shares(reports)[-1] == 0.1
+
+
 def test_without_a_length_the_step_lives_without_a_share(reports):
     begin("step")
     assert list(counted(iter("ab"))) == ["a", "b"]

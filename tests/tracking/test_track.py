@@ -374,6 +374,8 @@ class TestProgressAndReproducibility:
         assert all(isinstance(m, str) and 0 <= done <= total for m, done, total in messages)
         assert np.all(np.diff([done for _, done, _ in messages]) >= 0)
         assert messages[-1][1] == messages[-1][2]
+        fits = [done / total for m, done, total in messages if "free" in m]
+        assert 0 < fits[0] < fits[-1] < 0.8  # statuses, covariances and other poses come after
         assert any("one body" in m for m, *_ in messages)
         assert any("free" in m for m, *_ in messages)
         assert len(measured.fit.costs) > 3

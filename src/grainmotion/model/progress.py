@@ -30,21 +30,27 @@ class Listener:
     """Hands reports on, and knows which step they are in.
 
     A step reaches to the next value of ``done``; how far that is follows from the last two reports of the same total.
+    If it was less, the share stays until the next steps have caught up: it never falls while ``done`` does not.
     """
 
     def __init__(self, progress: Progress) -> None:
         self.progress = progress
         self.step: tuple[str, int, int] = ("", 0, 1)
-        self.width, self.told = 1, -MIN_INTERVAL
+        self.width, self.furthest, self.told = 1, 0, -MIN_INTERVAL
         self.share, self.what, self.within = 0.0, "", (0.0, 1.0)
 
     def __call__(self, message: str, done: int, total: int) -> None:
         """A step begins."""
         _, before, of = self.step
         self.width = done - before if of == total and done > before else 1
+        if of != total or done < before:
+            self.furthest = 0
         self.step, self.told = (message, done, total), time.monotonic()
         self.share, self.what, self.within = 0.0, "", (0.0, 1.0)
-        self.progress(message, done, total)
+        if self.furthest > SHARES * done:
+            self.progress(message, self.furthest, SHARES * total)
+        else:
+            self.progress(message, done, total)
 
     def detail(self, what: str, first: float, end: float) -> None:
         """A part of the step begins, from one share of it to another."""
@@ -60,9 +66,10 @@ class Listener:
         if now - self.told >= MIN_INTERVAL:
             self.told = now
             message, done, total = self.step
-            reached = round(SHARES * (done + self.width * self.share))
+            reached = min(round(SHARES * (done + self.width * self.share)), SHARES * total)
+            self.furthest = max(self.furthest, reached)
             told = f"{message} ({self.what})" if self.what else message
-            self.progress(told, min(reached, SHARES * total), SHARES * total)
+            self.progress(told, self.furthest, SHARES * total)
 
 
 class Part:
@@ -133,11 +140,11 @@ def begin(message: str, done: int = 0, total: int = 1) -> None:
         part.listener(message, done, total)
 
 
-def detail(what: str, done: int = 0, total: int = 1) -> None:
-    """Report a part of the step in hand, ``done`` of ``total``: its message is followed by ``what`` in brackets."""
+def detail(what: str, done: int = 0, total: int = 1, parts: int = 1) -> None:
+    """Report ``parts`` parts of the step in hand after ``done`` of ``total``, with ``what`` in brackets behind it."""
     part = _PART.get()
     if part is not None:
-        part.listener.detail(what, done / total, (done + 1) / total)
+        part.listener.detail(what, done / total, (done + parts) / total)
 
 
 def without_detail(message: str) -> str:

@@ -21,6 +21,7 @@ from grainmotion.kernels.layout import PADDING
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.large_arrays import large_zeros
 from grainmotion.model.progress import counted
+from grainmotion.model.slabs import slabs
 from grainmotion.model.volume import Volume
 
 SAMPLES_OF_A_CALL, UPRIGHT_SAMPLES_OF_A_CALL = 1e9, 3e9
@@ -93,7 +94,9 @@ class VolumeOperator:
     def padded(self, array: Image) -> Image:
         """A volume's ``[z, y, x]`` values with empty layers around, in the axis order of the projector (a copy)."""
         image, inner = self.empty(), slice(PADDING, -PADDING)
-        self.by_height(image)[inner, inner, inner] = array.transpose(1, 2, 0)
+        values, given = self.by_height(image)[inner, inner, inner], array.transpose(1, 2, 0)
+        for rows, _ in slabs(len(values)):
+            values[rows] = given[rows]
         return image
 
     def unpadded(self, image: Image) -> Image:

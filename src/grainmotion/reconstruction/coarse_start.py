@@ -15,6 +15,7 @@ import numpy as np
 
 from grainmotion._typing import Image
 from grainmotion.model.large_arrays import large_empty, large_zeros
+from grainmotion.model.progress import counted
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.preprocessing.binning import binned_scan
@@ -81,7 +82,7 @@ def started(scan: Scan, grid: Volume, settings: ReconstructSettings) -> Iterate:
 
 def _starts(scan: Scan, layout: Layout) -> Iterator[Image]:
     """Values of the planes of each slab in turn."""
-    for piece in pieces_of(layout):
+    for piece in counted(pieces_of(layout)):
         array = coarse_start(binned_scan(scan, COARSENING, rows=piece.rows), layout, piece)
         yield from (finer_slab(array, layout, piece, number) for number in piece.slabs)
 

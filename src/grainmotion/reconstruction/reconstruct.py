@@ -54,11 +54,12 @@ def reconstruct(
     (96, 72, 72)
     """
     settings = settings or ReconstructSettings()
+    detail("extent of the sample", 0, 8)
     place = fitted_grid(scan.select(growth_views(len(scan))), scan.geometry, grid, settings)
-    detail("beam hardening")
+    detail("beam hardening", 1, 8)
     hardening = consistent_hardening(scan.select, scan.geometry, place.grid, place.settings)
     scan = hardening.apply(scan)
-    detail("start on coarse voxels")
+    detail("start on coarse voxels", 2, 8, 6)
     fitted = on_grid(scan, place, progress)
     volume = replace(fitted.volume, hardening=hardening)
     if volume.field is not None:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion.kernels import connected_runs as kernels
+from grainmotion.model.progress import counted
 from grainmotion.segmentation.blocks import Work, slabs_of
 
 
@@ -49,7 +50,7 @@ class Components:
         starts, stops, number = (np.empty(int(offsets[-1]), np.int32) for _ in range(3))
         runs = offsets, starts, stops
         work.each(slabs, lambda slab: kernels.write_runs(codes, flip, *slab, *runs, number))
-        for first, _ in slabs[1:]:
+        for first, _ in counted(slabs[1:]):
             kernels.join_planes(codes, flip, first, *runs, number)
         n = kernels.number_components(number)
         sizes, at_border, places = np.zeros(n, np.int64), np.zeros(n, bool), np.zeros(n, np.int64)

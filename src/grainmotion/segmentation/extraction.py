@@ -17,6 +17,7 @@ from grainmotion.model.compact_volume import CompactVolume
 from grainmotion.model.grains import Grain, GrainSet
 from grainmotion.model.progress import counted, detail
 from grainmotion.model.scene import NO_MOTION, RIGID_MOTION, Body, Freedom, Scene
+from grainmotion.model.slabs import slabs
 from grainmotion.model.volume import Volume
 from grainmotion.segmentation.bodies import Piece, find_bodies
 from grainmotion.segmentation.fluid import find_fluid, without_fluid
@@ -229,11 +230,9 @@ def _unowned_share(
     if whole <= 0:
         return 0.0
     margin, unowned = int(4 * BACKGROUND_SIGMA + 0.5), 0.0
-    for first in range(0, len(grown), PLANES_FILTERED_TOGETHER):
-        end = min(first + PLANES_FILTERED_TOGETHER, len(grown))
-        around = slice(max(first - margin, 0), end + margin)
+    for around, inner in slabs(len(grown), margin, PLANES_FILTERED_TOGETHER):
         rest = np.where(grown[around] == 0, volume.array[around], 0)
-        rest = ndimage.gaussian_filter(rest, BACKGROUND_SIGMA)[first - around.start : end - around.start]
+        rest = ndimage.gaussian_filter(rest, BACKGROUND_SIGMA)[inner]
         unowned += float(rest[rest > BACKGROUND_LEVEL * grain].sum(dtype=float))
     return unowned / whole
 

@@ -18,6 +18,7 @@ from grainmotion._typing import Image
 from grainmotion.model.fluid import Fluid, below_level
 from grainmotion.model.large_arrays import large_empty
 from grainmotion.model.quantiles import median_of_labels
+from grainmotion.model.slabs import slabs
 from grainmotion.model.volume import Volume
 from grainmotion.segmentation.liquid_voxels import (
     GROWTH,
@@ -53,7 +54,7 @@ SECTION_LAYERS = 8
 """Layers next to a level or a border of the field whose mean is the cross-section beyond."""
 SEEN_SHARE = 0.95
 """Share of the reference's views that must see a place."""
-PLANES_OF_SHELLS = 64
+PLANES_OF_SHELLS = 32
 """Planes of voxels of which shells are looked at together."""
 
 
@@ -128,11 +129,9 @@ def _lit_share(array: Image, labels: NDArray[np.integer], lit: float) -> float:
     """Share of the shells' voxels above a level, from a few planes at a time: most samples are dry."""
     margin = int(np.ceil(SHELL_VOXELS[1])) + 1
     above = total = 0
-    for first in range(0, len(array), PLANES_OF_SHELLS):
-        end = min(first + PLANES_OF_SHELLS, len(array))
-        low = max(first - margin, 0)
-        outside = edt.edt((labels[low : end + margin] == 0).astype(np.uint8), parallel=1)[first - low : end - low]
-        values = array[first:end][(outside >= SHELL_VOXELS[0]) & (outside <= SHELL_VOXELS[1])]
+    for around, inner in slabs(len(array), margin, PLANES_OF_SHELLS):
+        outside = edt.edt((labels[around] == 0).astype(np.uint8), parallel=1)[inner]
+        values = array[around][inner][(outside >= SHELL_VOXELS[0]) & (outside <= SHELL_VOXELS[1])]
         above += int(np.count_nonzero(values > lit))
         total += len(values)
     return above / total if total else 0.0

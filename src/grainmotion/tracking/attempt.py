@@ -144,7 +144,7 @@ def finish(job: Job, near: Approach) -> Attempt:
         problem, solution = solve_strained(fit, problem, solution)
         if near.fluid is not None:
             problem, solution = near.fluid.settle(problem, solution)
-    fit.report("classifying the grains", fit.expected_stages)
+    fit.report("classifying the grains", max(fit.expected_stages, fit.stages_done))
     limits = (settings.max_sd_voxel * grains.voxel_size, float(np.deg2rad(settings.max_sd_deg)))
     alignment, solution = align_views(fit, problem, solution)
     refined, ambiguous = refine(fit, field_pose, alignment, solution), dict[int, str]()
@@ -156,6 +156,7 @@ def finish(job: Job, near: Approach) -> Attempt:
     detail("statuses")
     motions = classify(grains, refined, result.ambiguous, limits, tuple(fit.costs))
     motions = with_reasons(motions, ambiguous)
+    fit.report("classifying the grains", np.inf)
     if new:
         motions = replace(motions, fit=replace(motions.fit, appeared=new_grains(new)))
     if near.fluid is not None and refined.fluid_covariance is not None:

@@ -54,6 +54,12 @@ STRAGGLER_VOXELS, MAX_STRAGGLER_SHARE = 0.1, 1e-3
 that still do are reported as moving."""
 
 
+STAGES_OF_JUDGING = 4
+"""Stages that follow the fit, as progress counts them: weak directions, weights, other poses, statuses."""
+USUAL_STEPS, REPORTED_PARTS = 4, 100
+"""Steps after which half of a stage counts as done, how many more there will be is not known; parts of a stage."""
+
+
 @dataclass
 class MultistageFit:
     """The fit of one state under way.
@@ -106,7 +112,7 @@ class MultistageFit:
 
     @property
     def expected_stages(self) -> int:
-        """Stages to expect, repetitions by the search not counted."""
+        """Stages to expect before grains are judged, repetitions by the search not counted."""
         return len(self.settings.filters) + (3 if self.settings.fields else 0) + (2 if self.settings.strain else 0)
 
     def leave_out_unseen(self, pose: Pose) -> None:
@@ -152,18 +158,23 @@ class MultistageFit:
         grains, coarse = self.levels[factor]
         return grains, replace(coarse, sigma=target.sigma / factor, response_model=target.response_model)
 
-    def report(self, message: str, done: int) -> None:
-        """Report progress."""
+    def report(self, message: str, done: float) -> None:
+        """Report progress, in stages; more of them than expected share the last one, infinitely many are all."""
         if self.progress is not None:
-            self.progress(message, min(done, self.expected_stages), self.expected_stages)
+            most = self.expected_stages + STAGES_OF_JUDGING
+            done = done if done <= most - 1 else most - 1 / (2 + done - most)
+            self.progress(message, int(REPORTED_PARTS * done), REPORTED_PARTS * most)
 
     def observer(self, target: Target, name: str) -> Callable[[float], None]:
         """Begin a stage, and return the callback that records and reports each cost under the stage's name."""
         norm, stage = dot(target.measured, target.measured) or 1.0, self.stages_done
+        steps = 0
 
         def observe(cost: float) -> None:
+            nonlocal steps
+            steps += 1
             self.costs.append((name, float(np.sqrt(2 * cost / norm))))
-            self.report(f"{name}: residual {self.costs[-1][1]:.4f}", stage)
+            self.report(f"{name}: residual {self.costs[-1][1]:.4f}", stage + steps / (steps + USUAL_STEPS))
 
         self.report(name, stage)
         self.stages_done += 1
