@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from grainmotion.model.motions import POORLY_DETERMINED_REASON, Status
+from grainmotion.model.motions import Status
+from grainmotion.model.usable_parts import POORLY_DETERMINED_REASON
 from grainmotion.tracking import absent_grains, classification, missing_grains
 
 ROOT = Path(__file__).parents[1]

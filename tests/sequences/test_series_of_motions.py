@@ -6,7 +6,8 @@ import pytest
 
 from grainmotion.io.motions_csv import read_motions, write_motions
 from grainmotion.io.series_files import read_series, write_series
-from grainmotion.model.motions import POORLY_DETERMINED_REASON, Motions, Status
+from grainmotion.model.motions import Motions, Status
+from grainmotion.model.usable_parts import POORLY_DETERMINED_REASON
 from grainmotion.rotations import rotation_matrix, rotation_vector
 from grainmotion.sequences.series import Series
 

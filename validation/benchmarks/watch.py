@@ -38,7 +38,8 @@ from grainmotion.simulate import LATER_ANGLES_DEG, Particle, Sample, motion_fiel
 from grainmotion.simulate.detector import Physics, record
 from grainmotion.simulate.packing import PackingSettings, pack
 from grainmotion.simulate.sample import ellipsoid_particle
-from grainmotion.simulate.scenarios import STONE_COUNT, Scanner
+from grainmotion.simulate.scanner import Scanner
+from grainmotion.simulate.scenarios import STONE_COUNT
 from grainmotion.workflow.dataset import write_dataset
 from grainmotion.workflow.watch import watch
 from grainmotion.workflow.watch_session import WatchSettings

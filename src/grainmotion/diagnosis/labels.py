@@ -8,11 +8,11 @@ from dataclasses import replace
 import edt
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft, ndimage
+from scipy import ndimage
 from skimage.measure import block_reduce
 
-from grainmotion._typing import Float
 from grainmotion.diagnosis.label_background import background_label
+from grainmotion.diagnosis.label_places import best_shift, correlation, small_offset
 from grainmotion.diagnosis.orientations import AS_GIVEN, ORIENTATIONS, orientation_code, orientation_name, oriented
 from grainmotion.model.finding import Check, Finding, Level
 from grainmotion.model.label_sums import label_sizes
@@ -42,13 +42,6 @@ MIN_CORRELATION_GAIN = 0.08
 """How much better other axes or another place must match labels and volume."""
 MAX_LABEL_OFFSET = 0.5
 """Offset of the labels from the volume along an axis, voxels."""
-MIN_OFFSET_SIGNAL = 0.05
-"""Attenuation gained by moving the labels by a voxel, half of the difference to the other direction, over the step
-from air to grains at each of their faces: below it nothing is told, as labels may end within the grains.
-
-Measured on packings, sharp, blurred by 1.2 voxels and with noise of 15 %: 0.01 at most for labels eroded by 2 and 3
-voxels or dilated by 2, of which the offset is any number; 0.126 at least for labels off by 0.6 voxel.
-"""
 MAX_COARSE_VOXELS = 64
 """Voxels along the longest axis at which labels and volume are compared in all orientations."""
 
@@ -222,14 +215,14 @@ def _misplaced(volume: Volume, labels: NDArray[np.integer], where: str) -> Itera
     factor = max(1, -(-max(labels.shape) // MAX_COARSE_VOXELS))
     mask = block_reduce((labels > 0).astype(np.float32), factor, np.mean)
     array = block_reduce(np.minimum(volume.array, np.quantile(volume.array, 0.999)), factor, np.mean)
-    told = _correlation(array, mask)
+    told = correlation(array, mask)
     best, orientation, shift = told, AS_GIVEN, (0, 0, 0)
-    may_be_better = _correlation(np.sort(array, axis=None), np.sort(mask, axis=None)) > told + MIN_CORRELATION_GAIN
+    may_be_better = correlation(np.sort(array, axis=None), np.sort(mask, axis=None)) > told + MIN_CORRELATION_GAIN
     for candidate in ORIENTATIONS if may_be_better else ():
         changed = oriented(mask, candidate)
         if changed.shape != mask.shape:
             continue
-        value, place = _best_shift(array, changed)
+        value, place = best_shift(array, changed)
         if value > best + (MIN_CORRELATION_GAIN if candidate != orientation else 0):
             best, orientation, shift = value, candidate, place
     evidence = f"correlation of labels and volume {told:.2f}, and {best:.2f} then"
@@ -243,7 +236,7 @@ def _misplaced(volume: Volume, labels: NDArray[np.integer], where: str) -> Itera
         return [
             Finding(Level.ERROR, LABELS_CHECK, where, fact, evidence, "shift labels or volume: they are on one grid")
         ]
-    offset = _small_offset(volume.array, labels, _step(volume, labels))
+    offset = small_offset(volume.array, labels, _step(volume, labels))
     if np.abs(offset).max() > MAX_LABEL_OFFSET:
         fact = "the labels are shifted against the volume"
         evidence = f"by about ({', '.join(f'{o:.1f}' for o in offset)}) voxels (z, y, x)"
@@ -251,47 +244,6 @@ def _misplaced(volume: Volume, labels: NDArray[np.integer], where: str) -> Itera
             Finding(Level.WARNING, LABELS_CHECK, where, fact, evidence, "shift labels or volume: they are on one grid")
         ]
     return []
-
-
-def _correlation(a: NDArray, b: NDArray) -> float:
-    a, b = a - a.mean(), b - b.mean()
-    norm = float(np.linalg.norm(a) * np.linalg.norm(b))
-    return float((a * b).sum()) / norm if norm > 0 else 0.0
-
-
-def _best_shift(array: NDArray, mask: NDArray) -> tuple[float, tuple[int, int, int]]:
-    """Correlation at the best shift of ``array`` against ``mask``, and that shift."""
-    a, b = array - array.mean(), mask - mask.mean()
-    norm = float(np.linalg.norm(a) * np.linalg.norm(b))
-    if norm == 0:
-        return 0.0, (0, 0, 0)
-    products = fft.irfftn(np.conj(fft.rfftn(a)) * fft.rfftn(b), s=a.shape)
-    place = np.unravel_index(int(products.argmax()), a.shape)
-    shift = [int((p + n // 2) % n - n // 2) for p, n in zip(place, a.shape, strict=True)]
-    return float(products.max()) / norm, (shift[0], shift[1], shift[2])
-
-
-def _small_offset(array: NDArray[np.floating], labels: NDArray[np.integer], step: float) -> Float:
-    """Offset of the labels along z, y, x, voxels, from the attenuation one voxel ahead and behind; 0 if untold."""
-    offsets = np.zeros(3)
-    mask = labels > 0
-    here = float(array[mask].sum(dtype=float))
-    for axis in range(3):
-        ahead, behind = (_sum_at(array, mask, axis, step) for step in (-1, 1))
-        bend = 2 * here - ahead - behind
-        faces = np.count_nonzero(np.diff(mask, axis=axis))
-        if bend > 0 and abs(ahead - behind) / 2 > MIN_OFFSET_SIGNAL * step * faces:
-            offsets[axis] = float(np.clip(0.5 * (ahead - behind) / bend, -1, 1))
-    return offsets
-
-
-def _sum_at(array: NDArray[np.floating], mask: NDArray[np.bool_], axis: int, step: int) -> float:
-    """Attenuation in the mask moved by one voxel along an axis."""
-    first = [slice(None)] * 3
-    second = [slice(None)] * 3
-    first[axis] = slice(1, None) if step > 0 else slice(None, -1)
-    second[axis] = slice(None, -1) if step > 0 else slice(1, None)
-    return float(array[tuple(first)][mask[tuple(second)]].sum(dtype=float))
 
 
 def _grains(count: int) -> str:

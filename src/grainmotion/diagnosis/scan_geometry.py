@@ -19,18 +19,26 @@ from grainmotion.diagnosis.common_level import common_level_findings
 from grainmotion.diagnosis.directions import missing_directions
 from grainmotion.diagnosis.fan_angle import fan_findings
 from grainmotion.diagnosis.hypotheses import EQUAL_STEPS, HYPOTHESES, corrected, has_equal_steps
-from grainmotion.diagnosis.misfit_pattern import misfit_pattern, outlying_views
+from grainmotion.diagnosis.misfit_pattern import outlying_views
 from grainmotion.diagnosis.moving_sample import moving_sample_findings
 from grainmotion.diagnosis.rival_geometries import Comparison, Rivals, Tried, singles
+from grainmotion.diagnosis.scan_findings import (
+    CHECK,
+    SENSE,
+    SENSE_FIX,
+    TWINS,
+    beside_the_volume,
+    explained,
+    named,
+    sense_unknown,
+    unexplained,
+)
 from grainmotion.diagnosis.settings import CheckSettings
-from grainmotion.model.finding import Check, Finding, Level
+from grainmotion.model.finding import Finding, Level
 from grainmotion.model.progress import detail
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 
-CHECK: Check = "reference-geometry"
-SENSE: Check = "sense-of-rotation"
-SENSE_FIX = "angles-negated"
 ALWAYS_TESTED = (SENSE_FIX, "end-point-counted", "end-point-left-out")
 """Mistakes that leave the residual below ``[check] warn``; each is compared at the finest pixels."""
 MIN_COLUMNS = 12
@@ -48,41 +56,14 @@ MAX_ODD_VIEWS = 2
 """So few views that fit much worse than all others are at fault themselves, not the geometry."""
 MAX_SHARE_OUTSIDE = 0.1
 """Share of the line integrals beside the volume, from which it is too small: as for a given volume."""
-MAX_VOXEL_RATIO = 1.5
-"""Voxels over pixels at the sample from which they are named where the views contradict each other: twice as large, a
-sound scan left 0.14."""
 CANDIDATES = 2
 """So many hypotheses, the best of the rough trials, are judged; the very best is also tried with each other one."""
-TWINS = {
-    "transposed": ("quarter-turned", "quarter-turned-back"),
-    "quarter-turned": ("transposed", "quarter-turned-back"),
-    "quarter-turned-back": ("transposed", "quarter-turned"),
-}
-"""Hypotheses that are mirror images of each other, which rough trials do not tell apart."""
 MIRROR_FIXES = (("columns-flipped",), ("half-turned",), ("order-reversed",))
 """Mirror images that fit as well as angles negated, and are told together with it."""
 ROW_AIR_QUANTILE = 0.02
 """Of the line integrals of a row over all views, what counts as air."""
 AS_GOOD = 0.01
 """Judged residuals that differ by less are equal."""
-HOW_TO_TELL = (
-    "look at the first radiographs: seen from behind the sample, z up, a grain that is right of the centre at angle 0 "
-    "(at +x) must come nearer to the source as the angle grows"
-)
-MIRRORED = (
-    "the sample is mirrored: either the stage turns the other way than the angles say (the angles have the wrong "
-    "sign, or the radiographs are in reverse order), or the columns of the radiographs run the other way (images "
-    "flipped left to right)"
-)
-TO_UNMIRROR = (
-    "the scan alone does not tell which: if the images are as the camera sees them from behind the sample, give the "
-    "angles with the other sign (fix angles-negated), else flip the images (fix columns-flipped); the same for the "
-    "states that have the same mistake, and for no other; " + HOW_TO_TELL
-)
-CAUSES = (
-    "check the angles (unit, sense, span, end point), the order and number of the radiographs, first_row, distances, "
-    "flats and darks; saturated or stuck pixels and scatter do it, too"
-)
 
 
 @checked_arguments
@@ -129,7 +110,7 @@ def _contradictions(scan: Scan, grid: Volume, settings: CheckSettings, where: st
         return ()
     share = CoarseScan.of(scan, grid.center).share_outside(grid)
     if share > MAX_SHARE_OUTSIDE:
-        return (_beside_the_volume(share, where),)
+        return (beside_the_volume(share, where),)
     detail("views against each other", 0, 3)
     rivals = Rivals(scan, grid)
     negligible = SHIFT_SEARCHED_FROM * settings.warn
@@ -153,7 +134,7 @@ def _contradictions(scan: Scan, grid: Volume, settings: CheckSettings, where: st
         return known
     explanation = _explanation(rivals, nominal, settings)
     if explanation is not None:
-        return (_explained(nominal, explanation, where),)
+        return (explained(nominal, explanation, where),)
     if not 0 < len(outlying_views(nominal.consistency)) <= MAX_ODD_VIEWS:
         close = _close_rivals(rivals, nominal, where)
         if any(finding.fix and finding.level is Level.ERROR for finding in close):
@@ -162,17 +143,8 @@ def _contradictions(scan: Scan, grid: Volume, settings: CheckSettings, where: st
     return (
         tuple(replace(f, level=Level.ERROR) for f in fan)
         or _moving_sample(rivals, nominal, where)
-        or (_unexplained(rivals, nominal, settings, where, grid.voxel_size),)
+        or (unexplained(rivals, nominal, settings, where, grid.voxel_size),)
     )
-
-
-def _beside_the_volume(share: float, where: str) -> Finding:
-    """A finding on a volume that does not hold the sample: its views contradict each other in any geometry."""
-    fact = "the volume is smaller than the sample, as the distances and the pixel size have it: what lies beside it is "
-    fact += "not modelled, and its views contradict each other"
-    evidence = f"{share:.0%} of the line integrals lie on rays that pass the volume by"
-    remedy = "give a larger volume.shape, or correct volume.voxel_size, pixel_size or the distances"
-    return Finding(Level.ERROR, CHECK, where, fact, evidence, remedy)
 
 
 def _sinogram_order(scan: Scan, grid: Volume, nominal: Tried, where: str) -> tuple[Finding, ...]:
@@ -229,11 +201,11 @@ def _close_rivals(rivals: Rivals, nominal: Tried, where: str) -> tuple[Finding, 
         name = min(better, key=lambda k: better[k].residuals[1])
         first, second = better[name].residuals
         level = Level.ERROR if second < ERROR_SHARE * first else Level.WARNING
-        return (_named(level, where, (name,), f"residual of half of the views against the other half {first:.3f} as "
+        return (named(level, where, (name,), f"residual of half of the views against the other half {first:.3f} as "
                        f"given, {second:.3f} then, {-better[name].t:.0f} standard errors"),)  # fmt: skip
     sense = compared[SENSE_FIX]
     if sense.undecided:
-        return (_sense_unknown(sense, where),)
+        return (sense_unknown(sense, where),)
     return ()
 
 
@@ -271,51 +243,3 @@ def _refined(rivals: Rivals, best: Tried) -> Tried:
             if rivals.compare(best, geometry).second_is_better:
                 best = replace(best, fixes=fixes, geometry=geometry)
     return best
-
-
-def _explained(nominal: Tried, best: Tried, where: str) -> Finding:
-    evidence = (
-        f"residual of half of the views against the other half {nominal.consistency.residual:.3f} as given, "
-        f"{best.consistency.residual:.3f} then; {nominal.consistency.attainable:.3f} is due to the number of views"
-    )
-    finding = _named(Level.ERROR, where, best.fixes, evidence)
-    twins = TWINS.get(best.fixes[-1], ())
-    if not twins:
-        return finding
-    hint = f"the scan alone does not tell it from its mirror images ({', '.join(twins)}): {HOW_TO_TELL}"
-    return replace(finding, remedy=f"{finding.remedy}; {hint}")
-
-
-def _named(level: Level, where: str, fixes: tuple[str, ...], evidence: str) -> Finding:
-    """The finding that names a mistake, or several."""
-    if fixes == (SENSE_FIX,):
-        return Finding(level, SENSE, where, MIRRORED, evidence, TO_UNMIRROR, SENSE_FIX)
-    causes = [HYPOTHESES[name] for name in fixes]
-    fact = "the views contradict each other: probably " + ", and ".join(c.mistake for c in causes)
-    return Finding(level, CHECK, where, fact, evidence, "; ".join(c.remedy for c in causes), ", ".join(fixes))
-
-
-def _unexplained(rivals: Rivals, nominal: Tried, settings: CheckSettings, where: str, voxel_size: float) -> Finding:
-    consistency = nominal.consistency
-    level = Level.ERROR if consistency.judged > settings.stop else Level.WARNING
-    evidence = (
-        f"half of the views against the other half leaves {consistency.judged:.3f}; sound scans leave 0.02-0.08; "
-        f"{misfit_pattern(consistency, rivals.views)}"
-    )
-    ratio = voxel_size / nominal.geometry.pixel_at((0.0, 0.0, 0.0))
-    if ratio > MAX_VOXEL_RATIO:
-        fact = (
-            f"the voxels are {ratio:.1f} times as large as a pixel at the sample, too large to simulate its edges, or "
-        )
-        fact += "the views contradict each other"
-        return Finding(level, CHECK, where, fact, evidence, f"give a volume.voxel_size of about a pixel; else {CAUSES}")
-    return Finding(level, CHECK, where, "the views contradict each other", evidence, CAUSES)
-
-
-def _sense_unknown(comparison: Comparison, where: str) -> Finding:
-    first, second = comparison.residuals
-    fact = (
-        "the scan does not tell the sense of rotation: with the angles of the other sign, which mirrors the sample, it "
-        "fits as well"
-    )
-    return Finding(Level.NOTE, SENSE, where, fact, f"residuals {first:.4f} and {second:.4f}", HOW_TO_TELL)

@@ -60,16 +60,13 @@ def other_size(volume: VolumeFile, grid: Volume) -> str:
 def voxel_findings(volume: VolumeFile, grid: Volume, where: str) -> tuple[Finding, ...]:
     """What was noticed in the volume's file, and a voxel size in it that contradicts the experiment file."""
     found = [Finding(Level.NOTE, VOLUME_CHECK, where, note) for note in volume.notes] + _slices(volume, where)
-    if volume.voxel is not None:
-        conflict = size_conflict(volume.voxel.edges, grid.voxel_size)
-        if conflict:
-            other = f"volume.voxel_size is {grid.voxel_size:.6g} mm"
-            fact = f"voxels of {volume.voxel.text} by its {volume.voxel.key}, but {other}"
-            remedy = "the experiment file counts; correct the wrong one, or leave volume.voxel_size out"
-            found.append(Finding(Level.WARNING, VOLUME_CHECK, where, fact + conflict, remedy=remedy))
-        elif volume.voxel.size is not None:
-            fact = f"voxels of {volume.voxel.text} by its {volume.voxel.key}"
-            found.append(Finding(Level.NOTE, VOLUME_CHECK, where, fact))
+    told, conflict = _voxels_told(volume, grid)
+    if conflict:
+        fact = f"{told}, but volume.voxel_size is {grid.voxel_size:.6g} mm{conflict}"
+        remedy = "the experiment file counts; correct the wrong one, or leave volume.voxel_size out"
+        found.append(Finding(Level.WARNING, VOLUME_CHECK, where, fact, remedy=remedy))
+    elif volume.voxel is not None and volume.voxel.size is not None:
+        found.append(Finding(Level.NOTE, VOLUME_CHECK, where, told))
     return tuple(found)
 
 
@@ -77,14 +74,19 @@ def label_size_findings(labels: VolumeFile, grid: Volume, where: str) -> tuple[F
     """What was noticed in the labels' file, and a voxel size in it that is not the volume's."""
     found = [Finding(Level.NOTE, LABELS_CHECK, where, note) for note in labels.notes if "voxel" not in note]
     found += _slices(labels, where)
-    if labels.voxel is not None:
-        conflict = size_conflict(labels.voxel.edges, grid.voxel_size)
-        if conflict:
-            other = f"the volume's are {grid.voxel_size:.6g} mm"
-            fact = f"voxels of {labels.voxel.text} by its {labels.voxel.key}, but {other}"
-            remedy = "check that the labels are of this volume, at this resolution"
-            found.append(Finding(Level.WARNING, LABELS_CHECK, where, fact + conflict, remedy=remedy))
+    told, conflict = _voxels_told(labels, grid)
+    if conflict:
+        fact = f"{told}, but the volume's are {grid.voxel_size:.6g} mm{conflict}"
+        remedy = "check that the labels are of this volume, at this resolution"
+        found.append(Finding(Level.WARNING, LABELS_CHECK, where, fact, remedy=remedy))
     return tuple(found)
+
+
+def _voxels_told(file: VolumeFile, grid: Volume) -> tuple[str, str]:
+    """The voxels that a file tells, and how they differ from the grid's; both are empty if it tells none."""
+    if file.voxel is None:
+        return "", ""
+    return f"voxels of {file.voxel.text} by its {file.voxel.key}", size_conflict(file.voxel.edges, grid.voxel_size)
 
 
 def _slices(file: VolumeFile, where: str) -> list[Finding]:

@@ -32,6 +32,7 @@ from grainmotion._typing import Float
 from grainmotion.errors import InputError
 from grainmotion.io import spam_table
 from grainmotion.io.files import atomic_write
+from grainmotion.io.spam_gradients import gradient_fault, nearest_rotations
 from grainmotion.io.spam_table import (
     ABOUT_BOX,
     ADDED_COLUMNS,
@@ -58,10 +59,6 @@ TRANSLATION_TO_USE, NOT_TO_USE, WITHOUT_MOTION_STATUS = 1, -1, -7
 was not fitted 0."""
 MAX_WRITTEN_LABEL = 1_000_000
 """Largest label that is written: a file of 300 MB."""
-MIN_STRETCH = 0.1
-"""Smallest stretch of a gradient; one that flattens a grain more has no rotation."""
-MAX_STRAIN = 0.2
-"""Largest strain of a grain that is still taken for a rigid motion; grains of stone strain by less than 0.01."""
 
 
 @checked_arguments
@@ -207,10 +204,10 @@ def read_ddic_tsv(
         translations = recenter(gradients, translations, boxes, centers)
     returned = table["returnStatus"].to_numpy(np.int64)
     given = np.isfinite(translations).all(axis=1) & np.isfinite(gradients).all(axis=(1, 2)) & (returned >= 0)
-    faults = [_gradient_fault(f) if g else ("", False) for f, g in zip(gradients, given, strict=True)]
+    faults = [gradient_fault(f) if g else ("", False) for f, g in zip(gradients, given, strict=True)]
     moved = given & ~np.array([refused for _, refused in faults], dtype=bool)
     rotations = np.full((n, 3), np.nan)
-    rotations[moved] = rotation_vector(_nearest_rotations(gradients[moved]))
+    rotations[moved] = rotation_vector(nearest_rotations(gradients[moved]))
     sound = np.array([not fault for fault, _ in faults], dtype=bool)
     converged, stopped = (returned == 2) & moved & sound, moved & ((returned == 1) | (returned == 2) & ~sound)
     statuses = np.full(n, Status.NOT_FITTED.value, dtype="<U20")
@@ -288,24 +285,3 @@ def _covariances(table: pd.DataFrame, voxel_size: float) -> Float:
     lengths = table[list(DISPLACEMENT_SD)].to_numpy(float)[:, ::-1] * voxel_size
     angles = np.deg2rad(table[list(ROTATION_SD)].to_numpy(float)[:, ::-1])
     return np.hstack([lengths, angles])[:, :, None] ** 2 * np.eye(6)
-
-
-def _gradient_fault(gradient: Float) -> tuple[str, bool]:
-    """What is wrong with F as a rotation, and whether it has none."""
-    stretches = np.linalg.svd(gradient, compute_uv=False)
-    if stretches[2] <= MIN_STRETCH:
-        rank = int(np.count_nonzero(stretches > MIN_STRETCH))
-        return f"its gradient F is singular (rank {rank}): no rotation", True
-    determinant = float(np.linalg.det(gradient))
-    if determinant < 0:
-        return f"its gradient F is mirrored (det {determinant:.2f}): no rotation", True
-    strain = float(np.abs(stretches - 1).max())
-    return (f"its gradient F strains by {strain:.0%}: no rigid motion" if strain > MAX_STRAIN else "", False)
-
-
-def _nearest_rotations(matrices: Float) -> Float:
-    """R of the polar decompositions F = R U."""
-    left, _, right = np.linalg.svd(matrices)
-    sign = np.sign(np.linalg.det(left @ right))
-    left[..., -1] *= sign[..., None]
-    return left @ right

@@ -17,18 +17,13 @@ from grainmotion.model.status import STATUS_COLOURS, Status, status_counts
 from grainmotion.model.strain import stretches
 from grainmotion.model.summary import Summarised, Summary
 from grainmotion.model.thumbnails import arrows_picture
+from grainmotion.model.usable_parts import parts_to_use
 from grainmotion.rotations import rotation_matrix
 
 if TYPE_CHECKING:
     import pandas as pd
 
 Value = TypeVar("Value", bound=np.generic)
-
-
-PARTIAL = (Status.CUT.value, Status.DEFORMED.value, Status.BROKEN.value)
-"""Statuses of grains whose translation or rotation may be a result to use; the classification says which."""
-POORLY_DETERMINED_REASON = "poorly determined: "
-"""Beginning of the reason of a poorly determined grain; what is not determined follows, up to a semicolon."""
 
 
 def _checked_labels(labels: ArrayLike) -> NDArray[np.integer]:
@@ -118,25 +113,9 @@ class Motions(Summarised):
         unknown = {str(s) for s in self.statuses} - {s.value for s in Status}
         if unknown:
             raise InputError("motions.status", f"{sorted(unknown)} unknown", f"use {[s.value for s in Status]}")
-        for name, flags in zip(OK_COLUMNS, self._parts_to_use(), strict=True):
+        parts = parts_to_use(self.statuses, self.reasons, self.ok_translation, self.ok_rotation)
+        for name, flags in zip(OK_COLUMNS, parts, strict=True):
             object.__setattr__(self, name, flags)
-
-    def _parts_to_use(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Translations and rotations to use, as far as statuses and reasons decide it, else as given."""
-        n = len(self.labels)
-        given = [np.asarray(getattr(self, name), dtype=bool) for name in OK_COLUMNS]
-        # flags of another length were not given, or `replace` kept them while all else is of other grains
-        translation, rotation = (flags.copy() if flags.shape == (n,) else np.zeros(n, dtype=bool) for flags in given)
-        poor = self.statuses == Status.POORLY_DETERMINED.value
-        whole = poor & translation & rotation  # a contradiction: the status is newer
-        named = [r.partition(";")[0] if r.startswith(POORLY_DETERMINED_REASON) else "" for r in self.reasons]
-        told = poor & np.array([bool(name) for name in named], dtype=bool)
-        ok, ambiguous = self.ok, self.statuses == Status.AMBIGUOUS.value
-        partial = poor & ~whole | np.isin(self.statuses, PARTIAL)
-        for flags, part, always in ((translation, "translation", ok | ambiguous), (rotation, "rotation", ok)):
-            by_name = np.array([part not in name for name in named], dtype=bool)
-            flags[:] = always | np.where(told, by_name, flags & partial)
-        return translation, rotation
 
     def __len__(self) -> int:
         return len(self.labels)

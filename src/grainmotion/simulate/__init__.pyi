@@ -33,9 +33,9 @@ from .sample import Sample as Sample
 from .sample import Tube as Tube
 from .sample import ellipsoid_particle as ellipsoid_particle
 from .sample import inscribed as inscribed
+from .scanner import Scanner as Scanner
 from .scenarios import LATER_ANGLES_DEG as LATER_ANGLES_DEG
 from .scenarios import Case as Case
-from .scenarios import Scanner as Scanner
 from .scenarios import paper_scale as paper_scale
 from .scenarios import small as small
 from .shapes import Ellipsoid as Ellipsoid

@@ -9,16 +9,15 @@ import numpy as np
 from grainmotion._arguments import checked_arguments
 from grainmotion._typing import Float, Progress
 from grainmotion.errors import InputError
-from grainmotion.model.geometry import Geometry
 from grainmotion.model.motions import Motions
 from grainmotion.model.scan import Scan
 from grainmotion.model.summary import Summarised, Summary, names_text
-from grainmotion.model.volume import Volume
 from grainmotion.simulate import motion_fields
 from grainmotion.simulate.detector import Physics, Recording, photons_for_snr, record, record_line_integrals
 from grainmotion.simulate.packing import PackingSettings, pack
 from grainmotion.simulate.radiograph import line_integrals
 from grainmotion.simulate.sample import Particle, Sample, inscribed
+from grainmotion.simulate.scanner import Scanner
 from grainmotion.simulate.stone_shapes import stone
 
 STONE_COUNT = 95  # shapes of FDOT-57
@@ -27,66 +26,6 @@ STONE_ATTENUATION = 0.1  # of every stone, 1/mm
 OPEN_BEAM_COUNTS = 40_000  # counts without the sample, well inside 16 bits
 LATER_ANGLES_DEG = {2: (22.5, 112.5), 4: (0.0, 45.0, 90.0, 135.0)}
 """Angles of the radiographs of later states, degrees, by their number."""
-
-
-@dataclass(frozen=True)
-class Scanner:
-    """A circular cone-beam scanner and the matching voxel grid.
-
-    Attributes
-    ----------
-    panel : (int, int)
-        Rows and columns.
-    pixel_size, source_to_axis, source_to_detector : float
-        mm.
-    reference_views : int
-        Views of the full scan, evenly over 360°.
-
-    Examples
-    --------
-    >>> case.scanner.panel, case.scanner.voxel_size, len(case.scanner.geometry())
-    ((96, 72), 0.125, 90)
-    """
-
-    panel: tuple[int, int]
-    pixel_size: float
-    source_to_axis: float
-    source_to_detector: float
-    reference_views: int
-
-    @property
-    def voxel_size(self) -> float:
-        """Size of a pixel projected back to the rotation axis, mm."""
-        return self.pixel_size * self.source_to_axis / self.source_to_detector
-
-    def geometry(self, angles_deg: tuple[float, ...] | None = None) -> Geometry:
-        """Views of a circular scan.
-
-        Parameters
-        ----------
-        angles_deg : tuple of float, optional
-            Angles of the views, degrees; those of the full scan if None.
-
-        Returns
-        -------
-        Geometry
-            One view an angle.
-        """
-        if angles_deg is None:
-            angles_deg = tuple(np.arange(self.reference_views) * 360.0 / self.reference_views)
-        return Geometry.cone(
-            angles_deg,
-            self.panel,
-            self.pixel_size,
-            source_to_axis=self.source_to_axis,
-            source_to_detector=self.source_to_detector,
-        )
-
-    @property
-    def grid(self) -> Volume:
-        """An empty volume of rows × columns × columns voxels on the axis."""
-        rows, columns = self.panel
-        return Volume.zeros((rows, columns, columns), self.voxel_size)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

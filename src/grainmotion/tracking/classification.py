@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from grainmotion._typing import Float
 from grainmotion.diagnosis.reference_errors import ReferenceErrors
 from grainmotion.model.grains import GrainSet
-from grainmotion.model.motions import POORLY_DETERMINED_REASON, Motions, Status
+from grainmotion.model.motions import Motions, Status
 from grainmotion.model.pose import Pose
 from grainmotion.model.progress import counted
 from grainmotion.model.state_fit import StateFit
+from grainmotion.model.usable_parts import POORLY_DETERMINED_REASON
 from grainmotion.objective.residual import StateProblem
 from grainmotion.rotations import rotation_vector
 from grainmotion.solvers.gauss_newton import Solution
