@@ -6,29 +6,21 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
+from grainmotion.io.bodies_csv import RIGID_MOTION_COLUMNS, rigid_motion_numbers
 from grainmotion.io.files import atomic_write
 from grainmotion.model.state_fit import PieceMotion
 
 if TYPE_CHECKING:
     import pandas as pd
 
-PIECE_COLUMNS = (
-    "label", "piece", "status", "share", "x", "y", "z", "ux", "uy", "uz", "wx", "wy", "wz",
-    "sd_ux", "sd_uy", "sd_uz", "sd_wx", "sd_wy", "sd_wz",
-)  # fmt: skip
+PIECE_COLUMNS = ("label", "piece", "status", "share", *RIGID_MOTION_COLUMNS)
 
 
 def piece_table(pieces: Sequence[PieceMotion]) -> pd.DataFrame:
     """The table of ``pieces.csv``: mm and degrees; the motion is about the piece's own centre x y z."""
     import pandas as pd  # takes half a second and 60 MB
 
-    rows = []
-    for piece in pieces:
-        sd = np.sqrt(np.diagonal(piece.covariance))
-        numbers = [piece.center, piece.translation, np.rad2deg(piece.rotation), sd[:3], np.rad2deg(sd[3:])]
-        rows.append([piece.label, piece.piece, piece.status, piece.share, *np.concatenate(numbers)])
+    rows = [[piece.label, piece.piece, piece.status, piece.share, *rigid_motion_numbers(piece)] for piece in pieces]
     return pd.DataFrame(rows, columns=list(PIECE_COLUMNS))
 
 
