@@ -87,8 +87,9 @@ def planned(plan: Plan, rates: Rates) -> list[str]:
     rows = []
     for cost in costs(plan, rates):
         hours = cost.seconds(plan.threads, NETWORK, STORAGE, plan.workers) / 3600
+        files = cost.files + cost.mapped
         cells = [
-            cost.name, *(f"{value / 1e9:.1f}" for value in (cost.client, cost.worker, cost.between, cost.files)),
+            cost.name, *(f"{value / 1e9:.1f}" for value in (cost.client, cost.worker, cost.between, files)),
             f"{cost.client_seconds / 3600:.2f}", f"{cost.worker_seconds / 3600:.1f}", f"{hours:.2f}",
         ]  # fmt: skip
         rows.append(f"| {' | '.join(cells)} |")
@@ -96,7 +97,7 @@ def planned(plan: Plan, rates: Rates) -> list[str]:
     total = sum(cost.seconds(plan.threads, NETWORK, STORAGE, plan.workers) for cost in every) / 3600
     rows.append(
         f"| **all** | {max(c.client for c in every) / 1e9:.0f} | {max(c.worker for c in every) / 1e9:.0f} "
-        f"| {sum(c.between for c in every) / 1e9:.0f} | {sum(c.files for c in every) / 1e9:.0f} "
+        f"| {sum(c.between for c in every) / 1e9:.0f} | {sum(c.files + c.mapped for c in every) / 1e9:.0f} "
         f"| {sum(c.client_seconds for c in every) / 3600:.1f} | {sum(c.worker_seconds for c in every) / 3600:.0f} "
         f"| {total:.1f} |"
     )

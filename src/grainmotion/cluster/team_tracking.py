@@ -140,7 +140,7 @@ def _track(rank: int, places: Sequence[Place], token: str, grains: StoredObject,
         state, team = given.load(), Team.meet(rank, places, token)
         try:
             backend, progress = TeamBackend(team, state.least), _teller() if rank == 0 else None
-            with shared_among(team.call_each), errors_of_state(f"states.{state.name}", state.initial):
+            with shared_among(team.call_each, have_all=True), errors_of_state(f"states.{state.name}", state.initial):
                 found = track_with_residual(
                     grains.load(), state.scan, state.starts, state.settings, progress=progress, device=backend
                 )

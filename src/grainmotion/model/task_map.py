@@ -26,6 +26,7 @@ class Mapper(Protocol):
 
 
 _MAPPER: ContextVar[Mapper | None] = ContextVar("who makes independent calls", default=None)
+_HAVE_ALL: ContextVar[bool] = ContextVar("whether those who make calls have all items already", default=False)
 
 
 def each(function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
@@ -39,19 +40,29 @@ def each(function: Callable[[Item], Result], items: Iterable[Item]) -> list[Resu
     return mapper(function, items)
 
 
+def each_at_hand(function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
+    """As `each`, of items that are large beside the work: shared only among those who have all of them already."""
+    mapper = _MAPPER.get() if _HAVE_ALL.get() else None
+    return [function(item) for item in items] if mapper is None else mapper(function, items)
+
+
 def is_shared() -> bool:
     """Whether workers make the calls."""
     return _MAPPER.get() is not None
 
 
 @contextmanager
-def shared_among(mapper: Mapper | None) -> Iterator[None]:
-    """Let ``mapper`` make the calls of `each` until the end of a block; None is this process."""
-    token = _MAPPER.set(mapper)
+def shared_among(mapper: Mapper | None, have_all: bool = False) -> Iterator[None]:
+    """Let ``mapper`` make the calls of `each` until the end of a block; None is this process.
+
+    ``have_all`` is whether all who make calls have the same items, as where they run the same code.
+    """
+    token, before = _MAPPER.set(mapper), _HAVE_ALL.set(have_all)
     try:
         yield
     finally:
         _MAPPER.reset(token)
+        _HAVE_ALL.reset(before)
 
 
 def not_shared() -> AbstractContextManager[None]:

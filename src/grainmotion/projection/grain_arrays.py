@@ -19,6 +19,8 @@ from grainmotion.model.compact_volume import CompactVolume, CompactVoxels
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.grains import Grain, GrainSet
 from grainmotion.model.pose import Pose
+from grainmotion.model.task_map import each_at_hand
+from grainmotion.model.volume import Volume
 
 OUT_OF_PLANE = (2, 3, 4)
 """Components of (u, δ) that are zero in a planar sample: u_z, δ_x, δ_y."""
@@ -100,8 +102,9 @@ class GrainArrays:
             )
         corners = np.array([v.origin - g.center for v, g in zip(volumes, grains.grains, strict=True)]).reshape(-1, 3)
         h = volumes[0].voxel_size
-        ends = [_line_ends(v.array) for v in volumes]
-        hulls = [_extreme_points(p, v.shape) * h + corner for p, v, corner in zip(ends, volumes, corners, strict=True)]
+        hulls, extents, radii = zip(
+            *each_at_hand(_outline, list(zip(volumes, grains.grains, strict=True))), strict=True
+        )
         compact = [v for v in volumes if isinstance(v, CompactVolume)]
         kept = len(compact) == len(volumes)
         starts = np.arange(len(grains)) if kept else np.concatenate([[0], np.cumsum(sizes)[:-1]])
@@ -111,10 +114,10 @@ class GrainArrays:
             starts=starts.astype(np.int64),
             shapes=np.array([v.shape for v in volumes], dtype=np.int64),
             corners=corners,
-            extents=np.array([_extents(points) for points in ends]),
+            extents=np.array(extents),
             centers=grains.centers,
             hulls=np.array(hulls),
-            radii=np.array([_radius(g) for g in grains.grains]),
+            radii=np.array(radii),
             voxel_size=h,
             unit=grains.voxel_size,
         )
@@ -190,6 +193,14 @@ def _end_to_end(arrays: list[Image]) -> Image:
         start = (first - base.ctypes.data) // base.itemsize
         return base[start : start + ends[-1] // base.itemsize]
     return np.concatenate([a.ravel() for a in arrays])
+
+
+def _outline(volume_and_grain: tuple[Volume | CompactVolume, Grain]) -> tuple[Float, Image, float]:
+    """Hull, extents and radius of a grain, from its finer or its own voxels."""
+    volume, grain = volume_and_grain
+    ends = _line_ends(volume.array)
+    hull = _extreme_points(ends, volume.shape) * volume.voxel_size + (volume.origin - grain.center)
+    return hull, _extents(ends), _radius(grain)
 
 
 def _radius(grain: Grain) -> float:

@@ -15,11 +15,12 @@ import numpy as np
 from grainmotion.cluster.distributed_iterate import VIEWS_BETWEEN_CHECKPOINTS
 from grainmotion.reconstruction.ordered_subsets import subsets
 from grainmotion.reconstruction.slabs import slab_bounds
+from grainmotion.segmentation.extraction import MAX_FINE_BYTES
 from grainmotion.segmentation.label_refinement import SPLINE_MARGIN
 from grainmotion.segmentation.settings import SegmentSettings
 
-SINGLE, LABEL, COMPACT = 4, 4, 2
-"""Bytes of a voxel or pixel, of a label, and of a finer voxel that is kept compactly."""
+SINGLE, DOUBLE, LABEL, COMPACT = 4, 8, 4, 2
+"""Bytes of a voxel or pixel, of a sum, of a label, and of a finer voxel that is kept compactly."""
 REACH, FINER, PADDING = SegmentSettings().reach, SegmentSettings().finer, 2
 COPIES_OF_A_SLAB = 4
 """Image and the one before, and the copies that an update makes of both."""
@@ -31,6 +32,9 @@ SEGMENTED_BYTES = 9.5
 """Bytes a voxel that segmentation holds beside the volume (decision 0049)."""
 SOLVED_PIXEL_BYTES = 2 * 28
 """Line integrals and six derivatives of a pixel of a patch, of the pose in hand and of the one before."""
+BINNED, CHECKS, TRIALS, RESIDUALS, TIMES_READ = 60.0, 10, 26, 9, 3
+"""Columns of binned radiographs; trials of checks and of the calibration, those of the latter that send residuals (in
+double precision); times that files of radiographs are read (fingerprints, checks, by workers)."""
 PATCH_MARGIN = 4
 """Pixels about a grain's shadow."""
 
@@ -40,8 +44,9 @@ class Rates:
     """CPU seconds of one thread.
 
     ``pixel`` of reading and checking a pixel, ``view`` of calibrating with a view, ``sample`` of a voxel that a ray
-    crosses in the reconstruction, ``voxel`` of segmentation, ``fine`` of a finer voxel of a grain's crop, ``tracked``
-    of a voxel of a grain in a state; ``start`` of all checks whose cost does not depend on the size.
+    crosses in the reconstruction, ``voxel`` of segmentation, ``fine`` of a finer voxel of a grain's crop, ``kept`` of
+    one for the client, ``grown`` of a voxel of the labels that are grown, ``tracked`` of a voxel of a grain in a state;
+    ``start`` of all checks whose cost does not depend on the size.
     """
 
     start: float
@@ -51,6 +56,8 @@ class Rates:
     voxel: float
     fine: float
     tracked: float
+    kept: float = 2e-8
+    grown: float = 1.5e-7
 
 
 @dataclass(frozen=True)
@@ -82,25 +89,33 @@ class Plan:
         return (self.diameter + 2 * (math.ceil(REACH) + SPLINE_MARGIN)) ** 3
 
     @property
+    def reached(self) -> float:
+        """Voxels across a grain with the attenuation within reach of its label."""
+        return self.diameter + 2 * REACH
+
+    @property
     def fine_box(self) -> float:
         """Finer voxels of the box around a grain."""
-        return (FINER * (self.diameter + 1.5) + 2 * PADDING) ** 3
+        return (FINER * self.reached + 2 * PADDING) ** 3
 
     @property
     def coarse_box(self) -> float:
         """Voxels of the box around a grain."""
-        return (self.diameter + 2 * REACH + 2 * PADDING) ** 3
+        return (self.reached + 2 * PADDING) ** 3
 
     @property
-    def compact(self) -> float:
-        """Bytes of all grains' finer voxels, kept compactly."""
-        inside = math.pi / 6 * (FINER * (self.diameter + 1.5)) ** 3
+    def fine(self) -> float:
+        """Bytes of all grains' finer voxels, as they are kept."""
+        whole = SINGLE * self.grains * self.fine_box
+        if whole <= MAX_FINE_BYTES:
+            return whole
+        inside = math.pi / 6 * (FINER * self.reached) ** 3
         return self.grains * (COMPACT * inside + 4 * self.fine_box ** (2 / 3))
 
     @property
     def own_grains(self) -> float:
         """Bytes of all grains with their own voxels."""
-        return SINGLE * self.grains * self.coarse_box + self.compact
+        return SINGLE * self.grains * self.coarse_box + self.fine
 
     @property
     def slabs(self) -> int:
@@ -125,8 +140,9 @@ class Plan:
 
 @dataclass(frozen=True)
 class Cost:
-    """A stage: bytes held by the client and by a worker at most, bytes sent between workers and read and written as
-    files by all, CPU seconds of the client and of all workers, and how many threads the workers use."""
+    """A stage: bytes held by the client and by a worker at most, bytes sent by workers, bytes of files read and written
+    by all and of those read through mapped files, CPU seconds of the client and of all workers, and how many threads
+    these use."""
 
     name: str
     client: float
@@ -136,27 +152,27 @@ class Cost:
     client_seconds: float
     worker_seconds: float = 0.0
     parallel: int = 1
+    mapped: float = 0.0
 
     def seconds(self, threads: int, network: float, storage: float, workers: int) -> float:
         """Expected by the clock: the client's share, the workers', and what travels meanwhile."""
         computed = self.client_seconds / threads + self.worker_seconds / self.parallel
-        return computed + self.between / workers / network + self.files / storage
+        return computed + self.between / workers / network + (self.files + self.mapped) / storage
 
 
 def reading(plan: Plan, rates: Rates) -> Cost:
     """Radiographs of the reference, in the client; trials of the geometry by workers."""
-    held = SINGLE * plan.pixels
-    return Cost("reading, checks", held, 0, 0, 2 * plan.pixels, rates.pixel * plan.pixels, rates.start, 1)
+    held, trials = SINGLE * plan.pixels, CHECKS * SINGLE * plan.views * BINNED**2
+    read = TIMES_READ * 2 * plan.pixels
+    return Cost("reading, checks", held, 0, 0, read + trials, rates.pixel * plan.pixels, rates.start, 4)
 
 
 def calibration(plan: Plan, rates: Rates) -> Cost:
     """Binned radiographs; a trial reconstruction is a task of one thread or more."""
-    binned = SINGLE * plan.views * 64.0**2
-    trials = binned * 40  # searches, derivatives: each task reads the views that it needs
-    seconds = rates.view * plan.views
-    return Cost(
-        "calibration", SINGLE * plan.pixels, 3 * binned, 0, trials, 0.05 * seconds, seconds, min(plan.workers, 8)
-    )
+    binned = SINGLE * plan.views * BINNED**2
+    seconds, held = rates.view * plan.views, SINGLE * plan.pixels
+    return Cost("calibration", held, 3 * binned, 2 * RESIDUALS * binned, TRIALS * binned, 0.08 * seconds,
+                0.92 * seconds, min(plan.workers, 8))  # fmt: skip
 
 
 def reconstruction(plan: Plan, rates: Rates) -> Cost:
@@ -191,42 +207,44 @@ def segmentation(plan: Plan, rates: Rates) -> Cost:
 def cutting(plan: Plan, rates: Rates) -> Cost:
     """Crops read from files by workers, upsampled grains sent to the client; then all is written."""
     fine = plan.grains * plan.crop * FINER**3
-    to_client = SINGLE * plan.grains * (FINER * (plan.diameter + 1.5)) ** 3
+    to_client = SINGLE * plan.grains * (FINER * plan.reached) ** 3
     crops = (SINGLE + LABEL) * plan.grains * plan.crop
-    stored = (SINGLE + LABEL) * plan.voxels
+    stored = (SINGLE + LABEL) * plan.voxels + SINGLE * plan.voxels  # for workers; results, compressed
     held = (SINGLE + 2 * LABEL) * plan.voxels + plan.own_grains
     one = 4 * (SINGLE + LABEL) * 3 * plan.crop * FINER**3
     return Cost(
-        "cutting", held, one, to_client, 2 * stored + crops, 2e-9 * plan.voxels + 2e-8 * fine, rates.fine * fine,
-        plan.workers,
+        "cutting", held, one, to_client, stored, rates.grown * plan.voxels + rates.kept * fine, rates.fine * fine,
+        plan.workers, crops,
     )  # fmt: skip
 
 
-SHARED_VOXELS, SOLVED, PRODUCTS = 5e7, 100, 900
-"""Voxels of grains from which a sample is divided; evaluations with derivatives and products with the normal matrix of
-a state (measured: 103 and 909 for 800 grains)."""
+SHARED_VOXELS, EVALUATIONS, PRODUCTS = 5e7, 127, 1400
+"""Voxels of grains from which a sample is divided; evaluations of a state and products with the normal matrix, each
+column of 16 draws of noise counted (800 grains: 103 evaluations with derivatives and 24 without, 909 products of one
+column or more)."""
 
 
 def tracking(plan: Plan, rates: Rates) -> Cost:
     """A state: by a team, each member with all grains; or divided, each worker with a part of them."""
-    images = SINGLE * plan.state_views * plan.size**2
+    images, workers = plan.state_views * float(plan.size) ** 2, plan.workers
     seconds = plan.states * rates.tracked * plan.grains * plan.diameter**3
-    patches, client = SOLVED_PIXEL_BYTES * plan.patch_pixels / plan.workers, plan.own_grains + 20 * images
-    band = (plan.diameter + 2 * PATCH_MARGIN) * 1.3  # rows that two neighbours along z share, and the cone's
-    shared = 2 * (plan.workers - 1) * 2 * SINGLE * plan.state_views * plan.size * band
-    gradients = plan.grains * plan.state_views * 6 * 8.0
-    divided = plan.grains * plan.coarse_box >= SHARED_VOXELS
-    if not divided:
-        exchanged = PRODUCTS * (shared + gradients * (plan.workers - 1)) + 1.3 * SOLVED * 2 * images * plan.workers
-        held = plan.own_grains + patches + 20 * images
-        return Cost("tracking", client, held, plan.states * exchanged, 2 * plan.own_grains * plan.workers,
-                    0.02 * seconds, seconds, plan.workers * plan.threads)  # fmt: skip
-    fine = SINGLE * plan.grains * plan.fine_box
-    travelled = PRODUCTS * shared + 1.3 * SOLVED * (2 * images * math.log2(max(plan.workers, 2)))
-    held = (fine + SINGLE * plan.grains * plan.coarse_box) / plan.workers + patches
-    client_seconds = plan.states * (PRODUCTS * (2e-3 * plan.workers + gradients * 2e-9) + SOLVED * 5e-3 * plan.workers)
-    return Cost("tracking", client, held, plan.states * travelled, 2 * plan.own_grains, client_seconds, seconds,
-                plan.workers * plan.threads)  # fmt: skip
+    patches = SOLVED_PIXEL_BYTES * plan.patch_pixels / workers
+    band = 1.3 * (plan.diameter + 2 * PATCH_MARGIN)  # rows that neighbours along z share, with the cone's
+    shared = 2 * (workers - 1) * DOUBLE * plan.state_views * plan.size * band
+    gradients = DOUBLE * plan.grains * plan.state_views * 6
+    lit = 0.9 * images  # rows that grains shade, and those that two members have in common
+    client, threads = plan.own_grains + 20 * SINGLE * images, workers * plan.threads
+    if plan.grains * plan.coarse_box < SHARED_VOXELS:
+        sent = PRODUCTS * (shared + gradients * (workers - 1)) + EVALUATIONS * DOUBLE * lit * (workers - 1)
+        files = plan.own_grains * (1 + workers)
+        held = plan.own_grains + patches + 20 * SINGLE * images
+        return Cost("tracking", client, held, plan.states * sent, files, 0.15 * seconds, 0.85 * seconds, threads)
+    sent = PRODUCTS * shared + EVALUATIONS * DOUBLE * lit * math.log2(max(workers, 2))
+    voxels = SINGLE * plan.grains * (plan.fine_box + plan.coarse_box)
+    tasks = PRODUCTS * (2e-3 * workers + 2e-9 * gradients) + EVALUATIONS * 5e-3 * workers
+    files = 2 * plan.own_grains
+    return Cost("tracking", client, voxels / workers + patches, plan.states * sent, files, plan.states * tasks,
+                seconds, threads)  # fmt: skip
 
 
 STAGES = (reading, calibration, reconstruction, segmentation, cutting, tracking)
