@@ -117,7 +117,7 @@ def test_a_state_tracked_together_has_the_bits_of_one_process_also_after_a_worke
 
     def lose_one(message, done, total):
         messages.append(message)
-        if len(messages) == 4:
+        if len(messages) == 1:
             threading.Thread(target=client.retire_workers, args=([first],), kwargs={"close_workers": True}).start()
 
     for progress in (None, lose_one):
@@ -127,7 +127,7 @@ def test_a_state_tracked_together_has_the_bits_of_one_process_also_after_a_worke
         np.testing.assert_array_equal(found.rotations, motions.rotations)
         np.testing.assert_array_equal(found.covariances, motions.covariances)
         np.testing.assert_array_equal(left, residual)
-    assert len(messages) > 4
+    assert messages
 
 
 def test_a_stranger_is_not_let_in():

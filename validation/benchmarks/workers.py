@@ -127,6 +127,7 @@ def marked(module: Any, name: str, before: str, stage: str, counters: Counters) 
 
 def measure(size: int, count: int, folder: Path, out: Path) -> dict[str, Any]:
     """One run by so many workers, in this process as the client."""
+    import dask
     import distributed
 
     from grainmotion.cluster.connection import LOCAL, ComputeConfig
@@ -140,6 +141,7 @@ def measure(size: int, count: int, folder: Path, out: Path) -> dict[str, Any]:
     with ExitStack() as stack:
         client, place = None, LOCAL
         if count:
+            stack.enter_context(dask.config.set({"distributed.worker.profile.enabled": False}))  # as `--workers` does
             cluster = distributed.LocalCluster(n_workers=count, threads_per_worker=1, dashboard_address=None)
             stack.enter_context(cluster)
             client = stack.enter_context(distributed.Client(cluster))

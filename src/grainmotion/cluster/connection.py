@@ -160,6 +160,7 @@ def connect(place: ComputeConfig, folder: Path) -> Iterator[ClusterConnection | 
     with ExitStack() as stack:
         # ten thousand grains' poses and outlines travel with their tasks, which Dask would warn of
         stack.enter_context(dask.config.set({"distributed.admin.large-graph-warning-threshold": "1GB"}))
+        stack.enter_context(dask.config.set({"distributed.worker.profile.enabled": False}))  # nobody looks at it
         if place.scheduler is not None:
             client, where = stack.enter_context(_client(place.scheduler)), f"--scheduler {place.scheduler}"
         else:

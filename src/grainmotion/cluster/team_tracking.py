@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import secrets
+import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from grainmotion._typing import Image, Progress
@@ -29,6 +30,8 @@ ATTEMPTS = 3
 """Times that a state is begun; again where a worker is lost on the way."""
 SECONDS_BETWEEN_LOOKS = 5
 """How often it is looked whether all members are still there."""
+SECONDS_BETWEEN_REPORTS = 1.0
+"""How often the first member tells its progress."""
 TOPIC = "grainmotion-state"
 """Under which the first member tells its progress."""
 Tracked = tuple[Motions, Image | None]
@@ -38,7 +41,7 @@ Tracked = tuple[Motions, Image | None]
 class TeamState:
     """A state to track: its name, radiographs, motions to start from and what the experiment file says of these.
 
-    From ``least`` grains on members share the projection.
+    From ``least`` grains on members share the projection; ``tells`` is whether somebody listens to its progress.
     """
 
     name: str
@@ -47,6 +50,7 @@ class TeamState:
     starts: tuple[Motions | None, ...]
     settings: TrackSettings
     least: int = MIN_GRAINS_SHARED
+    tells: bool = False
 
 
 def track_together(
@@ -64,7 +68,7 @@ def track_together(
     if progress is not None:
         client.subscribe_topic(TOPIC, lambda event: progress(*event[1]))
     try:
-        given = own.put(state)
+        given = own.put(replace(state, tells=progress is not None))
         for _ in range(ATTEMPTS):
             found = _attempted(executor, stored, given)
             if found is not None:
@@ -139,7 +143,7 @@ def _track(rank: int, places: Sequence[Place], token: str, grains: StoredObject,
     with use_worker_threads():
         state, team = given.load(), Team.meet(rank, places, token)
         try:
-            backend, progress = TeamBackend(team, state.least), _teller() if rank == 0 else None
+            backend, progress = TeamBackend(team, state.least), _teller() if rank == 0 and state.tells else None
             with shared_among(team.call_each, have_all=True), errors_of_state(f"states.{state.name}", state.initial):
                 found = track_with_residual(
                     grains.load(), state.scan, state.starts, state.settings, progress=progress, device=backend
@@ -150,8 +154,14 @@ def _track(rank: int, places: Sequence[Place], token: str, grains: StoredObject,
 
 
 def _teller() -> Progress:
-    """Progress told to the client."""
+    """Progress told to the client, not too often: each report costs the scheduler milliseconds."""
     from distributed import get_worker
 
-    worker = get_worker()
-    return lambda message, done, total: worker.log_event(TOPIC, (message, done, total))
+    worker, told = get_worker(), [-SECONDS_BETWEEN_REPORTS]
+
+    def tell(message: str, done: int, total: int) -> None:
+        if time.monotonic() - told[0] >= SECONDS_BETWEEN_REPORTS:
+            told[0] = time.monotonic()
+            worker.log_event(TOPIC, (message, done, total))
+
+    return tell

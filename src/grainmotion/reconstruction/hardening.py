@@ -28,6 +28,7 @@ from grainmotion.model.geometry import Geometry
 from grainmotion.model.hardening import LINEAR, Hardening
 from grainmotion.model.progress import counted
 from grainmotion.model.scan import Scan
+from grainmotion.model.task_map import each
 from grainmotion.model.volume import Volume
 from grainmotion.preprocessing.binning import binned_grid, binned_scan, binning_factor, sufficient_views
 from grainmotion.projection.volumes import project
@@ -94,7 +95,7 @@ def consistent_hardening(
     theta = change = 0.0
     moments = np.ones((JACKKNIFE_GROUPS, 3))
     for step in counted(range(MAX_CURVE_STEPS)):
-        residual, derivative = problem.residual(_curve(theta)), problem.residual(_derivative(theta))
+        residual, derivative = each(problem.residual, [_curve(theta), _derivative(theta)])
         groups = [slice(k, None, JACKKNIFE_GROUPS) for k in range(JACKKNIFE_GROUPS)]
         moments = np.array([_moments(residual[group], derivative[group]) for group in groups])
         squares, product, slopes = moments.sum(axis=0)

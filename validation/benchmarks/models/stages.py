@@ -32,7 +32,7 @@ SEGMENTED_BYTES = 9.5
 """Bytes a voxel that segmentation holds beside the volume (decision 0049)."""
 SOLVED_PIXEL_BYTES = 2 * 28
 """Line integrals and six derivatives of a pixel of a patch, of the pose in hand and of the one before."""
-BINNED, CHECKS, TRIALS, RESIDUALS, TIMES_READ = 60.0, 10, 26, 9, 3
+BINNED, CHECKS, TRIALS, RESIDUALS, TIMES_READ = 60.0, 10, 22, 7, 3
 """Columns of binned radiographs; trials of checks and of the calibration, those of the latter that send residuals (in
 double precision); times that files of radiographs are read (fingerprints, checks, by workers)."""
 PATCH_MARGIN = 4
