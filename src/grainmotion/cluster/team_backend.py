@@ -99,20 +99,21 @@ class TeamSum:
         """The sums in this member's rows."""
         first, end = self.shares.rows[self.team.rank]
         out = np.zeros((*self.shape[:2], end - first, self.shape[3]))
-        self.part.add_to(out, first)
-        for other, images in self.team.exchange(self._rows_for).items():
-            begin = max(self.shares.rows[other][0], first)
-            ImageStrip(begin, images).add_to(out, first)
+        for member, images in self._in_order(self.team.exchange(self._rows_for)):
+            ImageStrip(max(self.shares.rows[member][0], first), images).add_to(out, first)
         return out.astype(self.dtype)
 
     @cached_property
     def host(self) -> Image:
         """The sums in all rows."""
         out = np.zeros(self.shape)
-        self.part.add_to(out)
-        for other, images in self.team.exchange(lambda _: self.part.images).items():
-            ImageStrip(self.shares.rows[other][0], images).add_to(out)
+        for member, images in self._in_order(self.team.exchange(lambda _: self.part.images)):
+            ImageStrip(self.shares.rows[member][0], images).add_to(out)
         return out.astype(self.dtype)
+
+    def _in_order(self, others: dict[int, Float]) -> list[tuple[int, Float]]:
+        """The parts of all members in one order, so that all get the same sums also where these are not exact."""
+        return sorted({**others, self.team.rank: self.part.images}.items())
 
     def _rows_for(self, other: int) -> Float:
         """What this member has in another one's rows."""
