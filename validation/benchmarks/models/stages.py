@@ -218,10 +218,10 @@ def cutting(plan: Plan, rates: Rates) -> Cost:
     )  # fmt: skip
 
 
-SHARED_VOXELS, EVALUATIONS, PRODUCTS = 5e7, 127, 1400
-"""Voxels of grains from which a sample is divided; evaluations of a state and products with the normal matrix, each
-column of 16 draws of noise counted (800 grains: 103 evaluations with derivatives and 24 without, 909 products of one
-column or more)."""
+SHARED_VOXELS, EVALUATIONS, PRODUCTS = 5e7, 127, 2100
+"""Voxels of grains from which a sample is divided; evaluations of a state, and columns that are multiplied with the
+normal matrix (800 grains: 103 evaluations with derivatives and 24 without; 909 products of one to 16 columns, 2,100
+columns by the bytes that two workers sent)."""
 
 
 def tracking(plan: Plan, rates: Rates) -> Cost:
@@ -232,7 +232,7 @@ def tracking(plan: Plan, rates: Rates) -> Cost:
     band = 1.3 * (plan.diameter + 2 * PATCH_MARGIN)  # rows that neighbours along z share, with the cone's
     shared = 2 * (workers - 1) * DOUBLE * plan.state_views * plan.size * band
     gradients = DOUBLE * plan.grains * plan.state_views * 6
-    lit = 0.9 * images  # rows that grains shade, and those that two members have in common
+    lit = plan.state_views * plan.size * (0.8 * plan.size + workers * band)  # what all members have, with common rows
     client, threads = plan.own_grains + 20 * SINGLE * images, workers * plan.threads
     if plan.grains * plan.coarse_box < SHARED_VOXELS:
         sent = PRODUCTS * (shared + gradients * (workers - 1)) + EVALUATIONS * DOUBLE * lit * (workers - 1)
