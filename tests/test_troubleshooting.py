@@ -11,7 +11,7 @@ import pytest
 
 from grainmotion.model.motions import Status
 from grainmotion.model.usable_parts import POORLY_DETERMINED_REASON
-from grainmotion.tracking import absent_grains, classification, missing_grains
+from grainmotion.tracking import absent_grains, classification, missing_grains, unlike_neighbours
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "src" / "grainmotion"
@@ -80,6 +80,7 @@ REASONS = [
     classification.REFERENCE_REASON,
     classification.STILL_MOVING,
     missing_grains.MISSING_REASON,
+    unlike_neighbours.UNLIKE_REASON,
     absent_grains.NONE_REASON,
     absent_grains.ELSEWHERE_REASON,
 ]

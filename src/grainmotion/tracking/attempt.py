@@ -37,6 +37,7 @@ from grainmotion.tracking.multistage import MultistageFit
 from grainmotion.tracking.refinement import align_views, refine
 from grainmotion.tracking.settings import TrackSettings
 from grainmotion.tracking.strain_stages import solve_strained, start_strained
+from grainmotion.tracking.unlike_neighbours import with_unlike_neighbours
 from grainmotion.uncertainty.goodness_of_fit import misregistered_grains
 
 
@@ -156,6 +157,7 @@ def finish(job: Job, near: Approach) -> Attempt:
     detail("statuses")
     motions = classify(grains, refined, result.ambiguous, limits, tuple(fit.costs))
     motions = with_reasons(motions, ambiguous)
+    motions = with_unlike_neighbours(motions, refined.problem, refined.solution.state, refined.evaluation)
     fit.report("classifying the grains", np.inf)
     if new:
         motions = replace(motions, fit=replace(motions.fit, appeared=new_grains(new)))
