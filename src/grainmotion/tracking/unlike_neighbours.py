@@ -55,7 +55,7 @@ def with_unlike_neighbours(motions: Motions, problem: StateProblem, pose: Pose, 
 def unlike_neighbours(grains: GrainArrays, pose: Pose, fits: Misfits) -> NDArray[np.bool_]:
     """Grains ``(n,)`` that fit less well than others and rotated unlike those around them."""
     rotations = rotation_vector(pose.matrices)
-    near = cKDTree(grains.centers).query(grains.centers, COMPARED_NEIGHBOURS + 1)[1][:, 1:]
+    near = np.asarray(cKDTree(grains.centers).query(grains.centers, COMPARED_NEIGHBOURS + 1)[1])[:, 1:]
     odd = np.linalg.norm(rotations - np.median(rotations[near], axis=1), axis=1)
     usual = np.median(odd)
     spread = 1.4826 * np.median(np.abs(odd - usual))
