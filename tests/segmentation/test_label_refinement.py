@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 from scipy import ndimage
-from skimage.segmentation import expand_labels
+from skimage.segmentation import expand_labels, watershed
 
+from grainmotion.kernels import contested_voxels
 from grainmotion.kernels.layout import PADDING
 from grainmotion.model.volume import Volume
 from grainmotion.segmentation.extraction import grains_from_labels
-from grainmotion.segmentation.label_refinement import refined_labels, upsampled
+from grainmotion.segmentation.label_growth import grown_labels
+from grainmotion.segmentation.label_refinement import GrownLabels, fine_cut, fine_grains, upsampled
 from grainmotion.simulate import Ellipsoid, Particle, Sample, attenuation_volume, label_volume
 
 VOXEL = 0.1
@@ -83,6 +85,17 @@ def wrong_mass(sample, labels, factor):
     return (one[labels == 2].sum() + two[labels == 1].sum()) / (one.sum() + two.sum())
 
 
+def refined_labels(array, labels, factor, reach):
+    """Labels of finer voxels, grain by grain; no voxel has two."""
+    out, grown = np.zeros([factor * n for n in labels.shape], int), grown_labels(labels, reach)
+    for label in np.unique(labels[labels > 0]):
+        own, start = fine_cut(array + 1, labels, grown, label, factor, reach)  # no voxel is zero
+        part = out[tuple(slice(a, a + n) for a, n in zip(start, own.shape, strict=True))]
+        assert not (part[own != 0] > 0).any()
+        part[own != 0] = label
+    return out
+
+
 def blurred(sample, sigma=0.7):
     """Attenuation of voxels, blurred as in a reconstruction."""
     return Volume(ndimage.gaussian_filter(attenuation_volume(sample, GRID).array, sigma), VOXEL)
@@ -96,7 +109,7 @@ class TestTouching:
         sample = touching(axis)
         volume, labels = blurred(sample, blur), label_volume(sample, GRID)
         nearest = np.kron(expand_labels(labels, REACH), np.ones((2, 2, 2), labels.dtype))
-        refined = refined_labels(upsampled(volume.array, 2), labels, 2, REACH)
+        refined = refined_labels(volume.array, labels, 2, REACH)
         share = wrong_mass(sample, refined, 2)
         assert share < 1e-3
         assert share < 0.5 * wrong_mass(sample, nearest, 2)
@@ -110,20 +123,20 @@ class TestTouching:
         shifted = np.roll(grown, 1, axis=2)
         disturbed = np.where((grown > 0) & (shifted > 0) & (rng.uniform(size=labels.shape) < 0.5), shifted, labels)
         nearest = np.kron(expand_labels(disturbed, REACH), np.ones((2, 2, 2), labels.dtype))
-        share = wrong_mass(sample, refined_labels(upsampled(blurred(sample).array, 2), disturbed, 2, REACH), 2)
+        share = wrong_mass(sample, refined_labels(blurred(sample).array, disturbed, 2, REACH), 2)
         assert share < 1e-3
         assert share < 0.3 * wrong_mass(sample, nearest, 2)
 
     def test_separate_grains_get_the_nearest_label(self):
         sample = balls((-1.2, 0, 0), (1.2, 0, 0))
         labels = label_volume(sample, GRID)
-        refined = refined_labels(upsampled(attenuation_volume(sample, GRID).array, 2), labels, 2, REACH)
+        refined = refined_labels(attenuation_volume(sample, GRID).array, labels, 2, REACH)
         np.testing.assert_array_equal(refined, np.kron(expand_labels(labels, REACH), np.ones((2, 2, 2), int)))
 
     def test_reach_limits_the_labelled_voxels(self):
         sample = touching()
         labels = label_volume(sample, GRID)
-        refined = refined_labels(upsampled(attenuation_volume(sample, GRID).array, 2), labels, 2, 0)
+        refined = refined_labels(attenuation_volume(sample, GRID).array, labels, 2, 0)
         np.testing.assert_array_equal(refined > 0, np.kron(labels, np.ones((2, 2, 2), int)) > 0)
 
     def test_thin_grains_keep_their_volume(self):
@@ -207,3 +220,52 @@ def grains_per_voxel(grains, factor):
         i, j, k = np.rint(place[::-1]).astype(int)
         np.add.at(count, (z + i, y + j, x + k), 1)
     return count
+
+
+class TestKernels:
+    """Kernels give what scipy and scikit-image give on whole crops."""
+
+    def test_contested_voxels_have_another_label_near(self):
+        rng = np.random.default_rng(4)
+        grown = ndimage.zoom(rng.integers(0, 4, size=(4, 5, 6)), 5, order=0).astype(np.int32)
+        for distance in (1, 3):
+            highest = ndimage.maximum_filter(grown, 2 * distance + 1)
+            lowest = ndimage.minimum_filter(np.where(grown > 0, grown, 9), 2 * distance + 1)
+            expected = (lowest < highest) & (grown > 0)
+            np.testing.assert_array_equal(contested_voxels.find_contested(grown, distance), expected)
+
+    def test_voxels_near_a_label(self):
+        labels = np.zeros((9, 8, 14), np.int32)
+        labels[2:4, 5, 6:8], labels[7, 1, 2] = 3, 2
+        expected = ndimage.maximum_filter(labels == 3, 5)
+        np.testing.assert_array_equal(contested_voxels.find_near(labels, 3, 2), expected)
+
+    def test_flooding_is_the_watershed(self):
+        """But for voxels of one step of attenuation."""
+        rng = np.random.default_rng(5)
+        values = ndimage.gaussian_filter(rng.normal(size=(20, 24, 22)), 2).astype(np.float32)
+        markers = np.zeros(values.shape, np.int32)
+        markers[3:6, 4:8, 3:9], markers[12:15, 15:20, 10:18] = contested_voxels.OWN_KIND, contested_voxels.OTHER_KIND
+        mask = rng.uniform(size=values.shape) < 0.9
+        kinds = np.where(mask, np.where(markers > 0, markers, contested_voxels.WANTING), contested_voxels.OUTSIDE)
+        padded = np.pad(kinds.astype(np.uint8), 1)
+        contested_voxels.flood(padded, contested_voxels.levels_of(values, values.min(), values.max()))
+        flooded = padded[1:-1, 1:-1, 1:-1]
+        flooded[flooded == contested_voxels.WANTING] = 0
+        expected = watershed(-values, markers, mask=mask)
+        assert (flooded != expected).mean() < 2e-3
+
+
+def test_grains_do_not_depend_on_the_number_of_threads(monkeypatch):
+    sample = touching()
+    volume, labels = blurred(sample), label_volume(sample, GRID)
+    owners = GrownLabels(labels, grown_labels(labels, REACH), REACH)
+    boxes = [(k + 1, box) for k, box in enumerate(ndimage.find_objects(owners.grown))] * 3
+    found = []
+    for threads in (1, 3):
+        monkeypatch.setattr("numba.get_num_threads", lambda threads=threads: threads)
+        found.append(list(fine_grains(volume, owners, boxes, 2)))
+    assert len(found[0]) == len(found[1]) == len(boxes)
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_array_equal(one.array, other.array)
+        assert one.center == other.center

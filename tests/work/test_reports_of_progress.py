@@ -27,7 +27,7 @@ PARTS = {
     "kernels.volume_projection:adjoint": 2,
     "kernels.volume_projection_vertical:forward": 2,
     "kernels.volume_projection_vertical:adjoint": 2,
-    "segmentation.label_refinement:fine_cut": 1,  # grains
+    "segmentation.label_refinement:placed": 1,  # grains
     "segmentation.extraction:_extracted": 1,
     "diagnosis.view_consistency:fitted_volume": 1,  # trial reconstructions
     "calibration.cross_validation:fitted_volume": 1,
@@ -131,7 +131,7 @@ def test_reconstruct_and_calibrate(tmp_path, watch):
 
 def test_segment_and_track(tmp_path, watch):
     invoke("track", write_tiny(tmp_path))
-    assert_often_enough(watch, "segmentation.label_refinement:fine_cut", "segmentation.extraction:_extracted")
+    assert_often_enough(watch, "segmentation.label_refinement:placed", "segmentation.extraction:_extracted")
 
 
 def test_exports_and_report(tracked, tmp_path, watch):

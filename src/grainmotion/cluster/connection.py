@@ -13,9 +13,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
 from grainmotion._typing import Image, Progress
 from grainmotion.cluster.dask_backend import DaskBackend, worth_sharing
 from grainmotion.cluster.distributed_iterate import reconstruct_distributed
@@ -34,7 +31,7 @@ from grainmotion.model.motions import Motions
 from grainmotion.model.task_map import shared_among
 from grainmotion.model.volume import Volume
 from grainmotion.reconstruction.reconstruct import Reconstruction, ReconstructSettings
-from grainmotion.segmentation.label_refinement import Boxed
+from grainmotion.segmentation.label_refinement import Boxed, GrownLabels
 from grainmotion.tracking.track import TrackSettings
 
 if TYPE_CHECKING:
@@ -83,11 +80,9 @@ class ClusterConnection:
         """Track one state by all workers; motions and residual radiographs."""
         return track_together(self.executor, self.store, grains, state, progress)
 
-    def cut(
-        self, volume: Volume, labels: NDArray[np.integer], wanted: list[Boxed], factor: int, reach: float
-    ) -> Iterator[Volume | None]:
+    def cut(self, volume: Volume, owners: GrownLabels, wanted: list[Boxed], factor: int) -> Iterator[Volume | None]:
         """Extract grains on finer voxels; see `grainmotion.segmentation.label_refinement.fine_grains`."""
-        return extract_distributed(self.executor, self.store, volume, labels, wanted, factor, reach)
+        return extract_distributed(self.executor, self.store, volume, owners, wanted, factor)
 
     def reconstruct(
         self, source: ScanInput, grid: Volume, settings: ReconstructSettings, progress: Progress | None = None

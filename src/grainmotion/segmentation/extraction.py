@@ -22,12 +22,12 @@ from grainmotion.model.volume import Volume
 from grainmotion.segmentation.bodies import Piece, find_bodies
 from grainmotion.segmentation.fluid import find_fluid, without_fluid
 from grainmotion.segmentation.label_growth import grown_labels
-from grainmotion.segmentation.label_refinement import Boxed, fine_grains
+from grainmotion.segmentation.label_refinement import Boxed, GrownLabels, fine_grains
 from grainmotion.segmentation.labels import checked_labels, without_small_labels
 from grainmotion.segmentation.segment import Segmentation
 from grainmotion.segmentation.settings import Background, SegmentSettings
 
-Cut = Callable[[Volume, NDArray[np.integer], list[Boxed], int, float], Iterable[Volume | None]]
+Cut = Callable[[Volume, GrownLabels, list[Boxed], int], Iterable[Volume | None]]
 """Upsamples grains, as `label_refinement.fine_grains`."""
 MIN_BACKGROUND_SHARE = 0.02
 """Share of all attenuation from which the background is kept."""
@@ -168,7 +168,7 @@ def _grains_and_scene(
     if settings.finer > 1 and min(volume.shape) > 1:
         detail("cutting grains on finer voxels", 1, 2)
         compact = volume.array.dtype == np.float32 and _fine_bytes(boxes, settings) > MAX_FINE_BYTES
-        fines = cut(volume, owned.labels, boxes, settings.finer, owned.reach)
+        fines = cut(volume, owned, boxes, settings.finer)
         for k, fine in enumerate(counted(fines, len(boxes))):
             if fine is not None:
                 whole = padded(fine)
@@ -181,12 +181,9 @@ def _grains_and_scene(
 
 
 @dataclass(frozen=True, eq=False)
-class _Owners:
-    """To what each voxel belongs: ``labels`` of grains and bodies, ``grown`` by ``reach`` voxels, and the rest."""
+class _Owners(GrownLabels):
+    """To what each voxel belongs: labels of grains and bodies, and the rest."""
 
-    labels: NDArray[np.integer]
-    grown: NDArray[np.integer]
-    reach: float
     pieces: tuple[Piece, ...] = ()
     rest: bool = False
 

@@ -3,28 +3,34 @@
 The reference's voxels blur a surface, and a boundary drawn along them between touching grains is wrong by half a
 voxel.  So each grain is upsampled by a cubic spline, and the region between grains is flooded from their insides in
 the order of attenuation (a marker-controlled watershed), so that the boundary lies in the valley between two surfaces.
+Of the other grains only that they are others is asked, and only near the grain.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cache
 
+import numba
 import numpy as np
-from edt import edt
 from numpy.typing import NDArray
-from scipy import ndimage
-from skimage.segmentation import expand_labels, watershed
 
+from grainmotion.kernels import contested_voxels, spline_upsampling
 from grainmotion.model.volume import Volume
 
-MARKER_DEPTH = 1.0
-"""Depth inside a label's edge from which a voxel is a marker of its grain, voxels."""
 MARKER_SHARE = 0.7
-"""Share of its largest depth that is a marker in a grain too thin for `MARKER_DEPTH`."""
+"""Share of its largest depth that is a marker in a grain too thin for markers deeper than a voxel inside its edge."""
 FLOODING_SIGMA = 0.35
 """Width of the Gaussian filter of the attenuation that is flooded, voxels: noise makes no valleys."""
+MAX_BOUNDARY_SHIFT = 3
+"""Voxels that a boundary between two labels may lie off, before it is refined."""
 SPLINE_MARGIN = 4
 """Voxels around a crop, over which the spline's dependence on the crop's edge decays."""
+RANGE_BEYOND = 0.25
+"""How far the values of a spline may lie beyond those that it goes through, as a share of their range."""
 
 Box = tuple[slice, slice, slice]
 Boxed = tuple[int, tuple[slice, ...]]
@@ -33,53 +39,114 @@ Fine = tuple[NDArray[np.floating], tuple[int, int, int]]
 """Upsampled voxels of a grain, and the index of the first of them in the upsampled crop."""
 
 
-def fine_grains(
-    volume: Volume, labels: NDArray[np.integer], boxes: list[Boxed], upsampling: int, reach: float
-) -> Iterator[Volume | None]:
-    """Upsampled grains, one after the other.
+@dataclass(frozen=True, eq=False)
+class GrownLabels:
+    """Labels ``(nz, ny, nx)``, 0 for no grain, and the same ``grown`` by up to ``reach`` voxels."""
+
+    labels: NDArray[np.integer]
+    grown: NDArray[np.integer]
+    reach: float
+
+
+def fine_grains(volume: Volume, owners: GrownLabels, boxes: list[Boxed], upsampling: int) -> Iterator[Volume | None]:
+    """Upsampled grains, one after the other, by all threads.
 
     Parameters
     ----------
     volume : Volume
         Attenuation, 1/mm.
-    labels : (nz, ny, nx) int array
-        0 for no grain.
+    owners : GrownLabels
+        To which grain each voxel belongs.
     boxes : list of (int, slices)
-        Labels of the grains and their bounding boxes.
+        Labels of the grains and the bounding boxes of what they are grown to.
     upsampling : int
         Edge of a voxel over that of an upsampled one.
-    reach : float
-        Distance beyond a label up to which attenuation belongs to the grain, voxels.
 
     Yields
     ------
     Volume or None
         Cropped to the grain, other voxels zero; None if the grain has no voxel.
     """
-    for label, box in boxes:
-        around = surroundings(box, volume.shape, reach)
-        grain = fine_cut(volume.array[around], np.ascontiguousarray(labels[around]), label, upsampling, reach)
-        yield None if grain is None else placed(grain, volume, around, upsampling)
+    threads = numba.get_num_threads()
+    rest = iter([(label, surroundings(box, volume.shape, owners.reach)) for label, box in boxes])
+    ahead = deque[tuple[Box, "Future[Fine | None]"]]()
+    with ThreadPoolExecutor(threads) as pool:
+        for label, around in rest:
+            crops = volume.array[around], owners.labels[around], owners.grown[around]
+            ahead.append((around, pool.submit(fine_cut, *crops, label, upsampling, owners.reach)))
+            if len(ahead) > threads:
+                yield _placed_result(*ahead.popleft(), volume, upsampling)
+        while ahead:
+            yield _placed_result(*ahead.popleft(), volume, upsampling)
+
+
+def _placed_result(around: Box, cut: Future[Fine | None], volume: Volume, upsampling: int) -> Volume | None:
+    grain = cut.result()
+    return None if grain is None else placed(grain, volume, around, upsampling)
 
 
 def surroundings(box: tuple[slice, ...], shape: tuple[int, ...], reach: float) -> Box:
     """The part of a volume on which the upsampled grain in a box depends."""
-    margin = int(np.ceil(reach)) + SPLINE_MARGIN
+    return _around(box, shape, int(np.ceil(reach)) + SPLINE_MARGIN)
+
+
+def _around(box: tuple[slice, ...], shape: tuple[int, ...], margin: int) -> Box:
     a, b, c = (slice(max(s.start - margin, 0), min(s.stop + margin, n)) for s, n in zip(box, shape, strict=True))
     return a, b, c
 
 
 def fine_cut(
-    array: NDArray[np.floating], labels: NDArray[np.integer], label: int, upsampling: int, reach: float
+    array: NDArray[np.floating],
+    labels: NDArray[np.integer],
+    grown: NDArray[np.integer],
+    label: int,
+    upsampling: int,
+    reach: float,
 ) -> Fine | None:
-    """The upsampled grain in a crop; None if it has no voxel."""
-    fine = upsampled(array, upsampling)
-    own = refined_labels(fine, labels, upsampling, reach) == label
-    if not own.any():
+    """The upsampled grain in a crop of `surroundings`; None if it has no voxel."""
+    coefficients = np.array(array, order="C")
+    lowest, highest = float(coefficients.min()), float(coefficients.max())
+    spline_upsampling.to_coefficients(coefficients)
+    given = np.ascontiguousarray(labels, np.int32), np.ascontiguousarray(grown, np.int32)
+    kinds, corner = _kinds(*given, label, upsampling, reach)
+    if kinds is None:
         return None
-    inner = ndimage.find_objects(own.astype(np.int8))[0]
-    z, y, x = (int(s.start) for s in inner)
-    return np.where(own[inner], fine[inner], 0), (z, y, x)
+    if (kinds == contested_voxels.WANTING).any():
+        weights = _smooth_weights(upsampling).astype(coefficients.dtype)
+        sizes = (np.array(kinds.shape) - 2) // upsampling
+        smooth = spline_upsampling.sample(coefficients, weights, np.column_stack([corner, corner + sizes]))
+        beyond = RANGE_BEYOND * (highest - lowest)
+        contested_voxels.flood(kinds, contested_voxels.levels_of(smooth, lowest - beyond, highest + beyond))
+    limits = contested_voxels.own_limits(kinds)
+    if limits[0, 1] == 0:
+        return None
+    # whole voxels of the reference around the grain
+    whole = np.column_stack([limits[:, 0] // upsampling, -(-limits[:, 1] // upsampling)])
+    fine = spline_upsampling.sample(coefficients, _weights(upsampling).astype(array.dtype), whole + corner[:, None])
+    inner = tuple(slice(a, b) for a, b in limits - upsampling * whole[:, :1])
+    own = np.ascontiguousarray(fine[inner])
+    contested_voxels.keep_own(own, kinds[tuple(slice(a + 1, b + 1) for a, b in limits)])
+    z, y, x = (int(n) for n in limits[:, 0] + upsampling * corner)
+    return own, (z, y, x)
+
+
+def _kinds(
+    labels: NDArray[np.int32], grown: NDArray[np.int32], label: int, upsampling: int, reach: float
+) -> tuple[NDArray[np.uint8] | None, NDArray[np.int64]]:
+    """What is known of each finer voxel of a part of the crop before flooding, and the first voxel of that part."""
+    distance = int(np.ceil(reach)) + 1
+    contested = contested_voxels.find_contested(grown, distance)
+    known = contested_voxels.known_labels(labels, grown, contested)
+    near = contested_voxels.find_near(grown, label, min(distance, MAX_BOUNDARY_SHIFT))
+    places = [np.flatnonzero(near.any(axis=axes)) for axes in ((1, 2), (0, 2), (0, 1))]
+    if not len(places[0]):
+        return None, np.zeros(3, np.int64)
+    box = _around(tuple(slice(p[0], p[-1] + 1) for p in places), grown.shape, 1)
+    squares = contested_voxels.squared_steps(upsampling)
+    least = contested_voxels.sure_depths(known, contested, MARKER_SHARE, squares)
+    around = tuple(slice(s.start, s.stop + 2) for s in box)
+    kinds = contested_voxels.classes(known[around], grown[box], (contested & near)[box], label, least, squares)
+    return kinds, np.array([s.start for s in box])
 
 
 def placed(grain: Fine, volume: Volume, around: Box, upsampling: int) -> Volume:
@@ -93,56 +160,34 @@ def placed(grain: Fine, volume: Volume, around: Box, upsampling: int) -> Volume:
 
 
 def upsampled(array: NDArray[np.floating], upsampling: int) -> NDArray[np.floating]:
-    """The cubic spline through an array, sampled ``upsampling`` times as finely along every axis; edges are mirrored.
+    """The cubic spline through an array, sampled ``upsampling`` times as finely; edges are mirrored."""
+    coefficients = np.array(array, order="C")
+    spline_upsampling.to_coefficients(coefficients)
+    box = np.array([[0, n] for n in array.shape])
+    return spline_upsampling.sample(coefficients, _weights(upsampling).astype(array.dtype), box)
 
-    Samples fall on a few phases between voxels, so that each phase is one short correlation along an axis.  That is
-    17 times as fast as `scipy.ndimage.zoom` (48³ voxels, twice as fine), which finds the weights of each sample anew.
-    """
-    out = array
-    for axis in range(array.ndim):
-        coefficients = ndimage.spline_filter1d(out, 3, axis=axis, output=array.dtype, mode="reflect")
-        finer = np.empty([upsampling * n if k == axis else n for k, n in enumerate(out.shape)], array.dtype)
-        for phase in range(upsampling):
-            place = (phase + 0.5) / upsampling - 0.5
-            weights = _cubic_b_spline(np.arange(-2, 3) - place)
-            view = finer[(slice(None),) * axis + (slice(phase, None, upsampling),)]
-            ndimage.correlate1d(coefficients, weights, axis=axis, output=view, mode="reflect")
-        out = finer
+
+@cache
+def _weights(upsampling: int) -> NDArray[np.float64]:
+    """Weights of the spline's coefficients at each of the finer voxels of a voxel."""
+    places = (np.arange(upsampling) + 0.5) / upsampling - 0.5
+    return np.array([_cubic_b_spline(np.arange(-2, 3) - place) for place in places])
+
+
+@cache
+def _smooth_weights(upsampling: int) -> NDArray[np.float64]:
+    """The same after the Gaussian filter of `FLOODING_SIGMA`."""
+    sigma, weights = FLOODING_SIGMA * upsampling, _weights(upsampling)
+    reach = int(4 * sigma + 0.5)
+    steps = np.arange(-reach, reach + 1)
+    gauss = np.exp(-0.5 * (steps / sigma) ** 2)
+    middle = 2 - (-reach // upsampling)
+    out = np.zeros((upsampling, 2 * middle + 1))
+    for phase in range(upsampling):
+        for weight, place in zip(gauss / gauss.sum(), phase + steps, strict=True):
+            voxel = middle + place // upsampling
+            out[phase, voxel - 2 : voxel + 3] += weight * weights[place % upsampling]
     return out
-
-
-def refined_labels(
-    fine: NDArray[np.floating], coarse: NDArray[np.integer], upsampling: int, reach: float
-) -> NDArray[np.integer]:
-    """Labels of upsampled voxels up to ``reach`` coarse voxels beyond the labels, refined where two grains are near."""
-    grown = expand_labels(coarse, distance=reach) if reach > 0 else coarse
-    block = (upsampling,) * 3
-    nearest = np.kron(grown, np.ones(block, grown.dtype))
-    contested = _contested(grown, int(np.ceil(reach)) + 1)
-    if not contested.any():
-        return nearest
-    here = np.kron(contested, np.ones(block, bool))
-    labels = np.where(here, np.kron(coarse, np.ones(block, coarse.dtype)), nearest)
-    depth = edt(labels.astype(np.uint32), black_border=False)
-    markers = np.where(here & (depth <= MARKER_DEPTH * upsampling), 0, labels)
-    for label in np.setdiff1d(coarse, markers):  # too thin for a marker by depth
-        own = labels == label
-        markers[own & (depth >= MARKER_SHARE * depth[own].max())] = label
-    # of the voxels that are not contested only those beside contested ones matter
-    around = ndimage.binary_dilation(here, iterations=1) & (nearest > 0)
-    smooth = ndimage.gaussian_filter(fine, FLOODING_SIGMA * upsampling)
-    flooded = watershed(-smooth, np.where(around, markers, 0), mask=around)
-    refined: NDArray[np.integer] = np.where(here & (nearest > 0), flooded, nearest)
-    return refined
-
-
-def _contested(labels: NDArray[np.integer], distance: int) -> NDArray[np.bool_]:
-    """Labelled voxels with another label within ``distance`` voxels along every axis."""
-    size = 2 * distance + 1
-    highest = ndimage.maximum_filter(labels, size)
-    beyond = int(labels.max(initial=0)) + 1
-    lowest = ndimage.minimum_filter(np.where(labels > 0, labels, beyond), size)
-    return (lowest < highest) & (labels > 0)
 
 
 def _cubic_b_spline(x: NDArray[np.floating]) -> NDArray[np.float64]:
