@@ -31,7 +31,7 @@ SECONDS_PER_RECONSTRUCTED_VOXEL, SECONDS_PER_RAY_VOXEL = 2e-7, 9e-10
 """Of the reconstruction: by voxels, and by those that the rays of all pixels cross."""
 SECONDS_OF_CALIBRATION, CALIBRATION_SHARE = 1.5, 0.9
 """Of the calibration: without any volume, and for its part as a share of the reconstruction."""
-SECONDS_PER_SEGMENTED_VOXEL = 1.6e-6
+SECONDS_PER_SEGMENTED_VOXEL = 7e-7
 SECONDS_PER_TRACKED_VOXEL = 1.3e-6
 """Of a voxel of the volume, for a state of `USUAL_VIEWS` views; how many grains it holds is not known before."""
 USUAL_VIEWS, SHARE_WITHOUT_VIEWS = 4, 0.3
