@@ -62,6 +62,9 @@ PAUSE_TRIALS = 5
 MIN_STEPS_BEFORE_PAUSE = 10
 """Accepted steps before an iteration may pause; where all unknowns are determined, 4 to 8 are enough."""
 
+CREEPING_SHARE = 0.25
+"""Share of the mean decrease of the last steps tried, from which the last of them shows that they do not shrink."""
+
 MIN_STEP_LENGTH = 0.25
 """Least share of a step that is taken where the cost bends more than its quadratic model."""
 
@@ -146,8 +149,12 @@ class Stopping:
         Steps are shortened to where the parabola through the last two costs has its least: where residuals are noise
         and images of voxels have ripples, the cost can bend twice as much as JᵀJ tells, and full steps go to and fro.
     pause, pause_cost : float
-        Relative decrease over `PAUSE_TRIALS` steps tried below which it pauses, after `MIN_STEPS_BEFORE_PAUSE` and at a
-        cost below ``pause_cost``: what hardly matters may be fixed before it goes on.
+        Relative decrease over ``pause_trials`` steps tried below which it pauses, after ``pause_after`` accepted ones
+        and at a cost below ``pause_cost``: what hardly matters may be fixed before it goes on.
+    pause_trials, pause_after : int
+        See there.
+    creeping : bool
+        It pauses only where the last of these steps shows that they do not shrink (`CREEPING_SHARE`).
     """
 
     iterations: int = 30
@@ -162,6 +169,9 @@ class Stopping:
     interpolate: bool = False
     pause: float = 0.0
     pause_cost: float = np.inf
+    pause_trials: int = PAUSE_TRIALS
+    pause_after: int = MIN_STEPS_BEFORE_PAUSE
+    creeping: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,9 +255,16 @@ def gauss_newton(
             settled = ended and bool(np.isfinite(before))
             damping, growth = max(damping, 1e-4) * growth, growth * 2
         tried.append(costs[-1])
-        if len(costs) > MIN_STEPS_BEFORE_PAUSE and not ended and costs[-1] < stopping.pause_cost:
-            ended = paused = tried[-1 - PAUSE_TRIALS] - costs[-1] < stopping.pause * costs[-1]
+        if len(costs) > stopping.pause_after and not ended and costs[-1] < stopping.pause_cost:
+            ended = paused = _little_gained(tried, stopping)
     return Solution(state, tuple(costs), step, settled, paused, moving)
+
+
+def _little_gained(tried: list[float], stopping: Stopping) -> bool:
+    """Whether the least costs after each step ``tried`` say that the iteration should pause."""
+    decreases = -np.diff(tried[-1 - stopping.pause_trials :])
+    shrinking = stopping.creeping and 0 < decreases[-1] < CREEPING_SHARE * decreases.mean()
+    return bool(decreases.sum() < stopping.pause * tried[-1]) and not shrinking
 
 
 @dataclass(frozen=True)

@@ -22,17 +22,23 @@ from grainmotion.model.geometry import Geometry
 from grainmotion.model.pose import Pose
 from grainmotion.model.progress import counted
 from grainmotion.objective.evaluation import Evaluation
+from grainmotion.objective.normal_matrix import PatchNormalMatrix
 from grainmotion.objective.nuisance_motions import corrected_geometry
 from grainmotion.objective.residual import StateProblem
 from grainmotion.projection.footprints import Patches, footprint_patches
 from grainmotion.projection.grain_arrays import GrainArrays, ball_directions
 from grainmotion.projection.grain_tasks import mapper_of
 from grainmotion.projection.grains import differentiate_patches, project_patches
+from grainmotion.projection.jacobian import PatchJacobian
 from grainmotion.rotations import rotation_matrix
 from grainmotion.solvers.semidefinite import pseudo_inverse
 
-STEPS = 4
-"""Gauss–Newton steps of an alternative."""
+STEPS, COARSE_STEPS = 4, 3
+"""Gauss–Newton steps of an alternative, and how many of them are on the reference's voxels where there are finer ones:
+rays through these take more than twice as long."""
+TOLD_APART_SHARE, TOLD_APART_DEVIATIONS = 0.7, 16.0
+"""Contradicted share and standard deviations of ‖r‖² on the reference's voxels, from which an alternative is told apart
+without the last step on finer ones."""
 MAX_STEP_VOXELS = 2.0
 """Largest displacement of a grain's surface in one of them."""
 BALL_MARGIN_VOXELS = 4.0
@@ -63,29 +69,50 @@ class AlternativeFits:
 
 @dataclass(frozen=True, eq=False)
 class _Setup:
-    """How alternatives are projected and compared; ``middle (3,)`` as in `footprint_patches`."""
+    """How alternatives are projected and compared, and the steps to take; ``middle (3,)`` as in `footprint_patches`."""
 
     geometry: Geometry
     projector: Projector
     kernel: Image
     middle: Float
+    steps: int
 
 
 def fit_alternatives(
-    problem: StateProblem, pose: Pose, evaluation: Evaluation, owners: NDArray[np.int64], matrices: Float
+    problem: StateProblem,
+    pose: Pose,
+    evaluation: Evaluation,
+    owners: NDArray[np.int64],
+    matrices: Float,
+    coarse: GrainArrays | None = None,
 ) -> AlternativeFits:
-    """Fit each of some alternatives of grains ``owners (k,)``, which start rotated to ``matrices (k, 3, 3)``."""
+    """Fit each of some alternatives of grains ``owners (k,)``, which start rotated to ``matrices (k, 3, 3)``.
+
+    ``coarse`` are the same grains as the problem's on coarser voxels, if there are any.
+    """
     target, grains = problem.target, problem.grains
-    factor = target.root_weights * evaluation.response.derivative(evaluation.line_integrals)
-    views = corrected_geometry(target.scan.geometry, pose.nuisance)
-    setup = _Setup(views, target.projector, target.kernel, grains.centers.mean(axis=0))
-    twice = np.repeat(owners, 2)  # each alternative follows the pose found, so that both stay together on a cluster
-    pairs = pose.matrices[twice]
-    pairs[1::2] = matrices
-    both = pose.moved(pose.translations[twice], pairs)
-    images = factor, evaluation.residual
-    out = mapper_of(grains)(_in_batches, grains.select(twice), both, images, setup)[1::2]
-    return AlternativeFits(owners, out[:, :3], out[:, 3:12].reshape(-1, 3, 3), out[:, 12], out[:, 13])
+    images = target.root_weights * evaluation.response.derivative(evaluation.line_integrals), evaluation.residual
+    views, middle = corrected_geometry(target.scan.geometry, pose.nuisance), grains.centers.mean(axis=0)
+    start = AlternativeFits(owners, pose.translations[owners], matrices, np.zeros(len(owners)), np.zeros(len(owners)))
+
+    def fitted(arrays: GrainArrays, fits: AlternativeFits, steps: int) -> AlternativeFits:
+        # each alternative follows the pose found, so that both stay together on a cluster
+        twice = np.repeat(fits.owners, 2)
+        both = pose.moved(pose.translations[twice], pose.matrices[twice])
+        both.translations[1::2], both.matrices[1::2] = fits.translations, fits.matrices
+        setup = _Setup(views, target.projector, target.kernel, middle, steps)
+        out = mapper_of(arrays)(_in_batches, arrays.select(twice), both, images, setup)[1::2]
+        return AlternativeFits(fits.owners, out[:, :3], out[:, 3:12].reshape(-1, 3, 3), out[:, 12], out[:, 13])
+
+    if coarse is None or coarse.voxel_size <= grains.voxel_size:
+        return fitted(grains, start, STEPS)
+    near = fitted(coarse, start, COARSE_STEPS)
+    open_ = (near.contradicted < TOLD_APART_SHARE) | (near.deviations < TOLD_APART_DEVIATIONS)
+    if open_.any():
+        last = fitted(grains, near.select(open_), STEPS - COARSE_STEPS)
+        for name, values in vars(last).items():
+            vars(near)[name][open_] = values
+    return near
 
 
 def _in_batches(grains: GrainArrays, pose: Pose, images: tuple[Image, ...], setup: _Setup) -> Float:
@@ -108,19 +135,19 @@ def _fit(grains: GrainArrays, pose: Pose, images: tuple[Image, ...], setup: _Set
     residual = np.concatenate([all_residuals[v, a:b, c:d].ravel() for _, v, a, b, c, d in patches.boxes])
     residual = residual.astype(float)
     before = project_patches(own, found, setup.geometry, patches, setup.projector)
-    translations, matrices = found.translations.copy(), pose.matrices[rows[1::2]]
+    translations, matrices = pose.translations[rows[1::2]], pose.matrices[rows[1::2]]
 
     def change(values: Image) -> Float:
         images = (values - before)[None].copy()
         CPU.filter_patches(images, patches.table, factor, setup.kernel)
         return images[0].astype(float)
 
-    for _ in range(STEPS):
+    for _ in range(setup.steps):
         here = found.moved(translations, matrices)
         values, derivatives = differentiate_patches(own, here, setup.geometry, patches, setup.projector)
         CPU.filter_patches(derivatives, patches.table, factor, setup.kernel)
         left = residual - change(values)
-        normal = np.array([derivatives[:, s].astype(float) @ derivatives[:, s].T for s in slices])
+        normal = PatchNormalMatrix(PatchJacobian(derivatives, patches)).blocks()
         gradient = np.array([derivatives[:, s] @ left[s] for s in slices])
         steps = np.einsum("nij,nj->ni", pseudo_inverse(normal), gradient)
         size = np.linalg.norm(steps[:, :3], axis=1) + np.linalg.norm(steps[:, 3:], axis=1) * own.radii

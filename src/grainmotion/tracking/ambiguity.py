@@ -91,7 +91,8 @@ def settle_ambiguities(
         return refined, moved, reasons
     problem = replace(settled.problem, prior=settled.prior)
     observe = fit.observer(problem.target, "alternative poses")
-    settled = replace(settled, solution=gauss_newton(problem, settled.solution.state, fit.fine_stopping(), observe))
+    stopping = fit.held_stopping(problem.target)
+    settled = replace(settled, solution=gauss_newton(problem, settled.solution.state, stopping, observe))
     return settled, moved, reasons
 
 
@@ -108,7 +109,7 @@ def find_ambiguities(
     )
     if not len(owners):
         return Ambiguities({})
-    fits = fit_alternatives(problem, pose, evaluation, owners, matrices)
+    fits = fit_alternatives(problem, pose, evaluation, owners, matrices, references[1])
     away = angles_between(fits.matrices, pose.matrices[owners])
     told_apart = (fits.contradicted > MIN_CONTRADICTED) & (fits.deviations > MIN_DEVIATIONS)
     margins = np.where(mirrored, BETTER_DEVIATIONS_OF_MIRRORED, BETTER_DEVIATIONS)

@@ -19,6 +19,7 @@ from grainmotion.model.usable_parts import POORLY_DETERMINED_REASON
 from grainmotion.objective.residual import StateProblem
 from grainmotion.rotations import rotation_vector
 from grainmotion.solvers.gauss_newton import Solution
+from grainmotion.solvers.semidefinite import pseudo_inverse
 from grainmotion.tracking.body_motions import body_motions
 from grainmotion.tracking.cut_grains import cut_by_panel, cut_reason
 from grainmotion.tracking.deformed_grains import find_deformations
@@ -43,6 +44,8 @@ MIN_COVERAGE = 0.6
 """Share of a grain's projections on the detector below which it has left the field."""
 MAX_LAST_STEP_VOXELS = 0.1
 """Displacement by the last step from which a grain still moves, if the solver did not settle."""
+MAX_LAST_STEP_SD = 1.0
+"""Standard deviations up to which such a step does not matter: rotations that the views hardly determine creep on."""
 
 
 def classify(
@@ -60,7 +63,7 @@ def classify(
     cut = grains.cut
     cut_now = ~cut & cut_by_panel(problem, solution.state, evaluation)
     disturbed = (misregistered & ~cut & ~cut_now).any() & ~misregistered & (fits.shares > MAX_DISTURBED_MISFIT)
-    coverage, moving = evaluation.patches.seen.mean(axis=1), _still_moving(problem, solution)
+    coverage, moving = evaluation.patches.seen.mean(axis=1), _still_moving(problem, solution, refined.posterior)
     supports = grain_supports(problem, solution.state) if misregistered.any() else [GrainSupport()] * n
     bent = find_deformations(problem, solution.state, evaluation, misregistered)
     places = grains.centers + solution.state.translations
@@ -203,10 +206,11 @@ def _poorly_determined(names: list[str], moving: bool) -> _Verdict:
     return _Verdict(Status.POORLY_DETERMINED, reason, (translation, rotation))
 
 
-def _still_moving(problem: StateProblem, solution: Solution[Pose]) -> NDArray[np.bool_]:
-    """Grains that the last step still moved, if the solver did not settle."""
+def _still_moving(problem: StateProblem, solution: Solution[Pose], covariances: Float) -> NDArray[np.bool_]:
+    """Grains that the last step still moved, if the solver did not settle, by more than their standard deviations."""
     each = solution.last_step[: 6 * len(problem.grains)].reshape(-1, 6)
     if solution.settled:
         return np.zeros(len(each), dtype=bool)
     moved = np.linalg.norm(each[:, :3], axis=1) + np.linalg.norm(each[:, 3:], axis=1) * problem.grains.radii
-    return moved > MAX_LAST_STEP_VOXELS * problem.grains.unit
+    squares = np.einsum("ni,nij,nj->n", each, pseudo_inverse(covariances), each)
+    return (moved > MAX_LAST_STEP_VOXELS * problem.grains.unit) & (squares > MAX_LAST_STEP_SD**2)

@@ -60,8 +60,9 @@ class RefinedFit:
     the prior on weak directions; ``strain_covariances (n, 6, 6)`` are those of the strains, None for rigid grains;
     ``corrections_sd`` are of the views' poses, ``body_covariances (k, 6, 6)`` of the bodies' motions; ``downweighted``
     is the share of pixels that a robust loss counted less; ``fluid_covariance`` is of a liquid's unknowns.  ``prior``
-    is the one on weak directions, None if nothing is held, ``weak_numbers (n,)`` how many each grain has, and
-    ``free_cost`` the least cost without the prior.
+    is the one on weak directions, None if nothing is held, ``weak_numbers (n,)`` how many each grain has,
+    ``free_cost`` the least cost without the prior, and ``unconfirmed (n, 3, 3)`` are the covariances of rotations that
+    the radiographs do not confirm, rad².
     """
 
     problem: StateProblem
@@ -77,6 +78,7 @@ class RefinedFit:
     prior: MotionPrior | None = None
     weak_numbers: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     free_cost: float = np.inf
+    unconfirmed: Float = field(default_factory=lambda: np.zeros((0, 3, 3)))
 
     @cached_property
     def evaluation(self) -> Evaluation:
@@ -104,12 +106,13 @@ def refine(
     if fit.settings.strain:
         problem, solution = refine_strains(fit, problem, solution)
     prior, problem = problem.prior, replace(problem, prior=None)
-    uncertain = _uncertainty(fit, alignment, problem, solution.state)
+    known = None if before is None or moved is None else (before.unconfirmed, moved)
+    uncertain = _uncertainty(fit, alignment, problem, solution.state, known)
     if solution.paused and not uncertain.weak.flags.any():
         solution = gauss_newton(
             problem, solution.state, fit.fine_stopping(), fit.observer(problem.target, "free, to the end")
         )
-        uncertain = _uncertainty(fit, alignment, problem, solution.state)
+        uncertain = _uncertainty(fit, alignment, problem, solution.state, known)
     weak, posterior = uncertain.weak, uncertain.covariances
     numbers, free_cost = weak.flags.sum(axis=1), before.free_cost if before else np.inf
     if before and prior is not None and (numbers <= before.weak_numbers)[moved].all():
@@ -121,7 +124,7 @@ def refine(
             new_prior = prior.replaced(new_prior, moved)
         held = replace(problem, prior=new_prior)
         observe = fit.observer(held.target, "weak directions held")
-        end = gauss_newton(held, solution.state, fit.fine_stopping(), observe)
+        end = gauss_newton(held, solution.state, fit.held_stopping(held.target), observe)
         # if the prior raises the cost by more, the radiographs determine more than the covariances show
         if problem.cost(end.state) < MAX_PRIOR_COST_RATIO * free_cost:
             solution, posterior, prior = end, weak.posterior(), held.prior
@@ -138,7 +141,7 @@ def refine(
     return RefinedFit(
         problem, solution, uncertain.covariances, posterior, uncertain.strains, corrections_sd, downweighted,
         uncertain.fluid, alignment.notes, body_covariances(problem, solution.state, uncertain.nuisance), prior,
-        numbers, free_cost,
+        numbers, free_cost, uncertain.unconfirmed,
     )  # fmt: skip
 
 
@@ -184,29 +187,41 @@ def _reweight(
 @dataclass(frozen=True, eq=False)
 class _Uncertainty:
     """Covariances of motions and of strains ``(n, 6, 6)``, of the unknowns of a liquid and of the nuisance motions
-    ``(k, k)``, the weak directions of each grain, and JᵀJ.
+    ``(k, k)``, of rotations that the radiographs do not confirm ``(n, 3, 3)``, the weak directions of each grain, and
+    JᵀJ.
     """
 
     covariances: Float
     strains: Float | None
     fluid: Float
     nuisance: Float
+    unconfirmed: Float
     weak: WeakDirections
     hessian: sparse.bsr_array | PatchNormalMatrix
 
 
-def _uncertainty(fit: MultistageFit, alignment: Alignment, problem: StateProblem, pose: Pose) -> _Uncertainty:
-    """How far the radiographs determine the unknowns of a problem at its solution."""
-    evaluation, coarse, strains = problem.evaluate_with_derivatives(pose), fit.grains, None
+def _uncertainty(
+    fit: MultistageFit,
+    alignment: Alignment,
+    problem: StateProblem,
+    pose: Pose,
+    known: tuple[Float, NDArray[np.bool_]] | None = None,
+) -> _Uncertainty:
+    """How far the radiographs determine the unknowns of a problem at its solution.
+
+    ``known`` are the covariances of unconfirmed rotations before some grains moved, and which of them did ``(n,)``.
+    """
+    evaluation, strains = problem.evaluate_with_derivatives(pose), None
     hessian = normal_of(evaluation.jacobian)
     if fit.settings.strain:
         own, strains, nuisance = strained_covariances(fit, problem, pose, evaluation)
     else:
         own, nuisance = covariances(problem, pose, evaluation, hessian)
-    # Rotations that either set of voxels leaves unconfirmed are: finer voxels follow their own pattern more closely.
-    free = unconfirmed_rotations(problem, pose, evaluation)
-    if coarse.voxel_size > problem.grains.voxel_size:
-        free = free + unconfirmed_rotations(replace(problem, grains=coarse), pose, evaluation)
+    if known is None:
+        free = _unconfirmed(fit, problem, pose, evaluation)
+    else:
+        free, rows = known[0].copy(), np.flatnonzero(known[1])
+        free[rows] = _unconfirmed(fit, problem, pose, evaluation, rows)
     own[:, 3:, 3:] += free
     own[:, :3, :3] += shifts_by_rotations(free, diagonal_blocks(hessian))
     if strains is not None:
@@ -216,4 +231,21 @@ def _uncertainty(fit: MultistageFit, alignment: Alignment, problem: StateProblem
     if alignment.misalignment.significant:
         own += common_motion(problem, pose, alignment.misalignment)
     fluid, weak = len(problem.target.fluid_columns), weak_directions(own, problem.grains)
-    return _Uncertainty(own, strains, nuisance[:fluid, :fluid], nuisance[fluid:, fluid:], weak, hessian)
+    return _Uncertainty(own, strains, nuisance[:fluid, :fluid], nuisance[fluid:, fluid:], free, weak, hessian)
+
+
+def _unconfirmed(
+    fit: MultistageFit,
+    problem: StateProblem,
+    pose: Pose,
+    evaluation: Evaluation,
+    rows: NDArray[np.int64] | None = None,
+) -> Float:
+    """Covariances ``(n, 3, 3)`` of rotations that either set of voxels leaves unconfirmed, rad², or those of ``rows``.
+
+    Finer voxels follow their own pattern more closely.
+    """
+    free = unconfirmed_rotations(problem, pose, evaluation, rows)
+    if fit.grains.voxel_size > problem.grains.voxel_size:
+        free = free + unconfirmed_rotations(replace(problem, grains=fit.grains), pose, evaluation, rows)
+    return free

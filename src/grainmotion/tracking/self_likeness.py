@@ -51,6 +51,8 @@ MAX_SYMMETRIES = 64
 """Near-symmetries of a grain that are kept, the best: a cube has 47, an icosahedron 119."""
 GRAINS_OF_A_CALL = 32
 """Grains that a worker looks at in one call."""
+MIN_SINE = 1e-7
+"""Sine of β from which α and γ are determined each."""
 REFINEMENT_STEPS = (np.deg2rad(8.0), np.deg2rad(4.0))
 """Steps of the finite differences with which a maximum is refined."""
 
@@ -206,18 +208,38 @@ def _overlaps(power: NDArray[np.complex128], matrices: Float) -> Float:
     """C at some rotations ``(k, 3, 3)``."""
     if not len(matrices):
         return np.zeros(0)
-    alpha, beta, gamma = Rotation.from_matrix(matrices).as_euler("ZYZ", suppress_warnings=True).T
+    left = _representations(matrices)
+    return np.asarray((left * power[1:]).sum(axis=(1, 2, 3)).real)
+
+
+def _representations(matrices: Float) -> NDArray[np.complex128]:
+    """D^l_mm' = e^(−imα) d^l_mm'(β) e^(−im'γ) of some rotations ``(k, 3, 3)`` from l = 1 on, ``(k, l, m, m)``."""
+    alpha, beta, gamma = _euler_angles(matrices)
     vectors, values = _y_rotations()
-    out = np.zeros(len(matrices))
+    orders = np.arange(-DEGREE, DEGREE + 1)
+    out = np.zeros((len(matrices), DEGREE, len(orders), len(orders)), complex)
+    before, after = np.exp(-1j * alpha[:, None] * orders), np.exp(-1j * gamma[:, None] * orders)
     for degree in range(1, DEGREE + 1):
-        inside, orders = slice(DEGREE - degree, DEGREE + degree + 1), np.arange(-degree, degree + 1)
-        own = vectors[degree, inside, inside]
-        left = np.exp(-1j * alpha[:, None] * orders)[:, :, None] * own
-        right = np.exp(-1j * gamma[:, None] * orders)[:, :, None] * own.conj()
-        phases = np.exp(-1j * beta[:, None] * values[degree, inside])
-        products = (left * (power[degree, inside, inside] @ right)).sum(axis=1)
-        out += (products * phases).sum(axis=1).real
+        inside = slice(DEGREE - degree, DEGREE + degree + 1)
+        own, phases = vectors[degree, inside, inside], np.exp(-1j * beta[:, None] * values[degree, inside])
+        left = before[:, inside, None] * own * phases[:, None, :]
+        turned = (left.reshape(-1, len(own)) @ own.conj().T).reshape(left.shape)
+        out[:, degree - 1, inside, inside] = turned * after[:, None, inside]
     return out
+
+
+def _euler_angles(matrices: Float) -> tuple[Float, Float, Float]:
+    """α, β, γ about z, y, z of some rotations ``(k, 3, 3)``; γ is 0 where only their sum or difference is determined.
+
+    Those of scipy take four times as long for the few rotations of a grain.
+    """
+    across, along = np.hypot(matrices[:, 0, 2], matrices[:, 1, 2]), matrices[:, 2, 2]
+    apart = across > MIN_SINE
+    sign = np.where(along < 0, -1.0, 1.0)
+    about_z = np.arctan2(sign * matrices[:, 1, 0], sign * matrices[:, 0, 0])
+    alpha = np.where(apart, np.arctan2(matrices[:, 1, 2], matrices[:, 0, 2]), about_z)
+    gamma = np.where(apart, np.arctan2(matrices[:, 2, 1], -matrices[:, 2, 0]), 0.0)
+    return alpha, np.arctan2(across, along), gamma
 
 
 def _peaks(likeness: Float, least: float) -> Float:
@@ -249,10 +271,18 @@ def _refined(power: NDArray[np.complex128], matrices: Float, step: float) -> Flo
     """Rotations moved towards the maximum of C beside each, by Newton's step along three axes."""
     if not len(matrices):
         return matrices
-    offsets = step * np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
-    trials = matrices[:, None] @ Rotation.from_rotvec(offsets).as_matrix()
-    values = _overlaps(power, trials.reshape(-1, 3, 3)).reshape(-1, 7)
+    # D(R E) = D(R) D(E), so that C of all trials R E is a product with the same few D(E)
+    at_each = _representations(matrices).swapaxes(2, 3) @ power[1:]
+    trials = _trial_representations(step)
+    values = (at_each.reshape(len(matrices), -1) @ trials.reshape(len(trials), -1).T).real
     slope = (values[:, 1:4] - values[:, 4:]) / 2
     curvature = np.maximum(2 * values[:, :1] - values[:, 1:4] - values[:, 4:], 1e-30)
     moves = step * np.clip(slope / curvature, -1.5, 1.5)
     return np.asarray(matrices @ Rotation.from_rotvec(moves).as_matrix())
+
+
+@lru_cache(maxsize=len(REFINEMENT_STEPS))
+def _trial_representations(step: float) -> NDArray[np.complex128]:
+    """`_representations` of no rotation, and of one by a step to either side about each axis."""
+    offsets = step * np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
+    return _representations(Rotation.from_rotvec(offsets).as_matrix())

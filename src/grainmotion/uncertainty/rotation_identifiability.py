@@ -28,6 +28,7 @@ from grainmotion.model.geometry import Geometry
 from grainmotion.model.pose import Pose
 from grainmotion.model.progress import counted
 from grainmotion.objective.evaluation import Evaluation
+from grainmotion.objective.normal_matrix import PatchNormalMatrix
 from grainmotion.objective.nuisance_motions import corrected_geometry
 from grainmotion.objective.residual import StateProblem
 from grainmotion.projection.footprints import Patches, footprint_patches
@@ -50,13 +51,22 @@ UNIFORM_ANGLE_VARIANCE = np.pi**2 / 3
 """Variance of an angle that may have any value."""
 
 
-def unconfirmed_rotations(problem: StateProblem, pose: Pose, evaluation: Evaluation) -> Float:
-    """Covariance ``(n, 3, 3)``, rad², of rotations that the radiographs do not confirm; zero where they do."""
+def unconfirmed_rotations(
+    problem: StateProblem, pose: Pose, evaluation: Evaluation, rows: NDArray[np.int64] | None = None
+) -> Float:
+    """Covariance ``(n, 3, 3)``, rad², of rotations that the radiographs do not confirm; zero where they do.
+
+    Only those of the grains of ``rows`` are found if they are given.
+    """
     target, grains = problem.target, problem.grains
     factor = target.root_weights * evaluation.response.derivative(evaluation.line_integrals)
     views = corrected_geometry(target.scan.geometry, pose.nuisance)
     setup = _ProjectionSetup(views, target.projector, target.kernel, grains.centers.mean(axis=0))
     images = factor, evaluation.residual
+    if rows is not None:
+        grains, pose = grains.select(rows), pose.moved(pose.translations[rows], pose.matrices[rows])
+        if not len(rows):
+            return np.zeros((0, 3, 3))
     return mapper_of(grains)(_unconfirmed_in_batches, grains, pose, images, setup)
 
 
@@ -107,7 +117,7 @@ def _unconfirmed(
     if not len(doubtful):
         return out
     if len(doubtful) < len(rows):
-        trials = _TrialRotations.of(grains, pose, factor, setup, rows[doubtful])
+        trials = trials.select(doubtful)
     others = trials.changes_and_products(-1, residual)
     squares, dots = squares[doubtful] + others[0], dots[doubtful] + others[1]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -122,7 +132,8 @@ def _unconfirmed(
 class _TrialRotations:
     """Some grains that are to be rotated by ``angles (n,)`` about their ``axes (n, 3, 3)`` (columns).
 
-    ``derivatives`` are filtered, in ``patches``, ``information (n, 3)`` is H about the axes.
+    ``derivatives`` are filtered, in ``patches``, ``normal (n, 6, 6)`` is H of each grain alone, ``information (n, 3)``
+    that of its rotations about the axes.
     """
 
     setup: _ProjectionSetup
@@ -133,6 +144,7 @@ class _TrialRotations:
     patches: Patches
     values: Image
     derivatives: Image
+    normal: Float
     axes: Float
     information: Float
 
@@ -143,13 +155,24 @@ class _TrialRotations:
         grains = all_grains.select(rows)
         here = pose.moved(pose.translations[rows], pose.matrices[rows])
         angles = np.minimum(TRIAL_RIM_SHIFT * grains.unit / grains.radii, MAX_TRIAL_ROTATION)
-        patches = footprint_patches(
-            _with_rotated_hulls(grains, angles), here, setup.geometry, len(setup.kernel) - 1, setup.middle
-        )
+        patches = _patches(grains, here, angles, setup)
         values, derivatives = differentiate_patches(grains, here, setup.geometry, patches, setup.projector)
         CPU.filter_patches(derivatives, patches.table, factor, setup.kernel)
-        information, axes = np.linalg.eigh(_rotations(_products(derivatives, derivatives, patches, len(rows))))
-        return cls(setup, factor, grains, here, angles, patches, values, derivatives, axes, information)
+        normal = PatchNormalMatrix(PatchJacobian(derivatives, patches)).blocks()
+        information, axes = np.linalg.eigh(_rotations(normal))
+        return cls(setup, factor, grains, here, angles, patches, values, derivatives, normal, axes, information)
+
+    def select(self, which: NDArray[np.int64]) -> _TrialRotations:
+        """Some of the grains."""
+        grains, pose = self.grains.select(which), self.pose
+        here, angles = pose.moved(pose.translations[which], pose.matrices[which]), self.angles[which]
+        slices = _pixels(self.patches, len(self.grains))
+        pixels = np.concatenate([np.arange(slices[k].start, slices[k].stop) for k in which])
+        return _TrialRotations(
+            self.setup, self.factor, grains, here, angles, _patches(grains, here, angles, self.setup),
+            self.values[pixels], self.derivatives[:, pixels], self.normal[which], self.axes[which],
+            self.information[which],
+        )  # fmt: skip
 
     def changes_and_products(self, sign: int, residual: Image) -> tuple[Float, Float]:
         """D and r·ΔP of rotations about each axis to one side, ``(n, 3)`` each."""
@@ -160,9 +183,22 @@ class _TrialRotations:
             pose = self.pose.moved(self.pose.translations, rotations @ self.pose.matrices)
             changes[axis] = project_patches(self.grains, pose, setup.geometry, patches, setup.projector) - self.values
         CPU.filter_patches(changes[:3], patches.table, self.factor, setup.kernel)
-        _remove_translations(changes[:3], self.derivatives, patches, n)
-        squares = np.diagonal(_products(changes[:3], changes[:3], patches, n), axis1=1, axis2=2)
+        self._remove_translations(changes[:3])
+        squares = np.array([(changes[:3, own].astype(float) ** 2).sum(axis=1) for own in _pixels(patches, n)])
         return squares, PatchJacobian(changes, patches).gradient(residual)[:, :3]
+
+    def _remove_translations(self, changes: Image) -> None:
+        """Take the best fit by translations of the grain from the changes, in place."""
+        derivatives, n = self.derivatives, len(self.grains)
+        shifts = pseudo_inverse(self.normal[:, :3, :3]) @ _products(derivatives[:3], changes, self.patches, n)
+        for shift, own in zip(shifts, _pixels(self.patches, n), strict=True):
+            changes[:, own] -= shift.T.astype(derivatives.dtype) @ derivatives[:3, own]
+
+
+def _patches(grains: GrainArrays, pose: Pose, angles: Float, setup: _ProjectionSetup) -> Patches:
+    """Footprints of grains that hold those of all trial rotations."""
+    hulls = _with_rotated_hulls(grains, angles)
+    return footprint_patches(hulls, pose, setup.geometry, len(setup.kernel) - 1, setup.middle)
 
 
 def _with_rotated_hulls(grains: GrainArrays, angles: Float) -> GrainArrays:
@@ -188,11 +224,3 @@ def _rotations(matrices: Float) -> Float:
     across = pseudo_inverse(matrices[:, :3, :3]) @ matrices[:, :3, 3:]
     complement = matrices[:, 3:, 3:] - matrices[:, 3:, :3] @ across
     return (complement + complement.transpose(0, 2, 1)) / 2
-
-
-def _remove_translations(changes: Image, derivatives: Image, patches: Patches, n: int) -> None:
-    """Take the best fit by translations of the grain from the changes, in place."""
-    products = _products(derivatives[:3], derivatives[:3], patches, n)
-    shifts = pseudo_inverse(products) @ _products(derivatives[:3], changes, patches, n)
-    for shift, own in zip(shifts, _pixels(patches, n), strict=True):
-        changes[:, own] -= shift.T.astype(derivatives.dtype) @ derivatives[:3, own]
