@@ -272,6 +272,18 @@ class TestStopping:
         assert end.costs[-1] < paused.costs[-1]
         assert abs(end.state[0]) < 0.02
 
+    def test_pauses_soon_where_steps_creep_and_not_where_they_shrink(self):
+        """Of a few steps that gain little the last tells: SLOW creeps, and exp x = 1 is solved by a few short ones."""
+        stopping = Stopping(iterations=200, step=0.0, decrease=1e-9)
+        soon = replace(stopping, pause=0.5, pause_trials=3, pause_after=3, creeping=True)
+        creeping = gauss_newton(SLOW, np.array([3.0]), soon)
+        assert creeping.paused
+        assert creeping.iterations <= MIN_STEPS_BEFORE_PAUSE
+        quick = LeastSquares(lambda x: np.append(np.exp(x) - 1, 10.0), lambda x: np.vstack([np.exp(x), [0.0]]))
+        solved = gauss_newton(quick, np.array([1.5]), soon)
+        assert not solved.paused
+        assert abs(solved.state[0]) < 1e-3
+
     def test_without_a_downhill_step_the_state_does_not_change(self):
         """With a gradient of the wrong sign every step is refused, and iteration ends at the start."""
         wrong = LeastSquares(lambda x: x - 1, lambda x: -np.eye(2))

@@ -91,6 +91,9 @@ class TestUnconfirmed:
         matrices = unconfirmed_rotations(problem, pose, problem.evaluate_with_derivatives(pose))
         np.testing.assert_allclose(matrices[1], UNIFORM_ANGLE_VARIANCE * np.eye(3), atol=1e-6)
         assert not matrices[[0, 2, 3, 4]].any()
+        rows = np.array([1, 3])
+        of_some = unconfirmed_rotations(problem, pose, problem.evaluate_with_derivatives(pose), rows)
+        np.testing.assert_array_equal(of_some, matrices[rows])
 
 
 class TestRotatedHulls:

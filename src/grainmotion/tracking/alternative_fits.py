@@ -110,8 +110,8 @@ def fit_alternatives(
     open_ = (near.contradicted < TOLD_APART_SHARE) | (near.deviations < TOLD_APART_DEVIATIONS)
     if open_.any():
         last = fitted(grains, near.select(open_), STEPS - COARSE_STEPS)
-        for name, values in vars(last).items():
-            vars(near)[name][open_] = values
+        for name in ("translations", "matrices", "contradicted", "deviations"):
+            vars(near)[name][open_] = vars(last)[name]
     return near
 
 

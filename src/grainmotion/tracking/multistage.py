@@ -219,7 +219,9 @@ class MultistageFit:
     def held_stopping(self, target: Target) -> Stopping:
         """Stopping criteria with weak directions held: many grains, of which some always creep, may pause."""
         stopping = self.fine_stopping()
-        return stopping if len(self.grains) < MIN_GRAINS_IN_PARTS else self.pausing(stopping, target)
+        if len(self.grains) < MIN_GRAINS_IN_PARTS:
+            return stopping
+        return replace(self.pausing(stopping, target), rejections=MAX_REJECTIONS)
 
     def solve_free(
         self,

@@ -170,7 +170,7 @@ class _TrialRotations:
         pixels = np.concatenate([np.arange(slices[k].start, slices[k].stop) for k in which])
         return _TrialRotations(
             self.setup, self.factor, grains, here, angles, _patches(grains, here, angles, self.setup),
-            self.values[pixels], self.derivatives[:, pixels], self.normal[which], self.axes[which],
+            self.values[pixels], self.derivatives.take(pixels, axis=1), self.normal[which], self.axes[which],
             self.information[which],
         )  # fmt: skip
 
