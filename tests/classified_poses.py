@@ -16,20 +16,24 @@ from grainmotion.uncertainty.covariance import covariances
 from grainmotion.uncertainty.rotation_identifiability import unconfirmed_rotations
 from grainmotion.uncertainty.weak_directions import weak_directions
 
-GRAINS = grain_set()
-
-
-TRUTH = small_motions(GRAINS)
-
-
 LIMITS = (0.5 * VOXEL, np.deg2rad(5.0))
+
+
+def shared_grains():
+    """The grains of all these tests."""
+    return grain_set()
+
+
+def shared_truth():
+    """Their motions."""
+    return small_motions(shared_grains())
 
 
 def pose_of(truth):
     return Pose(truth.translations, truth.matrices)
 
 
-def problem_of(scan, grains=GRAINS, sigma=0.7, gain=True):
+def problem_of(scan, grains=None, sigma=0.7, gain=True):
     target = Target(
         scan,
         np.zeros(scan.line_integrals.shape, np.float32),
@@ -37,11 +41,12 @@ def problem_of(scan, grains=GRAINS, sigma=0.7, gain=True):
         sigma,
         GAIN_AND_OFFSET if gain else ResponseModel(),
     )
-    return StateProblem(GrainArrays.of(grains, fine=True), target)
+    return StateProblem(GrainArrays.of(grains or shared_grains(), fine=True), target)
 
 
-def classified(scan, pose, grains=GRAINS, limits=LIMITS, settled=True, last_step=None, ambiguous=None, **target):
+def classified(scan, pose, grains=None, limits=LIMITS, settled=True, last_step=None, ambiguous=None, **target):
     """Motions and statuses of a pose, as if the solver had ended there."""
+    grains = grains or shared_grains()
     problem = problem_of(scan, grains, **target)
     at = problem.linearize(pose)
     step = np.zeros(6 * len(grains)) if last_step is None else last_step

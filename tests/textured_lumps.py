@@ -33,7 +33,7 @@ def lumps():
     for label, (z, y, x) in enumerate([(3, 1, 2), (4, 2, 11), (2, 1, 20), (16, 3, 22)], start=1):
         array[z : z + 8, y : y + 8, x : x + 8] = ndimage.gaussian_filter(rng.uniform(0, 2, (8, 8, 8)), 0.8)
         labels[z : z + 8, y : y + 8, x : x + 8] = label
-    return grains_from_labels(Volume(array, VOXEL), labels, reach=0)
+    return grains_from_labels(Volume(array, VOXEL), labels, reach=0, finer=1)
 
 
 def smooth_lumps():
@@ -43,7 +43,7 @@ def smooth_lumps():
     right = 2 * np.exp(-(((x - 25) / 2) ** 2 + ((y - 9) / 2.5) ** 2 + ((z - 12 + 0.4 * (x - 25)) / 2) ** 2) / 2)
     both = [np.where(lump > 1e-3, lump, 0) for lump in (left, right)]
     labels = np.where(both[0] > both[1], 1, np.where(both[1] > 0, 2, 0))
-    return grains_from_labels(Volume(both[0] + both[1], VOXEL), labels, reach=0)
+    return grains_from_labels(Volume(both[0] + both[1], VOXEL), labels, reach=0, finer=1)
 
 
 GRAINS = GrainArrays.of(lumps())

@@ -15,7 +15,7 @@ from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.projection.jacobian import PatchJacobian
 from grainmotion.solvers.block_cg import diagonal_blocks
 
-GRAINS = GrainArrays.of(few_grains.grain_set())
+GRAINS = GrainArrays.of(few_grains.grain_set(finer=1))
 VIEWS = few_grains.geometry()
 N = len(GRAINS)
 

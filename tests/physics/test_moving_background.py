@@ -15,8 +15,7 @@ from grainmotion.tracking.simulated_annealing import anneal
 from grainmotion.tracking.track import TrackSettings, track
 from scenes import image_of, one_body
 
-GRAINS = grain_set()
-TRUTH = small_motions(GRAINS)
+TRUTH = small_motions(grain_set(finer=1))  # the centres are those of all grains
 WIDE = geometry(shape=(64, 88))
 FIXED = "the radiographs do not show a motion"
 SHIFT, ROTATION = np.array([3.0, -1.0, 0.5]) * VOXEL, np.deg2rad([0.5, -0.4, 1.5])
@@ -38,13 +37,13 @@ def wall_projection(motion=(0, 0, 0, 0, 0, 0)):
 
 def observed(truth):
     """Radiographs of the moved grains and the moved wall."""
-    images = simulate_radiographs(GRAINS, truth, WIDE)
+    images = simulate_radiographs(grain_set(), truth, WIDE)
     images += wall_projection((*SHIFT, *ROTATION))
     return Scan(images + 0.01 * np.random.default_rng(2).standard_normal(images.shape), WIDE)
 
 
 def tracked(moves, settings=None):
-    return track(GrainSet(GRAINS.grains, one_body(wall(), moves)), observed(TRUTH), settings=settings)
+    return track(GrainSet(grain_set().grains, one_body(wall(), moves)), observed(TRUTH), settings=settings)
 
 
 @pytest.fixture(scope="module")
@@ -70,20 +69,22 @@ class TestMovingBackground:
         assert sizes[0] > 5 * sizes[1]
 
     def test_a_background_that_did_not_move_is_fixed(self):
-        still = motions(GRAINS)
-        images = simulate_radiographs(GrainSet(GRAINS.grains, one_body(wall())), still, WIDE)
+        still = motions(grain_set())
+        images = simulate_radiographs(GrainSet(grain_set().grains, one_body(wall())), still, WIDE)
         noisy = Scan(images + 0.01 * np.random.default_rng(3).standard_normal(images.shape), WIDE)
-        measured = track(GrainSet(GRAINS.grains, one_body(wall(), True)), noisy, settings=TrackSettings(search=False))
+        measured = track(
+            GrainSet(grain_set().grains, one_body(wall(), True)), noisy, settings=TrackSettings(search=False)
+        )
         np.testing.assert_array_equal(measured.fit.background, 0)
         assert any(FIXED in note for note in measured.fit.notes)
         assert np.abs(errors(measured, still)[0]).max() < 0.06
 
     def test_a_wide_last_filter_is_no_evidence_of_a_motion(self):
         """A wide filter correlates pixels, which must not be taken for a motion."""
-        images = simulate_radiographs(GrainSet(GRAINS.grains, one_body(wall())), TRUTH, WIDE)
+        images = simulate_radiographs(GrainSet(grain_set().grains, one_body(wall())), TRUTH, WIDE)
         noisy = Scan(images + 0.01 * np.random.default_rng(3).standard_normal(images.shape), WIDE)
         settings = TrackSettings(search=False, filters=(8.0, 6.0))
-        measured = track(GrainSet(GRAINS.grains, one_body(wall(), True)), noisy, settings=settings)
+        measured = track(GrainSet(grain_set().grains, one_body(wall(), True)), noisy, settings=settings)
         assert any(FIXED in note for note in measured.fit.notes)
 
     @pytest.mark.parametrize("share", [0.05, 0.1])
@@ -99,8 +100,8 @@ class TestMovingBackground:
         """Free to move, a background of noise would go to some local minimum and shift the grains."""
         rng = np.random.default_rng(5)
         noise = Volume((0.003 * rng.standard_normal((46, 44, 52))).astype(np.float32), VOXEL)
-        scan = radiographs(GRAINS, TRUTH)
-        free, fixed = (track(GrainSet(GRAINS.grains, one_body(noise, moves)), scan) for moves in (True, False))
+        scan = radiographs(grain_set(), TRUTH)
+        free, fixed = (track(GrainSet(grain_set().grains, one_body(noise, moves)), scan) for moves in (True, False))
         np.testing.assert_array_equal(free.fit.background, 0)
         assert free.ok.all(), free.reasons
         np.testing.assert_allclose(free.translations, fixed.translations, atol=2e-3 * VOXEL)
@@ -110,7 +111,7 @@ class TestMovingBackground:
         rng = np.random.default_rng(4)
         directions = rng.normal(size=(2, 5, 3))
         directions /= np.linalg.norm(directions, axis=2, keepdims=True)
-        truth = motions(GRAINS, 0.6 * directions[0], 70.0 * directions[1])
+        truth = motions(grain_set(), 0.6 * directions[0], 70.0 * directions[1])
         backgrounds = []
 
         def watched(grains, target, *rest):
@@ -118,7 +119,7 @@ class TestMovingBackground:
             return anneal(grains, target, *rest)
 
         monkeypatch.setattr(global_search, "anneal", watched)
-        measured = track(GrainSet(GRAINS.grains, one_body(wall(), True)), observed(truth))
+        measured = track(GrainSet(grain_set().grains, one_body(wall(), True)), observed(truth))
         assert backgrounds
         expected = wall_projection((*SHIFT, *ROTATION))
         assert np.abs(backgrounds[-1] - expected).mean() < 0.2 * np.abs(wall_projection() - expected).mean()

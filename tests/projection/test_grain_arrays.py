@@ -16,7 +16,7 @@ from grainmotion.projection.grain_arrays import GrainArrays, planar
 from grainmotion.projection.grains import assemble, project_patches
 from grainmotion.segmentation.extraction import grains_from_labels
 
-GRAINS = GrainArrays.of(grain_set(3))
+GRAINS = GrainArrays.of(grain_set(3, finer=1))
 
 
 def radiographs(grains, geometry):
@@ -30,7 +30,7 @@ def slice_grains(height=0.0, thickness=1):
     array = np.ones((thickness, 6, 20), np.float32)
     labels = np.ones(array.shape, np.int64)
     labels[:, :, 8:12], labels[:, :, 12:] = 0, 2
-    return GrainArrays.of(grains_from_labels(Volume(array, 1.0, (0.0, 0.0, height)), labels, reach=0))
+    return GrainArrays.of(grains_from_labels(Volume(array, 1.0, (0.0, 0.0, height)), labels, reach=0, finer=1))
 
 
 class TestSelect:

@@ -11,7 +11,7 @@ from grainmotion.projection.footprints import footprint_patches
 from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.projection.grains import assemble, differentiate_in_place
 
-GRAINS = GrainArrays.of(few_grains.grain_set())
+GRAINS = GrainArrays.of(few_grains.grain_set(finer=1))
 VIEWS = few_grains.geometry()
 N = len(GRAINS)
 

@@ -12,7 +12,7 @@ from grainmotion.projection.grains import differentiate_in_place
 from grainmotion.projection.strain_derivatives import OUT_OF_PLANE_STRAINS, differentiate_by_strain, joined
 from grainmotion.segmentation.extraction import grains_from_labels
 
-GRAINS = GrainArrays.of(few_grains.grain_set(2))
+GRAINS = GrainArrays.of(few_grains.grain_set(2, finer=1))
 GEOMETRY = few_grains.geometry([10.0, 75.0])
 POSE = Pose(np.zeros((2, 3)), np.tile(np.eye(3), (2, 1, 1)))
 

@@ -12,13 +12,12 @@ from grainmotion.rotations import rotation_matrix
 from grainmotion.tracking.broken_grains import _Cut, _halved
 from grainmotion.tracking.track import track
 
-GRAINS = grain_set()
-TRUTH = small_motions(GRAINS)
+TRUTH = small_motions(grain_set(finer=1))
 NORMAL = np.array([0.6, -0.64, 0.48])
 
 
 def halved(row, pose):
-    return _halved(_Cut(GRAINS, pose, {}, np.arange(len(GRAINS))), row, NORMAL, 0.05)
+    return _halved(_Cut(grain_set(), pose, {}, np.arange(len(grain_set()))), row, NORMAL, 0.05)
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +26,7 @@ def cut():
 
 
 def test_halves_add_up_to_the_grain(cut):
-    whole, first, second = GRAINS.grains[2], *cut.grains.grains[-2:]
+    whole, first, second = grain_set().grains[2], *cut.grains.grains[-2:]
     np.testing.assert_allclose(first.volume.array + second.volume.array, whole.volume.array, atol=1e-6)
     np.testing.assert_allclose(first.fine.array + second.fine.array, whole.fine.array, atol=1e-6)
     masses = [float(half.volume.array.sum()) for half in (first, second)]
@@ -44,7 +43,7 @@ def test_halves_are_where_the_grain_was(cut):
     matrices = cut.pose.matrices
     told = replace(told, rotations=np.vstack([TRUTH.rotations[[0, 1, 3, 4]], TRUTH.rotations[[2, 2]]]))
     np.testing.assert_allclose(rotation_matrix(told.rotations), matrices, atol=1e-9)
-    whole = radiographs(GRAINS, TRUTH, noise=0.0).line_integrals
+    whole = radiographs(grain_set(), TRUTH, noise=0.0).line_integrals
     np.testing.assert_allclose(radiographs(cut.grains, told, noise=0.0).line_integrals, whole, atol=0.02 * whole.max())
 
 
@@ -54,7 +53,7 @@ def test_a_broken_grain_disturbs_no_other(cut):
     shifts[4:] += np.array([1, -1])[:, None] * 0.2 * NORMAL
     turns[4:] += np.deg2rad(15) * np.array([[0.0, 0.6, 0.8], [0.8, 0.0, -0.6]])
     broken = replace(motions(cut.grains), translations=shifts, rotations=turns)
-    measured = track(GRAINS, radiographs(cut.grains, broken))
+    measured = track(grain_set(), radiographs(cut.grains, broken))
     others = [0, 1, 3, 4]
     assert measured.ok[others].all(), measured.reasons
     assert np.abs(measured.translations - TRUTH.translations)[others].max() < 0.02
@@ -62,7 +61,7 @@ def test_a_broken_grain_disturbs_no_other(cut):
     assert "broken in two" in measured.reasons[2]
     assert np.isfinite(measured.translations[2]).all()
     first, second = measured.fit.pieces
-    assert {first.label, second.label} == {int(GRAINS.labels[2])}
+    assert {first.label, second.label} == {int(grain_set().labels[2])}
     assert first.share + second.share == pytest.approx(1)
     assert first.share >= second.share
     for piece in (first, second):  # each moved as the half that it is

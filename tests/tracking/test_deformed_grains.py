@@ -15,21 +15,20 @@ from grainmotion.solvers.gauss_newton import Stopping, gauss_newton
 from grainmotion.tracking.deformed_grains import Deformations
 from grainmotion.uncertainty.likely_strains import StrainStep
 
-GRAINS = few_grains.grain_set(3)
-STILL = few_grains.motions(GRAINS)
+STILL = few_grains.motions(few_grains.grain_set(3, finer=1))  # the centres are those of all grains
 STRAINS = np.zeros((3, 6))
 STRAINS[1] = 0.04, -0.02, -0.02, 0.01, 0.0, -0.02
 
 
 def tracked(strains, noise=0.01):
     """Motions and statuses at the best rigid motions of still grains that are strained."""
-    problem = problem_of(few_grains.radiographs(GRAINS, STILL, noise=0), GRAINS)
+    problem = problem_of(few_grains.radiographs(few_grains.grain_set(3), STILL, noise=0), few_grains.grain_set(3))
     strained = replace(problem, grains=problem.grains.stretched(stretches(strains)))
     images = strained.evaluate(pose_of(STILL)).line_integrals
     images = images + noise * np.random.default_rng(3).standard_normal(images.shape)
     scan = Scan(images.astype(np.float32), few_grains.geometry())
-    pose = gauss_newton(problem_of(scan, GRAINS), pose_of(STILL), Stopping(20, 1e-4)).state
-    return classified(scan, pose, GRAINS)
+    pose = gauss_newton(problem_of(scan, few_grains.grain_set(3)), pose_of(STILL), Stopping(20, 1e-4)).state
+    return classified(scan, pose, few_grains.grain_set(3))
 
 
 @pytest.fixture(scope="module")

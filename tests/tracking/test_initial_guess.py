@@ -13,7 +13,7 @@ from grainmotion.model.motions import Motions
 from grainmotion.model.starting_pose import starting_pose
 from grainmotion.rotations import apply_motion
 
-GRAINS = grain_set()
+GRAINS = grain_set(finer=1)
 
 
 class TestStartingPose:

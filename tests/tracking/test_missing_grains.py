@@ -15,22 +15,23 @@ from grainmotion.objective.residual import StateProblem
 from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.tracking.missing_grains import complete, grain_supports, improves, suspects
 
-GRAINS = grain_set()
-TRUTH = small_motions(GRAINS)
+TRUTH = small_motions(grain_set(finer=1))
 
 
 def supports_of(scan, truth=TRUTH):
     target = Target(scan, np.zeros(scan.line_integrals.shape, np.float32), "trilinear", 2.0, GAIN_AND_OFFSET)
-    supports = grain_supports(StateProblem(GrainArrays.of(GRAINS), target), Pose(truth.translations, truth.matrices))
+    supports = grain_supports(
+        StateProblem(GrainArrays.of(grain_set()), target), Pose(truth.translations, truth.matrices)
+    )
     return np.array([support.share for support in supports])
 
 
 class TestSupport:
     def test_support_of_present_grains_is_one(self):
-        np.testing.assert_allclose(supports_of(radiographs(GRAINS, TRUTH)), 1, atol=0.02)
+        np.testing.assert_allclose(supports_of(radiographs(grain_set(), TRUTH)), 1, atol=0.02)
 
     def test_support_of_an_absent_grain_is_zero(self):
-        rest = GRAINS.without([1])
+        rest = grain_set().without([1])
         truth = replace(
             Motions.identity(rest.labels, rest.centers),
             translations=np.delete(TRUTH.translations, 1, axis=0),
@@ -41,18 +42,18 @@ class TestSupport:
         assert np.delete(supports, 1).min() > 0.75  # they share pixels with the absent one
 
     def test_support_of_grains_of_half_the_attenuation(self):
-        scan = radiographs(GRAINS, TRUTH, gain=0.5)
+        scan = radiographs(grain_set(), TRUTH, gain=0.5)
         assert (np.abs(supports_of(scan) - 0.4) < 0.15).all()  # less than a half where two such grains overlap
 
     def test_masked_pixels_do_not_count(self):
-        scan = radiographs(GRAINS, TRUTH)
+        scan = radiographs(grain_set(), TRUTH)
         valid = np.random.default_rng(0).uniform(size=scan.line_integrals.shape) > 0.3
         images = np.where(valid, scan.line_integrals, 100).astype(np.float32)
         np.testing.assert_allclose(supports_of(Scan(images, scan.geometry, valid)), 1, atol=0.02)
 
     def test_support_of_invisible_grains_is_nan(self):
         away = replace(TRUTH, translations=TRUTH.translations + np.array([0, 0, 50.0]))
-        assert np.isnan(supports_of(radiographs(GRAINS, TRUTH), away)).all()
+        assert np.isnan(supports_of(radiographs(grain_set(), TRUTH), away)).all()
 
 
 def classified(statuses, cost=0.1):
@@ -103,7 +104,7 @@ class TestSuspects:
 
 class TestComplete:
     def test_rows_are_in_the_order_of_the_grains(self):
-        grains = replace(GRAINS, grains=tuple(GRAINS.grains[k] for k in (3, 0, 4, 1, 2)))
+        grains = replace(grain_set(), grains=tuple(grain_set().grains[k] for k in (3, 0, 4, 1, 2)))
         rest = grains.without([2])
         measured = replace(
             motions(rest, np.arange(12.0).reshape(4, 3)),

@@ -14,8 +14,7 @@ from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.projection.grains import assemble, project_patches
 from grainmotion.tracking.multiresolution import coarsened, coarsening
 
-GRAINS = few_grains.grain_set()
-PACKED = GrainArrays.of(GRAINS)
+PACKED = GrainArrays.of(few_grains.grain_set(finer=1))
 VIEWS = few_grains.geometry()
 STILL = Pose(np.zeros((5, 3)), np.broadcast_to(np.eye(3), (5, 3, 3)).copy())
 

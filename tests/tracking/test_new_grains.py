@@ -12,8 +12,7 @@ from grainmotion.tracking.leftover import MIN_LIMIT, Leftover
 from grainmotion.tracking.track import track
 from grainmotion.tracking.unexplained import grid_around
 
-GRAINS = grain_set()
-TRUTH = small_motions(GRAINS)
+TRUTH = small_motions(grain_set(finer=1))
 NEW_GRAIN = 2
 GEOMETRY = Geometry.cone((0.0, 50.0, 110.0), (60, 60), 0.25, source_to_axis=60.0, source_to_detector=120.0)
 USUAL = Usual(0.8, 0.1)
@@ -58,16 +57,16 @@ def test_evenly_grey_radiographs_hold_no_grains():
 
 
 def test_a_new_grain_is_counted_and_disturbs_no_other():
-    known = GRAINS.without([NEW_GRAIN])
-    measured = track(known, radiographs(GRAINS, TRUTH))
+    known = grain_set().without([NEW_GRAIN])
+    measured = track(known, radiographs(grain_set(), TRUTH))
     (new,) = measured.fit.appeared
-    place = GRAINS.centers[NEW_GRAIN] + TRUTH.translations[NEW_GRAIN]
+    place = grain_set().centers[NEW_GRAIN] + TRUTH.translations[NEW_GRAIN]
     assert np.linalg.norm(new.center - place) < 0.15
-    rows = [k for k in range(len(GRAINS)) if k != NEW_GRAIN]
+    rows = [k for k in range(len(grain_set())) if k != NEW_GRAIN]
     errors = np.linalg.norm(measured.translations - TRUTH.translations[rows], axis=1)
     assert measured.ok.all(), measured.reasons
-    assert (errors < 0.3 * GRAINS.voxel_size).all()
+    assert (errors < 0.3 * grain_set().voxel_size).all()
 
 
 def test_nothing_appears_where_all_grains_are_known():
-    assert track(GRAINS, radiographs(GRAINS, TRUTH)).fit.appeared == ()
+    assert track(grain_set(), radiographs(grain_set(), TRUTH)).fit.appeared == ()

@@ -17,13 +17,12 @@ from grainmotion.tracking.presence import bounded_least_squares, count, none_is_
 from grainmotion.tracking.settings import TrackSettings
 from grainmotion.tracking.track import track
 
-GRAINS = grain_set()
-TRUTH = small_motions(GRAINS)
+TRUTH = small_motions(grain_set(finer=1))
 STILL = Pose(np.zeros((5, 3)), np.tile(np.eye(3), (5, 1, 1)))
 
 
 def radiographs_of(rows, truth=TRUTH):
-    some = GRAINS.without([k for k in range(5) if k not in rows])
+    some = grain_set().without([k for k in range(5) if k not in rows])
     moved = replace(motions(some), translations=truth.translations[rows], rotations=truth.rotations[rows])
     return radiographs(some, moved)
 
@@ -37,25 +36,25 @@ def test_amplitudes_tell_which_grains_are_there(rows):
     """At the start, with motions of 1.5 voxels and 4 degrees unknown, and a beam that drifted by a tenth."""
     scan = radiographs_of(rows)
     scan = Scan(scan.line_integrals + np.float32(0.1), scan.geometry)
-    census = count(GrainArrays.of(GRAINS), target_of(scan), STILL)
+    census = count(GrainArrays.of(grain_set()), target_of(scan), STILL)
     assert list(np.flatnonzero(census.present)) == rows
     np.testing.assert_allclose(census.amplitudes[rows], 1, atol=0.35)
 
 
 def test_grains_that_lost_attenuation_are_there():
-    scan = radiographs(GRAINS, TRUTH, gain=0.6)
-    assert count(GrainArrays.of(GRAINS), target_of(scan), STILL).present.all()
+    scan = radiographs(grain_set(), TRUTH, gain=0.6)
+    assert count(GrainArrays.of(grain_set()), target_of(scan), STILL).present.all()
 
 
 def test_a_grain_off_the_panel_is_not_judged():
     away = replace(STILL, translations=np.where([[k == 2] for k in range(5)], 50.0, 0.0))
-    assert count(GrainArrays.of(GRAINS), target_of(radiographs_of([0, 1, 3, 4])), away).amplitudes[2] == 1
+    assert count(GrainArrays.of(grain_set()), target_of(radiographs_of([0, 1, 3, 4])), away).amplitudes[2] == 1
 
 
 def test_the_field_follows_the_grains_that_are_there():
     """Two of five are there, and the sample was carried by 6 voxels."""
     far = replace(TRUTH, translations=TRUTH.translations + 0.6)
-    fit = MultistageFit.of(GRAINS, radiographs_of([0, 4], far), TrackSettings())
+    fit = MultistageFit.of(grain_set(), radiographs_of([0, 4], far), TrackSettings())
     census = take_census(fit, STILL, [])
     assert list(np.flatnonzero(census.present)) == [0, 4]
     assert np.linalg.norm((census.pose.translations - far.translations)[[0, 4]], axis=1).max() < 0.3
@@ -77,7 +76,7 @@ def test_a_grain_that_fell_by_its_size_is_not_absent():
     """Its shadow is not where its neighbours went, but it is there."""
     fallen = replace(TRUTH, translations=TRUTH.translations.copy())
     fallen.translations[3] += [0.0, -1.3, -1.0]
-    measured = track(GRAINS, radiographs(GRAINS, fallen))
+    measured = track(grain_set(), radiographs(grain_set(), fallen))
     assert measured.statuses[3] != Status.ABSENT.value
     assert measured.ok[[0, 1, 2, 4]].all()
 
@@ -86,8 +85,8 @@ def test_all_are_absent_on_radiographs_without_any():
     rng = np.random.default_rng(2)
     scan = radiographs_of([0])
     noise = 0.02 * rng.standard_normal(scan.line_integrals.shape) + 0.01
-    measured = track(GRAINS, Scan(noise.astype(np.float32), scan.geometry))
+    measured = track(grain_set(), Scan(noise.astype(np.float32), scan.geometry))
     assert set(measured.statuses) == {Status.ABSENT.value}
     assert not np.isfinite(measured.translations).any()
     assert "none is there" in measured.reasons[0]
-    assert not none_is_there(MultistageFit.of(GRAINS, scan, TrackSettings()), STILL)
+    assert not none_is_there(MultistageFit.of(grain_set(), scan, TrackSettings()), STILL)

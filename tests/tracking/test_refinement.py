@@ -11,16 +11,15 @@ from grainmotion.rotations import rotation_matrix, rotation_vector
 from grainmotion.tracking.attempt import Job, approach, finish
 from grainmotion.tracking.track import TrackSettings, track
 
-GRAINS = grain_set()
-TRUTH = small_motions(GRAINS)
+TRUTH = small_motions(grain_set(finer=1))
 QUICK = TrackSettings(search=False)
 
 
 class TestPausedFits:
     def test_without_weak_directions_it_goes_on_to_the_end(self):
         """From a pose that is off by a hundredth of a voxel, to the motions of a fit that did not pause."""
-        scan = radiographs(GRAINS, TRUTH)
-        job = Job(GRAINS, scan, None, QUICK, None, None)
+        scan = radiographs(grain_set(), TRUTH)
+        job = Job(grain_set(), scan, None, QUICK, None, None)
         near = approach(job)
         settled = finish(job, near).motions
         state = near.solution.state
@@ -37,22 +36,24 @@ class TestPausedFits:
 class TestHuber:
     def test_outliers_bias_motions_less(self):
         """Zingers on one pixel in fifty, and an unknown object in one view."""
-        scan = radiographs(GRAINS, TRUTH)
+        scan = radiographs(grain_set(), TRUTH)
         rng = np.random.default_rng(3)
         images = scan.line_integrals.copy()
         outliers = rng.uniform(size=images.shape) < 0.02
         images[outliers] += rng.uniform(0.3, 1.0, outliers.sum()).astype(np.float32)
         images[1, 20:26, 10:40] += 0.5
         spoiled = Scan(images, scan.geometry)
-        plain, robust = (track(GRAINS, spoiled, settings=replace(QUICK, loss=loss)) for loss in ("squares", "huber"))
+        plain, robust = (
+            track(grain_set(), spoiled, settings=replace(QUICK, loss=loss)) for loss in ("squares", "huber")
+        )
         sizes = [np.sqrt((errors(m, TRUTH)[0] ** 2).mean()) for m in (plain, robust)]
         assert sizes[1] < 0.6 * sizes[0]
         assert plain.fit.downweighted == 0
         assert 0.01 < robust.fit.downweighted < 0.1
 
     def test_without_outliers_it_equals_least_squares(self):
-        scan = radiographs(GRAINS, TRUTH)
-        plain, robust = (track(GRAINS, scan, settings=replace(QUICK, loss=loss)) for loss in ("squares", "huber"))
+        scan = radiographs(grain_set(), TRUTH)
+        plain, robust = (track(grain_set(), scan, settings=replace(QUICK, loss=loss)) for loss in ("squares", "huber"))
         np.testing.assert_allclose(robust.translations, plain.translations, atol=0.01 * VOXEL)
 
 
@@ -60,7 +61,7 @@ class TestPoisson:
     PHOTONS = 300.0
 
     def scan(self):
-        mean = self.PHOTONS * np.exp(-simulate_radiographs(GRAINS, TRUTH, geometry()))
+        mean = self.PHOTONS * np.exp(-simulate_radiographs(grain_set(), TRUTH, geometry()))
         images = -np.log(np.maximum(np.random.default_rng(4).poisson(mean), 0.5) / self.PHOTONS)
         return Scan(images.astype(np.float32), geometry())
 
@@ -72,7 +73,7 @@ class TestPoisson:
             moved = replace(measured, translations=measured.translations.copy(), rotations=measured.rotations.copy())
             moved.translations[k] += step[:3]
             moved.rotations[k] = rotation_vector(rotation_matrix(step[3:]) @ measured.matrices[k])
-            m = measured.fit.response.apply(simulate_radiographs(GRAINS, moved, geometry()).astype(float))
+            m = measured.fit.response.apply(simulate_radiographs(grain_set(), moved, geometry()).astype(float))
             return float((counts * m + self.PHOTONS * np.exp(-m)).sum())
 
         derivatives = np.zeros((5, 6))
@@ -84,8 +85,8 @@ class TestPoisson:
 
     def test_ends_at_the_maximum_of_the_likelihood(self):
         """The score is zero there; least squares end elsewhere."""
-        likely = track(GRAINS, self.scan(), settings=replace(QUICK, loss="poisson"))
-        plain = track(GRAINS, self.scan(), settings=QUICK)
+        likely = track(grain_set(), self.scan(), settings=replace(QUICK, loss="poisson"))
+        plain = track(grain_set(), self.scan(), settings=QUICK)
         assert likely.ok.all()
         scores = self.scores(likely)
         assert np.sqrt((scores**2).mean()) < 0.1

@@ -17,8 +17,7 @@ from grainmotion.tracking import simulated_annealing as module
 from grainmotion.tracking.global_search import PLANAR_ATTEMPTS
 from grainmotion.tracking.simulated_annealing import SearchRanges, anneal
 
-GRAINS = grain_set()
-PACKED = GrainArrays.of(GRAINS)
+PACKED = GrainArrays.of(grain_set(finer=1))
 RANGES = SearchRanges(
     max_rotation=np.deg2rad(60), max_shift=0.5, grain_pixels=10.0, shift_step=1.0, rotation_step=1.2, sweeps=15
 )
@@ -27,19 +26,19 @@ RANGES = SearchRanges(
 def moved(rows, shift, rotation_deg, seed=0):
     """The grains of ``rows`` shifted (mm) and rotated in random directions; the others at rest."""
     rng = np.random.default_rng(seed)
-    u, w = np.zeros((2, len(GRAINS), 3))
+    u, w = np.zeros((2, len(grain_set()), 3))
     for vectors, size in ((u, shift), (w, rotation_deg)):
         directions = rng.normal(size=(len(rows), 3))
         vectors[rows] = size * directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    return motions(GRAINS, u, w)
+    return motions(grain_set(), u, w)
 
 
 def start():
-    return Pose(np.zeros((len(GRAINS), 3)), np.tile(np.eye(3), (len(GRAINS), 1, 1)))
+    return Pose(np.zeros((len(grain_set()), 3)), np.tile(np.eye(3), (len(grain_set()), 1, 1)))
 
 
 def target(truth):
-    scan = radiographs(GRAINS, truth)
+    scan = radiographs(grain_set(), truth)
     return Target(scan, np.zeros(scan.line_integrals.shape, np.float32), "trilinear", sigma=0.0)
 
 
@@ -55,7 +54,7 @@ class TestAnneal:
         )
         assert distances[rows].max() < 2.5
         assert angles[rows].max() < 25
-        fixed = np.setdiff1d(np.arange(len(GRAINS)), rows)
+        fixed = np.setdiff1d(np.arange(len(grain_set())), rows)
         np.testing.assert_array_equal(annealed.translations[fixed], 0)
         np.testing.assert_array_equal(annealed.matrices[fixed], np.tile(np.eye(3), (len(fixed), 1, 1)))
 
@@ -85,7 +84,9 @@ class TestAnneal:
     def test_registered_grains_do_not_move(self):
         truth = moved(np.array([0]), 0.0, 0.0)
         annealed = anneal(PACKED, target(truth), start(), np.arange(5), RANGES, seed=0)
-        u, w = errors(motions(GRAINS, annealed.translations, np.rad2deg(rotation_vector(annealed.matrices))), truth)
+        u, w = errors(
+            motions(grain_set(), annealed.translations, np.rad2deg(rotation_vector(annealed.matrices))), truth
+        )
         assert np.abs(u).max() < 1.5
         assert np.abs(w).max() < 12
 
@@ -100,7 +101,7 @@ class TestAnneal:
             other = (scan.line_integrals * (1 + last_digit)).astype(np.float32)
             assert (other != scan.line_integrals).any() == (change != 0)
             again = replace(target(truth), scan=replace(scan, line_integrals=other))
-            near = Pose(begin.translations + change, rotation_matrix(np.full((len(GRAINS), 3), change)))
+            near = Pose(begin.translations + change, rotation_matrix(np.full((len(grain_set()), 3), change)))
             poses.append(anneal(PACKED, again, near, np.arange(5), RANGES, seed=2))
         for pose in poses[1:]:
             np.testing.assert_array_equal(pose.translations, poses[0].translations)

@@ -16,8 +16,7 @@ from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.tracking.track import TrackSettings, track
 from grainmotion.tracking.view_alignment import imitated_corrections
 
-GRAINS = grain_set()
-TRUTH = small_motions(GRAINS)
+TRUTH = small_motions(grain_set(finer=1))
 QUICK = TrackSettings(search=False)
 
 TRUE_CORRECTIONS = np.array([[0.6, -0.4, 0.004], [-0.5, 0.3, -0.003], [0.2, 0.7, 0.002], [-0.3, -0.6, -0.005]])
@@ -29,7 +28,7 @@ def misaligned(angles=(0.0, 50.0, 95.0, 140.0), corrections=TRUE_CORRECTIONS, no
     true_views = corrected_geometry(
         views, NuisanceMotion(ViewCorrections.of(corrections[: len(angles)]), np.zeros((0, 3)), np.zeros((0, 3, 3)))
     )
-    return replace(radiographs(GRAINS, TRUTH, views=true_views, noise=noise), geometry=views)
+    return replace(radiographs(grain_set(), TRUTH, views=true_views, noise=noise), geometry=views)
 
 
 @cache
@@ -40,7 +39,9 @@ def imitated():
     target = Target(
         scan, nothing, "trilinear", 0.7, nuisance=NuisanceModel(view_shift_sd_pixels=1.0, view_angle_sd=0.01)
     )
-    return imitated_corrections(StateProblem(GrainArrays.of(GRAINS), target), Pose(TRUTH.translations, TRUTH.matrices))
+    return imitated_corrections(
+        StateProblem(GrainArrays.of(grain_set()), target), Pose(TRUTH.translations, TRUTH.matrices)
+    )
 
 
 def without_common_motion(corrections):
@@ -54,7 +55,7 @@ def without_common_motion(corrections):
 def errors_but_for_a_common_motion(measured):
     """Largest errors, voxels and degrees, of motions that are determined but for one of the whole sample."""
     u, w = errors(measured, TRUTH)
-    positions = (GRAINS.centers - GRAINS.centers.mean(axis=0)) / VOXEL
+    positions = (grain_set().centers - grain_set().centers.mean(axis=0)) / VOXEL
     rotation = np.deg2rad(w.mean(axis=0))
     rest = u - u.mean(axis=0) - np.cross(rotation, positions)
     return np.abs(rest).max(), np.abs(w - w.mean(axis=0)).max()
@@ -62,7 +63,7 @@ def errors_but_for_a_common_motion(measured):
 
 @cache
 def with_view_poses():
-    return track(GRAINS, misaligned(), settings=replace(QUICK, view_corrections="always"))
+    return track(grain_set(), misaligned(), settings=replace(QUICK, view_corrections="always"))
 
 
 class TestViewAlignment:
@@ -78,7 +79,7 @@ class TestViewAlignment:
     def test_relative_motions_of_grains_are_accurate(self):
         aligned = errors_but_for_a_common_motion(with_view_poses())
         plain = errors_but_for_a_common_motion(
-            track(GRAINS, misaligned(), settings=replace(QUICK, view_corrections="never"))
+            track(grain_set(), misaligned(), settings=replace(QUICK, view_corrections="never"))
         )
         assert aligned[0] < 0.05
         assert aligned[1] < 0.5
@@ -86,16 +87,18 @@ class TestViewAlignment:
 
     def test_the_residual_is_the_noise(self):
         scan = misaligned()
-        assert np.std(residual_images(GRAINS, with_view_poses(), scan)) == pytest.approx(0.01, rel=0.1)
+        assert np.std(residual_images(grain_set(), with_view_poses(), scan)) == pytest.approx(0.01, rel=0.1)
 
     def test_corrections_of_aligned_views_are_small(self):
-        measured = track(GRAINS, radiographs(GRAINS, TRUTH), settings=replace(QUICK, view_corrections="always"))
+        measured = track(
+            grain_set(), radiographs(grain_set(), TRUTH), settings=replace(QUICK, view_corrections="always")
+        )
         assert np.abs(without_common_motion(measured.fit.view_corrections.columns)[:, :2]).max() < 0.05
         largest = errors_but_for_a_common_motion(measured)
         assert largest[0] < 0.05
 
     def test_two_views_are_not_aligned(self):
-        measured = track(GRAINS, misaligned((0.0, 90.0)), settings=replace(QUICK, view_corrections="always"))
+        measured = track(grain_set(), misaligned((0.0, 90.0)), settings=replace(QUICK, view_corrections="always"))
         assert measured.fit.view_corrections is None
         assert measured.fit.view_corrections_sd is None
         assert any("view corrections refused" in note and ";" in note for note in measured.fit.notes)

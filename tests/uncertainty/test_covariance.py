@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from classified_poses import GRAINS, LIMITS, TRUTH, classified, pose_of, problem_of, refined
+from classified_poses import LIMITS, classified, pose_of, problem_of, refined, shared_grains, shared_truth
 from few_grains import ANGLES, geometry, grain_set, radiographs, small_motions
 from grainmotion.model.scan import Scan
 from grainmotion.objective.normal_matrix import normal_matrix, normal_of
@@ -38,8 +38,8 @@ class TestCovariance:
 
     def test_sd_grows_with_noise_and_falls_with_views_and_hardly_depends_on_the_filter(self):
         def sd(noise=0.02, angles=ANGLES, sigma=0.7):
-            scan = radiographs(GRAINS, TRUTH, views=geometry(angles), noise=noise)
-            measured = classified(scan, pose_of(TRUTH), sigma=sigma)
+            scan = radiographs(shared_grains(), shared_truth(), views=geometry(angles), noise=noise)
+            measured = classified(scan, pose_of(shared_truth()), sigma=sigma)
             return np.sqrt(np.diagonal(measured.covariances, axis1=1, axis2=2))
 
         np.testing.assert_allclose(sd(noise=0.04), 2 * sd(noise=0.02), rtol=0.15)
@@ -49,21 +49,21 @@ class TestCovariance:
         assert (sd(sigma=0.7) < 2 * sd(sigma=0.0)).all()
 
     def test_covariances_are_symmetric_and_positive_definite(self):
-        matrices = classified(radiographs(GRAINS, TRUTH), pose_of(TRUTH)).covariances
+        matrices = classified(radiographs(shared_grains(), shared_truth()), pose_of(shared_truth())).covariances
         np.testing.assert_allclose(matrices, matrices.transpose(0, 2, 1), rtol=1e-6, atol=1e-12)
         assert (np.linalg.eigvalsh(matrices) > 0).all()
 
     def test_a_drift_of_gain_does_not_raise_the_residual(self):
         """A fitted gain is not counted as noise."""
-        plain = classified(radiographs(GRAINS, TRUTH), pose_of(TRUTH))
-        drifted = classified(radiographs(GRAINS, TRUTH, gain=1.2), pose_of(TRUTH))
+        plain = classified(radiographs(shared_grains(), shared_truth()), pose_of(shared_truth()))
+        drifted = classified(radiographs(shared_grains(), shared_truth(), gain=1.2), pose_of(shared_truth()))
         np.testing.assert_allclose(drifted.residuals, plain.residuals, rtol=0.02)
         assert drifted.fit.gain == pytest.approx(1.2, abs=2e-3)
 
     def test_sampled_covariances_are_close_to_the_inverse(self, monkeypatch):
         """For many grains covariances are sampled; standard deviations have a relative error of √(1 / (2 draws))."""
-        problem = problem_of(radiographs(GRAINS, TRUTH))
-        pose = pose_of(TRUTH)
+        problem = problem_of(radiographs(shared_grains(), shared_truth()))
+        pose = pose_of(shared_truth())
         evaluation = problem.evaluate_with_derivatives(pose)
         dense, _ = covariances(problem, pose, evaluation, normal_matrix(evaluation.jacobian))
         monkeypatch.setattr("grainmotion.objective.normal_matrix.MAX_DENSE_UNKNOWNS", 0)

@@ -11,19 +11,18 @@ from grainmotion.model.strain import stretches
 from grainmotion.solvers.gauss_newton import Stopping, gauss_newton
 from grainmotion.uncertainty.likely_strains import strain_step
 
-GRAINS = few_grains.grain_set(3)
 STRAINS = np.zeros((3, 6))
 STRAINS[1] = 0.04, -0.02, -0.02, 0.01, 0.0, -0.02
 
 
 def step_of(strains, noise, seed=0):
     """The test at the best rigid motions of grains with given strains, in images of the package's own projector."""
-    still = few_grains.motions(GRAINS)
-    problem = problem_of(few_grains.radiographs(GRAINS, still, noise=0), GRAINS)
+    still = few_grains.motions(few_grains.grain_set(3))
+    problem = problem_of(few_grains.radiographs(few_grains.grain_set(3), still, noise=0), few_grains.grain_set(3))
     strained = replace(problem, grains=problem.grains.stretched(stretches(strains)))
     images = strained.evaluate(pose_of(still)).line_integrals
     images = images + noise * np.random.default_rng(seed).standard_normal(images.shape)
-    problem = problem_of(Scan(images.astype(np.float32), few_grains.geometry()), GRAINS)
+    problem = problem_of(Scan(images.astype(np.float32), few_grains.geometry()), few_grains.grain_set(3))
     return strain_step(problem, gauss_newton(problem, pose_of(still), Stopping(20, 1e-4)).state)
 
 

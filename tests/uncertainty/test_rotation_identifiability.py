@@ -41,8 +41,13 @@ def with_pattern(grains, share, seed=0):
     return GrainSet(tuple(with_noise))
 
 
-GRAINS = grain_set(sphere=2)
-TRUTH = small_motions(GRAINS)
+def smooth_among_others():
+    """Grains of which the second is a ball."""
+    return grain_set(sphere=2)
+
+
+def truth_of_all():
+    return small_motions(smooth_among_others())
 
 
 class TestUnconfirmed:
@@ -53,14 +58,16 @@ class TestUnconfirmed:
 
     def test_a_pattern_only_in_the_reference_does_not_confirm_rotations(self):
         """The voxels of a ball have noise that is not in the radiographs: no rotation of it is determined."""
-        matrices = unconfirmed_covariances(with_pattern(GRAINS, 0.3), TRUTH, radiographs(GRAINS, TRUTH))
+        matrices = unconfirmed_covariances(
+            with_pattern(smooth_among_others(), 0.3), truth_of_all(), radiographs(smooth_among_others(), truth_of_all())
+        )
         np.testing.assert_allclose(matrices[1], UNIFORM_ANGLE_VARIANCE * np.eye(3), atol=1e-6)
         assert not matrices[[0, 2, 3, 4]].any()
 
     def test_a_texture_of_the_grain_confirms_its_rotations(self):
         """A pattern that is in the radiographs too is texture, which determines the rotation of a ball."""
-        textured = with_pattern(GRAINS, 0.3)
-        assert not unconfirmed_covariances(textured, TRUTH, radiographs(textured, TRUTH)).any()
+        textured = with_pattern(smooth_among_others(), 0.3)
+        assert not unconfirmed_covariances(textured, truth_of_all(), radiographs(textured, truth_of_all())).any()
 
     def test_rotations_are_confirmed_despite_noise_of_the_radiographs(self):
         grains = grain_set()
@@ -73,21 +80,24 @@ class TestUnconfirmed:
         assert not unconfirmed_covariances(grains, truth, radiographs(grains, truth, gain=1.2, offset=0.05)).any()
 
     def test_covariances_are_finite_for_invisible_grains(self):
-        truth = replace(TRUTH, translations=TRUTH.translations.copy())
+        truth = replace(truth_of_all(), translations=truth_of_all().translations.copy())
         truth.translations[0] = 0, 0, 50
-        matrices = unconfirmed_covariances(GRAINS, truth, radiographs(GRAINS, truth))
+        matrices = unconfirmed_covariances(smooth_among_others(), truth, radiographs(smooth_among_others(), truth))
         assert np.isfinite(matrices).all()
 
     def test_corrected_views_are_used(self):
         """Rotations are tested on the corrected views of the pose; those of a ball are undetermined there too."""
-        with_noise = with_pattern(GRAINS, 0.3)
+        with_noise = with_pattern(smooth_among_others(), 0.3)
         at = NuisanceMotion(
             ViewCorrections.of(np.tile([5.0, -4.0, 0.05], (4, 1))), np.zeros((0, 3)), np.zeros((0, 3, 3))
         )
-        scan = replace(radiographs(GRAINS, TRUTH, views=corrected_geometry(geometry(), at)), geometry=geometry())
+        scan = replace(
+            radiographs(smooth_among_others(), truth_of_all(), views=corrected_geometry(geometry(), at)),
+            geometry=geometry(),
+        )
         target = Target(scan, np.zeros(scan.line_integrals.shape, np.float32), "trilinear", 0.7, GAIN_AND_OFFSET)
         problem = StateProblem(GrainArrays.of(with_noise, fine=True), target)
-        pose = Pose(TRUTH.translations, TRUTH.matrices, at)
+        pose = Pose(truth_of_all().translations, truth_of_all().matrices, at)
         matrices = unconfirmed_rotations(problem, pose, problem.evaluate_with_derivatives(pose))
         np.testing.assert_allclose(matrices[1], UNIFORM_ANGLE_VARIANCE * np.eye(3), atol=1e-6)
         assert not matrices[[0, 2, 3, 4]].any()

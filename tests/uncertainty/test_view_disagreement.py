@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from classified_poses import GRAINS, TRUTH, pose_of, problem_of
+from classified_poses import pose_of, problem_of, shared_grains, shared_truth
 from few_grains import radiographs
 from grainmotion.objective.normal_matrix import normal_matrix
 from grainmotion.solvers.gauss_newton import Stopping, gauss_newton
@@ -16,7 +16,7 @@ from grainmotion.uncertainty.view_disagreement import Disagreement
 def standard_deviations(scan):
     """Those of all grains at their best poses, ``(n, 6)``."""
     problem = problem_of(scan)
-    pose = gauss_newton(problem, pose_of(TRUTH), Stopping(20, 1e-4)).state
+    pose = gauss_newton(problem, pose_of(shared_truth()), Stopping(20, 1e-4)).state
     evaluation = problem.evaluate_with_derivatives(pose)
     own, _ = covariances(problem, pose, evaluation, normal_matrix(evaluation.jacobian))
     return np.sqrt(np.diagonal(own, axis1=1, axis2=2))
@@ -24,7 +24,7 @@ def standard_deviations(scan):
 
 @pytest.fixture(scope="module")
 def clean():
-    return radiographs(GRAINS, TRUTH, noise=0.02)
+    return radiographs(shared_grains(), shared_truth(), noise=0.02)
 
 
 def test_one_view_out_of_place_raises_the_standard_deviations(clean):

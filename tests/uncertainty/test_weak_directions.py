@@ -136,18 +136,17 @@ class TestNames:
 
 
 VIEWS = Geometry.parallel((0.0, 50.0, 95.0, 140.0), PANEL, VOXEL)
-FULL = grain_set()
-TRUTH = small_motions(FULL, voxels=1.0, degrees=2.0)
+TRUTH = small_motions(grain_set(finer=1), voxels=1.0, degrees=2.0)
 
 
 def hidden(grain, seen_by):
     """Radiographs on which one grain's footprint, and two pixels around it, are valid in the views ``seen_by`` only."""
-    packed = GrainArrays.of(FULL)
+    packed = GrainArrays.of(grain_set())
     boxes = footprint_patches(packed, Pose(TRUTH.translations, TRUTH.matrices), VIEWS, margin=2).boxes
     valid = np.ones((4, *PANEL), bool)
     for _, view, r0, r1, c0, c1 in boxes[boxes[:, 0] == grain]:
         valid[view, r0:r1, c0:c1] = view in seen_by
-    scan = radiographs(FULL, TRUTH, views=VIEWS)
+    scan = radiographs(grain_set(), TRUTH, views=VIEWS)
     return Scan(scan.line_integrals, VIEWS, valid)
 
 
@@ -156,7 +155,7 @@ HIDDEN_GRAIN = 4
 
 @pytest.fixture(scope="module")
 def measured():
-    return track(FULL, hidden(HIDDEN_GRAIN, {0}), settings=TrackSettings(search=False))
+    return track(grain_set(), hidden(HIDDEN_GRAIN, {0}), settings=TrackSettings(search=False))
 
 
 class TestHiddenGrain:
