@@ -100,8 +100,11 @@ def _unconfirmed_in_batches(
 ) -> Float:
     """`unconfirmed_rotations` of some grains, batch by batch."""
     n, (factor, residual) = len(grains), images
-    batches = [np.arange(k, min(k + GRAINS_PER_BATCH, n)) for k in range(0, n, GRAINS_PER_BATCH)]
-    return np.concatenate([_unconfirmed(grains, pose, factor, residual, setup, rows) for rows in counted(batches)])
+    out = np.zeros((n, 3, 3))
+    for k in counted(range(0, n, GRAINS_PER_BATCH)):
+        rows = np.arange(k, min(k + GRAINS_PER_BATCH, n))
+        out[rows] = _unconfirmed(grains, pose, factor, residual, setup, rows)
+    return out
 
 
 def _unconfirmed(
