@@ -2,9 +2,9 @@
 
 Times are those that the same stages took before, from ``run.log``, if scan and volume had the same sizes; else they
 follow from voxels, pixels and views by constants that tell whole runs of 96³ to 512³ voxels on two cores of a server
-to a sixth (`validation/benchmarks/large_scans.py`, which compares estimate and run).  Its grains are many and smooth, the slowest
-to track; few large ones take less.  Of single stages an estimate may be off by a factor of about 3: shapes of grains,
-large motions and other processors are not in it.
+to a sixth (`validation/benchmarks/large_scans.py`, which compares estimate and run).  Its grains are many and smooth,
+the slowest to track; few large ones take less.  Of single stages an estimate may be off by a factor of about 3: shapes
+of grains, large motions and other processors are not in it.
 """
 
 from __future__ import annotations
