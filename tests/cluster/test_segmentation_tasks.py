@@ -1,24 +1,29 @@
 """Grains extracted by tasks equal those extracted in one process."""
 
 import numpy as np
+import pytest
 
 from grainmotion.cluster.segmentation_tasks import extract_distributed
 from grainmotion.cluster.shared_store import SharedStore
+from grainmotion.model.compact_volume import CompactVolume
 from grainmotion.model.volume import Volume
+from grainmotion.segmentation import extraction
 from grainmotion.segmentation.extraction import grains_from_labels
 from inline_executor import InlineExecutor
 
 
-def test_distributed_extraction_gives_the_same_grains(tmp_path):
+@pytest.mark.parametrize("compact", [False, True])
+def test_distributed_extraction_gives_the_same_grains(tmp_path, monkeypatch, compact):
+    monkeypatch.setattr(extraction, "MAX_FINE_BYTES", 0 if compact else 1 << 28)
     rng = np.random.default_rng(0)
     labels = np.kron(np.arange(1, 9).reshape(2, 2, 2), np.ones((9, 9, 9), int))
     volume = Volume(rng.random(labels.shape, np.float32) + 0.5, 0.1, (1.0, 2.0, 3.0))
     executor, store = InlineExecutor(), SharedStore(tmp_path)
     one = grains_from_labels(volume, labels)
     many = grains_from_labels(volume, labels, cut=lambda *cut: extract_distributed(executor, store, *cut))
-    assert executor.done == ["fine_cuts"] * 2
+    assert executor.done == ["kept_grains"] * 2
     for a, b in zip(one.grains, many.grains, strict=True):
         np.testing.assert_array_equal(b.fine.array, a.fine.array)
-        assert b.fine.center == a.fine.center
+        assert b.fine.center == a.fine.center and isinstance(b.fine, CompactVolume) == compact
         np.testing.assert_array_equal(b.volume.array, a.volume.array)
     assert not list(store.folder.iterdir())

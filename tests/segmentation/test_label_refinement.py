@@ -8,7 +8,7 @@ from skimage.segmentation import expand_labels, watershed
 from grainmotion.kernels import contested_voxels
 from grainmotion.kernels.layout import PADDING
 from grainmotion.model.volume import Volume
-from grainmotion.segmentation.extraction import grains_from_labels
+from grainmotion.segmentation.extraction import grains_from_labels, padded
 from grainmotion.segmentation.label_growth import grown_labels
 from grainmotion.segmentation.label_refinement import GrownLabels, fine_cut, fine_grains, upsampled
 from grainmotion.simulate import Ellipsoid, Particle, Sample, attenuation_volume, label_volume
@@ -264,7 +264,7 @@ def test_grains_do_not_depend_on_the_number_of_threads(monkeypatch):
     found = []
     for threads in (1, 3):
         monkeypatch.setattr("numba.get_num_threads", lambda threads=threads: threads)
-        found.append(list(fine_grains(volume, owners, boxes, 2)))
+        found.append(list(fine_grains(volume, owners, boxes, 2, padded)))
     assert len(found[0]) == len(found[1]) == len(boxes)
     for one, other in zip(*found, strict=True):
         np.testing.assert_array_equal(one.array, other.array)

@@ -31,7 +31,7 @@ from grainmotion.model.motions import Motions
 from grainmotion.model.task_map import shared_among
 from grainmotion.model.volume import Volume
 from grainmotion.reconstruction.reconstruct import Reconstruction, ReconstructSettings
-from grainmotion.segmentation.label_refinement import Boxed, GrownLabels
+from grainmotion.segmentation.label_refinement import Boxed, FineVolume, GrownLabels, Keep
 from grainmotion.tracking.track import TrackSettings
 
 if TYPE_CHECKING:
@@ -80,9 +80,11 @@ class ClusterConnection:
         """Track one state by all workers; motions and residual radiographs."""
         return track_together(self.executor, self.store, grains, state, progress)
 
-    def cut(self, volume: Volume, owners: GrownLabels, wanted: list[Boxed], factor: int) -> Iterator[Volume | None]:
+    def cut(
+        self, volume: Volume, owners: GrownLabels, wanted: list[Boxed], factor: int, keep: Keep
+    ) -> Iterator[FineVolume | None]:
         """Extract grains on finer voxels; see `grainmotion.segmentation.label_refinement.fine_grains`."""
-        return extract_distributed(self.executor, self.store, volume, owners, wanted, factor)
+        return extract_distributed(self.executor, self.store, volume, owners, wanted, factor, keep)
 
     def reconstruct(
         self, source: ScanInput, grid: Volume, settings: ReconstructSettings, progress: Progress | None = None
