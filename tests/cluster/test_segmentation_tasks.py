@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from grainmotion.cluster import segmentation_tasks
 from grainmotion.cluster.segmentation_tasks import extract_distributed
 from grainmotion.cluster.shared_store import SharedStore
 from grainmotion.model.compact_volume import CompactVolume
@@ -14,6 +15,7 @@ from inline_executor import InlineExecutor
 
 @pytest.mark.parametrize("compact", [False, True])
 def test_distributed_extraction_gives_the_same_grains(tmp_path, monkeypatch, compact):
+    monkeypatch.setattr(segmentation_tasks, "GRAINS_PER_TASK", 4)
     monkeypatch.setattr(extraction, "MAX_FINE_BYTES", 0 if compact else 1 << 28)
     rng = np.random.default_rng(0)
     labels = np.kron(np.arange(1, 9).reshape(2, 2, 2), np.ones((9, 9, 9), int))
@@ -24,6 +26,7 @@ def test_distributed_extraction_gives_the_same_grains(tmp_path, monkeypatch, com
     assert executor.done == ["kept_grains"] * 2
     for a, b in zip(one.grains, many.grains, strict=True):
         np.testing.assert_array_equal(b.fine.array, a.fine.array)
-        assert b.fine.center == a.fine.center and isinstance(b.fine, CompactVolume) == compact
+        assert b.fine.center == a.fine.center
+        assert isinstance(b.fine, CompactVolume) == compact
         np.testing.assert_array_equal(b.volume.array, a.volume.array)
     assert not list(store.folder.iterdir())

@@ -95,7 +95,7 @@ def place(token):
 def test_all_operations_give_the_bits_of_one_process(cluster):
     client, grains = cluster.executor.client, sample()
     scan = radiographs(grains, small_motions(grains))
-    addresses = sorted(client.scheduler_info()["workers"])
+    addresses = cluster.executor.workers()
     places = client.gather([client.submit(place, "token", workers=[a], pure=False) for a in addresses])
     members = [
         client.submit(by_a_member, rank, places, "token", grains, scan, workers=[a], pure=False)
@@ -113,7 +113,7 @@ def test_a_state_tracked_together_has_the_bits_of_one_process_also_after_a_worke
     scan = radiographs(grains, small_motions(grains))
     motions, residual = track_with_residual(grains, scan, (None,), QUICK)
     messages, client = [], cluster.executor.client
-    first = sorted(client.scheduler_info()["workers"])[1]
+    first = cluster.executor.workers()[1]
 
     def lose_one(message, done, total):
         messages.append(message)

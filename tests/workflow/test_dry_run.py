@@ -5,6 +5,7 @@ import shutil
 import numpy as np
 import pytest
 
+from grainmotion.cluster.connection import ComputeConfig
 from grainmotion.experiment.config import read_experiment
 from grainmotion.io.tiff import read_tiff, write_tiff
 from grainmotion.workflow.dry_run import planned_run
@@ -142,6 +143,13 @@ class TestEstimates:
         needs = estimate(planned_run(read_experiment(copied)))
         assert 3 < needs.start < 5
         assert 0.4e9 < needs.memory < 0.5e9  # 0.46 GB were measured of such a sample
+
+    def test_workers_need_memory_beside_the_command(self, copied):
+        planned = planned_run(read_experiment(copied))
+        assert estimate(planned).memory_of_worker == 0
+        needs = estimate(planned, ComputeConfig(workers=2))
+        assert 0.4e9 < needs.memory_of_worker < 0.8e9
+        assert estimate(planned, ComputeConfig("tcp://node:8786")).memory_of_worker >= needs.memory_of_worker
 
     def test_larger_scans_need_more(self, copied):
         shutil.rmtree(copied.parent / "results")

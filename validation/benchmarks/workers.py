@@ -3,11 +3,13 @@
     python -m validation.benchmarks.workers [--size 320] [--counts 0 1 2 4] [--folder .scale]
 
 N³ voxels, N views of N × N pixels, one later state of 4 views (`packed_cylinder`), from the files to the report.  The
-client has one thread, too; the scheduler is in its process.  0 workers is one process of one thread.  Of each stage:
+client has as many threads as there are workers, as on a machine of so many cores: what it does alone it does by all of
+them, while the workers wait.  The scheduler is in its process.  0 workers is one process of one thread.  Of each stage:
 seconds by the clock, CPU seconds of the client and of each worker, bytes that workers sent each other and that all
 processes read and wrote in files; at the end, the peak memory of each process.  On a machine that others use the clock
-says little, so the *critical path* is given as well: of each stage the CPU time of the client and of the busiest
-worker.  Kernels are loaded by a small run before.  All runs must give the same volume, labels and motions, bit by bit.
+says little, so the *critical path* is given as well: of each stage the CPU time of the client, less what its other
+threads did at the same time as the busiest of them, and of the busiest worker.  Kernels are loaded by a small run
+before.  All runs must give the same volume, labels and motions, bit by bit.
 Writes ``validation/benchmarks/results/workers.md`` and ``.json`` (another size: files of its own); ends with code 1 if
 results differ or two workers are not 1.7 times one on the critical path.
 """
@@ -23,15 +25,20 @@ import resource
 import shutil
 import subprocess
 import sys
+import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numba
 import numpy as np
+from numpy.typing import NDArray
 
+from grainmotion.model import thread_map
+from grainmotion.segmentation.blocks import Work
 from validation.benchmarks.packed_cylinder import write_packed_cylinder
 from validation.benchmarks.peers.environment import ROOT, machine
 
@@ -44,14 +51,20 @@ LOGGED = {"reconstruct": "reconstruction", "segment": "cutting", "one/track": "t
 
 @dataclass
 class Stage:
-    """One stage: seconds by the clock, CPU seconds of the client and of each worker, and bytes."""
+    """One stage: seconds by the clock, CPU seconds of the client and of each worker, and bytes.
+
+    ``beside`` are CPU seconds of the client's threads beside the busiest, which is in ``client``; ``peaks`` bytes of
+    memory that the client and each worker used at most.
+    """
 
     clock: float = 0.0
     client: float = 0.0
+    beside: float = 0.0
     workers: list[float] = field(default_factory=list)
     between: float = 0.0
     read: float = 0.0
     written: float = 0.0
+    peaks: list[float] = field(default_factory=list)
 
     @property
     def critical(self) -> float:
@@ -59,16 +72,80 @@ class Stage:
         return self.client + max(self.workers, default=0.0)
 
 
+class ClientThreads:
+    """CPU seconds that threads of this process spent while another one of them was busier.
+
+    They are those of compiled kernels, of `Work` and of `by_threads`; what threads of libraries do counts as if it were
+    done by one.
+    """
+
+    def __init__(self) -> None:
+        before = set(os.listdir("/proc/self/task"))
+        launch_kernel_threads(np.zeros(numba.get_num_threads()))
+        self._of_kernels = set(os.listdir("/proc/self/task")) - before  # beside the one that calls them
+        self._of_pools, self._gathered = 0.0, Work.gathered
+        Work.gathered = self._timed  # type: ignore[method-assign]
+        for module in list(sys.modules.values()):
+            if module is not thread_map and getattr(module, "by_threads", None) is thread_map.by_threads:
+                vars(module)["by_threads"] = self._timed_map
+
+    def beside(self) -> float:
+        """Until now."""
+        times = (Path("/proc/self/task", task, "schedstat").read_text().split()[0] for task in self._of_kernels)
+        return self._of_pools + sum(map(int, times)) / 1e9
+
+    @property
+    def _timed(self) -> Callable[..., list]:
+        """`Work.gathered`, whose threads are new for each call."""
+
+        def gathered(work: Work, items: Sequence, start: Callable[[], object], add: Callable) -> list:
+            with self._counting() as timed:
+                return self._gathered(work, items, start, timed(add))
+
+        return gathered
+
+    def _timed_map(self, function: Callable, items: Iterable, most: int | None = None) -> list:
+        """`by_threads`, likewise."""
+        with self._counting() as timed:
+            return thread_map.by_threads(timed(function), items, most)
+
+    @contextmanager
+    def _counting(self) -> Iterator[Callable[[Callable], Callable]]:
+        """Gives what makes of a function one whose threads are timed."""
+        spent = dict[int, float]()
+
+        def timed(function: Callable) -> Callable:
+            def call(*arguments: object) -> object:
+                result = function(*arguments)
+                if threading.current_thread() is not threading.main_thread():
+                    spent[threading.get_ident()] = time.thread_time()
+                return result
+
+            return call
+
+        yield timed
+        self._of_pools += sum(spent.values()) - max(spent.values(), default=0.0)
+
+
+@numba.njit(parallel=True)
+def launch_kernel_threads(numbers: NDArray[np.float64]) -> None:
+    """Start the threads of kernels."""
+    for k in numba.prange(len(numbers)):
+        numbers[k] += 1
+
+
 def used(dask_worker: Any = None) -> dict[str, float]:
-    """CPU seconds and bytes of a process so far, and its peak memory."""
+    """CPU seconds and bytes of a process so far, and its peak memory since it was last asked."""
     from grainmotion.cluster.team import sent_by_teams
 
     usage = resource.getrusage(resource.RUSAGE_SELF)
     files = dict(line.split(": ") for line in Path("/proc/self/io").read_text().splitlines())
+    status = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
+    Path("/proc/self/clear_refs").write_text("5")  # the peak begins anew
     sent = sent_by_teams() + (0 if dask_worker is None else dask_worker.transfer_outgoing_bytes_total)
     return {
         "cpu": usage.ru_utime + usage.ru_stime, "sent": float(sent), "read": float(files["rchar"]),
-        "written": float(files["wchar"]), "peak": 1024.0 * usage.ru_maxrss,
+        "written": float(files["wchar"]), "peak": 1024.0 * float(status["VmHWM"].split()[0]),
     }  # fmt: skip
 
 
@@ -78,12 +155,13 @@ class Counters(logging.Handler):
     def __init__(self, client: Any) -> None:
         super().__init__()
         self.client, self.stages = client, {name: Stage() for name in STAGES}
+        self.threads = ClientThreads()
         self.before = self.now()
 
     def now(self) -> tuple[float, dict[str, float], list[dict[str, float]]]:
         """The clock, the client's counters and each worker's."""
         workers = [] if self.client is None else [v for _, v in sorted(self.client.run(used).items())]
-        return time.perf_counter(), used(), workers
+        return time.perf_counter(), {**used(), "beside": self.threads.beside()}, workers
 
     def mark(self, name: str) -> None:
         """Everything since the last mark belongs to a stage."""
@@ -91,10 +169,13 @@ class Counters(logging.Handler):
         self.before = clock, own, workers
         stage = self.stages[name]
         stage.clock += clock - clock0
-        stage.client += own["cpu"] - own0["cpu"]
+        beside = own["beside"] - own0["beside"]
+        stage.client, stage.beside = stage.client + own["cpu"] - own0["cpu"] - beside, stage.beside + beside
         each = [new["cpu"] - old["cpu"] for new, old in zip(workers, workers0, strict=True)]
         stage.workers = [a + b for a, b in zip(stage.workers or [0.0] * len(each), each, strict=True)]
         stage.between += sum(new["sent"] - old["sent"] for new, old in zip(workers, workers0, strict=True))
+        now = [own["peak"], *(new["peak"] for new in workers)]
+        stage.peaks = [max(pair) for pair in zip(stage.peaks or [0.0] * len(now), now, strict=True)]
         for key in ("read", "written"):
             moved = own[key] - own0[key] + sum(n[key] - o[key] for n, o in zip(workers, workers0, strict=True))
             setattr(stage, key, getattr(stage, key) + moved)
@@ -158,9 +239,9 @@ def measure(size: int, count: int, folder: Path, out: Path) -> dict[str, Any]:
         run(read_experiment(folder / str(size) / "experiment.toml"), out=out, workplace=place)
         counters.mark("report")
         STAGE_LOG.removeHandler(counters)
-        _, own, workers = counters.now()
     stages = {name: asdict(stage) for name, stage in counters.stages.items()}
-    return {"stages": stages, "peaks": [own["peak"], *(w["peak"] for w in workers)], "prints": prints(out)}
+    peaks = [max(each) for each in zip(*(stage.peaks for stage in counters.stages.values()), strict=True)]
+    return {"stages": stages, "peaks": peaks, "prints": prints(out)}
 
 
 def prints(out: Path) -> dict[str, str]:
@@ -180,11 +261,11 @@ def prints(out: Path) -> dict[str, str]:
 
 
 def measured(size: int, count: int, folder: Path) -> dict[str, Any]:
-    """`measure` in a process of its own with one thread."""
+    """`measure` in a process of its own, with as many threads as there are workers."""
     out = folder / f"workers-{size}-{count}"
     for name in (out, out.with_name(out.name + "-warm")):
         shutil.rmtree(name, ignore_errors=True)
-    environment = {**os.environ, "NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+    environment = {**os.environ, "NUMBA_NUM_THREADS": str(max(count, 1)), "OMP_NUM_THREADS": "1"}
     command = [sys.executable, "-m", "validation.benchmarks.workers", "--size", str(size), "--folder", str(folder)]
     subprocess.run([*command, "--only", str(count)], check=True, env=environment)
     found: dict[str, Any] = json.loads((folder / f"workers-{size}-{count}.json").read_text())
@@ -220,14 +301,15 @@ def table(size: int, grains: int, found: dict[int, dict[str, Any]], call: str) -
         f"# A whole run of {size}³ voxels by workers of one thread",
         "",
         f"{size} views of {size} × {size} pixels, {grains} grains, one later state of 4 views, from the files to the",
-        "report.  CPU seconds of the client with the scheduler + those of the busiest worker; loading of kernels is",
-        "not counted.",
+        "report.  The client has as many threads as there are workers.  CPU seconds of the client with the scheduler,",
+        "of its threads that work at the same time those of the busiest, + those of the busiest worker; loading of",
+        "kernels is not counted.",
         "",
         "| | " + " | ".join(f"{c} workers" if c else "one process" for c in counts) + " |",
         "|---" * (len(counts) + 1) + "|",
         *(row(name, lambda c, n=name: cell(stages[c][n])) for name in STAGES),
         row("critical path", lambda c: f"{total(c, critical):.0f}"),
-        row("all processes", lambda c: f"{total(c, lambda s: s.client + sum(s.workers)):.0f}"),
+        row("all processes", lambda c: f"{total(c, lambda s: s.client + s.beside + sum(s.workers)):.0f}"),
         row("by the clock, s", lambda c: f"{total(c, lambda s: s.clock):.0f}"),
         row("peak of the client, each worker, GB", lambda c: ", ".join(f"{p / 1e9:.2f}" for p in found[c]["peaks"])),
         "",

@@ -71,6 +71,7 @@ class DryRunOutcome:
     seconds: Annotated[float, "estimate of the CPU time of all that would be done, s"]
     start: Annotated[float, "its part before the first stage, to load libraries and to read and check radiographs, s"]
     memory: Annotated[int, "estimate of the memory at the peak, bytes"]
+    memory_of_worker: Annotated[int, "the same of each worker, beside the command itself, bytes; 0 without workers"]
     memory_usable: Annotated[int, "memory that may be used, bytes; 0 on workers"]
     memory_in_files: Annotated[int, "bytes that would be kept in files meanwhile, as the memory is short; else 0"]
     disk: Annotated[int, "estimate of what would be written, bytes"]

@@ -42,6 +42,7 @@ def dry_run(experiment: Experiment, out: Path | None, until: Until, workplace: C
         seconds=needs.seconds,
         start=needs.start,
         memory=int(needs.memory),
+        memory_of_worker=int(needs.memory_of_worker),
         memory_usable=int(needs.memory_usable),
         memory_in_files=int(needs.memory_in_files),
         disk=int(needs.disk),
@@ -75,7 +76,9 @@ def _show(document: DryRunOutcome, terminal: Terminal) -> None:
         start = "to load libraries, read radiographs and check them"
         print(f"time: about {duration(document.seconds)} of CPU time, {duration(document.start)} of it {start}")
         usable = "" if document.memory_usable == 0 else f", of {document.memory_usable / 1e9:.2f} GB that may be used"
-        print(f"memory: about {document.memory / 1e9:.2f} GB at the peak{usable}")
+        worker = document.memory_of_worker
+        each = f", and {worker / 1e9:.2f} GB of each worker" if worker else ""
+        print(f"memory: about {document.memory / 1e9:.2f} GB at the peak{usable}{each}")
         if document.memory_in_files:
             size = _size(document.memory_in_files)
             print(f"files: that is too little; {size} of large arrays would be kept in files, which takes longer")

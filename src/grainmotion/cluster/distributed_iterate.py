@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -210,12 +211,11 @@ def reconstruct_distributed(
 ) -> Reconstruction:
     """`reconstruct`, from files that the workers read."""
     count = len(source.geometry)
-    fitted = fitted_grid(source.select(growth_views(count)).read()[0], source.geometry, grid, settings)
+    read = partial(reconstruction_tasks.load_views, source)
+    fitted = fitted_grid(read(growth_views(count)), source.geometry, grid, settings)
     fitted.report(progress)
     settings = fitted.settings
-    hardening = consistent_hardening(
-        lambda views: source.select(views).read()[0], source.geometry, fitted.grid, settings
-    )
+    hardening = consistent_hardening(read, source.geometry, fitted.grid, settings)
     if not hardening.is_linear:  # a source that was calibrated with a curve of its own comes with the setting off
         source = replace(source, hardening=hardening)
     iterate = DistributedIterate(executor, store, source, fitted.grid, settings)

@@ -30,7 +30,15 @@ class Executor:
     @property
     def worker_count(self) -> int:
         """Number of workers at present."""
-        return max(1, len(self.client.scheduler_info(n_workers=-1)["workers"]))
+        return max(1, len(self.workers()))
+
+    def workers(self) -> list[str]:
+        """Addresses of the workers that are there.
+
+        `Client.scheduler_info` hands out what it keeps, which Dask replaces every two seconds by a record without any
+        worker: a state was begun anew because all workers seemed to be lost.
+        """
+        return sorted(self.client.nthreads())
 
     def task(self, function: Callable[..., object], /, *tasks: object, **literals: object) -> Delayed:
         """``function(*tasks, **literals)``, to be run by a worker; literals are sent as they are."""
@@ -47,7 +55,7 @@ class Executor:
 
     def addresses(self, count: int) -> list[str]:
         """Addresses of workers for so many tasks, shared evenly, with neighbours on one worker."""
-        while not (workers := sorted(self.client.scheduler_info(n_workers=-1)["workers"])):
+        while not (workers := self.workers()):
             self.client.wait_for_workers(1)  # a queue may be about to send some
         return [workers[k * len(workers) // count] for k in range(count)]
 

@@ -97,11 +97,15 @@ class TeamSum:
     @cached_property
     def own_rows(self) -> Image:
         """The sums in this member's rows."""
+        parts = self._in_order(self.team.exchange(self._rows_for))
         first, end = self.shares.rows[self.team.rank]
-        out = np.zeros((*self.shape[:2], end - first, self.shape[3]))
-        for member, images in self._in_order(self.team.exchange(self._rows_for)):
-            ImageStrip(max(self.shares.rows[member][0], first), images).add_to(out, first)
-        return out.astype(self.dtype)
+        out = self.part.images.astype(self.dtype)
+        for low, high in self._common_rows(first, end):
+            sums = np.zeros((*self.shape[:2], high - low, self.shape[3]))
+            for member, images in parts:
+                ImageStrip(max(self.shares.rows[member][0], first), images).add_to(sums, low)
+            out[:, :, low - first : high - first] = sums
+        return out
 
     @cached_property
     def host(self) -> Image:
@@ -110,6 +114,15 @@ class TeamSum:
         for member, images in self._in_order(self.team.exchange(lambda _: self.part.images)):
             ImageStrip(self.shares.rows[member][0], images).add_to(out)
         return out.astype(self.dtype)
+
+    def _common_rows(self, first: int, end: int) -> list[tuple[int, int]]:
+        """Runs of this member's rows that others have, too."""
+        common = np.zeros(end - first + 2, bool)
+        for member, (low, high) in enumerate(self.shares.rows):
+            if member != self.team.rank:
+                common[1:-1][max(low - first, 0) : max(high - first, 0)] = True
+        edges = first + np.flatnonzero(np.diff(common)).reshape(-1, 2)
+        return [(int(low), int(high)) for low, high in edges]
 
     def _in_order(self, others: dict[int, Float]) -> list[tuple[int, Float]]:
         """The parts of all members in one order, so that all get the same sums also where these are not exact."""

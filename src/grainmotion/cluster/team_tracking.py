@@ -89,12 +89,12 @@ def _attempted(executor: Executor, grains: StoredObject, given: StoredObject) ->
     places = client.gather(_one_each(client, addresses, _place, [(token,)] * len(addresses)))
     arguments = [(rank, tuple(places), token, grains, given) for rank in range(len(addresses))]
     members = _one_each(client, addresses, _track, arguments)
-    error = _first_error(client, members, addresses)
+    error = _first_error(executor, members, addresses)
     if error is None:
         found: Tracked = members[0].result()
         return found
     client.cancel(members, force=True)
-    if isinstance(error, OSError) or not _all_there(client, addresses):
+    if isinstance(error, OSError) or not _all_there(executor, addresses):
         return None
     raise error
 
@@ -109,7 +109,7 @@ def _one_each(
     ]
 
 
-def _first_error(client: Client, members: Sequence[Future], addresses: Sequence[str]) -> BaseException | None:
+def _first_error(executor: Executor, members: Sequence[Future], addresses: Sequence[str]) -> BaseException | None:
     """Why a member failed, if one did: rather its own error than that another one has left."""
     from distributed import wait
 
@@ -122,12 +122,12 @@ def _first_error(client: Client, members: Sequence[Future], addresses: Sequence[
         try:
             wait(pending, timeout=SECONDS_BETWEEN_LOOKS, return_when="FIRST_COMPLETED")
         except TimeoutError:
-            if errors or not _all_there(client, addresses):
+            if errors or not _all_there(executor, addresses):
                 return next(iter(errors), ConnectionError("a worker was lost"))
 
 
-def _all_there(client: Client, addresses: Sequence[str]) -> bool:
-    return set(addresses) <= set(client.scheduler_info(n_workers=-1)["workers"])
+def _all_there(executor: Executor, addresses: Sequence[str]) -> bool:
+    return set(addresses) <= set(executor.workers())
 
 
 def _place(token: str) -> Place:

@@ -17,8 +17,8 @@ from scipy import ndimage
 from grainmotion.errors import InputError
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.large_arrays import large_empty
-from grainmotion.model.progress import counted
 from grainmotion.model.scan import Scan
+from grainmotion.model.thread_map import by_threads
 from grainmotion.preprocessing.outliers import constant_lines, spikes
 
 Image = NDArray[np.float32]
@@ -113,10 +113,10 @@ def masked_scan(
         If a view has no good pixel.
     """
     values, good = large_empty(raw.shape, np.float32), large_empty(raw.shape, bool)
-    numbers: Counter[str] = Counter()
-    for k, image in enumerate(counted(raw)):
+
+    def mask(k: int) -> Counter[str]:
+        image, here = raw[k], Counter[str]()
         view = prepared(image)
-        here: Counter[str] = Counter()
         good[k] = True
         for kind, bad in (*view.masks.items(), ("stuck", constant_lines(image))):
             here[kind] += int(np.count_nonzero(bad & good[k]))
@@ -126,8 +126,10 @@ def masked_scan(
         odd = spikes(view.transmission, good[k])
         here["spikes"] += int(np.count_nonzero(odd & good[k]))
         good[k] &= ~odd
-        numbers += here
         values[k] = _filled(_line_integrals(view, good[k]), good[k])
+        return here
+
+    numbers = sum(by_threads(mask, range(len(raw))), Counter[str]())
     report = PixelReport(
         total=raw.size,
         dead=numbers["dead"],

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from math import factorial
 
 import numpy as np
@@ -64,7 +65,7 @@ LIT_SHARE, LONGEST_PERCENTILE = 0.05, 99.5
 """Share of the largest line integral from which a pixel shows the sample; percentile for the longest path."""
 
 ReadViews = Callable[[Index], Scan]
-"""Reads some views of a scan."""
+"""Reads some views of a scan; workers that share the run get it pickled."""
 
 
 def consistent_hardening(
@@ -128,9 +129,8 @@ class _Problem:
         """Read and bin as many views as so few columns need."""
         factor = max(MIN_BINNING, binning_factor(geometry.shape, BINNED_COLUMNS))
         chosen = sufficient_views(len(geometry), geometry.shape[1] // factor)
-        parts = [
-            _binned_powers(views(some), factor) for some in np.array_split(chosen, -(-len(chosen) // VIEWS_AT_ONCE))
-        ]
+        groups = np.array_split(chosen, -(-len(chosen) // VIEWS_AT_ONCE))
+        parts = each(partial(_binned_powers_of, views, factor), groups)
         scans = [scan for _, scan in parts]
         first, masks = scans[0].geometry, [scan.valid for scan in scans]
         geometry = Geometry(np.concatenate([scan.geometry.vectors for scan in scans]), first.shape, first.beam)
@@ -153,8 +153,9 @@ class _Problem:
         return np.asarray(gaussian_filter(left.astype(float), (0, RESIDUAL_SMOOTHING, RESIDUAL_SMOOTHING)))
 
 
-def _binned_powers(scan: Scan, factor: int) -> tuple[Image, Scan]:
+def _binned_powers_of(read: ReadViews, factor: int, some: Index) -> tuple[Image, Scan]:
     """Means over larger pixels of b, b², …, bⁿ; powers of negative values, which are noise, count as zero."""
+    scan = read(some)
     views, b = np.arange(len(scan)), np.maximum(scan.line_integrals, 0)
     first = binned_scan(scan, factor, views)
     higher = [binned_scan(replace(scan, line_integrals=b**k), factor, views) for k in range(2, CURVE_DEGREE + 1)]

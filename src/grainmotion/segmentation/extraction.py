@@ -18,6 +18,7 @@ from grainmotion.model.grains import Grain, GrainSet
 from grainmotion.model.progress import counted, detail
 from grainmotion.model.scene import NO_MOTION, RIGID_MOTION, Body, Freedom, Scene
 from grainmotion.model.slabs import slabs
+from grainmotion.model.thread_map import THREADS_OF_SLABS, by_threads
 from grainmotion.model.volume import Volume
 from grainmotion.segmentation.bodies import Piece, find_bodies
 from grainmotion.segmentation.fluid import find_fluid, without_fluid
@@ -224,12 +225,16 @@ def _unowned_share(
     grain = float(with_fluid.array[labels > 0].mean()) if labels.any() else 0.0
     if whole <= 0:
         return 0.0
-    margin, unowned = int(4 * BACKGROUND_SIGMA + 0.5), 0.0
-    for around, inner in slabs(len(grown), margin, PLANES_FILTERED_TOGETHER):
+
+    def unowned(slab: tuple[slice, slice]) -> float:
+        around, inner = slab
         rest = np.where(grown[around] == 0, volume.array[around], 0)
         rest = ndimage.gaussian_filter(rest, BACKGROUND_SIGMA)[inner]
-        unowned += float(rest[rest > BACKGROUND_LEVEL * grain].sum(dtype=float))
-    return unowned / whole
+        return float(rest[rest > BACKGROUND_LEVEL * grain].sum(dtype=float))
+
+    margin = int(4 * BACKGROUND_SIGMA + 0.5)
+    each = slabs(len(grown), margin, PLANES_FILTERED_TOGETHER)
+    return sum(by_threads(unowned, each, THREADS_OF_SLABS)) / whole
 
 
 def _fine_bytes(boxes: list[Boxed], settings: SegmentSettings) -> int:

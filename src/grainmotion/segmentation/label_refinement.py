@@ -128,9 +128,13 @@ def fine_grains(
             crops = volume.array[around], owners.labels[around], owners.grown[around]
             ahead.append(pool.submit(upsampling.kept, crops, label, around))
             if len(ahead) > threads:
-                yield ahead.popleft().result()
+                yield _first_of(ahead)
         while ahead:
-            yield ahead.popleft().result()
+            yield _first_of(ahead)
+
+
+def _first_of(ahead: deque[Future[FineVolume | None]]) -> FineVolume | None:
+    return ahead.popleft().result()
 
 
 def surroundings(box: tuple[slice, ...], shape: tuple[int, ...], reach: float) -> Box:

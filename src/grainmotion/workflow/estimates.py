@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from grainmotion.cluster.connection import LOCAL, ComputeConfig
+from grainmotion.cluster.worker_memory import ScanSize, memory_of_worker
 from grainmotion.experiment.inspection import large_arrays_bytes, peak_memory
 from grainmotion.workflow.dry_run import PlannedRun, PlannedStage
 from grainmotion.workflow.log import RUN_LOG, SIZE_LINE, size_of_scan, size_of_volume
@@ -65,6 +66,9 @@ class Needs:
         Of each planned stage; 0 s for those that are kept.
     memory : float
         Bytes at the peak.
+    memory_of_worker : float
+        Bytes at the peak of each worker, beside the process itself; of a scheduler's workers, whose number is not known
+        before, as if there were one.  0 without workers.
     memory_usable : float
         Bytes that the process may use; 0 where workers compute.
     memory_in_files : float
@@ -79,6 +83,7 @@ class Needs:
 
     stages: tuple[StageEstimate, ...]
     memory: float
+    memory_of_worker: float
     memory_usable: float
     memory_in_files: float
     disk: float
@@ -113,7 +118,8 @@ def estimate(planned: PlannedRun, workplace: ComputeConfig = LOCAL) -> Needs:
     start = SECONDS_OF_PROGRAM + SECONDS_PER_CHECKED_PIXEL * _reference_pixels(planned)
     memory, usable = peak_memory(planned.inputs), 0.0 if workplace.is_cluster else usable_memory(workplace)
     files = large_arrays_bytes(planned.inputs) if 0 < usable < memory else 0.0
-    return Needs(stages, memory, usable, files, disk, shutil.disk_usage(existing).free, start)
+    each = memory_of_worker(_scan_size(planned), workplace.workers or 1) if workplace.is_cluster else 0.0
+    return Needs(stages, memory, each, usable, files, disk, shutil.disk_usage(existing).free, start)
 
 
 def sizes(planned: PlannedRun) -> dict[str, str]:
@@ -198,6 +204,13 @@ def _reference_pixels(planned: PlannedRun) -> float:
     """Pixels of all radiographs of the reference scan; 0 where a volume is given instead."""
     reference = planned.inputs.reference
     return 0.0 if reference is None else len(reference.geometry) * float(np.prod(reference.geometry.shape))
+
+
+def _scan_size(planned: PlannedRun) -> ScanSize:
+    """The size of the volume and of its scan."""
+    reference = planned.inputs.reference
+    views, panel = (0, (0, 0)) if reference is None else (len(reference.geometry), reference.geometry.shape)
+    return ScanSize(planned.inputs.grid.shape, views, *panel)
 
 
 def _views(planned: PlannedRun, state: str) -> int:

@@ -11,6 +11,7 @@ import hashlib
 import json
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Generic, TypeVar
 
@@ -65,7 +66,7 @@ class StageCache:
         made_from = [__version__, settings, contents, before]
         data = json.dumps(made_from, sort_keys=True, default=str).encode()
         digest = hashlib.blake2b(data, digest_size=16).hexdigest()
-        known = [self._used.get(str(path.resolve()), "") for path in paths]
+        known = [self._used.get(_name(path), "") for path in paths]
         there = any(known)  # else the folder was moved, and all its files have other names
         changed = [path for path, was, now in zip(paths, known, contents, strict=True) if there and was != now]
         self._made_from.setdefault(digest, (tuple(changed), tuple(before)))
@@ -115,7 +116,7 @@ class StageCache:
 
     def _content(self, path: Path) -> str:
         """Hash of a file's content; not read again while its size and time stay the same, nor once it is gone."""
-        name = str(path.resolve())
+        name = _name(path)
         known = self._hashes.get(name)
         try:
             status = path.stat()
@@ -131,3 +132,14 @@ class StageCache:
                 digest.update(block)
         self._hashes[name] = (status.st_size, status.st_mtime_ns, digest.hexdigest())
         return digest.hexdigest()
+
+
+def _name(path: Path) -> str:
+    """The absolute name of a file, without links; of its folder these are followed once a process."""
+    there = _folder(path.parent) / path.name
+    return str(there.resolve() if there.is_symlink() else there)
+
+
+@cache
+def _folder(folder: Path) -> Path:
+    return folder.resolve()
