@@ -7,7 +7,7 @@ import pytest
 
 import many_small_grains as many
 from grainmotion.backends import cpu
-from grainmotion.model.compact_volume import LARGEST_WHOLE_NUMBER, CompactVolume
+from grainmotion.model.compact_volume import STEPS_ABOVE, STEPS_OF_MORE, CompactVolume
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.volume import Volume
 from grainmotion.projection.footprints import footprint_patches
@@ -23,18 +23,50 @@ def noisy_ball(edge=11):
     return Volume(array.astype(np.float32), 0.5, (1.0, 2.0, 3.0))
 
 
-def test_voxels_are_those_of_the_volume_to_a_rounding():
+def with_a_dense_voxel():
     volume = noisy_ball()
+    array = volume.array.copy()
+    array[5, 6, 6] = 40
+    return replace(volume, array=array)
+
+
+@pytest.mark.parametrize(
+    ("volume", "kind", "steps"),
+    [(noisy_ball(), np.uint8, STEPS_ABOVE), (with_a_dense_voxel(), np.int16, STEPS_OF_MORE)],
+)
+def test_voxels_are_those_of_the_volume_to_a_rounding(volume, kind, steps):
     compact = CompactVolume.of(volume)
     largest = float(np.abs(volume.array).max())
-    np.testing.assert_allclose(compact.array, volume.array, atol=0.51 * largest / LARGEST_WHOLE_NUMBER)
+    assert compact.values.dtype == kind
+    np.testing.assert_allclose(compact.array, volume.array, atol=0.51 * largest / steps)
     np.testing.assert_array_equal(compact.array == 0, np.rint(volume.array / compact.unit) == 0)
     np.testing.assert_array_equal(compact.origin, volume.origin)
+    assert compact.dtype == compact.array.dtype
     assert compact.nbytes < 0.4 * volume.array.nbytes
 
 
-def test_rounding_twice_changes_nothing():
-    once = CompactVolume.of(noisy_ball()).volume
+@pytest.mark.parametrize("lowest", [-0.01, -0.3, -2.0])
+def test_negative_voxels_are_kept(lowest):
+    volume = noisy_ball()
+    array = volume.array.copy()
+    array[5, 6, 5] = lowest
+    compact = CompactVolume.of(replace(volume, array=array))
+    assert compact.array[5, 6, 5] == pytest.approx(lowest, abs=0.51 * float(compact.unit))
+    np.testing.assert_allclose(compact.array, array, atol=0.51 * compact.unit)
+
+
+def test_rounding_is_no_bias():
+    """Sums of attenuation, and so line integrals through many voxels, are kept far better than single voxels."""
+    volume = noisy_ball(41)
+    compact = CompactVolume.of(volume)
+    count = np.count_nonzero(volume.array)
+    expected = volume.array.sum(dtype=float)
+    assert compact.array.sum(dtype=float) == pytest.approx(expected, abs=4 * float(compact.unit) * np.sqrt(count / 12))
+
+
+@pytest.mark.parametrize("volume", [noisy_ball(), with_a_dense_voxel()])
+def test_rounding_twice_changes_nothing(volume):
+    once = CompactVolume.of(volume).volume
     np.testing.assert_allclose(CompactVolume.of(once).array, once.array, rtol=1e-6)
 
 

@@ -8,9 +8,9 @@ from skimage.segmentation import expand_labels, watershed
 from grainmotion.kernels import contested_voxels
 from grainmotion.kernels.layout import PADDING
 from grainmotion.model.volume import Volume
-from grainmotion.segmentation.extraction import grains_from_labels, padded
-from grainmotion.segmentation.label_growth import grown_labels
-from grainmotion.segmentation.label_refinement import GrownLabels, fine_cut, fine_grains, upsampled
+from grainmotion.segmentation.extraction import grains_from_labels
+from grainmotion.segmentation.label_growth import grown_crop
+from grainmotion.segmentation.label_refinement import fine_cut, upsampled
 from grainmotion.simulate import Ellipsoid, Particle, Sample, attenuation_volume, label_volume
 
 VOXEL = 0.1
@@ -85,9 +85,13 @@ def wrong_mass(sample, labels, factor):
     return (one[labels == 2].sum() + two[labels == 1].sum()) / (one.sum() + two.sum())
 
 
+def whole_grown(labels, reach):
+    return grown_crop(labels.astype(np.int32), reach, tuple(slice(0, n) for n in labels.shape))
+
+
 def refined_labels(array, labels, factor, reach):
     """Labels of finer voxels, grain by grain; no voxel has two."""
-    out, grown = np.zeros([factor * n for n in labels.shape], int), grown_labels(labels, reach)
+    out, grown = np.zeros([factor * n for n in labels.shape], int), whole_grown(labels, reach)
     for label in np.unique(labels[labels > 0]):
         own, start = fine_cut(array + 1, labels, grown, label, factor, reach)  # no voxel is zero
         part = out[tuple(slice(a, a + n) for a, n in zip(start, own.shape, strict=True))]
@@ -254,18 +258,3 @@ class TestKernels:
         flooded[flooded == contested_voxels.WANTING] = 0
         expected = watershed(-values, markers, mask=mask)
         assert (flooded != expected).mean() < 2e-3
-
-
-def test_grains_do_not_depend_on_the_number_of_threads(monkeypatch):
-    sample = touching()
-    volume, labels = blurred(sample), label_volume(sample, GRID)
-    owners = GrownLabels(labels, grown_labels(labels, REACH), REACH)
-    boxes = [(k + 1, box) for k, box in enumerate(ndimage.find_objects(owners.grown))] * 3
-    found = []
-    for threads in (1, 3):
-        monkeypatch.setattr("numba.get_num_threads", lambda threads=threads: threads)
-        found.append(list(fine_grains(volume, owners, boxes, 2, padded)))
-    assert len(found[0]) == len(found[1]) == len(boxes)
-    for one, other in zip(*found, strict=True):
-        np.testing.assert_array_equal(one.array, other.array)
-        assert one.center == other.center

@@ -20,7 +20,7 @@ from grainmotion.model.volume import Volume
 from grainmotion.projection.volumes import project
 from grainmotion.segmentation.bodies import find_bodies
 from grainmotion.segmentation.fluid import find_fluid
-from grainmotion.segmentation.label_growth import grown_labels
+from grainmotion.segmentation.label_growth import out_of_reach
 from grainmotion.segmentation.labels import CleanLabels
 
 SHAPE, PERIOD, RADIUS = (384, 48, 48), 16, 6.5
@@ -67,7 +67,7 @@ def between_pistons() -> tuple[Volume, np.ndarray, np.ndarray]:
     array, grains = volume.array.copy(), labels.copy()
     for part in (slice(None, SHAPE[0] // 8), slice(-SHAPE[0] // 8, None)):
         array[part], grains[part] = 1.0, 0
-    return Volume(array, VOXEL), grains, grown_labels(grains, 1.5) == 0
+    return Volume(array, VOXEL), grains, out_of_reach(grains, 1.5)
 
 
 @cache

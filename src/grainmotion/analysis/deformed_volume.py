@@ -77,16 +77,16 @@ def rebuild(grains: GrainSet, motions: Motions, grid: Volume) -> tuple[Volume, N
     in_liquid, liquid = _in_liquid(grains, motions, shown)
     for i in counted(shown):
         grain = by_label[int(motions.labels[i])]
-        gradient = gradients[i]
-        matrix, offset = _pull_back(grain.volume, grid, gradient, motions.translations[i], motions.centers[i])
-        low, high = _bounds(grain.volume, matrix, offset, grid.shape)
+        gradient, volume = gradients[i], grain.coarse_volume
+        matrix, offset = _pull_back(volume, grid, gradient, motions.translations[i], motions.centers[i])
+        low, high = _bounds(volume, matrix, offset, grid.shape)
         density = 1.0 if motions.strains is None else 1 / float(np.linalg.det(gradient))
         half = np.float32(density * typical_attenuation(grain) / 2)
-        array = grain.volume.array if density == 1 else (density * grain.volume.array).astype(np.float32)
+        array = volume.array if density == 1 else (density * volume.array).astype(np.float32)
         resample.add_moved_label(array, matrix, offset, low, high, total, np.int32(grain.label), half, best, labels)
         changed = in_liquid.get(grain.label)
         if changed is not None:  # labels follow the excess over the reference's liquid, which is even within a grain
-            change = (density * (changed - grain.volume.array)).astype(np.float32)
+            change = (density * (changed - volume.array)).astype(np.float32)
             resample.add_moved(change, matrix, offset, low, high, total)
     moved = {body.name: body for body in motions.fit.bodies}
     for body in grains.scene.bodies:
@@ -120,7 +120,8 @@ def _in_liquid(
 
 def typical_attenuation(grain: Grain) -> float:
     """The attenuation below which half of a grain's mass lies, 1/mm; 0 for an empty grain."""
-    values = grain.volume.array[grain.volume.array > 0]
+    array = grain.volume.array
+    values = array[array > 0]
     if values.size == 0:
         return 0.0
     values = np.sort(values).astype(float)

@@ -13,6 +13,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
+
 from grainmotion._typing import Image, Progress
 from grainmotion.cluster.dask_backend import DaskBackend, worth_sharing
 from grainmotion.cluster.distributed_iterate import reconstruct_distributed
@@ -26,12 +29,12 @@ from grainmotion.cluster.team_tracking import TeamState, track_together
 from grainmotion.cluster.worker_setup import prepare_workers
 from grainmotion.errors import InputError
 from grainmotion.experiment.scan_inputs import ScanInput
-from grainmotion.model.grains import GrainSet
+from grainmotion.model.grains import Grain, GrainSet
 from grainmotion.model.motions import Motions
 from grainmotion.model.task_map import shared_among
 from grainmotion.model.volume import Volume
 from grainmotion.reconstruction.reconstruct import Reconstruction, ReconstructSettings
-from grainmotion.segmentation.label_refinement import Boxed, FineVolume, GrownLabels, Keep
+from grainmotion.segmentation.grain_cutting import Boxed, CutSettings
 from grainmotion.tracking.track import TrackSettings
 
 if TYPE_CHECKING:
@@ -62,7 +65,7 @@ class ClusterConnection:
 
     def one_worker_tracks_a_state(self, grains: GrainSet) -> bool:
         """Whether grains are so few that one worker tracks a state sooner than several could together."""
-        return not worth_sharing(sum(grain.volume.array.size for grain in grains.grains))
+        return not worth_sharing(int(sum(np.prod(grain.volume.shape) for grain in grains.grains)))
 
     def track(
         self, grains: GrainSet, states: Sequence[State], settings: TrackSettings
@@ -81,10 +84,10 @@ class ClusterConnection:
         return track_together(self.executor, self.store, grains, state, progress)
 
     def cut(
-        self, volume: Volume, owners: GrownLabels, wanted: list[Boxed], factor: int, keep: Keep
-    ) -> Iterator[FineVolume | None]:
-        """Extract grains on finer voxels; see `grainmotion.segmentation.label_refinement.fine_grains`."""
-        return extract_distributed(self.executor, self.store, volume, owners, wanted, factor, keep)
+        self, volume: Volume, labels: NDArray[np.integer], boxes: list[Boxed], settings: CutSettings
+    ) -> Iterator[Grain | None]:
+        """Cut grains; see `grainmotion.segmentation.grain_cutting.cut_grains`."""
+        return extract_distributed(self.executor, self.store, volume, labels, boxes, settings)
 
     def reconstruct(
         self, source: ScanInput, grid: Volume, settings: ReconstructSettings, progress: Progress | None = None

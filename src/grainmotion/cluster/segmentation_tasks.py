@@ -11,16 +11,10 @@ from numpy.typing import NDArray
 
 from grainmotion.cluster.executor import Executor
 from grainmotion.cluster.shared_store import SharedStore
+from grainmotion.model.grains import Grain
 from grainmotion.model.volume import Volume
-from grainmotion.segmentation.label_refinement import (
-    Box,
-    Boxed,
-    FineVolume,
-    GrownLabels,
-    Keep,
-    Upsampling,
-    surroundings,
-)
+from grainmotion.segmentation.grain_cutting import Boxed, CutSettings, cut_grain, needed, placed_crop
+from grainmotion.segmentation.label_refinement import Box
 
 Number = TypeVar("Number", bound=np.generic)
 
@@ -32,28 +26,34 @@ def extract_distributed(
     executor: Executor,
     store: SharedStore,
     volume: Volume,
-    owners: GrownLabels,
-    wanted: list[Boxed],
-    factor: int,
-    keep: Keep,
-) -> Iterator[FineVolume | None]:
-    """As `label_refinement.fine_grains`, by the workers."""
-    upsampling = Upsampling(factor, owners.reach, volume.voxel_size, volume.origin, keep)
-    crops = [(label, surroundings(box, volume.shape, owners.reach)) for label, box in wanted]
+    labels: NDArray[np.integer],
+    boxes: list[Boxed],
+    settings: CutSettings,
+) -> Iterator[Grain | None]:
+    """As `grain_cutting.cut_grains`, by the workers."""
+    crops = [(label, needed(box, volume.shape, settings)) for label, box in boxes]
     groups = [crops[k : k + GRAINS_PER_TASK] for k in range(0, len(crops), GRAINS_PER_TASK)]
-    with store.temporary((volume.array, owners.labels, owners.grown)) as stored:
-        paths = tuple(array.path for array in stored)
-        tasks = (executor.task(kept_grains, paths=paths, crops=group, upsampling=upsampling) for group in groups)
-        for kept in cast("Iterator[list[FineVolume | None]]", executor.in_order(tasks)):
-            yield from kept
+    with store.temporary((volume.array, labels)) as stored:
+        paths, place = tuple(array.path for array in stored), (volume.origin, volume.voxel_size)
+        tasks = (executor.task(cut_some, paths=paths, place=place, crops=crops, settings=settings) for crops in groups)
+        found = cast("Iterator[list[Grain | None]]", executor.in_order(tasks))
+        for grains in found:
+            yield from grains
 
 
-def kept_grains(
-    paths: tuple[Path, ...], crops: list[tuple[int, Box]], upsampling: Upsampling
-) -> list[FineVolume | None]:
-    """What is kept of some grains, from the files of the volume, its labels and these grown."""
-    array, labels, grown = (np.load(path, mmap_mode="r") for path in paths)
-    return [upsampling.kept((_read(array, a), _read(labels, a), _read(grown, a)), label, a) for label, a in crops]
+def cut_some(
+    paths: tuple[Path, ...],
+    place: tuple[NDArray[np.float64], float],
+    crops: list[tuple[int, Box]],
+    settings: CutSettings,
+) -> list[Grain | None]:
+    """Some grains, from the files of the volume and its labels; ``place`` is the volume's origin and voxel size."""
+    array, labels = (np.load(path, mmap_mode="r") for path in paths)
+    grains = list[Grain | None]()
+    for label, box in crops:
+        around = placed_crop(_read(array, box), *place, box)
+        grains.append(cut_grain(around, _read(labels, box), label, settings))
+    return grains
 
 
 def _read(array: NDArray[Number], around: Box) -> NDArray[Number]:

@@ -170,7 +170,7 @@ def coarse_volume(grains: GrainSet, pose: Pose, voxel_size: float) -> Volume:
     block = max(1, round(voxel_size / grains.voxel_size))
     places, masses = [], []
     for grain, u, matrix in zip(grains.grains, pose.translations, pose.matrices, strict=True):
-        points, mass = _blocks(grain.volume, block)
+        points, mass = _blocks(grain.coarse_volume, block)
         places.append((points - grain.center) @ matrix.T + grain.center + u)
         masses.append(mass)
     if grains.background is not None:
@@ -204,5 +204,6 @@ def _blocks(volume: Volume, block: int) -> tuple[Float, Float]:
 
 def _diameter(grains: GrainSet) -> float:
     """Median diameter of the grains, mm: of the ball of as many voxels above half of the largest attenuation."""
-    counts = [int((g.volume.array > 0.5 * g.volume.array.max()).sum()) for g in grains.grains]
+    arrays = (grain.volume.array for grain in grains.grains)
+    counts = [int((array > 0.5 * array.max()).sum()) for array in arrays]
     return float((6 / np.pi * np.median(counts)) ** (1 / 3)) * grains.voxel_size

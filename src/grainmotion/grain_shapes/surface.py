@@ -248,7 +248,7 @@ def _averaged(grain: Grain) -> Volume:
     """The grain on voxels of the reference's size; its upsampled voxels averaged where there are such."""
     fine = grain.fine_volume
     if fine is None:
-        return grain.volume
+        return grain.coarse_volume
     k = round(grain.volume.voxel_size / fine.voxel_size)
     if k < 2:
         return fine

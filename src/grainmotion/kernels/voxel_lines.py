@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import numba as nb
+import numpy as np
 
 from grainmotion.kernels.compilation import CACHE
 
 
 @nb.njit(cache=CACHE, error_model="numpy")
-def write_lines(values, firsts, ends, unit, length, out):
-    """Fill ``out``, lines of ``length`` voxels, with ``unit`` times ``values``, which follow each other line by line.
+def write_lines(values, zero, firsts, ends, unit, length, out):
+    """Fill ``out``, lines of ``length`` voxels, with ``unit`` times ``values − zero``, which follow line after line.
 
     Those of line k are its voxels ``firsts[k]`` to ``ends[k]``; all others are zero.
     """
@@ -19,6 +20,6 @@ def write_lines(values, firsts, ends, unit, length, out):
         line = out[k * length : (k + 1) * length]
         line[:first] = 0
         for c in range(first, end):
-            line[c] = unit * values[at + c - first]
+            line[c] = unit * np.float32(int(values[at + c - first]) - zero)
         line[end:] = 0
         at += end - first

@@ -25,15 +25,15 @@ class Grain(Summarised):
     ----------
     label : int
         Its label in the reference volume.
-    volume : Volume
-        Its own attenuation, cropped, zero in the outermost `PADDING` voxels.
+    volume : Volume or CompactVolume
+        Its own attenuation, cropped, zero in the outermost `PADDING` voxels.  Those of many grains are kept
+        compactly, and their ``array`` is made anew each time.
     center : (3,) array
         Attenuation-weighted centre of mass c, mm, x y z: the centre of its rotations.
     touches_border : bool
         Whether it reaches the border of the reconstructed field of view, and so may be incomplete.
     fine : Volume or CompactVolume, optional
-        The same attenuation on finer voxels, for the last stages of tracking; padded as ``volume``.  Of many
-        grains they are kept compactly, and their ``array`` is made anew each time.
+        The same attenuation on finer voxels, for the last stages of tracking; padded and kept as ``volume``.
 
     Examples
     --------
@@ -43,10 +43,15 @@ class Grain(Summarised):
     """
 
     label: int
-    volume: Volume
+    volume: Volume | CompactVolume
     center: NDArray[np.float64]
     touches_border: bool = False
     fine: Volume | CompactVolume | None = None
+
+    @property
+    def coarse_volume(self) -> Volume:
+        """``volume`` with all its voxels in memory."""
+        return self.volume.volume if isinstance(self.volume, CompactVolume) else self.volume
 
     @property
     def fine_volume(self) -> Volume | None:
@@ -171,7 +176,7 @@ class GrainSet(Summarised):
     @property
     def precision(self) -> np.dtype[np.floating]:
         """The precision of the grains' voxels, and so of all work on them."""
-        return np.result_type(*(g.volume.array.dtype for g in self.grains))
+        return np.result_type(*{g.volume.dtype for g in self.grains})
 
     @property
     def voxel_size(self) -> float:

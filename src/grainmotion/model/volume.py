@@ -114,6 +114,11 @@ class Volume(Summarised):
         return nz, ny, nx
 
     @property
+    def dtype(self) -> np.dtype[np.floating]:
+        """Number type of the voxels."""
+        return self.array.dtype
+
+    @property
     def origin(self) -> NDArray[np.float64]:
         """Position (x, y, z) of the centre of voxel [0, 0, 0], mm."""
         half = (np.array(self.shape[::-1]) - 1) / 2 * self.voxel_size

@@ -53,13 +53,13 @@ class Submersion:
     @cached_property
     def within(self) -> Float:
         """Share of each grain's voxels that lie in the space which the liquid can fill, ``(n,)``."""
-        return np.array([_share_within(grain.volume, self.reference.space) for grain in self.grains.grains])
+        return np.array([_share_within(grain.coarse_volume, self.reference.space) for grain in self.grains.grains])
 
     @cached_property
     def occupancies(self) -> list[Image]:
         """Share of each voxel that its grain occupies, a grain's array each."""
         surface = self.reference.surface
-        return [_occupancy(grain.volume, surface, 1.0) for grain in self.grains.grains]
+        return [_occupancy(grain.coarse_volume, surface, 1.0) for grain in self.grains.grains]
 
     @cached_property
     def _fine_occupancies(self) -> dict[int, Image]:
@@ -71,16 +71,17 @@ class Submersion:
             return self.grains
         out = []
         for k, grain in enumerate(self.grains.grains):
-            change = self._change(k, grain.volume, fluid, pose)
-            least = NEGLIGIBLE_CHANGE * float(np.abs(grain.volume.array).max())
+            coarse = grain.coarse_volume
+            change = self._change(k, coarse, fluid, pose)
+            least = NEGLIGIBLE_CHANGE * float(np.abs(coarse.array).max())
             if np.abs(change).max() <= least:
                 out.append(grain)
                 continue
-            volume = replace(grain.volume, array=grain.volume.array + displaced * change * self.occupancies[k])
+            volume = replace(coarse, array=coarse.array + displaced * change * self.occupancies[k])
             fine = grain.fine_volume
             if fine is not None:
                 if k not in self._fine_occupancies:
-                    scale = grain.volume.voxel_size / fine.voxel_size
+                    scale = coarse.voxel_size / fine.voxel_size
                     self._fine_occupancies[k] = _occupancy(fine, self.reference.surface, scale)
                 change = self._change(k, fine, fluid, pose) * self._fine_occupancies[k]
                 fine = replace(fine, array=fine.array + displaced * change)
@@ -109,16 +110,16 @@ class Submersion:
         lower = replace(fluid, level=low) if np.isfinite(low) else None
         out = []
         for k, grain in enumerate(self.grains.grains):
-            wet = _wet(grain.volume, grain, fluid, pose, k)
+            wet = _wet(grain.coarse_volume, grain, fluid, pose, k)
             if lower is not None:
-                wet = wet - _wet(grain.volume, grain, lower, pose, k)
-            out.append(np.asarray(self.within[k] * wet * self.occupancies[k], grain.volume.array.dtype))
+                wet = wet - _wet(grain.coarse_volume, grain, lower, pose, k)
+            out.append(np.asarray(self.within[k] * wet * self.occupancies[k], grain.volume.dtype))
         return out
 
     def changes(self, fluid: Fluid, pose: Pose) -> list[Image]:
         """(φ₀ − φ) o of each voxel of each grain at a pose, 1/mm."""
         return [
-            self._change(k, grain.volume, fluid, pose) * self.occupancies[k]
+            self._change(k, grain.coarse_volume, fluid, pose) * self.occupancies[k]
             for k, grain in enumerate(self.grains.grains)
         ]
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +14,8 @@ from scipy import ndimage
 from grainmotion._arguments import checked_arguments
 from grainmotion.errors import InputError
 from grainmotion.kernels.layout import PADDING
-from grainmotion.model.compact_volume import CompactVolume
 from grainmotion.model.grains import Grain, GrainSet
+from grainmotion.model.label_sums import mean_of_labels
 from grainmotion.model.progress import counted, detail
 from grainmotion.model.scene import NO_MOTION, RIGID_MOTION, Body, Freedom, Scene
 from grainmotion.model.slabs import slabs
@@ -22,22 +23,20 @@ from grainmotion.model.thread_map import THREADS_OF_SLABS, by_threads
 from grainmotion.model.volume import Volume
 from grainmotion.segmentation.bodies import Piece, find_bodies
 from grainmotion.segmentation.fluid import find_fluid, without_fluid
-from grainmotion.segmentation.label_growth import grown_labels
-from grainmotion.segmentation.label_refinement import Boxed, FineVolume, GrownLabels, Keep, fine_grains
+from grainmotion.segmentation.grain_cutting import Boxed, Cut, CutSettings, cut_grains
+from grainmotion.segmentation.label_growth import out_of_reach, owned_by
 from grainmotion.segmentation.labels import checked_labels, without_small_labels
 from grainmotion.segmentation.segment import Segmentation
 from grainmotion.segmentation.settings import Background, SegmentSettings
 
-Cut = Callable[[Volume, GrownLabels, list[Boxed], int, Keep], Iterable[FineVolume | None]]
-"""Upsamples grains, as `label_refinement.fine_grains`."""
 MIN_BACKGROUND_SHARE = 0.02
 """Share of all attenuation from which the background is kept."""
 MAX_REACH_WITH_REST = 1.5
 """Largest ``reach`` where there is attenuation that belongs to no grain and no body, or a liquid, voxels."""
 BACKGROUND_SIGMA = 2.0
 """Width of the Gaussian filter under which a background is distinguished from noise, voxels."""
-MAX_FINE_BYTES = 1 << 28
-"""Memory of upsampled grains in single precision from which they are kept compactly (decision 0050)."""
+MAX_CUT_BYTES = 1 << 28
+"""Memory of grains in single precision on their finest voxels from which they are kept compactly (decision 0063)."""
 MAX_LABELS_NAMED = 10
 """Labels that a warning lists."""
 PLANES_FILTERED_TOGETHER = 32
@@ -48,7 +47,7 @@ BACKGROUND_LEVEL = 0.02
 
 @checked_arguments
 def extract_grains(
-    volume: Volume, segmentation: Segmentation, settings: SegmentSettings | None = None, *, cut: Cut = fine_grains
+    volume: Volume, segmentation: Segmentation, settings: SegmentSettings | None = None, *, cut: Cut = cut_grains
 ) -> GrainSet:
     """Extract the grains of a segmented volume, as ``grainmotion run`` does.
 
@@ -61,7 +60,7 @@ def extract_grains(
     settings : SegmentSettings, optional
         ``reach``, ``background`` and ``finer`` decide what becomes of voxels without a label.
     cut : callable, optional
-        Upsamples the grains, as `label_refinement.fine_grains`.
+        Cuts the grains, as `grain_cutting.cut_grains`.
 
     Returns
     -------
@@ -91,7 +90,7 @@ def grains_from_labels(
     border: Collection[int] = (),
     background: Background = "auto",
     finer: int = 2,
-    cut: Cut = fine_grains,
+    cut: Cut = cut_grains,
 ) -> GrainSet:
     """Extract the grains of a labelled volume.
 
@@ -118,7 +117,7 @@ def grains_from_labels(
         Factor by which each grain is upsampled as well, with refined boundaries (see `label_refinement`); 1 is none.
         A slice one voxel thick is not upsampled.
     cut : callable, optional
-        Upsamples the grains, as `label_refinement.fine_grains`.
+        Cuts the grains, as `grain_cutting.cut_grains`.
 
     Returns
     -------
@@ -157,32 +156,21 @@ def _grains_and_scene(
         volume = without_fluid(volume, fluid, labels)
         settings = replace(settings, reach=min(settings.reach, MAX_REACH_WITH_REST))
     owned = _owners(volume, labels, settings, whole)
-    grown, first = owned.grown, owned.pieces[0].label if owned.pieces else int(owned.labels.max(initial=0)) + 1
-    grains, boxes = [], []
-    for label, box in enumerate(counted(ndimage.find_objects(grown)[: first - 1]), start=1):
-        if box is None:
-            continue
-        grain = _extracted(volume, grown, label, box, label in border)
-        if grain is not None:
-            grains.append(grain)
-            boxes.append((label, box))
-    if settings.finer > 1 and min(volume.shape) > 1:
-        detail("cutting grains on finer voxels", 1, 2)
-        compact = volume.array.dtype == np.float32 and _fine_bytes(boxes, settings) > MAX_FINE_BYTES
-        fines = cut(volume, owned, boxes, settings.finer, padded_compactly if compact else padded)
-        for k, fine in enumerate(counted(fines, len(boxes))):
-            grains[k] = replace(grains[k], fine=fine)
+    grains = _cut(volume, owned, settings, cut)
     if not grains:
         raise InputError("labels", "no grains found", "check the threshold, or the labels given")
     store_contiguously(grains)
+    grains = [replace(grain, touches_border=True) if grain.label in border else grain for grain in grains]
     bodies = _bodies(volume, owned, settings)
     return GrainSet(tuple(grains), Scene(tuple(bodies), fluid, volume.field, volume.hardening))
 
 
 @dataclass(frozen=True, eq=False)
-class _Owners(GrownLabels):
-    """To what each voxel belongs: labels of grains and bodies, and the rest."""
+class _Owners:
+    """To what each voxel belongs: labels of grains and bodies, which reach so many voxels beyond them, and the rest."""
 
+    labels: NDArray[np.integer]
+    reach: float
     pieces: tuple[Piece, ...] = ()
     rest: bool = False
 
@@ -190,20 +178,29 @@ class _Owners(GrownLabels):
 def _owners(volume: Volume, labels: NDArray[np.integer], settings: SegmentSettings, whole: Volume) -> _Owners:
     """Grains, bodies and the rest."""
     reach, background, pieces = settings.reach, settings.background, tuple[Piece, ...]()
-    grown = grown_labels(labels, reach)
     deep, told = min(volume.shape) > 1, any(body.label is not None for body in settings.bodies)
     if background == "ignore" and not told:
-        return _Owners(labels, grown, reach)
-    share = _unowned_share(volume, labels, grown, whole) if background == "auto" and deep else 0.0
+        return _Owners(labels, reach)
+    beyond = out_of_reach(labels, reach)
+    share = _unowned_share(volume, labels, beyond, whole) if background == "auto" and deep else 0.0
     if deep and (background != "auto" or share > MIN_BACKGROUND_SHARE or told):
-        labels, pieces = find_bodies(volume, labels, grown == 0, settings.bodies)
-        grown = grown_labels(labels, reach)
-        share = _unowned_share(volume, labels, grown, whole) if background == "auto" and pieces else share
+        labels, pieces = find_bodies(volume, labels, beyond, settings.bodies)
+        if background == "auto" and pieces:
+            share = _unowned_share(volume, labels, out_of_reach(labels, reach), whole)
     rest = share > MIN_BACKGROUND_SHARE if background == "auto" else background != "ignore"
-    if rest and reach > MAX_REACH_WITH_REST:
-        reach = MAX_REACH_WITH_REST
-        grown = grown_labels(labels, reach)
-    return _Owners(labels, grown, reach, pieces, rest)
+    return _Owners(labels, min(reach, MAX_REACH_WITH_REST) if rest else reach, pieces, rest)
+
+
+def _cut(volume: Volume, owned: _Owners, settings: SegmentSettings, cut: Cut) -> list[Grain]:
+    """The grains, without those that hold no attenuation."""
+    end = owned.pieces[0].label if owned.pieces else int(owned.labels.max(initial=0)) + 1
+    places = ndimage.find_objects(owned.labels)[: end - 1]
+    boxes = [(label, box) for label, box in enumerate(places, start=1) if box is not None]
+    how = CutSettings(owned.reach, settings.finer if min(volume.shape) > 1 else 1)
+    if volume.array.dtype == np.float32 and _cut_bytes(boxes, how) > MAX_CUT_BYTES:
+        how = replace(how, compact=True)
+    detail("cutting grains", 1, 2)
+    return [grain for grain in counted(cut(volume, owned.labels, boxes, how), len(boxes)) if grain is not None]
 
 
 def _bodies(volume: Volume, owned: _Owners, settings: SegmentSettings) -> Iterator[Body]:
@@ -212,85 +209,54 @@ def _bodies(volume: Volume, owned: _Owners, settings: SegmentSettings) -> Iterat
     for piece in owned.pieces:
         told = next((b for b in settings.bodies if b.name == piece.name or b.place == piece.place), None)
         name, freedom = (piece.name, free) if told is None else (told.name, Freedom.of(told.freedom))
-        yield Body(name, piece.kind, volume.cropped(owned.grown == piece.label), freedom)
+        yield Body(name, piece.kind, volume.cropped(owned_by(owned.labels, owned.reach, piece.label)), freedom)
     if owned.rest:
-        yield Body("rest", "rest", volume.cropped(owned.grown == 0), free)
+        yield Body("rest", "rest", volume.cropped(out_of_reach(owned.labels, owned.reach)), free)
 
 
-def _unowned_share(
-    volume: Volume, labels: NDArray[np.integer], grown: NDArray[np.integer], with_fluid: Volume
-) -> float:
+def _unowned_share(volume: Volume, labels: NDArray[np.integer], beyond: NDArray[np.bool_], with_fluid: Volume) -> float:
     """Share of all attenuation, a liquid's included, that belongs to no label, to no liquid and is no noise."""
     whole = float(with_fluid.array.sum(dtype=float))
-    grain = float(with_fluid.array[labels > 0].mean()) if labels.any() else 0.0
+    grain = mean_of_labels(labels, with_fluid.array)
     if whole <= 0:
         return 0.0
 
     def unowned(slab: tuple[slice, slice]) -> float:
         around, inner = slab
-        rest = np.where(grown[around] == 0, volume.array[around], 0)
+        rest = np.where(beyond[around], volume.array[around], 0)
         rest = ndimage.gaussian_filter(rest, BACKGROUND_SIGMA)[inner]
         return float(rest[rest > BACKGROUND_LEVEL * grain].sum(dtype=float))
 
     margin = int(4 * BACKGROUND_SIGMA + 0.5)
-    each = slabs(len(grown), margin, PLANES_FILTERED_TOGETHER)
+    each = slabs(len(beyond), margin, PLANES_FILTERED_TOGETHER)
     return sum(by_threads(unowned, each, THREADS_OF_SLABS)) / whole
 
 
-def _fine_bytes(boxes: list[Boxed], settings: SegmentSettings) -> int:
-    """Memory of all upsampled grains in single precision, about."""
-    edges = np.array([[s.stop - s.start for s in box] for _, box in boxes]).reshape(-1, 3)
-    return int(4 * (settings.finer * edges + 2 * PADDING).prod(axis=1).sum())
-
-
-def padded(volume: Volume) -> Volume:
-    """The volume with `PADDING` empty voxels around it."""
-    return Volume(np.pad(volume.array, PADDING), volume.voxel_size, volume.center)
-
-
-def padded_compactly(volume: Volume) -> CompactVolume:
-    """The same in a quarter of the memory."""
-    return CompactVolume.of(padded(volume))
+def _cut_bytes(boxes: list[Boxed], how: CutSettings) -> int:
+    """Memory of all grains in single precision on their finest voxels, about."""
+    edges = np.array([[s.stop - s.start for s in box] for _, box in boxes]).reshape(-1, 3) + 2 * int(how.reach)
+    return int(4 * (how.upsampling * edges + 2 * PADDING).prod(axis=1).sum())
 
 
 def store_contiguously(grains: list[Grain]) -> None:
-    """Move the voxels of all grains, in place, to one array (and upsampled ones to another), as kernels need them.
+    """Move the voxels of all grains, in place, to one array (and finer ones to another), as kernels need them.
 
     Compact ones stay where they are.
     """
-    arrays = [np.empty(sum(v.array.size for v in volumes), volumes[0].array.dtype) for volumes in _levels(grains)]
-    ends = [0, 0]
+    _move(grains, "volume")
+    _move(grains, "fine")
+
+
+def _move(grains: list[Grain], name: Literal["volume", "fine"]) -> None:
+    volumes = [getattr(grain, name) for grain in grains]
+    if not all(isinstance(volume, Volume) for volume in volumes):
+        return
+    whole = np.empty(sum(volume.array.size for volume in volumes), volumes[0].array.dtype)
+    del volumes
+    end = 0
     for k, grain in enumerate(grains):  # one by one, so that the memory of each is freed once it is copied
-        moved = []
-        for level, volume in enumerate(volumes[0] for volumes in _levels([grain])):
-            start = ends[level]
-            ends[level] += volume.array.size
-            place = arrays[level][start : ends[level]].reshape(volume.shape)
-            place[:] = volume.array
-            moved.append(replace(volume, array=place))
-        grains[k] = replace(grain, volume=moved[0], fine=moved[1] if len(moved) > 1 else grain.fine)
-
-
-def _levels(grains: list[Grain]) -> list[list[Volume]]:
-    """The volumes of all grains, and the upsampled ones if all grains have them."""
-    fine = [g.fine for g in grains if isinstance(g.fine, Volume)]
-    return [[g.volume for g in grains], *([fine] if len(fine) == len(grains) else [])]
-
-
-def _extracted(
-    volume: Volume, labels: NDArray[np.integer], label: int, box: tuple[slice, ...], touches_border: bool
-) -> Grain | None:
-    """The grain of a label in its bounding box; None if it holds no attenuation."""
-    own = np.where(labels[box] == label, volume.array[box], 0)
-    mass = float(own.sum(dtype=float))
-    if mass <= 0:
-        return None
-    array, voxel_size = np.pad(own, PADDING), volume.voxel_size
-    start = volume.origin + voxel_size * (np.array([s.start for s in box[::-1]]) - PADDING)
-    middle = start + voxel_size * (np.array(array.shape[::-1]) - 1) / 2
-    crop = Volume(array, voxel_size, (middle[0], middle[1], middle[2]))
-    moments = [
-        float((array.sum(axis=tuple({0, 1, 2} - {k}), dtype=float) * np.arange(array.shape[k])).sum())
-        for k in (2, 1, 0)
-    ]
-    return Grain(label, crop, start + voxel_size * np.array(moments) / mass, touches_border)
+        volume = getattr(grain, name)
+        start, end = end, end + volume.array.size
+        place = whole[start:end].reshape(volume.shape)
+        place[:] = volume.array
+        grains[k] = replace(grain, **{name: replace(volume, array=place)})

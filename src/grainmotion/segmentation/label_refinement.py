@@ -8,18 +8,12 @@ Of the other grains only that they are others is asked, and only near the grain.
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
 from functools import cache
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion.kernels import contested_voxels, spline_upsampling
-from grainmotion.model.compact_volume import CompactVolume
 from grainmotion.model.volume import Volume
 
 MARKER_SHARE = 0.7
@@ -34,115 +28,17 @@ RANGE_BEYOND = 0.25
 """How far the values of a spline may lie beyond those that it goes through, as a share of their range."""
 
 Box = tuple[slice, slice, slice]
-Boxed = tuple[int, tuple[slice, ...]]
-"""A label and its bounding box."""
 Fine = tuple[NDArray[np.floating], tuple[int, int, int]]
 """Upsampled voxels of a grain, and the index of the first of them in the upsampled crop."""
-FineVolume = Volume | CompactVolume
-Keep = Callable[[Volume], FineVolume]
-"""Makes of an upsampled grain what is kept of it, as `extraction.padded`; workers get it pickled."""
-
-
-@dataclass(frozen=True, eq=False)
-class GrownLabels:
-    """Labels ``(nz, ny, nx)``, 0 for no grain, and the same ``grown`` by up to ``reach`` voxels."""
-
-    labels: NDArray[np.integer]
-    grown: NDArray[np.integer]
-    reach: float
-
-
-@dataclass(frozen=True, eq=False)
-class Upsampling:
-    """How grains of a volume are upsampled, ``factor`` times along each axis, and what is kept of them.
-
-    Attributes
-    ----------
-    factor : int
-        Edge of a voxel over that of an upsampled one.
-    reach : float
-        How far labels are grown, voxels.
-    voxel_size : float
-        Edge of a voxel of the volume, mm.
-    origin : (3,) array
-        Centre of its voxel [0, 0, 0], mm, x y z.
-    keep : callable
-        What is kept of an upsampled grain.
-    """
-
-    factor: int
-    reach: float
-    voxel_size: float
-    origin: NDArray[np.float64]
-    keep: Keep
-
-    def kept(
-        self,
-        crops: tuple[NDArray[np.floating], NDArray[np.integer], NDArray[np.integer]],
-        label: int,
-        around: Box,
-    ) -> FineVolume | None:
-        """What is kept of a grain, from the voxels of its `surroundings`, their labels and these grown."""
-        cut = fine_cut(*crops, label, self.factor, self.reach)
-        return None if cut is None else self.keep(self._placed(cut, around))
-
-    def _placed(self, grain: Fine, around: Box) -> Volume:
-        """An upsampled grain in its place in the sample frame; ``around`` is the crop of the volume."""
-        array, inner = grain
-        voxel_size = self.voxel_size / self.factor
-        starts = [self.factor * a.start + b for a, b in zip(around, inner, strict=True)]
-        first = self.origin - self.voxel_size / 2 + voxel_size * (np.array(starts[::-1]) + 0.5)
-        x, y, z = first + voxel_size * (np.array(array.shape[::-1]) - 1) / 2
-        return Volume(array, voxel_size, (float(x), float(y), float(z)))
-
-
-def fine_grains(
-    volume: Volume, owners: GrownLabels, boxes: list[Boxed], factor: int, keep: Keep
-) -> Iterator[FineVolume | None]:
-    """Upsampled grains, one after the other, by all threads.
-
-    Parameters
-    ----------
-    volume : Volume
-        Attenuation, 1/mm.
-    owners : GrownLabels
-        To which grain each voxel belongs.
-    boxes : list of (int, slices)
-        Labels of the grains and the bounding boxes of what they are grown to.
-    factor : int
-        Edge of a voxel over that of an upsampled one.
-    keep : callable
-        What is kept of an upsampled grain, which is cropped to its voxels; others are zero.
-
-    Yields
-    ------
-    Volume, CompactVolume or None
-        What is kept; None if the grain has no voxel.
-    """
-    upsampling = Upsampling(factor, owners.reach, volume.voxel_size, volume.origin, keep)
-    threads = numba.get_num_threads()
-    rest = iter([(label, surroundings(box, volume.shape, owners.reach)) for label, box in boxes])
-    ahead = deque[Future[FineVolume | None]]()
-    with ThreadPoolExecutor(threads) as pool:
-        for label, around in rest:
-            crops = volume.array[around], owners.labels[around], owners.grown[around]
-            ahead.append(pool.submit(upsampling.kept, crops, label, around))
-            if len(ahead) > threads:
-                yield _first_of(ahead)
-        while ahead:
-            yield _first_of(ahead)
-
-
-def _first_of(ahead: deque[Future[FineVolume | None]]) -> FineVolume | None:
-    return ahead.popleft().result()
 
 
 def surroundings(box: tuple[slice, ...], shape: tuple[int, ...], reach: float) -> Box:
-    """The part of a volume on which the upsampled grain in a box depends."""
-    return _around(box, shape, int(np.ceil(reach)) + SPLINE_MARGIN)
+    """The part of a volume on which the upsampled grain in a box depends, once its labels are grown."""
+    return widened(box, shape, int(np.ceil(reach)) + SPLINE_MARGIN)
 
 
-def _around(box: tuple[slice, ...], shape: tuple[int, ...], margin: int) -> Box:
+def widened(box: tuple[slice, ...], shape: tuple[int, ...], margin: int) -> Box:
+    """A box with a margin, as far as the volume goes."""
     a, b, c = (slice(max(s.start - margin, 0), min(s.stop + margin, n)) for s, n in zip(box, shape, strict=True))
     return a, b, c
 
@@ -193,12 +89,22 @@ def _kinds(
     places = [np.flatnonzero(near.any(axis=axes)) for axes in ((1, 2), (0, 2), (0, 1))]
     if not len(places[0]):
         return None, np.zeros(3, np.int64)
-    box = _around(tuple(slice(p[0], p[-1] + 1) for p in places), grown.shape, 1)
+    box = widened(tuple(slice(p[0], p[-1] + 1) for p in places), grown.shape, 1)
     squares = contested_voxels.squared_steps(upsampling)
     least = contested_voxels.sure_depths(known, contested, MARKER_SHARE, squares)
     around = tuple(slice(s.start, s.stop + 2) for s in box)
     kinds = contested_voxels.classes(known[around], grown[box], (contested & near)[box], label, least, squares)
     return kinds, np.array([s.start for s in box])
+
+
+def placed(grain: Fine, volume: Volume, around: Box, upsampling: int) -> Volume:
+    """An upsampled grain in its place in the sample frame; ``around`` is the crop of the volume."""
+    array, inner = grain
+    voxel_size = volume.voxel_size / upsampling
+    starts = [upsampling * a.start + b for a, b in zip(around, inner, strict=True)]
+    first = volume.origin - volume.voxel_size / 2 + voxel_size * (np.array(starts[::-1]) + 0.5)
+    x, y, z = first + voxel_size * (np.array(array.shape[::-1]) - 1) / 2
+    return Volume(array, voxel_size, (float(x), float(y), float(z)))
 
 
 def upsampled(array: NDArray[np.floating], upsampling: int) -> NDArray[np.floating]:

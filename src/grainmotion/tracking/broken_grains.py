@@ -174,7 +174,7 @@ def _half(grain: Grain, normal: Float, shift: float, label: int) -> Grain:
         center = np.array([m @ a / mass for m, a in zip(marginals, axes, strict=True)]) + grain.center
         return replace(volume, array=array), center
 
-    volume, center = part(grain.volume)
+    volume, center = part(grain.coarse_volume)
     fine = None if grain.fine_volume is None else part(grain.fine_volume)[0]
     return Grain(label, volume, center, grain.touches_border, fine)
 

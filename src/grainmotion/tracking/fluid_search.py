@@ -112,7 +112,7 @@ def projected_values(
     if not rows:
         return np.zeros((len(geometry), *geometry.shape), grains.precision)
     chosen = ((grains.grains[k], arrays[k]) for k in rows)
-    kept = tuple(replace(grain, volume=replace(grain.volume, array=array), fine=None) for grain, array in chosen)
+    kept = tuple(replace(grain, volume=replace(grain.coarse_volume, array=array), fine=None) for grain, array in chosen)
     packed, at = GrainArrays.of(GrainSet(kept)), Pose(pose.translations[rows], pose.matrices[rows])
     if stretches is not None:
         packed = packed.stretched(stretches[rows])

@@ -18,8 +18,8 @@ from grainmotion.model.progress import prefixed
 from grainmotion.reconstruction.grid_growth import GROWN_REMEDY
 from grainmotion.reconstruction.reconstruct import reconstruct
 from grainmotion.segmentation.border import cut_labels
-from grainmotion.segmentation.extraction import Cut, extract_grains
-from grainmotion.segmentation.label_refinement import fine_grains
+from grainmotion.segmentation.extraction import extract_grains
+from grainmotion.segmentation.grain_cutting import Cut, cut_grains
 from grainmotion.segmentation.labels import CleanLabels
 from grainmotion.segmentation.segment import Segmentation, segment
 from grainmotion.segmentation.settings import SegmentSettings
@@ -45,7 +45,7 @@ class SegmentedReference:
 
     file: Path
     settings: SegmentSettings
-    cut: Cut = fine_grains
+    cut: Cut = cut_grains
 
     @cached_property
     def stored(self) -> StoredReference:
@@ -102,7 +102,7 @@ def reconstruct_stage(context: RunContext) -> Callable[[], StoredReference]:
 def segment_stage(context: RunContext, reference: Callable[[], StoredReference]) -> Callable[[], SegmentedReference]:
     """Segment the reference volume, or take the labels that were given, and extract the grains."""
     settings, path = context.tables.segment, context.folder / REFERENCE
-    cut = fine_grains if context.cluster is None else context.cluster.cut
+    cut = cut_grains if context.cluster is None else context.cluster.cut
 
     def run() -> SegmentedReference:
         stored = reference()
