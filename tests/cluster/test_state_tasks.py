@@ -17,7 +17,7 @@ from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions
 from grainmotion.model.volume import Volume
 from grainmotion.segmentation.extraction import store_contiguously
-from grainmotion.segmentation.label_refinement import fine_grains
+from grainmotion.segmentation.grain_cutting import cut_grains
 from grainmotion.tracking.track import TrackSettings
 from grainmotion.workflow import tracking_stage
 from grainmotion.workflow.context import RunContext
@@ -41,7 +41,7 @@ HEAD = TOML[: TOML.index("[[states]]")].replace("search = false", "search = fals
 class RecordingCluster:
     """A cluster inside this process that records the states it is given and where each starts."""
 
-    backend, cut, shares = None, staticmethod(fine_grains), False
+    backend, cut, shares = None, staticmethod(cut_grains), False
 
     def __init__(self, folder):
         self.store, self.asked = SharedStore(folder), []

@@ -92,7 +92,7 @@ class Copy:
     def grain(self, label: int, attenuation: float) -> Grain:
         """Its voxels in place."""
         own = heap_grains(self.heap).grains[self.stone]
-        volumes = [self._volume(v, attenuation) for v in (own.volume, own.fine) if v is not None]
+        volumes = [self._volume(v, attenuation) for v in (own.coarse_volume, own.fine_volume) if v is not None]
         return Grain(label, volumes[0], self.turn @ own.center + self.place, fine=volumes[1])
 
     def _volume(self, volume: Volume, attenuation: float) -> Volume:

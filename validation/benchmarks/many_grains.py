@@ -41,7 +41,7 @@ from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.rotations import recenter, rotation_vector
-from grainmotion.segmentation.extraction import MAX_FINE_BYTES
+from grainmotion.segmentation.extraction import MAX_CUT_BYTES
 from grainmotion.tracking import attempt
 from grainmotion.tracking.self_likeness import known_symmetries
 from grainmotion.tracking.track import track
@@ -206,17 +206,18 @@ def save(folder: Path, n: int) -> None:
 def load(folder: Path, n: int) -> tuple[GrainSet, Scan]:
     """Grains, laid together or kept compactly as `grains_from_labels` leaves them, and the state."""
     files = [folder / f"{name}-{n}.npy" for name in ("coarse", "fine")]
-    compact, ends, grains = files[1].stat().st_size > MAX_FINE_BYTES, [0, 0], []
-    whole = [np.load(file) for file in files[: 1 if compact else 2]]
+    compact, ends, grains = files[1].stat().st_size > MAX_CUT_BYTES, [0, 0], []
+    whole = [] if compact else [np.load(file) for file in files]
     with open(folder / f"grains-{n}.pkl", "rb") as file:
         rows = pickle.load(file)
     for label, center, parts in rows:
         volumes = []
         for k, (shape, voxel_size, middle) in enumerate(parts):
             start, ends[k] = ends[k], ends[k] + int(np.prod(shape))
-            flat = whole[k][start : ends[k]] if k < len(whole) else _read(files[k], start, ends[k])
-            volumes.append(Volume(flat.reshape(shape), voxel_size, middle))
-        grains.append(Grain(label, volumes[0], center, fine=CompactVolume.of(volumes[1]) if compact else volumes[1]))
+            flat = _read(files[k], start, ends[k]) if compact else whole[k][start : ends[k]]
+            volume = Volume(flat.reshape(shape), voxel_size, middle)
+            volumes.append(CompactVolume.of(volume) if compact else volume)
+        grains.append(Grain(label, volumes[0], center, fine=volumes[1]))
     with open(folder / f"scan-{n}.pkl", "rb") as file:
         return GrainSet(tuple(grains)), pickle.load(file)
 

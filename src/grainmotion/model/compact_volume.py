@@ -63,11 +63,11 @@ class CompactVolume:
         """The voxels of a volume, rounded."""
         lines = volume.array.reshape(-1, volume.shape[2])
         low, high = float(lines.min()), float(lines.max())
-        unit, zero, kind = max(high / STEPS_ABOVE, -low / STEPS_BELOW, 1e-30), STEPS_BELOW, np.uint8
+        step, zero, kind = max(high / STEPS_ABOVE, -low / STEPS_BELOW, 1e-30), STEPS_BELOW, np.dtype(np.uint8)
         mass = float(np.abs(lines).sum(dtype=float))
-        if float(np.vdot(lines, lines)) < MIN_STEPS * unit * mass:  # the mean attenuation of its attenuation
-            unit, zero, kind = max(high, -low, 1e-30) / STEPS_OF_MORE, 0, np.int16
-        unit = np.float32(unit)
+        if float(np.vdot(lines, lines)) < MIN_STEPS * step * mass:  # the mean attenuation of its attenuation
+            step, zero, kind = max(high, -low, 1e-30) / STEPS_OF_MORE, 0, np.dtype(np.int16)
+        unit = np.float32(step)
         rounded = (np.rint(lines / unit) + zero).astype(kind)
         filled = rounded != zero
         some = filled.any(axis=1)

@@ -15,11 +15,11 @@ import numpy as np
 from grainmotion.cluster.distributed_iterate import VIEWS_BETWEEN_CHECKPOINTS
 from grainmotion.reconstruction.ordered_subsets import subsets
 from grainmotion.reconstruction.slabs import slab_bounds
-from grainmotion.segmentation.extraction import MAX_FINE_BYTES
+from grainmotion.segmentation.extraction import MAX_CUT_BYTES
 from grainmotion.segmentation.label_refinement import SPLINE_MARGIN
 from grainmotion.segmentation.settings import SegmentSettings
 
-SINGLE, DOUBLE, LABEL, COMPACT = 4, 8, 4, 2
+SINGLE, DOUBLE, LABEL, COMPACT = 4, 8, 4, 1
 """Bytes of a voxel or pixel, of a sum, of a label, and of a finer voxel that is kept compactly."""
 REACH, FINER, PADDING = SegmentSettings().reach, SegmentSettings().finer, 2
 COPIES_OF_A_SLAB = 4
@@ -104,18 +104,13 @@ class Plan:
         return (self.reached + 2 * PADDING) ** 3
 
     @property
-    def fine(self) -> float:
-        """Bytes of all grains' finer voxels, as they are kept."""
-        whole = SINGLE * self.grains * self.fine_box
-        if whole <= MAX_FINE_BYTES:
-            return whole
-        inside = math.pi / 6 * (FINER * self.reached) ** 3
-        return self.grains * (COMPACT * inside + 4 * self.fine_box ** (2 / 3))
-
-    @property
     def own_grains(self) -> float:
-        """Bytes of all grains with their own voxels."""
-        return SINGLE * self.grains * self.coarse_box + self.fine
+        """Bytes of all grains with their own voxels, as they are kept."""
+        boxes = self.coarse_box, self.fine_box
+        if SINGLE * self.grains * self.fine_box <= MAX_CUT_BYTES:
+            return SINGLE * self.grains * sum(boxes)
+        inside = math.pi / 6 * self.reached**3 * (1 + FINER**3)
+        return self.grains * (COMPACT * inside + 4 * sum(box ** (2 / 3) for box in boxes))
 
     @property
     def slabs(self) -> int:
@@ -207,10 +202,10 @@ def segmentation(plan: Plan, rates: Rates) -> Cost:
 def cutting(plan: Plan, rates: Rates) -> Cost:
     """Crops read from files by workers, upsampled grains sent to the client; then all is written."""
     fine = plan.grains * plan.crop * FINER**3
-    to_client = SINGLE * plan.grains * (FINER * plan.reached) ** 3
+    to_client = plan.own_grains
     crops = (SINGLE + LABEL) * plan.grains * plan.crop
     stored = (SINGLE + LABEL) * plan.voxels + SINGLE * plan.voxels  # for workers; results, compressed
-    held = (SINGLE + 2 * LABEL) * plan.voxels + plan.own_grains
+    held = (SINGLE + LABEL) * plan.voxels + plan.own_grains
     one = 4 * (SINGLE + LABEL) * 3 * plan.crop * FINER**3
     return Cost(
         "cutting", held, one, to_client, stored, rates.grown * plan.voxels + rates.kept * fine, rates.fine * fine,
