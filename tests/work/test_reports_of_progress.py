@@ -27,8 +27,8 @@ PARTS = {
     "kernels.volume_projection:adjoint": 2,
     "kernels.volume_projection_vertical:forward": 2,
     "kernels.volume_projection_vertical:adjoint": 2,
-    "segmentation.label_refinement:_first_of": 1,  # grains
-    "segmentation.extraction:_extracted": 1,
+    "segmentation.label_refinement:placed": 1,  # grains
+    "segmentation.grain_cutting:cut_grain": 1,
     "diagnosis.view_consistency:fitted_volume": 1,  # trial reconstructions
     "calibration.cross_validation:fitted_volume": 1,
     "tracking.alternative_fits:_fit": 1,  # batches of grains
@@ -72,7 +72,6 @@ def watched(monkeypatch):
     watch = Watch()
     with monkeypatch.context() as patch:
         patch.setattr(progress, "MIN_INTERVAL", 0.0)
-        patch.setattr("numba.get_num_threads", lambda: 1)  # more threads do one each at a time
         call = progress.Listener.inside
 
         def inside(listener, share):
@@ -132,7 +131,7 @@ def test_reconstruct_and_calibrate(tmp_path, watch):
 
 def test_segment_and_track(tmp_path, watch):
     invoke("track", write_tiny(tmp_path))
-    assert_often_enough(watch, "segmentation.label_refinement:_first_of", "segmentation.extraction:_extracted")
+    assert_often_enough(watch, "segmentation.label_refinement:placed", "segmentation.grain_cutting:cut_grain")
 
 
 def test_exports_and_report(tracked, tmp_path, watch):

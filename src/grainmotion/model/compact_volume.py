@@ -63,10 +63,11 @@ class CompactVolume:
         """The voxels of a volume, rounded."""
         lines = volume.array.reshape(-1, volume.shape[2])
         low, high = float(lines.min()), float(lines.max())
-        step, zero, kind = max(high / STEPS_ABOVE, -low / STEPS_BELOW, 1e-30), STEPS_BELOW, np.dtype(np.uint8)
+        step, zero = max(high / STEPS_ABOVE, -low / STEPS_BELOW, 1e-30), STEPS_BELOW
+        kind: type[np.uint8 | np.int16] = np.uint8
         mass = float(np.abs(lines).sum(dtype=float))
         if float(np.vdot(lines, lines)) < MIN_STEPS * step * mass:  # the mean attenuation of its attenuation
-            step, zero, kind = max(high, -low, 1e-30) / STEPS_OF_MORE, 0, np.dtype(np.int16)
+            step, zero, kind = max(high, -low, 1e-30) / STEPS_OF_MORE, 0, np.int16
         unit = np.float32(step)
         rounded = (np.rint(lines / unit) + zero).astype(kind)
         filled = rounded != zero

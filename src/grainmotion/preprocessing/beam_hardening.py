@@ -23,14 +23,15 @@ from scipy import ndimage
 from scipy.optimize import nnls
 
 from grainmotion._arguments import checked_arguments
-from grainmotion._typing import Float, Projector
+from grainmotion._typing import Float, Image, Projector
 from grainmotion._validation import validated
 from grainmotion.errors import InputError
+from grainmotion.model.geometry import Geometry
 from grainmotion.model.hardening import SIGNIFICANT_SD, Hardening
 from grainmotion.model.label_sums import label_sizes, label_sums
-from grainmotion.model.large_arrays import large_empty
 from grainmotion.model.quantiles import quantile_of_parts
 from grainmotion.model.scan import Scan
+from grainmotion.model.slabs import slabs
 from grainmotion.model.volume import Volume
 from grainmotion.preprocessing.volume_threshold import otsu
 from grainmotion.projection.volumes import project
@@ -116,14 +117,14 @@ def best_hardening(scan: Scan, volume: Volume, settings: HardeningSettings, part
     if len(scan) < JACKKNIFE_GROUPS:
         raise InputError("hardening", f"{len(scan)} views", f"give the full scan, {JACKKNIFE_GROUPS} views at least")
     views = scan.select(np.unique(np.linspace(0, len(scan) - 1, min(settings.views, len(scan))).astype(int)))
-    curves = [_curve(views, _template(volume, labels()), settings) for labels in parts]
+    curves = [
+        _curve(views, _projected_template(volume, labels(), views.geometry, settings), settings) for labels in parts
+    ]
     return min(curves, key=lambda curve: curve[0])[1]
 
 
-def _curve(scan: Scan, template: Volume, settings: HardeningSettings) -> tuple[float, Hardening]:
-    """Relative misfit ‖t − s g(b)‖/‖t‖ of a template, and the curve."""
-    t = project(template, scan.geometry, projector=settings.projector)
-    del template
+def _curve(scan: Scan, t: Image, settings: HardeningSettings) -> tuple[float, Hardening]:
+    """Relative misfit ‖t − s g(b)‖/‖t‖ of the line integrals t of a template, and the curve."""
     material = [(own > 0) if scan.valid is None else (own > 0) & scan.valid[k] for k, own in enumerate(t)]
     if not any(own.any() for own in material):
         raise InputError("hardening", "no radiograph shows the material", "check the threshold and the volume")
@@ -156,17 +157,26 @@ def material_mask(volume: Volume, settings: HardeningSettings) -> NDArray[np.boo
     return np.asarray(mask)
 
 
-def _template(volume: Volume, labels: NDArray[np.integer]) -> Volume:
-    """The volume with each label at its mean attenuation, and zero elsewhere."""
+def _projected_template(
+    volume: Volume, labels: NDArray[np.integer], geometry: Geometry, settings: HardeningSettings
+) -> Image:
+    """Line integrals of the volume with each label at its mean attenuation, and zero elsewhere.
+
+    They are sums over slabs, as each voxel adds its own share to a ray: no template of the whole volume is made.
+    """
     if labels.shape != volume.shape:
         fact = f"labels of {labels.shape} voxels, the volume of {volume.shape}"
         raise InputError("hardening", fact, "give the labels of that volume")
     means = label_sums(labels, volume.array) / np.maximum(label_sizes(labels), 1)
     means[0] = 0
-    values, out = means.astype(volume.array.dtype), large_empty(volume.shape, volume.array.dtype)
-    for plane, own in zip(out, labels, strict=True):
-        np.take(values, own, out=plane, mode="clip")
-    return Volume(out, volume.voxel_size, volume.center)
+    values = means.astype(volume.array.dtype)
+    total = np.zeros((len(geometry), *geometry.shape), values.dtype)
+    for planes, _ in slabs(len(labels)):
+        template = np.take(values, labels[planes], mode="clip")
+        x, y, z = volume.center
+        z += volume.voxel_size * ((planes.start + planes.stop) - len(labels)) / 2
+        total += project(Volume(template, volume.voxel_size, (x, y, z)), geometry, projector=settings.projector)
+    return total
 
 
 def _moments(b: Float, t: Float, degree: int) -> Float:
