@@ -54,8 +54,8 @@ class SegmentedReference:
 
     def released(self) -> SegmentedReference:
         """The same without a large volume and its labels: while grains are tracked they have their own voxels."""
+        _ = self.grains, self.doubts, self.residuals
         if "stored" in self.__dict__ and self.stored.volume.array.nbytes > MAX_KEPT_VOLUME:
-            _ = self.grains, self.doubts, self.residuals
             del self.__dict__["stored"]
             give_back_memory()
         return self
