@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from grainmotion.cluster import segmentation_tasks
 from grainmotion.cluster.segmentation_tasks import extract_distributed
 from grainmotion.cluster.shared_store import SharedStore
 from grainmotion.model.compact_volume import CompactVolume
@@ -15,6 +16,7 @@ from inline_executor import InlineExecutor
 @pytest.mark.parametrize("compact", [False, True])
 def test_distributed_extraction_gives_the_same_grains(tmp_path, monkeypatch, compact):
     monkeypatch.setattr(extraction, "MAX_CUT_BYTES", 0 if compact else 1 << 28)
+    monkeypatch.setattr(segmentation_tasks, "GRAINS_PER_TASK", 4)
     rng = np.random.default_rng(0)
     labels = np.kron(np.arange(1, 9).reshape(2, 2, 2), np.ones((9, 9, 9), int))
     volume = Volume(rng.random(labels.shape, np.float32) + 0.5, 0.1, (1.0, 2.0, 3.0))

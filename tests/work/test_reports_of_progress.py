@@ -10,7 +10,6 @@ from contextlib import contextmanager
 from importlib import import_module
 from unittest import mock
 
-import numba
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -28,7 +27,7 @@ PARTS = {
     "kernels.volume_projection:adjoint": 2,
     "kernels.volume_projection_vertical:forward": 2,
     "kernels.volume_projection_vertical:adjoint": 2,
-    "segmentation.grain_cutting:needed": numba.get_num_threads() + 1,  # grains: one ahead for each thread at first
+    "segmentation.grain_cutting:cut_grain": 1,  # grains
     "diagnosis.view_consistency:fitted_volume": 1,  # trial reconstructions
     "calibration.cross_validation:fitted_volume": 1,
     "tracking.alternative_fits:_fit": 1,  # batches of grains
@@ -72,6 +71,7 @@ def watched(monkeypatch):
     watch = Watch()
     with monkeypatch.context() as patch:
         patch.setattr(progress, "MIN_INTERVAL", 0.0)
+        patch.setattr("numba.get_num_threads", lambda: 1)  # more threads do one each at a time
         call = progress.Listener.inside
 
         def inside(listener, share):
@@ -131,7 +131,7 @@ def test_reconstruct_and_calibrate(tmp_path, watch):
 
 def test_segment_and_track(tmp_path, watch):
     invoke("track", write_tiny(tmp_path))
-    assert_often_enough(watch, "segmentation.grain_cutting:needed")
+    assert_often_enough(watch, "segmentation.grain_cutting:cut_grain")
 
 
 def test_exports_and_report(tracked, tmp_path, watch):

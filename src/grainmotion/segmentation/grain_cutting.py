@@ -6,6 +6,7 @@ workers, and neither grown labels nor finer voxels are ever made of the whole vo
 
 from __future__ import annotations
 
+import itertools
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -71,12 +72,20 @@ def cut_grains(
         None if the label holds no attenuation.
     """
     threads = numba.get_num_threads()
-    ahead = deque[Future[Grain | None]]()
-    with ThreadPoolExecutor(threads) as pool:
+
+    def surrounded() -> Iterator[tuple[Volume, NDArray[np.integer], int, CutSettings]]:
         for label, box in boxes:
             around = needed(box, volume.shape, settings)
             crop = placed_crop(volume.array[around], volume.origin, volume.voxel_size, around)
-            ahead.append(pool.submit(cut_grain, crop, labels[around], label, settings))
+            yield crop, labels[around], label, settings
+
+    if threads < 2:
+        yield from itertools.starmap(cut_grain, surrounded())
+        return
+    ahead = deque[Future[Grain | None]]()
+    with ThreadPoolExecutor(threads) as pool:
+        for each in surrounded():
+            ahead.append(pool.submit(cut_grain, *each))
             if len(ahead) > threads:
                 yield ahead.popleft().result()
         while ahead:
