@@ -80,3 +80,41 @@ def test_deficits_of_basins_and_necks_follow_merging():
 def test_a_graph_without_basins():
     empty = BasinGraph(np.zeros(1), np.zeros((0, 2), int), np.zeros(0), np.zeros((0, 3)))
     np.testing.assert_array_equal(empty.merged(0.5, 0.7), [0])
+
+
+def merged_one_by_one(basin_graph, oneness):
+    """The same without a queue: of all pairs the one with the stiffest neck, until none is stiff enough."""
+    peaks, of = basin_graph.peaks.copy(), np.arange(len(basin_graph.peaks))
+    necks = {tuple(pair): (s, f) for pair, s, f in zip(basin_graph.pairs, basin_graph.saddles, basin_graph.faces)}
+    while necks:
+        kappas = {
+            (a, b): s**2 * np.linalg.norm(f) / (np.pi * min(peaks[a], peaks[b]) ** 4)
+            for (a, b), (s, f) in necks.items()
+        }
+        a, b = min(kappas, key=lambda pair: (-kappas[pair], pair))
+        if kappas[a, b] < oneness:
+            break
+        peaks[a] = max(peaks[a], peaks[b])
+        of[of == b] = a
+        gathered = {}
+        for pair, (s, f) in necks.items():
+            pair = tuple(sorted(a if k == b else k for k in pair))
+            if pair != (a, a):
+                known = gathered.get(pair, (0.0, np.zeros(3)))
+                gathered[pair] = max(s, known[0]), f + known[1]
+        necks = gathered
+    return np.unique(of, return_inverse=True)[1]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_many_basins_are_merged_as_one_by_one(seed):
+    rng, count = np.random.default_rng(seed), 40
+    pairs = np.unique(np.sort(rng.integers(1, count + 1, (150, 2)), axis=1), axis=0)
+    pairs = pairs[pairs[:, 0] < pairs[:, 1]]
+    peaks = np.round(np.concatenate([[0], rng.uniform(3, 6, count)]), 1)
+    saddles = peaks[pairs].min(axis=1) * rng.uniform(0.3, 0.85, len(pairs))
+    faces = rng.integers(1, 30, (len(pairs), 3)).astype(float)
+    basin_graph = BasinGraph(peaks, pairs, saddles, faces)
+    found = basin_graph.merged(0.0, 0.6)
+    assert 1 < found.max() < count
+    np.testing.assert_array_equal(found, merged_one_by_one(basin_graph, 0.6))

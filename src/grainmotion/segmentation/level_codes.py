@@ -13,6 +13,7 @@ from grainmotion.kernels.block_filters import erode_block, range_block, smooth_b
 from grainmotion.kernels.value_histogram import count_equal_bins
 from grainmotion.model.large_arrays import large_empty, large_zeros
 from grainmotion.segmentation.blocks import Block, Work, blocks_of, chunks_of
+from grainmotion.segmentation.blurred_gaps import is_blurred_gap
 from grainmotion.segmentation.border import BeyondField
 from grainmotion.segmentation.percentiles import FineBins, quantiles
 
@@ -154,10 +155,10 @@ class _LevelRanges:
         return cls(bounds, limits.astype(np.float32), typical, bins)
 
     def codes(self, uniform: _Uniform, beyond: BeyondField | None, work: Work) -> Codes:
-        """Number of each uniform voxel's level from 1 on, without small levels, with what is thin and dense."""
+        """Number of each uniform voxel's level from 1 on, 0 of small and blurred levels, with thin and dense parts."""
         out, top = large_zeros(uniform.smooth.shape, np.uint8), len(self.bounds)
 
-        def fill(block: Block, found: tuple[Counts, Counts]) -> tuple[Counts, Counts]:
+        def fill(block: Block, counts: Counts) -> Counts:
             rise, spread, here = uniform.of(block)
             level = np.zeros(rise.shape, np.int8)
             for bound in self.bounds.tolist():
@@ -167,18 +168,18 @@ class _LevelRanges:
                 here &= ~self._smeared(level, rise, beyond.of(block))
             code = np.where(here, level + np.int8(1), np.int8(0))
             out[block.box] = code
-            counts, highest = found
-            counts += np.bincount(code.ravel(), minlength=top + 2)
-            self.bins.add(rise, np.where(code == top + 1, np.int8(0), np.int8(-1)), highest)
-            return found
+            self.bins.add(rise, np.maximum(code - np.int8(2), np.int8(-1)), counts)  # air is not counted
+            return counts
 
-        parts = work.gathered(blocks_of(out.shape), lambda: (np.zeros(top + 2, np.int64), self.bins.empty(1)), fill)
-        counts, highest = (np.asarray(sum(part)) for part in zip(*parts, strict=True))
-        kept = np.arange(top + 3, dtype=np.uint8)
-        few = counts[2:] < MIN_LEVEL_SHARE * counts[2:].sum()
+        counts = np.asarray(sum(work.gathered(blocks_of(out.shape), lambda: self.bins.empty(top), fill)))
+        voxels, kept = counts.sum(axis=1), np.arange(top + 3, dtype=np.uint8)
+        few = voxels < MIN_LEVEL_SHARE * voxels.sum()
+        if top and not few.all() and voxels[-1] and not few[-1]:
+            self._add_dense(out, uniform, THIN_AND_DENSE * self.bins.quantile(counts[-1], 0.5), beyond, work)
+        for level in np.flatnonzero(~few[:-1]).tolist():
+            tenths = [self.bins.quantile(counts[level], share) for share in (0.1, 0.5, 0.9)]
+            few[level] = is_blurred_gap(out, level + 2, tenths, work)
         kept[2:-1][few] = 0
-        if top and not few.all() and counts[-1] and not few[-1]:
-            self._add_dense(out, uniform, THIN_AND_DENSE * self.bins.quantile(highest[0], 0.5), beyond, work)
         if few.any():
             work.each(blocks_of(out.shape), lambda block: out.__setitem__(block.box, kept[out[block.box]]))
         return out

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import heapq
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
-from scipy.cluster.hierarchy import DisjointSet
 from skimage.segmentation import relabel_sequential
 
+from grainmotion.kernels.basin_merging import merge_necks, merge_shallow
 from grainmotion.segmentation.blocks import Work
 from grainmotion.segmentation.label_pairs import LabelPairs
 
@@ -83,18 +82,9 @@ class BasinGraph:
 
     def _merge_shallow(self, depth: float) -> Ints:
         """New labels after merging peaks that hardly rise above their highest saddle."""
-        count, level = len(self.peaks), self._flatness()
-        sets, highest = DisjointSet(range(count)), np.arange(count)  # of each set's root, the basin of its highest peak
-        for k in np.argsort(-self.saddles, kind="stable"):
-            if level[k] < MIN_FLATNESS:
-                continue
-            a, b = (int(highest[sets[int(i)]]) for i in self.pairs[k])
-            low, high = (a, b) if self.peaks[a] < self.peaks[b] else (b, a)
-            peak, saddle = self.peaks[low], self.saddles[k]
-            if a != b and (peak - saddle < depth or saddle > MAX_SADDLE * peak):
-                sets.merge(a, b)
-                highest[sets[a]] = high
-        return _numbered(highest, sets)
+        order = np.argsort(-self.saddles, kind="stable")
+        order = order[self._flatness()[order] >= MIN_FLATNESS]
+        return _numbered(merge_shallow(self.peaks, self.pairs, self.saddles, order, depth, MAX_SADDLE))
 
     def _relabelled(self, labels: Ints) -> BasinGraph:
         """The graph of basins merged under new labels."""
@@ -119,47 +109,11 @@ class BasinGraph:
 
     def _merge_necks(self, oneness: float) -> Ints:
         """New labels after merging basins with a wide neck between them, the widest first."""
-        count, peaks = len(self.peaks), self.peaks.copy()
-        sets, first = DisjointSet(range(count)), np.arange(count)  # of each set's root, its first basin
-        known = self.deficits or Deficits(np.zeros(count), np.ones(count), np.zeros(len(self.pairs)), 0.0)
-        basins, voxels = known.basins.copy(), known.voxels.copy()
-        necks: list[dict[int, tuple[float, NDArray[np.float64], float]]] = [{} for _ in peaks]
-        values = zip(self.pairs.tolist(), self.saddles.tolist(), self.faces, known.necks.tolist(), strict=True)
-        for (a, b), saddle, faces, faint in values:
-            necks[a][b] = necks[b][a] = (saddle, faces, faint)
-        version = [0] * count
-        queue: list[tuple[float, int, int, int, int]] = []
-
-        def offer(a: int, b: int) -> None:
-            (saddle, faces, faint), peak = necks[a][b], min(peaks[a], peaks[b])
-            # the norm of the numbers of faces is the area of a flat neck of any orientation
-            kappa = saddle**2 * float(np.sqrt(faces @ faces)) / (np.pi * peak**4)
-            if kappa >= oneness and self.deficits is not None:
-                total, around = faces.sum(), min(basins[a] / voxels[a], basins[b] / voxels[b])
-                kappa *= float(_flat(faint / total - around - known.noise / np.sqrt(total)))
-            if kappa >= oneness:
-                heapq.heappush(queue, (-kappa, a, b, version[a], version[b]))
-
-        for a, b in self.pairs.tolist():
-            offer(a, b)
-        while queue:
-            _, a, b, va, vb = heapq.heappop(queue)
-            if version[a] != va or version[b] != vb:
-                continue
-            sets.merge(a, b)
-            first[sets[a]] = a
-            peaks[a] = max(peaks[a], peaks[b])
-            basins[a], voxels[a] = basins[a] + basins[b], voxels[a] + voxels[b]
-            version[a], version[b] = version[a] + 1, -1
-            for c, (saddle, faces, faint) in necks[b].items():
-                del necks[c][b]
-                if c != a:
-                    old, before, fainter = necks[a].get(c, (0.0, 0.0, 0.0))
-                    necks[a][c] = necks[c][a] = (max(saddle, old), faces + before, faint + fainter)
-            necks[b] = {}
-            for c in necks[a]:
-                offer(min(a, c), max(a, c))
-        return _numbered(first, sets)
+        count, pairs = len(self.peaks), len(self.pairs)
+        known = self.deficits or Deficits(np.zeros(count), np.ones(count), np.zeros(pairs), 0.0)
+        necks = self.saddles.copy(), self.faces.copy(), known.necks.copy()
+        basins, valley = (known.basins.copy(), known.voxels.copy()), (NO_VALLEY, OPEN_VALLEY)
+        return _numbered(merge_necks(self.peaks.copy(), self.pairs.copy(), necks, basins, oneness, known.noise, valley))
 
 
 def _sums(index: NDArray[np.integer], values: NDArray[np.floating], count: int) -> NDArray[np.float64]:
@@ -172,7 +126,6 @@ def _flat(deficit: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.clip((OPEN_VALLEY - deficit) / (OPEN_VALLEY - NO_VALLEY), 0, 1))
 
 
-def _numbered(representatives: NDArray[np.int64], sets: DisjointSet) -> Ints:
-    """Labels ``(n + 1,)`` 0, 1 … of the sets, in the order of the basin that represents each (given for its root)."""
-    basins = representatives[[sets[i] for i in range(len(representatives))]]
-    return np.asarray(relabel_sequential(basins)[0], np.int32)
+def _numbered(representatives: NDArray[np.int64]) -> Ints:
+    """Labels ``(n + 1,)`` 0, 1 … of merged basins, in the order of the one that represents each."""
+    return np.asarray(relabel_sequential(representatives)[0], np.int32)
