@@ -8,14 +8,15 @@ from dataclasses import dataclass
 from grainmotion.cluster.dask_backend import worth_sharing
 from grainmotion.reconstruction.slabs import slab_bounds
 
-BYTES_OF_WORKER = 0.75e9
+BYTES_OF_WORKER = 0.48e9
 """Python, Dask, the libraries and the compiled kernels."""
 COPIES_OF_SLAB, BYTES_OF_NUMBER = 5, 4
 """Of a slab in progress: image and the one before, the copies that an update makes of both, and the corrections."""
 SHARE_OF_ROWS = 1.15
 """Rows of pixels that all slabs need, over those of the panel: those of a cone overlap."""
-BYTES_PER_TRACKED_VOXEL = 22
-"""Of a voxel of the volume: all grains' own voxels, those of a batch of grains, and patches of a member's share."""
+BYTES_PER_VOXEL_OF_FEW, BYTES_OF_MANY, BYTES_PER_VOXEL_OF_MANY = 50, 0.45e9, 18
+"""Of a voxel of the volume: all grains' own voxels, and their patches; where grains are many their finer voxels are
+kept compactly, and those of a batch of grains are made at a time."""
 
 
 @dataclass(frozen=True)
@@ -47,4 +48,5 @@ def _of_slabs(size: ScanSize, workers: int) -> float:
 def _of_grains(size: ScanSize, workers: int) -> float:
     """Grains: each worker has all of them, or its part of a large sample."""
     voxels = float(math.prod(size.volume))
-    return BYTES_PER_TRACKED_VOXEL * voxels / (workers if worth_sharing(voxels) else 1)
+    few, many = BYTES_PER_VOXEL_OF_FEW * voxels, BYTES_OF_MANY + BYTES_PER_VOXEL_OF_MANY * voxels
+    return min(few, many) / (workers if worth_sharing(voxels) else 1)

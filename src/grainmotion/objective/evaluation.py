@@ -59,9 +59,13 @@ class Evaluation:
         """½‖r‖²."""
         return 0.5 * dot(self.residual, self.residual)
 
-    def grain_pixels(self, *images: Image) -> Iterator[tuple[int, Float, list[Image]]]:
-        """Of each patch: the grain, its own line integrals in double precision, and those pixels of some images."""
-        for p, (grain, view, r0, r1, c0, c1) in enumerate(self.patches.boxes):
+    def grain_pixels(self, *images: Image, part: range | None = None) -> Iterator[tuple[int, Float, list[Image]]]:
+        """Of each patch: the grain, its own line integrals in double precision, and those pixels of some images.
+
+        ``part`` are the patches that are wanted, by default all.
+        """
+        for p in range(len(self.patches.boxes)) if part is None else part:
+            grain, view, r0, r1, c0, c1 = self.patches.boxes[p]
             own = self.values[self.patches.offsets[p] : self.patches.offsets[p + 1]].astype(float)
             yield grain, own, [image[view, r0:r1, c0:c1].ravel() for image in images]
 

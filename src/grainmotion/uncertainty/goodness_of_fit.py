@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from grainmotion._typing import Float
+from grainmotion._typing import Float, Image
 from grainmotion.model.pose import Pose
 from grainmotion.model.scan import Scan
+from grainmotion.model.task_map import each_at_hand
 from grainmotion.objective.evaluation import Evaluation
 from grainmotion.objective.residual import StateProblem
 from grainmotion.projection.grains import assemble
@@ -23,6 +26,8 @@ MISFIT_OVER_USUAL = 2.5
 NOISE_SD = 3.0
 """Standard deviations by which the mean square of noise in a grain's footprints may exceed its mean: grains that are
 little denser than a liquid around them have line integrals of a few times the noise."""
+PATCHES_AT_ONCE = 128
+"""Patches whose pixels are looked at in one call, where several processes share them."""
 NEIGHBOUR_MISFIT = 2.0
 """Times the square of the usual misfit that all others on a grain's rays may leave together."""
 
@@ -103,17 +108,13 @@ def misfits(problem: StateProblem, evaluation: Evaluation) -> Misfits:
     Pixels are weighted by the grain's own line integral, so that its core counts and its rim does not, and by the
     discount.
     """
-    n = len(problem.grains)
-    values = np.asarray(evaluation.values)
+    values, boxes = np.asarray(evaluation.values), evaluation.patches.boxes
     squares = assemble(values**2, evaluation.patches, problem.target.scan.geometry)
-    sums = np.zeros((n, 6))
     images = problem.target.trust, evaluation.raw_residual, squares, pixel_variances(problem.target, evaluation)
-    for grain, own, (valid, residual, crowd, variance) in evaluation.grain_pixels(*images):
-        weight, residual = np.abs(own) * valid, residual.astype(float)
-        sums[grain] += (
-            weight.sum(), weight @ residual**2, weight @ own**2, weight @ crowd.astype(float), weight @ variance,
-            weight @ weight,
-        )  # fmt: skip
+    parts = [range(k, min(k + PATCHES_AT_ONCE, len(boxes))) for k in range(0, len(boxes), PATCHES_AT_ONCE)]
+    sums = np.zeros((len(problem.grains), 6))
+    for part, found in zip(parts, each_at_hand(partial(_weighted_sums, evaluation, images), parts), strict=True):
+        np.add.at(sums, boxes[part.start : part.stop, 0], found)
     total = np.maximum(sums[:, 0], 1e-30)
     means, spread = np.sqrt(sums[:, 1:5] / total[:, None]), np.sqrt(2 * sums[:, 5]) / total
     means[sums[:, 0] <= 0] = np.nan
@@ -121,6 +122,18 @@ def misfits(problem: StateProblem, evaluation: Evaluation) -> Misfits:
     means[:, 1:3] *= float(np.clip(evaluation.response.gain, 0.0, 1.0))
     residuals, line_integrals, crowds, noise = means.T
     return Misfits(residuals, line_integrals, crowds, noise, spread)
+
+
+def _weighted_sums(evaluation: Evaluation, images: Sequence[Image], part: range) -> Float:
+    """Of some patches the sums ``(k, 6)`` over their pixels from which `misfits` takes the means."""
+    found = []
+    for _, own, (valid, residual, crowd, variance) in evaluation.grain_pixels(*images, part=part):
+        weight, residual = np.abs(own) * valid, residual.astype(float)
+        found.append((
+            weight.sum(), weight @ residual**2, weight @ own**2, weight @ crowd.astype(float), weight @ variance,
+            weight @ weight,
+        ))  # fmt: skip
+    return np.array(found, dtype=float).reshape(-1, 6)
 
 
 def misregistered_grains(problem: StateProblem, pose: Pose) -> NDArray[np.bool_]:

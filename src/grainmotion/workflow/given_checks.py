@@ -6,6 +6,10 @@ They are made once of each input, before anything is computed from it; `checks` 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
 
 from grainmotion.diagnosis.grain_shapes import check_grain_shapes
 from grainmotion.diagnosis.hardening import check_hardening, corrected_hardening
@@ -14,6 +18,9 @@ from grainmotion.diagnosis.unlabelled import check_fragments, check_grain_sizes,
 from grainmotion.experiment.given_inputs import given_label_findings, given_volume_findings
 from grainmotion.model.finding import Finding, Level
 from grainmotion.model.progress import detail
+from grainmotion.model.scan import Scan
+from grainmotion.model.task_map import each
+from grainmotion.model.volume import Volume
 from grainmotion.workflow.checks import findings_once, settle
 from grainmotion.workflow.context import RunContext
 from grainmotion.workflow.given_starts import given_start
@@ -21,6 +28,10 @@ from grainmotion.workflow.reference_stages import SegmentedReference
 
 CHECKS_OF_VOLUME = "checks-volume.json"
 CHECKS_OF_GRAINS = "checks-grains.json"
+MAX_SHARED_VOXELS = 1 << 28
+"""Voxels of a volume up to which workers share its checks: one that makes a check holds the volume and its labels."""
+
+Check = Callable[[], tuple[Finding, ...]]
 
 
 def check_given(context: RunContext) -> None:
@@ -59,23 +70,18 @@ def check_grains(context: RunContext, reference: Callable[[], SegmentedReference
         detail("what has no label", 0, 3)
         stored = reference().stored
         assert stored.labels is not None
-        found = list[Finding]()
+        found, checks = list[Finding](), list[Check]()
         if context.read_labels is not None:
             found += given_label_findings(inputs, stored.volume, context.read_labels)
         if not any(f.level is Level.ERROR for f in found):
-            fragments = check_fragments(stored.volume, stored.labels, stored.threshold)
-            found += fragments or check_unlabelled(stored.volume, stored.labels)
-            detail("sizes and shapes", 1, 3)
-            found += check_grain_sizes(stored.labels)
-            if inputs.reference is not None:
-                found += check_grain_shapes(stored.labels, f"{source.key}.geometry.pixel_size")
+            pixels = None if inputs.reference is None else f"{source.key}.geometry.pixel_size"
+            checks.append(partial(_label_findings, stored.volume, stored.labels, stored.threshold, pixels))
         if inputs.reference is not None and inputs.volume is None:
-            detail("beam hardening", 2, 3)
-            scan = context.some_views(inputs.reference)
-            found += corrected_hardening(stored.volume.hardening, inputs.reference.key)
-            found += check_hardening(
-                stored.volume.hardening.apply(scan), stored.volume, stored.labels, inputs.reference.key
-            )
+            scan = stored.volume.hardening.apply(context.some_views(inputs.reference))
+            checks.append(partial(_beam_findings, scan, stored.volume, stored.labels, inputs.reference.key))
+        shared = stored.volume.array.size <= MAX_SHARED_VOXELS
+        for findings in each(_made, checks) if shared else map(_made, checks):
+            found += findings
         for k in named:
             start = given_start(context, reference, k)
             assert start is not None
@@ -85,3 +91,23 @@ def check_grains(context: RunContext, reference: Callable[[], SegmentedReference
 
     path = context.folder / CHECKS_OF_GRAINS
     settle(context, source, findings_once(context, "check grains", path, fingerprint, check))
+
+
+def _made(check: Check) -> tuple[Finding, ...]:
+    return check()
+
+
+def _label_findings(
+    volume: Volume, labels: NDArray[np.integer], threshold: float, pixels: str | None
+) -> tuple[Finding, ...]:
+    """What labels leave out, and their sizes and shapes; ``pixels`` is the key of their edge, if a scan tells it."""
+    found = check_fragments(volume, labels, threshold) or check_unlabelled(volume, labels)
+    detail("sizes and shapes", 1, 3)
+    found = (*found, *check_grain_sizes(labels))
+    return found if pixels is None else (*found, *check_grain_shapes(labels, pixels))
+
+
+def _beam_findings(scan: Scan, volume: Volume, labels: NDArray[np.integer], where: str) -> tuple[Finding, ...]:
+    """Beam hardening that was corrected, and what is left of it."""
+    detail("beam hardening", 2, 3)
+    return (*corrected_hardening(volume.hardening, where), *check_hardening(scan, volume, labels, where))
