@@ -8,7 +8,9 @@ import pytest
 import three_lumps
 from few_grains import PANEL, VOXEL, grain_set
 from grainmotion.errors import InputError
+from grainmotion.model.compact_volume import CompactVolume
 from grainmotion.model.geometry import Geometry
+from grainmotion.model.grains import GrainSet
 from grainmotion.model.pose import Pose
 from grainmotion.model.volume import Volume
 from grainmotion.projection.footprints import footprint_patches
@@ -132,6 +134,30 @@ class TestOf:
             high = grain.volume.origin + three_lumps.VOXEL * np.array([x.max(), y.max(), z.max()]) - grain.center
             np.testing.assert_allclose(hull.min(axis=0), low)
             np.testing.assert_allclose(hull.max(axis=0), high)
+
+    def test_compact_grains_have_the_outlines_of_their_voxels(self):
+        """From the ends of their lines, without the voxels themselves."""
+        volumes = [grain.volume for grain in three_lumps.three_grains().grains]
+        grains = [replace(grain, fine=CompactVolume.of(grain.volume)) for grain in three_lumps.three_grains().grains]
+        plain = [replace(grain, fine=volume) for grain, volume in zip(grains, volumes, strict=True)]
+        compact, dense = (GrainArrays.of(GrainSet(tuple(some)), fine=True) for some in (grains, plain))
+        assert compact.compact is not None
+        assert dense.compact is None
+        np.testing.assert_array_equal(compact.extents, dense.extents)
+        np.testing.assert_allclose(compact.hulls, dense.hulls, rtol=0, atol=1e-12)
+
+    def test_values_do_not_depend_on_how_many_voxels_are_written_at_once(self, monkeypatch):
+        grains = GrainSet(tuple(replace(g, fine=CompactVolume.of(g.volume)) for g in three_lumps.three_grains().grains))
+        arrays = GrainArrays.of(grains, fine=True).select([0, 0, 1, 2, 2])
+        views = Geometry.parallel((0.0, 50.0), (24, 32), three_lumps.VOXEL)
+        pose = Pose(np.zeros((5, 3)), np.tile(np.eye(3), (5, 1, 1)))
+        patches = footprint_patches(arrays, pose, views)
+        values = []
+        for most in (1, 1 << 19):
+            monkeypatch.setattr("grainmotion.backends.cpu.VOXELS_OF_A_THREAD", most)
+            values.append(project_patches(arrays, pose, views, patches, "trilinear"))
+        assert values[0].any()
+        np.testing.assert_array_equal(*values)
 
     def test_grain_with_too_many_voxels_is_refused(self, monkeypatch):
         size = int(GrainArrays.of(three_lumps.three_grains()).shapes[0].prod())

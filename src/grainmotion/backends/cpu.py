@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
+import numba as nb
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -17,8 +18,11 @@ from grainmotion.model.compact_volume import CompactVoxels
 from grainmotion.model.pose import Pose
 from grainmotion.model.progress import counted
 
-LINES_OF_A_PART, VOXELS_OF_A_PART = 100_000, 1 << 22
-"""Lines of patches that are traced in one call, some tenths of a second; voxels of compact grains written for one."""
+LINES_OF_A_PART = 100_000
+"""Lines of patches that are traced in one call, some tenths of a second."""
+VOXELS_OF_A_THREAD, MAX_VOXELS_OF_A_PART = 1 << 19, 1 << 22
+"""Voxels of compact grains that are written for one call, for each thread: 2 MB, which are still in its cache when
+rays read them; and for all threads."""
 STACKS_AT_ONCE = 4
 """Stacks of radiographs that one pass over the derivatives multiplies: these are read from memory once."""
 
@@ -131,18 +135,26 @@ def parts(grains: GrainTable, patches: PatchTable) -> Iterator[tuple[GrainTable,
             yield grains, lines[k : k + LINES_OF_A_PART]
         return
     owners = patches.boxes[lines[:, 0], 0]  # patches follow their grains
-    tops = np.cumsum(grains.shapes.prod(axis=1))
-    cuts = np.searchsorted(tops, np.arange(VOXELS_OF_A_PART, tops[-1], VOXELS_OF_A_PART))
+    sizes = grains.shapes.prod(axis=1)
+    tops = np.cumsum(np.where(np.diff(grains.starts, prepend=-1) != 0, sizes, 0))  # rows of one grain share its voxels
+    most = min(VOXELS_OF_A_THREAD * nb.get_num_threads(), MAX_VOXELS_OF_A_PART)
+    cuts = np.searchsorted(tops, np.arange(most, tops[-1], most))
     firsts = np.unique([0, *cuts.tolist(), len(tops)])
+    buffer = np.empty(0, grains.voxels.dtype)  # one for all parts: new memory costs more than to write the voxels
     for first, end in counted(list(pairwise(firsts.tolist()))):
         own = slice(*np.searchsorted(owners, [first, end]))
         if own.start == own.stop:
             continue
         rows, which = np.unique(grains.starts[first:end], return_inverse=True)
-        voxels, begins = grains.voxels.written(rows)
+        ends = np.cumsum([grains.voxels.volumes[row].size for row in rows])
+        begins = np.concatenate([[0], ends[:-1]])
+        if len(buffer) < ends[-1]:
+            buffer = np.empty(ends[-1], buffer.dtype)
+        for row, begin, stop in zip(rows, begins, ends, strict=True):
+            grains.voxels.volumes[row].write(buffer[begin:stop])
         starts = np.zeros_like(grains.starts)
         starts[first:end] = begins[which]
-        yield grains._replace(voxels=voxels, starts=starts), lines[own]
+        yield grains._replace(voxels=buffer, starts=starts), lines[own]
 
 
 def _stacked(images: Sequence[ArrayLike]) -> Image:

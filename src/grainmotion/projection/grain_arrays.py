@@ -15,6 +15,7 @@ from grainmotion.backends.cpu import CPU
 from grainmotion.errors import InputError
 from grainmotion.kernels import grain_ray_tracing
 from grainmotion.kernels.layout import PADDING, GrainTable
+from grainmotion.kernels.outermost import outermost
 from grainmotion.model.compact_volume import CompactVolume, CompactVoxels
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.grains import Grain, GrainSet
@@ -198,9 +199,13 @@ def _end_to_end(arrays: list[Image]) -> Image:
 def _outline(volume_and_grain: tuple[Volume | CompactVolume, Grain]) -> tuple[Float, Image, float]:
     """Hull, extents and radius of a grain, from its finer or its own voxels."""
     volume, grain = volume_and_grain
-    ends = _line_ends(volume.array)
-    hull = _extreme_points(ends, volume.shape) * volume.voxel_size + (volume.origin - grain.center)
-    return hull, _extents(ends), _radius(grain)
+    if isinstance(volume, CompactVolume):
+        points, extents = _compact_outline(volume)
+    else:
+        ends = _line_ends(volume.array)
+        points, extents = _extreme_points(ends, volume.shape), _extents(ends)
+    hull = points * volume.voxel_size + (volume.origin - grain.center)
+    return hull, extents, _radius(grain)
 
 
 def _radius(grain: Grain) -> float:
@@ -227,6 +232,18 @@ def _line_ends(array: Image) -> Float:
     lines = filled[z, y]
     ends = np.concatenate([lines.argmax(axis=1), lines.shape[1] - 1 - lines[:, ::-1].argmax(axis=1)])
     return np.column_stack([ends, np.tile(y, 2), np.tile(z, 2)]).astype(float)
+
+
+def _compact_outline(volume: CompactVolume) -> tuple[Float, Image]:
+    """`_extreme_points` and `_extents` from where each line begins and ends."""
+    normals = grain_ray_tracing.DIRECTIONS.astype(float)
+    directions = np.concatenate([ball_directions(), normals])
+    least, furthest, points = np.empty(len(directions)), np.empty(len(directions)), np.empty((len(directions), 3))
+    if not outermost(volume.firsts, volume.ends, volume.shape[1], directions, least, furthest, points):
+        nothing = np.zeros((0, 3))
+        return _extreme_points(nothing, volume.shape), _extents(nothing)
+    reach, own = grain_ray_tracing.REACH, slice(len(directions) - len(normals), None)
+    return points[:HULL_DIRECTIONS], np.array([least[own] - reach, furthest[own] + reach], np.float32)
 
 
 def _extents(points: Float) -> Image:
