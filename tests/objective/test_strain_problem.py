@@ -12,7 +12,8 @@ from grainmotion.objective.data_term import Target
 from grainmotion.objective.strain_problem import MAX_PRINCIPAL_STRAIN, StrainedPose, StrainProblem, with_strains
 from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.rotations import rotation_matrix
-from grainmotion.solvers.gauss_newton import Stopping, gauss_newton
+from grainmotion.solvers.gauss_newton import gauss_newton
+from grainmotion.solvers.stopping import Stopping
 
 GRAINS = GrainArrays.of(few_grains.smooth_grains())
 GRAINS = replace(GRAINS, images=GRAINS.images.astype(float))

@@ -10,15 +10,8 @@ from scipy import sparse
 from scipy.optimize import least_squares
 
 from grainmotion.solvers import block_cg
-from grainmotion.solvers.gauss_newton import (
-    MIN_STEPS_BEFORE_PAUSE,
-    PAUSE_TRIALS,
-    Linearization,
-    Stopping,
-    damped_step,
-    gauss_newton,
-    predicted_decrease,
-)
+from grainmotion.solvers.gauss_newton import Linearization, damped_step, gauss_newton, predicted_decrease
+from grainmotion.solvers.stopping import MIN_STEPS_BEFORE_PAUSE, PAUSE_TRIALS, Stopping
 
 Array = np.ndarray
 
@@ -283,6 +276,14 @@ class TestStopping:
         solved = gauss_newton(quick, np.array([1.5]), soon)
         assert not solved.paused
         assert abs(solved.state[0]) < 1e-3
+
+    def test_goes_on_with_a_part_of_its_first_step(self):
+        """On a parabola half of a step leaves a quarter of the cost; the next one is a whole one again."""
+        parabola = LeastSquares(lambda x: np.append(x - 1, 0.0), lambda x: np.vstack([np.eye(1), [[0.0]]]))
+        stopping = Stopping(iterations=2, step=0.0, decrease=0.0, interpolate=True, first_length=0.5)
+        solution = gauss_newton(parabola, np.zeros(1), stopping)
+        np.testing.assert_allclose(solution.costs[:2], [0.5, 0.125], rtol=1e-3)
+        assert solution.costs[2] < 1e-6
 
     def test_without_a_downhill_step_the_state_does_not_change(self):
         """With a gradient of the wrong sign every step is refused, and iteration ends at the start."""

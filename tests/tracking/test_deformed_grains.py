@@ -11,7 +11,8 @@ from grainmotion.model.motions import Status
 from grainmotion.model.scan import Scan
 from grainmotion.model.strain import stretches
 from grainmotion.rotations import rotation_vector
-from grainmotion.solvers.gauss_newton import Stopping, gauss_newton
+from grainmotion.solvers.gauss_newton import gauss_newton
+from grainmotion.solvers.stopping import Stopping
 from grainmotion.tracking.deformed_grains import Deformations
 from grainmotion.uncertainty.likely_strains import StrainStep
 

@@ -8,7 +8,8 @@ from grainmotion.model.pose import Pose
 from grainmotion.objective.data_term import Target
 from grainmotion.objective.residual import StateProblem
 from grainmotion.projection.grain_arrays import GrainArrays
-from grainmotion.solvers.gauss_newton import Stopping, gauss_newton
+from grainmotion.solvers.gauss_newton import gauss_newton
+from grainmotion.solvers.stopping import Stopping
 from grainmotion.tracking.few_grains import freed, merged, placed_among, with_neighbours
 
 ROWS = np.array([3, 13, 20])

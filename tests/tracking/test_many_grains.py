@@ -11,7 +11,8 @@ from grainmotion.objective.normal_matrix import PatchNormalMatrix
 from grainmotion.objective.residual import StateProblem
 from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.rotations import rotation_vector
-from grainmotion.solvers.gauss_newton import Stopping, gauss_newton
+from grainmotion.solvers.gauss_newton import gauss_newton
+from grainmotion.solvers.stopping import Stopping
 
 
 def problem_of(side, sigma=0.7):

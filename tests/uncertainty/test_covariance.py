@@ -8,7 +8,8 @@ from few_grains import ANGLES, geometry, grain_set, radiographs, small_motions
 from grainmotion.model.scan import Scan
 from grainmotion.objective.normal_matrix import normal_matrix, normal_of
 from grainmotion.rotations import rotation_vector
-from grainmotion.solvers.gauss_newton import Stopping, gauss_newton
+from grainmotion.solvers.gauss_newton import gauss_newton
+from grainmotion.solvers.stopping import Stopping
 from grainmotion.tracking.classification import classify
 from grainmotion.uncertainty.covariance import covariances, regular_inverse
 

@@ -8,7 +8,8 @@ import few_grains
 from classified_poses import pose_of, problem_of
 from grainmotion.model.scan import Scan
 from grainmotion.model.strain import stretches
-from grainmotion.solvers.gauss_newton import Stopping, gauss_newton
+from grainmotion.solvers.gauss_newton import gauss_newton
+from grainmotion.solvers.stopping import Stopping
 from grainmotion.uncertainty.likely_strains import strain_step
 
 STRAINS = np.zeros((3, 6))

@@ -15,7 +15,8 @@ from grainmotion.objective.residual import StateProblem
 from grainmotion.objective.response_parameters import IDENTITY_RESPONSE, ResponseModel
 from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.projection.grains import simulate_radiographs
-from grainmotion.solvers.gauss_newton import Stopping, gauss_newton
+from grainmotion.solvers.gauss_newton import gauss_newton
+from grainmotion.solvers.stopping import Stopping
 from grainmotion.uncertainty.noise_model import (
     HUBER_SD,
     NoiseModel,

@@ -8,7 +8,8 @@ import pytest
 from classified_poses import pose_of, problem_of, shared_grains, shared_truth
 from few_grains import radiographs
 from grainmotion.objective.normal_matrix import normal_matrix
-from grainmotion.solvers.gauss_newton import Stopping, gauss_newton
+from grainmotion.solvers.gauss_newton import gauss_newton
+from grainmotion.solvers.stopping import Stopping
 from grainmotion.uncertainty.covariance import covariances
 from grainmotion.uncertainty.view_disagreement import Disagreement
 

@@ -27,7 +27,8 @@ from grainmotion.projection.footprints import Patches, footprint_patches
 from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.projection.grains import project_patches
 from grainmotion.rotations import rotation_matrix, rotation_vector
-from grainmotion.solvers.gauss_newton import Stopping, gauss_newton
+from grainmotion.solvers.gauss_newton import gauss_newton
+from grainmotion.solvers.stopping import Stopping
 
 STEP_VOXELS = 0.01  # of a voxel: the same finite differences as the Lagrangian projector's
 RESAMPLING_MARGIN = 2  # voxels by which resampling widens a grain: √3, rounded up

@@ -14,7 +14,7 @@ Nielsen (1999).
 Small problems are solved by a dense Cholesky factor.  Large ones have an H that is a product only (`NormalMatrix`).
 There ε is eliminated first,  (H + λ diag H − B D⁺ Bᵀ) δ = −g + B D⁺ h,  and solved by conjugate gradients,
 preconditioned by the 6×6 blocks on the diagonal of H, to the accuracy that a Gauss–Newton step needs
-(`DEFAULT_FORCING`).  Decision 0015 holds the measurements.
+(`stopping.DEFAULT_FORCING`).  Decision 0015 holds the measurements.
 
 A step has no component along directions that the data do not resolve (`semidefinite`), and costs are compared only as
 far as their digits are significant (`SIGNIFICANT_COST_CHANGE`), so that no result depends on how a processor rounds.
@@ -40,12 +40,14 @@ from grainmotion.solvers.block_cg import (
     is_small,
 )
 from grainmotion.solvers.semidefinite import pseudo_inverse
+from grainmotion.solvers.stopping import DEFAULT_FORCING, Stopping, little_gained
 
 State = TypeVar("State")
 
-DEFAULT_FORCING, ENOUGH_OF_DECREASE, MAX_CG_ITERATIONS_PER_STEP = 1e-4, 0.2, 200
-"""Conjugate gradients of a step end at this relative residual, or once several iterations together lower the cost by
-less than this share of the decrease that ends the stage (`block_cg.worth_while`), or after so many iterations."""
+ENOUGH_OF_DECREASE, MAX_CG_ITERATIONS_PER_STEP = 0.2, 200
+"""Conjugate gradients of a step end at the relative residual `Stopping.forcing`, or once several iterations together
+lower the cost by less than this share of the decrease that ends the stage (`block_cg.worth_while`), or after so many
+iterations."""
 
 MAX_DAMPING_NEAR_MINIMUM = 1e-2
 """Damping up to which a small decrease means that the minimum is near, not that damping kept the step short."""
@@ -55,15 +57,6 @@ MIN_DECREASE_RATIO = 0.25
 
 MAX_EXTRAPOLATED_RATIO = 0.9
 """Largest ratio of a step to the one before that is extrapolated: beyond it, steps hardly shrink."""
-
-PAUSE_TRIALS = 5
-"""Steps tried, accepted or not, whose decrease tells whether to pause."""
-
-MIN_STEPS_BEFORE_PAUSE = 10
-"""Accepted steps before an iteration may pause; where all unknowns are determined, 4 to 8 are enough."""
-
-CREEPING_SHARE = 0.25
-"""Share of the mean decrease of the last steps tried, from which the last of them shows that they do not shrink."""
 
 MIN_STEP_LENGTH = 0.25
 """Least share of a step that is taken where the cost bends more than its quadratic model."""
@@ -120,60 +113,6 @@ class Problem(Protocol[State]):
         ...
 
 
-@dataclass(frozen=True)
-class Stopping:
-    """When to stop.
-
-    Attributes
-    ----------
-    iterations : int
-        Accepted steps at most.
-    step : float
-        Displacement of every moving object below which the iteration ends.
-    decrease : float
-        Relative decrease of the cost below which it ends.  A predicted decrease counts as well: such a last step is
-        taken without a linearisation at its end.
-    straggler_distance, stragglers : float
-        No decrease ends the iteration while more than a share ``stragglers`` of the objects moves further than
-        ``straggler_distance``.
-    forcing : float
-        Relative residual to which steps of large problems are solved; they end before where iterations lower the cost
-        by little of what ``decrease`` asks for.
-    rejections : float
-        Steps that do not lower the cost, one after the other, after which it ends once some have.
-    rest, few : float
-        It also ends where more than the share ``stragglers`` moves further than ``straggler_distance``, which keeps it
-        from ending otherwise, but no more than the share ``few`` moves further than ``rest``: those few can be solved
-        for alone (`Solution.moving`).
-    interpolate : bool
-        Steps are shortened to where the parabola through the last two costs has its least: where residuals are noise
-        and images of voxels have ripples, the cost can bend twice as much as JᵀJ tells, and full steps go to and fro.
-    pause, pause_cost : float
-        Relative decrease over ``pause_trials`` steps tried below which it pauses, after ``pause_after`` accepted ones
-        and at a cost below ``pause_cost``: what hardly matters may be fixed before it goes on.
-    pause_trials, pause_after : int
-        See there.
-    creeping : bool
-        It pauses only where the last of these steps shows that they do not shrink (`CREEPING_SHARE`).
-    """
-
-    iterations: int = 30
-    step: float = 1e-3
-    decrease: float = 1e-7
-    straggler_distance: float = np.inf
-    stragglers: float = 0.0
-    forcing: float = DEFAULT_FORCING
-    rejections: float = np.inf
-    rest: float = 0.0
-    few: float = 0.0
-    interpolate: bool = False
-    pause: float = 0.0
-    pause_cost: float = np.inf
-    pause_trials: int = PAUSE_TRIALS
-    pause_after: int = MIN_STEPS_BEFORE_PAUSE
-    creeping: bool = False
-
-
 @dataclass(frozen=True, eq=False)
 class Solution(Generic[State]):
     """The state where the solver ended, the cost after each accepted step, whether it settled and whether it paused.
@@ -210,7 +149,7 @@ def gauss_newton(
     current: Linearization | None = problem.linearize(start)
     assert current is not None
     costs, tried = [current.cost], [current.cost]  # after each accepted step, and the least after each step tried
-    damping, growth, length = 1e-4, 2.0, 1.0
+    damping, growth, length = 1e-4, 2.0, stopping.first_length
     step = np.zeros(len(current.gradient) + len(current.border_gradient))
     previous = np.inf, np.inf  # size and predicted decrease of the step before
     ended, settled, paused, rejected = False, False, False, 0
@@ -256,15 +195,8 @@ def gauss_newton(
             damping, growth = max(damping, 1e-4) * growth, growth * 2
         tried.append(costs[-1])
         if len(costs) > stopping.pause_after and not ended and costs[-1] < stopping.pause_cost:
-            ended = paused = _little_gained(tried, stopping)
+            ended = paused = little_gained(tried, stopping)
     return Solution(state, tuple(costs), step, settled, paused, moving)
-
-
-def _little_gained(tried: list[float], stopping: Stopping) -> bool:
-    """Whether the least costs after each step ``tried`` say that the iteration should pause."""
-    decreases = -np.diff(tried[-1 - stopping.pause_trials :])
-    shrinking = stopping.creeping and 0 < decreases[-1] < CREEPING_SHARE * decreases.mean()
-    return bool(decreases.sum() < stopping.pause * tried[-1]) and not shrinking
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,8 @@ from grainmotion.model.volume import Volume
 from grainmotion.objective.residual import StateProblem
 from grainmotion.projection.grain_arrays import ball_directions
 from grainmotion.rotations import rotation_vector, skew_matrix
-from grainmotion.solvers.gauss_newton import Stopping, gauss_newton
+from grainmotion.solvers.gauss_newton import gauss_newton
+from grainmotion.solvers.stopping import Stopping
 from grainmotion.tracking.attempt import Approach, Attempt, Job, approach, finish
 from grainmotion.tracking.missing_grains import registered
 from grainmotion.tracking.presence import take_census

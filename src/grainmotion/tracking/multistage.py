@@ -20,7 +20,8 @@ from grainmotion.objective.global_parameters import dot
 from grainmotion.objective.residual import StateProblem
 from grainmotion.objective.response_parameters import ResponseModel
 from grainmotion.projection.grain_arrays import GrainArrays, planar
-from grainmotion.solvers.gauss_newton import Solution, Stopping, gauss_newton
+from grainmotion.solvers.gauss_newton import Solution, gauss_newton
+from grainmotion.solvers.stopping import Stopping
 from grainmotion.tracking.few_grains import MIN_GRAINS_IN_PARTS, freed, merged, placed_among
 from grainmotion.tracking.multiresolution import FREE_GRAIN_PIXELS, coarsened, coarsening
 from grainmotion.tracking.scene_target import target_of

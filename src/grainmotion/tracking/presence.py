@@ -33,7 +33,8 @@ from grainmotion.projection.footprints import footprint_patches
 from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.projection.grains import project_patches
 from grainmotion.solvers.block_cg import diagonal_blocks
-from grainmotion.solvers.gauss_newton import Stopping, gauss_newton
+from grainmotion.solvers.gauss_newton import gauss_newton
+from grainmotion.solvers.stopping import Stopping
 from grainmotion.tracking.initial_guess import centroid_shift
 from grainmotion.tracking.multiresolution import FIELD_GRAIN_PIXELS
 from grainmotion.tracking.multistage import MultistageFit

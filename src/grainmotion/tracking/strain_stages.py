@@ -21,7 +21,8 @@ from grainmotion.objective.strain_problem import StrainedPose, StrainProblem, wi
 from grainmotion.projection.grain_arrays import GrainArrays, planar
 from grainmotion.projection.strain_derivatives import OUT_OF_PLANE_STRAINS
 from grainmotion.rotations import skew_matrix
-from grainmotion.solvers.gauss_newton import Solution, Stopping, gauss_newton
+from grainmotion.solvers.gauss_newton import Solution, gauss_newton
+from grainmotion.solvers.stopping import Stopping
 from grainmotion.tracking.multistage import MultistageFit
 from grainmotion.uncertainty.covariance import covariances
 
