@@ -32,6 +32,7 @@ from grainmotion.tracking.classification import MIN_COVERAGE
 from grainmotion.tracking.multistage import MultistageFit
 from grainmotion.tracking.refinement import RefinedFit
 from grainmotion.tracking.self_likeness import angles_between, find_symmetries, known_symmetries
+from grainmotion.tracking.stage_stopping import FIRST_LENGTH_AGAIN
 from grainmotion.uncertainty.weak_directions import poorly_determined
 
 NEAREST_TRIED, BEST_TRIED = 3, 3
@@ -80,15 +81,18 @@ def settle_ambiguities(
         if found.moved is None or moves == MAX_MOVES:
             break
         pose, problem = settled.solution.state, replace(settled.problem, prior=settled.prior)
-        observe = fit.observer(problem.target, "alternative poses")
-        near = gauss_newton(problem, found.moved, fit.coarse_stopping(), observe)
-        settled = replace(settled, solution=near)
         now = (found.moved.matrices != pose.matrices).any(axis=(1, 2))
-        moved |= now
-        if not found.better:  # as good a pose of one grain changes nothing for the others
+        near, moved = replace(settled.solution, state=found.moved), moved | now
+        if found.better or not fit.many:
+            observe = fit.observer(problem.target, "alternative poses")
+            stopping = fit.coarse_stopping()
+            stopping = replace(stopping, first_length=FIRST_LENGTH_AGAIN) if fit.many else stopping
+            near = gauss_newton(problem, found.moved, stopping, observe)
+        settled = replace(settled, solution=near)
+        if fit.many or not found.better:  # as good a pose of one grain changes nothing for the others
             asked = asked & now
-    if not moved.any():
-        return refined, moved, reasons
+    if fit.many or not moved.any():  # many grains are solved again where they are refined again
+        return settled, moved, reasons
     problem = replace(settled.problem, prior=settled.prior)
     observe = fit.observer(problem.target, "alternative poses")
     stopping = fit.held_stopping(problem.target)

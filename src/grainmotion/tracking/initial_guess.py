@@ -9,8 +9,10 @@ from grainmotion.model.pose import Pose
 from grainmotion.objective import displacement_bases
 from grainmotion.objective.residual import Basis, StateProblem
 from grainmotion.solvers.gauss_newton import Solution, gauss_newton
+from grainmotion.tracking.expected_rotations import RESIDUAL_WHILE_FAR, near_expected_rotations
 from grainmotion.tracking.multiresolution import FIELD_GRAIN_PIXELS
-from grainmotion.tracking.multistage import INITIAL_STOPPING, MultistageFit
+from grainmotion.tracking.multistage import MultistageFit
+from grainmotion.tracking.stage_stopping import INITIAL_STOPPING
 from grainmotion.uncertainty.goodness_of_fit import misfits
 
 MAX_MISREGISTERED_AT_START = 0.1
@@ -39,9 +41,12 @@ def initialise(fit: MultistageFit, pose: Pose, fields: list[Pose]) -> Pose:
     best: Solution[Pose] | None = None
     for start in [*reversed(fields), pose]:
         observe = fit.observer(problem.target, f"free, filter {width:g}")
+        if fit.many:
+            problem = near_expected_rotations(problem, start, RESIDUAL_WHILE_FAR)
         solution = gauss_newton(problem, start, fit.coarse_stopping(), observe)
         if best is None or solution.costs[-1] < best.costs[-1]:
             best = solution
+            fit.expected = start if problem.prior is not None else None
         evaluation = comparison.evaluate(best.state)
         misregistered = misfits(comparison, evaluation).misregistered_in_crowd
         if (misregistered & ~fit.cut & evaluation.patches.seen.any(axis=1)).mean() < MAX_MISREGISTERED_AT_START:

@@ -22,43 +22,25 @@ from grainmotion.objective.response_parameters import ResponseModel
 from grainmotion.projection.grain_arrays import GrainArrays, planar
 from grainmotion.solvers.gauss_newton import Solution, gauss_newton
 from grainmotion.solvers.stopping import Stopping
+from grainmotion.tracking import stage_stopping
+from grainmotion.tracking.expected_rotations import (
+    RESIDUAL_WHILE_FAR,
+    RESIDUAL_WHILE_NEAR,
+    near_expected_rotations,
+)
 from grainmotion.tracking.few_grains import MIN_GRAINS_IN_PARTS, freed, merged, placed_among
 from grainmotion.tracking.multiresolution import FREE_GRAIN_PIXELS, coarsened, coarsening
 from grainmotion.tracking.scene_target import target_of
 from grainmotion.tracking.settings import TrackSettings
+from grainmotion.tracking.stage_stopping import MAX_REJECTIONS, MAX_ROUNDS_OF_FEW
 from grainmotion.tracking.unseen import unseen_pixels
 
 FILTER_GRAIN_PIXELS = 45.0
 """Pixels across the grains on which the default filter widths were measured."""
-INITIAL_STOPPING = Stopping(iterations=20, step=0.1, decrease=0.05)
-"""For the stages that only bring all grains near."""
-COARSE_STOPPING = Stopping(iterations=8, step=0.02, decrease=0.1, straggler_distance=1.0)
-"""For stages that a narrower filter follows."""
 LIT_SHARE = 0.05
 """Share of the largest line integral from which a pixel shows the sample."""
-DECREASE_PER_UNKNOWN, DEFAULT_TOLERANCE = 3e-3, 2e-3
-"""Decrease of the cost, over one unknown's share of it, that ends the last stage at the default tolerance (voxels); it
-goes with the square of the tolerance."""
-PAUSE_DECREASE, PAUSE_RESIDUAL = 0.01, 0.05
-"""Share of the cost over several steps below which the last stage may pause, and the relative residual that it needs:
-0.004 to 0.016 where all grains fit, 0.1 where some are lost."""
-PAUSE_TRIALS_OF_MANY, STEPS_BEFORE_PAUSE_OF_MANY = 3, 3
-"""Steps over which a stage of many grains compares its costs to pause, and steps before that.  Of 800 smooth ellipsoids
-in 4 views, motions are off the truth by 0.0871 voxel and 6.1 degrees (median) there, and by 0.0859 voxel and 6.0
-degrees after 35 more (decision 0056)."""
-REST_VOXELS, MAX_FEW_SHARE, MAX_ROUNDS_OF_FEW = 0.025, 0.1, 3
-"""Where no more than this share of many grains moves further than these voxels in a step of the last stage, while some
-keep it from ending, those are solved for alone, the others fixed; so many times."""
-MAX_COARSE_STRAGGLERS = 0.01
-"""Share of many grains that may still move by a voxel when a stage that a narrower filter follows ends; there such a
-stage ends with the first step that does not lower the cost, too."""
-MAX_REJECTIONS = 2
-"""Steps of many grains, one after the other, that do not lower the cost, after which the last stage ends."""
-STRAGGLER_VOXELS, MAX_STRAGGLER_SHARE = 0.1, 1e-3
-"""No decrease ends the last stage while more than this share of the grains moves further than these voxels; those
-that still do are reported as moving."""
-
-
+MIN_FILTER_RATIO = 1.5
+"""Least width of a filter of many grains over that of the last one, for a stage of its own."""
 STAGES_OF_JUDGING = 4
 """Stages that follow the fit, as progress counts them: weak directions, weights, other poses, statuses."""
 USUAL_STEPS, REPORTED_PARTS = 4, 100
@@ -72,7 +54,8 @@ class MultistageFit:
     ``fine_grains`` are the same as ``grains`` on finer voxels, for the last stages; ``target`` is not yet filtered;
     ``costs`` hold the stage and the relative residual after each accepted step; ``levels`` are coarser grains and
     radiographs, by how many times coarser; ``seen`` is what the reference scan saw, ``cut (n,)`` are the grains that it
-    saw in part, and ``given_valid`` the pixels that count but for those that see what it did not.
+    saw in part, and ``given_valid`` the pixels that count but for those that see what it did not; ``expected`` is the
+    pose near which rotations of many grains are kept at first (`expected_rotations`).
     """
 
     settings: TrackSettings
@@ -86,6 +69,7 @@ class MultistageFit:
     seen: FieldOfView | None = None
     given_valid: NDArray[np.bool_] | None = None
     cut: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    expected: Pose | None = None
 
     @classmethod
     def of(
@@ -139,14 +123,19 @@ class MultistageFit:
         pixels = across / self.target.scan.geometry.pixel_at(self.grains.centers.mean(axis=0))
         return float(np.clip(pixels / FILTER_GRAIN_PIXELS, 0.3, 4.0))
 
+    def sigma_of(self, width: float) -> float:
+        """The filter of a ``width`` for these grains, pixels."""
+        return max(width * self.filter_scale, 0.7) if width >= 1 else width
+
     def filtered_target(self, width: float, response_model: ResponseModel | None = None) -> Target:
         """The radiographs under a filter of ``width`` pixels, scaled to the grains but for widths below 1.
 
         ``response_model`` are the unknowns of the response, by default those of early stages (`while_far`).
         """
-        sigma = max(width * self.filter_scale, 0.7) if width >= 1 else width
         return replace(
-            self.target, sigma=sigma, response_model=response_model or self.settings.response_model.while_far
+            self.target,
+            sigma=self.sigma_of(width),
+            response_model=response_model or self.settings.response_model.while_far,
         )
 
     def level(
@@ -185,44 +174,36 @@ class MultistageFit:
         self.stages_done += 1
         return observe
 
+    @property
+    def many(self) -> bool:
+        """Whether there are so many grains that their normal matrix is a product only."""
+        return len(self.grains) >= MIN_GRAINS_IN_PARTS
+
     def coarse_stopping(self, tolerance: float | None = None) -> Stopping:
         """Stopping criteria of a stage that a narrower filter follows."""
         tolerance = self.settings.tolerance if tolerance is None else tolerance
-        iterations = min(COARSE_STOPPING.iterations, self.settings.iterations)
-        stopping = replace(COARSE_STOPPING, iterations=iterations, step=max(tolerance, COARSE_STOPPING.step))
-        if len(self.grains) < MIN_GRAINS_IN_PARTS:
-            return stopping
-        return replace(stopping, stragglers=MAX_COARSE_STRAGGLERS, rejections=1, interpolate=True)
+        return stage_stopping.of_coarse_stage(self.settings.iterations, tolerance, self.many)
 
     def fine_stopping(self, tolerance: float | None = None) -> Stopping:
-        """Stopping criteria of a last stage: no grain moves further than the tolerance, or all by little of their sd.
-
-        ½‖r‖² over the number of pixels is the decrease by one unknown that moves by its standard deviation.
-        """
+        """Stopping criteria of a last stage."""
         tolerance = self.settings.tolerance if tolerance is None else tolerance
-        share = min(6 * len(self.grains) / max(lit_pixels(self.target), 1), 1.0)
-        decrease = DECREASE_PER_UNKNOWN * share * (tolerance / DEFAULT_TOLERANCE) ** 2
-        many = len(self.grains) >= MIN_GRAINS_IN_PARTS
-        return Stopping(
-            self.settings.iterations, tolerance, decrease, STRAGGLER_VOXELS, MAX_STRAGGLER_SHARE, interpolate=many
-        )
+        unknowns_per_pixel = 6 * len(self.grains) / max(lit_pixels(self.target), 1)
+        return stage_stopping.of_last_stage(self.settings.iterations, tolerance, unknowns_per_pixel, self.many)
 
     def pausing(self, stopping: Stopping, target: Target) -> Stopping:
-        """The criteria of a last stage that may end where it only creeps (decisions 0045 and 0056)."""
-        largest = 0.5 * PAUSE_RESIDUAL**2 * dot(target.measured, target.measured)
-        stopping = replace(stopping, pause=PAUSE_DECREASE, pause_cost=largest)
-        if len(self.grains) < MIN_GRAINS_IN_PARTS:
-            return stopping
-        return replace(
-            stopping, pause_trials=PAUSE_TRIALS_OF_MANY, pause_after=STEPS_BEFORE_PAUSE_OF_MANY, creeping=True
-        )
+        """The criteria of a last stage that may end where it only creeps."""
+        return stage_stopping.pausing(stopping, dot(target.measured, target.measured), self.many)
 
-    def held_stopping(self, target: Target) -> Stopping:
-        """Stopping criteria with weak directions held: many grains, of which some always creep, may pause."""
+    def held_stopping(self, target: Target, again: bool = False) -> Stopping:
+        """Stopping criteria with weak directions held: many grains, of which some always creep, may pause.
+
+        ``again`` is after some of them moved to another pose.
+        """
         stopping = self.fine_stopping()
-        if len(self.grains) < MIN_GRAINS_IN_PARTS:
+        if not self.many:
             return stopping
-        return replace(self.pausing(stopping, target), rejections=MAX_REJECTIONS)
+        stopping = replace(self.pausing(stopping, target), rejections=MAX_REJECTIONS)
+        return stage_stopping.again(stopping) if again else stopping
 
     def solve_free(
         self,
@@ -239,9 +220,14 @@ class MultistageFit:
         """
         settings, model = self.settings, self.settings.response_model
         filters = settings.filters if filters is None else filters
+        if may_pause and self.expected is not None:  # the last stage begins on coarser voxels, as the one before would
+            least = MIN_FILTER_RATIO * self.sigma_of(filters[-1])
+            filters = (*(width for width in filters[:-1] if self.sigma_of(width) >= least), filters[-1])
         for width in filters[:-1]:
             stage_model = model.while_far if width == settings.filters[0] else model.without_hardening
             problem = StateProblem(*self.level(width, stage_model))
+            if may_pause:
+                problem = self.near_expected(problem, RESIDUAL_WHILE_FAR)
             observe = self.observer(problem.target, f"{name}, filter {width:g}")
             pose = gauss_newton(problem, pose, self.coarse_stopping(tolerance), observe).state
         width = filters[-1]
@@ -250,22 +236,32 @@ class MultistageFit:
         stopping = self.fine_stopping(tolerance)
         if may_pause:
             stopping = self.pausing(stopping, problem.target)
-        if len(self.grains) < MIN_GRAINS_IN_PARTS:
+        if may_pause and self.expected is not None:
+            near = self.near_expected(replace(problem, grains=self.grains), RESIDUAL_WHILE_NEAR)
+            first = gauss_newton(near, pose, stage_stopping.of_first_steps(stopping), observe)
+            if first.paused and not problem.target.nuisance.moving_bodies:
+                return problem, first
+            pose = first.state
+        if not self.many:
             return problem, gauss_newton(problem, pose, stopping, observe)
         return problem, self._solve_in_parts(problem, pose, stopping, observe)
+
+    def near_expected(self, problem: StateProblem, residual: float) -> StateProblem:
+        """A problem with rotations kept near expected ones, if there are any; see `near_expected_rotations`."""
+        return problem if self.expected is None else near_expected_rotations(problem, self.expected, residual)
 
     def _solve_in_parts(
         self, problem: StateProblem, pose: Pose, stopping: Stopping, observe: Callable[[float], None]
     ) -> Solution[Pose]:
         """The last stage of many grains: while only few of them move, these alone."""
-        stopping = replace(stopping, rest=REST_VOXELS, few=MAX_FEW_SHARE, rejections=MAX_REJECTIONS)
+        stopping = stage_stopping.in_parts(stopping)
         solution = gauss_newton(problem, pose, stopping, observe)
         for _ in range(MAX_ROUNDS_OF_FEW):
             if solution.moving is None:
                 break
             rows = np.flatnonzero(solution.moving)
             part, some = freed(problem, solution.state, rows)
-            end = gauss_newton(part, some, stopping_of_few(stopping, len(rows) / len(self.grains)), observe)
+            end = gauss_newton(part, some, stage_stopping.of_few(stopping, len(rows) / len(self.grains)), observe)
             solution = gauss_newton(problem, merged(solution.state, end.state, rows), stopping, observe)
         return solution
 
@@ -276,7 +272,7 @@ class MultistageFit:
         settings, model, share = self.settings, self.settings.response_model, len(rows) / len(self.grains)
         for width in settings.filters[:-1]:
             stage_model = model.while_far if width == settings.filters[0] else model.without_hardening
-            stopping = stopping_of_few(self.coarse_stopping(tolerance), share)
+            stopping = stage_stopping.of_few(self.coarse_stopping(tolerance), share)
             part, some = freed(StateProblem(*self.level(width, stage_model)), pose, rows)
             observe = self.observer(part.target, f"{name}, filter {width:g}")
             pose = merged(pose, gauss_newton(part, some, stopping, observe).state, rows)
@@ -284,14 +280,8 @@ class MultistageFit:
         problem = StateProblem(self.fine_grains, self.filtered_target(width, model))
         part, some = freed(problem, pose, rows)
         observe = self.observer(part.target, f"{name}, filter {width:g}")
-        stopping = stopping_of_few(self.fine_stopping(tolerance), share)
+        stopping = stage_stopping.of_few(self.fine_stopping(tolerance), share)
         return problem, placed_among(problem, pose, gauss_newton(part, some, stopping, observe), rows)
-
-
-def stopping_of_few(stopping: Stopping, share: float) -> Stopping:
-    """The stopping criteria of a stage of all grains, for this share of them: costs are still those of all."""
-    decrease, stragglers = stopping.decrease * share, min(stopping.stragglers / share, 1.0)
-    return replace(stopping, decrease=decrease, stragglers=stragglers, few=0.0, pause=0.0, rejections=np.inf)
 
 
 def lit_pixels(target: Target) -> int:

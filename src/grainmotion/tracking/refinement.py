@@ -117,6 +117,11 @@ def refine(
     numbers, free_cost = weak.flags.sum(axis=1), before.free_cost if before else np.inf
     if before and prior is not None and (numbers <= before.weak_numbers)[moved].all():
         posterior, numbers = weak.posterior(), before.weak_numbers
+        if fit.many:  # fewer are settled by now
+            held = replace(problem, prior=prior)
+            observe = fit.observer(held.target, "weak directions held")
+            stopping = fit.held_stopping(held.target, again=True)
+            solution = gauss_newton(held, solution.state, stopping, observe)
     elif numbers.any():
         free_cost = min(free_cost, problem.cost(solution.state))
         new_prior = weak.prior(uncertain.hessian, field_pose)
@@ -124,7 +129,8 @@ def refine(
             new_prior = prior.replaced(new_prior, moved)
         held = replace(problem, prior=new_prior)
         observe = fit.observer(held.target, "weak directions held")
-        end = gauss_newton(held, solution.state, fit.held_stopping(held.target), observe)
+        stopping = fit.held_stopping(held.target, again=before is not None)
+        end = gauss_newton(held, solution.state, stopping, observe)
         # if the prior raises the cost by more, the radiographs determine more than the covariances show
         if problem.cost(end.state) < MAX_PRIOR_COST_RATIO * free_cost:
             solution, posterior, prior = end, weak.posterior(), held.prior
