@@ -54,3 +54,24 @@ def test_no_core():
     faint, noise = deficits(np.ones((2, 2, 2)), np.zeros((2, 2, 2), np.float32))
     assert not faint.any()
     assert noise == 0.0
+
+
+def test_a_layer_in_which_all_grains_are_fainter_is_no_valley():
+    """Two layers of grains; all of the lower one, and one grain of the upper one, are fainter half-way up."""
+    shape = (40, 160, 160)
+    distance = np.full(shape, 5.0, np.float32)
+    distance[19:21] = distance[:, ::20] = distance[:, :, ::20] = 0
+    level = np.where(distance > 0, 1.0, 0.0).astype(np.float32)
+    level[8:12] -= 0.05
+    level[28:32, 41:60, 41:60] -= 0.05
+    level[distance == 0] = 0
+
+    def measured(blurred):
+        valleys = Valleys.of(lambda block, reach: block.gather(level, reach, 0), distance, Work(), blurred)
+        faint = np.zeros(shape, np.float32)
+        for block in blocks_of(shape):
+            faint[block.box] = valleys.deficits(block)[1:-1, 1:-1, 1:-1]
+        return faint[10, 50, 50], faint[30, 50, 50], faint[30, 90, 90]
+
+    np.testing.assert_allclose(measured(False), [0.05, 0.05, 0.0], atol=3e-4)
+    np.testing.assert_allclose(measured(True), [0.0, 0.05, 0.0], atol=2e-3)

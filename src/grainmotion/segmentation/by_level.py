@@ -147,7 +147,7 @@ def _excess(array: Floats, levels: Levels, around: NDArray[np.int8], level: int,
         smooth = smooth_block(block.gather(array, reach + len(weights) - 1), weights)
         return np.where(solid, (smooth - low) / np.where(solid, values[level] - low, np.float32(1)), np.float32(0))
 
-    return Heights(array.shape, gather)
+    return Heights(array.shape, gather, blurred=levels.blurred)
 
 
 def _noise(excess: Heights, solid: Bools, work: Work) -> float:

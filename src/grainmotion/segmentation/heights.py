@@ -26,16 +26,19 @@ class Heights:
         Values of a block and of some voxels more on each side, 0 beyond the volume: ``gather(block, reach)``.
     array : array, optional
         The values, if they exist already.
+    blurred : bool
+        Whether layers of grains are blurred along z (`blurred_gaps`).
     """
 
     shape: tuple[int, ...]
     gather: Callable[[Block, int], Floats]
     array: NDArray[np.floating] | None = None
+    blurred: bool = False
 
     @classmethod
-    def of(cls, array: NDArray[np.floating]) -> Heights:
+    def of(cls, array: NDArray[np.floating], blurred: bool = False) -> Heights:
         """Those of an array."""
-        return cls(array.shape, lambda block, reach: block.gather(array, reach, 0), array)
+        return cls(array.shape, lambda block, reach: block.gather(array, reach, 0), array, blurred)
 
     def whole(self, work: Work) -> NDArray[np.floating]:
         """The values as an array, which is made each time: it takes 4 bytes a voxel."""

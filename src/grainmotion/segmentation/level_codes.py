@@ -83,17 +83,18 @@ def level_codes(
     told: Sequence[tuple[float, float]],
     beyond: BeyondField | None,
     work: Work,
-) -> tuple[Codes, float]:
-    """Number of each uniform voxel's level from 1 on, 0 elsewhere; and the range that noise causes, 1/mm."""
+) -> tuple[Codes, float, bool]:
+    """Number of each uniform voxel's level from 1 on, 0 elsewhere; the range that noise causes, 1/mm; blurred gaps."""
     smooth = smoothed(array, SMOOTHING, work)
     air = _air(smooth, work)
     threshold = max(threshold - air, 0.0)
     noise = _noise(smooth, air + threshold / 4, work)
     uniform = _Uniform(smooth, air, noise)
     if told:
-        return _told_codes(uniform, told, work), noise
+        return _told_codes(uniform, told, work), noise, False
     ranges = _LevelRanges.of(uniform, threshold, beyond, work)
-    return ranges.codes(uniform, beyond, work), noise
+    codes, blurred = ranges.codes(uniform, beyond, work)
+    return codes, noise, blurred
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +155,7 @@ class _LevelRanges:
         limits[present] = np.maximum(MAX_STEP_SHARE * np.minimum(steps[:-1], steps[1:]), noise)
         return cls(bounds, limits.astype(np.float32), typical, bins)
 
-    def codes(self, uniform: _Uniform, beyond: BeyondField | None, work: Work) -> Codes:
+    def codes(self, uniform: _Uniform, beyond: BeyondField | None, work: Work) -> tuple[Codes, bool]:
         """Number of each uniform voxel's level from 1 on, 0 of small and blurred levels, with thin and dense parts."""
         out, top = large_zeros(uniform.smooth.shape, np.uint8), len(self.bounds)
 
@@ -176,13 +177,15 @@ class _LevelRanges:
         few = voxels < MIN_LEVEL_SHARE * voxels.sum()
         if top and not few.all() and voxels[-1] and not few[-1]:
             self._add_dense(out, uniform, THIN_AND_DENSE * self.bins.quantile(counts[-1], 0.5), beyond, work)
+        blurred = False
         for level in np.flatnonzero(~few[:-1]).tolist():
             tenths = [self.bins.quantile(counts[level], share) for share in (0.1, 0.5, 0.9)]
             few[level] = is_blurred_gap(out, level + 2, tenths, work)
+            blurred |= bool(few[level])
         kept[2:-1][few] = 0
         if few.any():
             work.each(blocks_of(out.shape), lambda block: out.__setitem__(block.box, kept[out[block.box]]))
-        return out
+        return out, blurred
 
     def _smeared(self, level: NDArray[np.int8], rise: Floats, beyond: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Voxels beyond the field of none of the levels that were found within it."""

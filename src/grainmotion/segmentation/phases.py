@@ -30,6 +30,8 @@ from grainmotion.segmentation.uniform_cores import UniformCores
 Floats = NDArray[np.floating]
 Bools = NDArray[np.bool_]
 
+PASSES_OF_A_LIQUID = 60
+"""Passes through a volume in which it is found out whether a level is a liquid, about."""
 SURFACE = 2
 """Voxels around a label that are its own blurred surface."""
 LABELLED = 0.1
@@ -75,11 +77,14 @@ class Levels:
         "air", "liquid", "solid" (grains or bodies), or what was told.
     of_voxel : (nz, ny, nx) int8 array
         Number of each voxel's level.
+    blurred : bool
+        Whether there are blurred gaps between layers of grains besides.
     """
 
     values: NDArray[np.float64]
     kinds: tuple[str, ...]
     of_voxel: NDArray[np.int8]
+    blurred: bool = False
 
     @property
     def solids(self) -> tuple[int, ...]:
@@ -115,8 +120,8 @@ def find_levels(
     told: Sequence[PhaseSettings] = (),
     beyond: BeyondField | None = None,
     work: Work | None = None,
-) -> Levels | None:
-    """Levels of a volume.
+) -> tuple[Levels | None, bool]:
+    """Levels of a volume, and whether gaps between layers of grains are blurred in it.
 
     Parameters
     ----------
@@ -133,15 +138,18 @@ def find_levels(
 
     Returns
     -------
-    Levels or None
+    levels : Levels or None
         None if there are no two levels above the lowest, so that one threshold separates all there is.
+    blurred : bool
+        See `blurred_gaps`; such gaps are no level.
     """
     if told and all(phase.kind != "air" for phase in told):
         told = (PhaseSettings("air", 0.0), *told)
     work = work or Work()
     cores = UniformCores.of(array, threshold, [phase.bounds for phase in told], beyond, work)
     if len(cores.levels) < 3 and not told:
-        return None
+        return None, cores.blurred
+    work.begin("places of the levels", 45, 10)
     regions, count, own = flooded(array, cores, work), len(cores.levels), cores.level_of
     neighbours = Neighbours.of(regions, len(own) - 1, work)
     hosts = own if told else inclusion_hosts(cores, neighbours)
@@ -152,13 +160,14 @@ def find_levels(
     if told:
         kinds, level_of = tuple(str(told[k].kind) for k in cores.told), own
     else:
+        work.begin("liquids", 60, PASSES_OF_A_LIQUID * (count - 2))
         liquid = liquid_levels(array, looked_up(own.astype(np.int8), both, work), cores.levels, work)
         kinds = tuple("air" if k == 0 else "liquid" if k in liquid else "solid" for k in range(count))
         level_of = np.where(np.isin(hosts, (0, *liquid)), own, hosts)  # an inclusion in a solid belongs to it
     of_voxel = looked_up(level_of.astype(np.int8), both, work)
     del both
     of_voxel = without_shells(array, of_voxel, cores.levels, work)
-    return Levels(cores.levels, kinds, of_voxel)
+    return Levels(cores.levels, kinds, of_voxel, cores.blurred), cores.blurred
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,5 +259,5 @@ def find_phases(volume: Volume, labels: NDArray[np.integer], told: Sequence[Phas
     own, work = checked_labels(labels, volume.shape).astype(np.int32, copy=False), Work()
     grains = volume.array[own > 0]
     threshold = float(grains.mean()) / 2 if len(grains) else float(threshold_otsu(volume.array))
-    levels = find_levels(volume.array, threshold, told, beyond_field(volume), work)
+    levels, _ = find_levels(volume.array, threshold, told, beyond_field(volume), work)
     return None if levels is None else phase_map(volume.array, levels, own, work)

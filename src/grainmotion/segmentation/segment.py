@@ -144,10 +144,10 @@ def segment(
         raise InputError("segment.threshold", fact, "give a threshold, or check the scan")
     del solid  # found again where one threshold is enough
     work.begin("phases", 40, 14)
-    levels = None
+    levels, blurred = None, False
     if min(volume.shape) > 1 and (settings.phases or settings.threshold is None):
-        levels = find_levels(volume.array, threshold, settings.phases, beyond_field(volume), work)
-    work.begin("distances and watershed", 85, 25)
+        levels, blurred = find_levels(volume.array, threshold, settings.phases, beyond_field(volume), work)
+    work.begin("distances and watershed", 85, 32)
     labels = None
     if levels is not None:
         pieces = Pieces.of(volume.array, levels, settings, work)
@@ -155,7 +155,7 @@ def segment(
             labels, threshold = pieces.labels, levels.half_way(pieces.level_of[1:])
     if labels is None:
         solid = _above(volume.array, threshold, work)
-        labels = separated(Heights.of(volume.array), solid, threshold, settings, work)
+        labels = separated(Heights.of(volume.array, blurred), solid, threshold, settings, work)
         del solid
         large_enough(labels, settings, work)
     work.begin("bodies", 99, 12)

@@ -119,7 +119,7 @@ def _graph(
 ) -> tuple[BasinGraph, NDArray[np.int64]]:
     """The graph of the cores' basins with their deficits, and the voxels of each basin."""
     count, noise, lock = len(peaks) - 1, np.zeros(NOISE_BINS, np.int64), threading.Lock()
-    valleys = Valleys.of(level.at, distance, work)
+    valleys = Valleys.of(level.at, distance, work, level.heights.blurred)
 
     def marks(block: Block) -> NDArray[np.int32]:
         deficits = valleys.deficits(block)

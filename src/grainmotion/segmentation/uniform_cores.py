@@ -48,6 +48,8 @@ class UniformCores:
         Range of 27 smoothed neighbours that noise alone causes, 1/mm.
     told : tuple of int
         Of each level the number of the phase that was told.
+    blurred : bool
+        Whether there are gaps between layers of grains that the scan blurs; they are no cores.
     """
 
     components: Components
@@ -56,6 +58,7 @@ class UniformCores:
     levels: NDArray[np.float64]
     noise: float
     told: tuple[int, ...] = ()
+    blurred: bool = False
 
     @classmethod
     def of(
@@ -87,7 +90,7 @@ class UniformCores:
             With one level if nothing rises above air.
         """
         work = work or Work()
-        codes, noise = level_codes(array, threshold, told, beyond, work)
+        codes, noise, blurred = level_codes(array, threshold, told, beyond, work)
         components = Components.of(codes, work)
         kept = components.sizes >= MIN_CORE_VOXELS
         order = np.flatnonzero(kept)[np.argsort(components.codes[kept], kind="stable")]
@@ -97,7 +100,8 @@ class UniformCores:
         found, level_of = np.unique(components.codes[order], return_inverse=True)
         levels = [median(work, array, codes, int(code)) for code in found]
         level_of = np.concatenate([[0], level_of]).astype(np.intp)
-        return cls(components, numbers, level_of, np.array(levels), noise, tuple(int(code) - 1 for code in found))
+        phases = tuple(int(code) - 1 for code in found)
+        return cls(components, numbers, level_of, np.array(levels), noise, phases, blurred)
 
     def labels(self, work: Work) -> Ints:
         """The core of each voxel, 0 for none."""
