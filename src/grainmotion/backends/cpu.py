@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from grainmotion._typing import Float, Image, Index
 from grainmotion.backends.base import BackendArray, Grains, ImageStacks, PatchBackend, Settings
+from grainmotion.backends.image_sums import in_precision
 from grainmotion.kernels import filters, grain_projection, normal_equations, stretched_grain_projection
 from grainmotion.kernels.layout import GrainTable, PatchTable, ViewTable
 from grainmotion.model.compact_volume import CompactVoxels
@@ -80,7 +81,7 @@ class CpuBackend:
     def add_patches(self, values: BackendArray, patches: PatchTable, shape: tuple[int, int, int]) -> Image:
         images = np.zeros(shape)  # sums of single numbers are exact in double precision, whatever their order
         grain_projection.add_patches(values, patches.boxes, patches.offsets, images)
-        return images.astype(values.dtype, copy=False)
+        return in_precision(images, values.dtype)
 
     def filter_images(self, images: Image, kernel: Image) -> None:
         filters.filter_images(images, _as_precise(kernel, images))
@@ -105,7 +106,7 @@ class CpuBackend:
             some = increments[k : k + STACKS_AT_ONCE]
             images = np.empty((len(some), *shape))
             normal_equations.jvp(derivatives, *tables, some, images)
-            stacks += list(images.astype(derivatives.dtype, copy=False))
+            stacks += list(in_precision(images, derivatives.dtype))
         return stacks
 
     def gram_blocks(self, derivatives: BackendArray, patches: PatchTable, pairs: Index, first: Index) -> Float:

@@ -19,6 +19,7 @@ import numpy as np
 from grainmotion._typing import Float, Image, Index
 from grainmotion.backends.base import BackendArray, Grains, ImageStacks, PatchBackend, Settings
 from grainmotion.backends.cpu import CPU
+from grainmotion.backends.image_sums import in_precision
 from grainmotion.cluster import tracking_tasks
 from grainmotion.cluster.executor import Executor
 from grainmotion.cluster.remote_arrays import RemoteArray, RemoteSum, Split, Voxels, added_up, ends_of
@@ -144,7 +145,7 @@ class DaskBackend:
         strips = values.each(tracking_tasks.add_up, like=[(shape[0], shape[2])] * len(values.pieces))
         for strip in self.executor.results(added_up(self.executor, strips)):
             strip.add_to(images[None])
-        return images.astype(values.dtype, copy=False)
+        return in_precision(images, values.dtype)
 
     def filter_images(self, images: Image, kernel: Image) -> None:
         CPU.filter_images(images, kernel)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from grainmotion._typing import Image, Index
+from grainmotion.backends.image_sums import in_precision
 from grainmotion.cluster import tracking_tasks
 from grainmotion.cluster.executor import Executor
 from grainmotion.kernels.layout import PatchTable, patch_table
@@ -63,7 +64,7 @@ class RemoteSum:
         out = np.zeros(self.shape)
         for part in self.executor.results(added_up(self.executor, self.parts)):
             part.add_to(out)
-        return out.astype(self.dtype)
+        return in_precision(out, self.dtype)
 
     def meeting(self, rows: tuple[int, int]) -> list[Delayed]:
         """The parts that have some of these rows; one at least."""

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from grainmotion._typing import Float, Image, Index
 from grainmotion.backends.base import BackendArray, Grains, ImageStacks, PatchBackend, Settings
 from grainmotion.backends.cpu import CPU
+from grainmotion.backends.image_sums import in_precision
 from grainmotion.cluster.team import Team
 from grainmotion.cluster.tracking_tasks import ImageStrip, below, rows_of
 from grainmotion.kernels import grain_projection, normal_equations
@@ -99,12 +100,12 @@ class TeamSum:
         """The sums in this member's rows."""
         parts = self._in_order(self.team.exchange(self._rows_for))
         first, end = self.shares.rows[self.team.rank]
-        out = self.part.images.astype(self.dtype)
+        out = in_precision(self.part.images, self.dtype)
         for low, high in self._common_rows(first, end):
             sums = np.zeros((*self.shape[:2], high - low, self.shape[3]))
             for member, images in parts:
                 ImageStrip(max(self.shares.rows[member][0], first), images).add_to(sums, low)
-            out[:, :, low - first : high - first] = sums
+            out[:, :, low - first : high - first] = in_precision(sums, self.dtype)
         return out
 
     @cached_property
@@ -113,7 +114,7 @@ class TeamSum:
         out = np.zeros(self.shape)
         for member, images in self._in_order(self.team.exchange(lambda _: self.part.images)):
             ImageStrip(self.shares.rows[member][0], images).add_to(out)
-        return out.astype(self.dtype)
+        return in_precision(out, self.dtype)
 
     def _common_rows(self, first: int, end: int) -> list[tuple[int, int]]:
         """Runs of this member's rows that others have, too."""

@@ -12,6 +12,7 @@ import numpy as np
 
 from grainmotion._typing import Float, Image, Index
 from grainmotion.backends.cpu import CPU
+from grainmotion.backends.image_sums import in_precision
 from grainmotion.cluster.shared_store import StoredImages, StoredObject
 from grainmotion.cluster.worker_threads import use_worker_threads
 from grainmotion.kernels import grain_projection, normal_equations
@@ -145,7 +146,7 @@ def _stacks(images: Images, patches: PatchTable, precision: np.dtype[np.floating
         total = np.zeros((1, *out.shape[1:]))
         for part in images:
             ImageStrip(part.first, part.images[stack : stack + 1]).add_to(total, first)
-        out[stack] = total[0]
+        out[stack] = in_precision(total[0], precision)
     return out, below(patches, first)
 
 
