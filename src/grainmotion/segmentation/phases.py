@@ -154,7 +154,8 @@ def find_levels(
     neighbours = Neighbours.of(regions, len(own) - 1, work)
     hosts = own if told else inclusion_hosts(cores, neighbours)
     kinds_of = np.unique(own * count + hosts, return_inverse=True)
-    both = looked_up(kinds_of[1].astype(np.int16), regions, work)  # of each voxel its own level and its host's
+    number = np.min_scalar_type(len(kinds_of[0]))
+    both = looked_up(kinds_of[1].astype(number), regions, work)  # of each voxel its own level and its host's
     del regions
     own, hosts = np.divmod(kinds_of[0], count)
     if told:
