@@ -35,7 +35,7 @@ DRAWN_STEPS_DEG = np.array([0.0, 15.0, 40.0, 90.0])  # angles from view 0 of the
 BYTES_OF_PROGRAM = 0.44e9  # Python, the libraries and the compiled kernels
 BYTES_PER_VOXEL = 60  # volume, labels, distances and grown labels in segmentation; grains and their patches in tracking
 BYTES_OF_VOLUMES = 12  # of those: a volume, its last change and its labels, or what segmentation keeps of it
-BYTES_BEFORE_COMPACT, BYTES_PER_COMPACT_VOXEL, BYTES_PER_COMPACT_PIXEL = 0.25e9, 18, 6  # where grains are many
+BYTES_BEFORE_COMPACT, BYTES_PER_COMPACT_VOXEL, BYTES_PER_COMPACT_PIXEL = 0.25e9, 11, 6  # where grains are many
 BYTES_PER_REFERENCE_PIXEL = 8  # radiographs of the reference scan and their residuals
 
 

@@ -6,8 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 from skimage.filters import threshold_otsu
 
+from grainmotion.model.progress import counted
+
 OTSU_BINS = 256
 """Bins of the histogram, as in scikit-image."""
+VALUES_COUNTED_TOGETHER = 1 << 24
+"""Values after which progress is told."""
 
 
 def otsu(array: NDArray[np.floating]) -> float:
@@ -23,5 +27,10 @@ def otsu(array: NDArray[np.floating]) -> float:
     float
         In the unit of the values.
     """
-    counts, edges = np.histogram(array.reshape(-1), OTSU_BINS)
+    flat = array.reshape(-1)
+    parts = [flat[first : first + VALUES_COUNTED_TOGETHER] for first in range(0, len(flat), VALUES_COUNTED_TOGETHER)]
+    span = min(part.min() for part in counted(parts)), max(part.max() for part in counted(parts))
+    counts, edges = np.zeros(OTSU_BINS, np.int64), np.histogram_bin_edges(flat[:1], OTSU_BINS, span)
+    for part in counted(parts):
+        counts += np.histogram(part, edges)[0]
     return float(threshold_otsu(hist=(counts, (edges[1:] + edges[:-1]) / 2)))
