@@ -43,7 +43,7 @@ def each(function: Callable[[Item], Result], items: Iterable[Item]) -> list[Resu
 def each_at_hand(function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
     """As `each`, of items that are large beside the work: shared only among those who have all of them already."""
     mapper = _MAPPER.get() if _HAVE_ALL.get() else None
-    return [function(item) for item in items] if mapper is None else mapper(function, items)
+    return [function(item) for item in counted(items)] if mapper is None else mapper(function, items)
 
 
 def is_shared() -> bool:
