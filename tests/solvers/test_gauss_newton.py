@@ -560,13 +560,16 @@ def test_interpolation_leaves_exact_models_as_they_are():
     np.testing.assert_allclose(interpolated.state, known.optimum, atol=1e-6)
 
 
-def test_no_two_normal_matrices_of_many_unknowns_are_held_at_once(monkeypatch):
+@pytest.mark.parametrize(("bending", "refused"), [(0.2, False), (-0.2, True)])
+def test_no_two_normal_matrices_of_many_unknowns_are_held_at_once(monkeypatch, bending, refused):
+    """Also after a step that did not lower the cost, when that at its start is made again."""
     monkeypatch.setattr(block_cg, "MAX_DENSE_UNKNOWNS", 0)
-    held, most = set(), []
+    held, most, states = set(), [], []
 
     @dataclass(frozen=True, eq=False)
     class Counted(LeastSquares):
         def linearize(self, state: Array) -> Linearization:
+            states.append(state.tobytes())
             at = super().linearize(state)
             matrix = sparse.bsr_array(np.asarray(at.hessian), blocksize=(6, 6))
             held.add(id(matrix))
@@ -576,7 +579,11 @@ def test_no_two_normal_matrices_of_many_unknowns_are_held_at_once(monkeypatch):
 
     rng = np.random.default_rng(2)
     A, bend = rng.normal(size=(30, 12)), rng.normal(size=(30, 12))
-    problem = Counted(lambda x: A @ x + 0.2 * (bend @ x) ** 2 - 1, lambda x: A + 0.4 * (bend @ x)[:, None] * bend)
-    gauss_newton(problem, np.full(12, 2.0), Stopping(iterations=12, step=1e-9))
+    start = np.full(12, 2.0 if bending > 0 else 0.05)
+    problem = Counted(
+        lambda x: A @ x + bending * (bend @ x) ** 2 - 1, lambda x: A + 2 * abs(bending) * (bend @ x)[:, None] * bend
+    )
+    gauss_newton(problem, start, Stopping(iterations=12, step=1e-9))
     assert len(most) > 4
+    assert (len(set(states)) < len(states)) == refused
     assert max(most) == 1

@@ -188,7 +188,7 @@ def gauss_newton(
             if observe is not None:
                 observe(cost)
         else:
-            rejected += 1
+            trial, rejected = None, rejected + 1
             given_up = rejected >= stopping.rejections and len(costs) > 1
             ended, moving = (last and moving is None) or damping > 1e6 or given_up, None
             settled = ended and bool(np.isfinite(before))
