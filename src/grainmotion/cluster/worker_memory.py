@@ -14,7 +14,7 @@ COPIES_OF_SLAB, BYTES_OF_NUMBER = 5, 4
 """Of a slab in progress: image and the one before, the copies that an update makes of both, and the corrections."""
 SHARE_OF_ROWS = 1.15
 """Rows of pixels that all slabs need, over those of the panel: those of a cone overlap."""
-BYTES_PER_VOXEL_OF_FEW, BYTES_OF_MANY, BYTES_PER_VOXEL_OF_MANY = 50, 0.45e9, 18
+BYTES_PER_VOXEL_OF_FEW, BYTES_OF_MANY, BYTES_PER_VOXEL_OF_MANY = 50, 0.45e9, 14.5
 """Of a voxel of the volume: all grains' own voxels, and their patches; where grains are many their finer voxels are
 kept compactly, and those of a batch of grains are made at a time."""
 
