@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from grainmotion.io.results import StoredReference, write_reference
+from grainmotion.model.progress import listening
 from grainmotion.model.volume import Volume
 from grainmotion.segmentation.settings import SegmentSettings
 from grainmotion.workflow import reference_stages
@@ -30,3 +31,12 @@ def test_a_large_volume_leaves_the_memory_while_grains_are_tracked(file, monkeyp
     assert len(reference.released().grains) == 2
     assert ("stored" in vars(reference)) == (largest > 0)
     assert reference.stored.volume.array.max() == 0.5
+
+
+def test_reading_and_cutting_are_told(file):
+    """Where a run goes on from stored results they may be the longest of what it does first."""
+    told = []
+    with listening(lambda message, done, total: told.append(message)):
+        assert len(SegmentedReference(file, SegmentSettings()).grains) == 2
+    steps = list(dict.fromkeys(message.split(" (")[0] for message in told))
+    assert steps == ["segment: reading the volume and its labels", "segment: cutting the grains"]

@@ -14,7 +14,7 @@ from grainmotion.diagnosis.labels import grains_in_doubt
 from grainmotion.io.results import StoredReference, read_reference, write_reference
 from grainmotion.model.finding import Finding, Level
 from grainmotion.model.grains import GrainSet
-from grainmotion.model.progress import prefixed
+from grainmotion.model.progress import begin, prefixed
 from grainmotion.reconstruction.grid_growth import GROWN_REMEDY
 from grainmotion.reconstruction.reconstruct import reconstruct
 from grainmotion.segmentation.border import cut_labels
@@ -50,6 +50,7 @@ class SegmentedReference:
     @cached_property
     def stored(self) -> StoredReference:
         """Volume and labels."""
+        begin("segment: reading the volume and its labels")
         return load_result(read_reference, self.file)
 
     def released(self) -> SegmentedReference:
@@ -70,6 +71,7 @@ class SegmentedReference:
         """The grains that are tracked."""
         stored = self.stored
         assert stored.labels is not None
+        begin("segment: cutting the grains")
         segmentation = Segmentation(stored.labels, stored.threshold, stored.border)
         return extract_grains(stored.volume, segmentation, self.settings, cut=self.cut)
 
@@ -115,7 +117,6 @@ def segment_stage(context: RunContext, reference: Callable[[], StoredReference])
         stored = StoredReference(stored.volume, stored.residuals, labels, threshold, border, phases=segmentation.phases)
         segmented = SegmentedReference(path, settings, cut)
         segmented.stored = stored
-        context.notify("segment: cutting the grains")
         scene = segmented.grains.scene  # extracted now: if that fails, the old result is kept
         segmented.stored = replace(segmented.stored, scene=scene)
         return segmented
