@@ -20,6 +20,7 @@ from grainmotion.model.compact_volume import CompactVolume, CompactVoxels
 from grainmotion.model.geometry import Geometry
 from grainmotion.model.grains import Grain, GrainSet
 from grainmotion.model.pose import Pose
+from grainmotion.model.progress import counted
 from grainmotion.model.task_map import each_at_hand
 from grainmotion.model.volume import Volume
 
@@ -154,7 +155,7 @@ class GrainArrays:
         if factor == 1:
             return self
         images, shapes = [], []
-        for row, shape in enumerate(self.shapes):
+        for row, shape in enumerate(counted(self.shapes)):
             inner = self.voxels_of(row).reshape(shape)
             images.append(np.pad(block_reduce(inner, factor, np.mean), PADDING))
             shapes.append(images[-1].shape)
