@@ -122,7 +122,8 @@ def approach(job: Job) -> Approach:
         misregistered = misregistered_grains(judged, at.state) & ~fit.cut
         if misregistered.any() and solution.paused:  # they may only have been on their way
             observe = fit.observer(problem.target, "free, to the end")
-            solution = gauss_newton(problem, solution.state, fit.fine_stopping(), observe)
+            stopping = fit.held_stopping(problem.target)  # thousands may pause once more
+            solution = gauss_newton(problem, solution.state, stopping, observe)
             judged, at = with_body_edges_discounted(fit, problem, solution)
             misregistered = misregistered_grains(judged, at.state) & ~fit.cut
     return Approach(fit, start, fields, problem, solution, misregistered, fluid)

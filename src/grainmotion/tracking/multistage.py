@@ -195,7 +195,7 @@ class MultistageFit:
         return stage_stopping.pausing(stopping, dot(target.measured, target.measured), self.many)
 
     def held_stopping(self, target: Target, again: bool = False) -> Stopping:
-        """Stopping criteria with weak directions held: many grains, of which some always creep, may pause.
+        """Stopping criteria once all grains are near: many, of which some always creep, may pause.
 
         ``again`` is after some of them moved to another pose.
         """
