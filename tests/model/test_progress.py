@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from grainmotion.model import progress
-from grainmotion.model.progress import SHARES, Listener, begin, counted, detail, listening, without_detail
+from grainmotion.model.progress import SHARES, Listener, begin, counted, detail, listening, reached, without_detail
 
 
 @pytest.fixture
@@ -148,3 +148,15 @@ def test_one_listener_is_not_put_into_another():
         assert inner is outer
     with listening(None) as nobody:
         assert nobody is None
+
+
+def test_a_loop_of_unknown_length_tells_how_far_it_has_come(reports):
+    begin("solving")
+    for _ in counted(range(2)):
+        for number in (1, 3):
+            reached(number / (number + 1))
+    assert shares(reports) == [0, 0, 0.25, 0.375, 0.5, 0.75, 0.875]
+
+
+def test_nothing_happens_where_nobody_listens():
+    reached(0.5)

@@ -133,6 +133,13 @@ def counted(items: Iterable[T], total: int | None = None) -> Iterator[T]:
                 _PART.set(part)
 
 
+def reached(share: float) -> None:
+    """Report that so much of the part in hand is done, 0 to 1, where nobody knows how many turns it takes."""
+    part = _PART.get()
+    if part is not None:
+        part.listener.inside(part.share(share, share).first)
+
+
 def begin(message: str, done: int = 0, total: int = 1) -> None:
     """Report a step where no ``progress`` is at hand, if anybody listens."""
     part = _PART.get()

@@ -7,7 +7,9 @@ over the patches: J x as radiographs, and Jᵀ of these.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,8 +17,12 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from grainmotion._typing import Float
+from grainmotion.model.progress import reached
 from grainmotion.projection.jacobian import PatchJacobian
 from grainmotion.solvers.block_cg import MAX_DENSE_UNKNOWNS
+
+USUAL_PRODUCTS = 20
+"""Products of a solve, about: after as many progress has come half of its way."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,6 +31,7 @@ class PatchNormalMatrix:
 
     jacobian: PatchJacobian
     added: Float | None = None
+    _numbers: Iterator[int] = field(default_factory=lambda: itertools.count(1), init=False)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -41,6 +48,8 @@ class PatchNormalMatrix:
 
     def __matmul__(self, x: Float) -> Float:
         """JᵀJ x of ``(6n,)`` or of columns ``(6n, k)``."""
+        number = next(self._numbers)
+        reached(number / (number + USUAL_PRODUCTS))
         each = x.reshape(len(self.jacobian), 6, -1).transpose(2, 0, 1)
         parts = self.jacobian.vjp(self.jacobian.jvp(each))
         out = np.stack([self.jacobian.by_grain(part) for part in parts])

@@ -9,7 +9,6 @@ import numpy as np
 from scipy import sparse
 
 from grainmotion._typing import Float
-from grainmotion.model.progress import counted
 from grainmotion.solvers.semidefinite import damped_solver, unresolved_information
 
 MAX_DENSE_UNKNOWNS = 600
@@ -83,7 +82,7 @@ def conjugate_gradients(
     inverses, residual = np.linalg.inv(blocks), b.reshape(len(b), -1).astype(float)
     x, direction, previous = np.zeros_like(residual), np.zeros_like(residual), np.ones(residual.shape[1])
     target = tolerance * np.linalg.norm(residual, axis=0)
-    for step in counted(range(max_iterations)):
+    for step in range(max_iterations):
         active = np.flatnonzero(np.linalg.norm(residual, axis=0) > target)
         if not len(active):
             break
