@@ -150,6 +150,14 @@ def test_one_listener_is_not_put_into_another():
         assert nobody is None
 
 
+def test_what_follows_begins_anew(reports):
+    """As reading of a volume, and then the cutting of its grains: each is one step of its own."""
+    for message in ("reading", "cutting"):
+        begin(message)
+        list(counted(range(2)))
+    assert shares(reports) == [0, 0, 0.5] * 2
+
+
 def test_a_loop_of_unknown_length_tells_how_far_it_has_come(reports):
     begin("solving")
     for _ in counted(range(2)):

@@ -41,9 +41,9 @@ class Listener:
 
     def __call__(self, message: str, done: int, total: int) -> None:
         """A step begins."""
-        _, before, of = self.step
+        last, before, of = self.step
         self.width = done - before if of == total and done > before else 1
-        if of != total or done < before:
+        if of != total or done < before or (total == 1 and message != last):  # something else begins
             self.furthest = 0
         self.step, self.told = (message, done, total), time.monotonic()
         self.share, self.what, self.within = 0.0, "", (0.0, 1.0)
