@@ -87,7 +87,7 @@ def both():
 @pytest.mark.parametrize("rows", [range(27), [5, 20, 5, 1]])
 def test_projections_are_the_same_to_the_bit_in_any_batches(both, rows, monkeypatch):
     whole, compact = (arrays.select(list(rows)) for arrays in both)
-    monkeypatch.setattr(cpu, "VOXELS_OF_A_PART", 3 * int(compact.shapes[0].prod()))
+    monkeypatch.setattr(cpu, "MAX_VOXELS_OF_A_PART", 3 * int(compact.shapes[0].prod()))
     geometry, pose = many.views(3), many.still(len(whole))
     patches = footprint_patches(whole, pose, geometry)
     arguments = pose, geometry, patches, "trilinear"
