@@ -136,7 +136,7 @@ class StageCache:
 
 def _name(path: Path) -> str:
     """The absolute name of a file, without links; of its folder these are followed once a process."""
-    there = _folder(path.parent) / path.name
+    there = _folder(path.parent.absolute()) / path.name
     return str(there.resolve() if there.is_symlink() else there)
 
 
