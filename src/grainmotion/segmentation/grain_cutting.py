@@ -6,19 +6,16 @@ workers, and neither grown labels nor finer voxels are ever made of the whole vo
 
 from __future__ import annotations
 
-import itertools
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion.kernels.layout import PADDING
 from grainmotion.model.compact_volume import CompactVolume
 from grainmotion.model.grains import Grain
+from grainmotion.model.thread_map import made_by_threads
 from grainmotion.model.volume import Volume
 from grainmotion.segmentation.label_growth import grown_crop
 from grainmotion.segmentation.label_refinement import Box, fine_cut, placed, surroundings, widened
@@ -71,25 +68,14 @@ def cut_grains(
     Grain or None
         None if the label holds no attenuation.
     """
-    threads = numba.get_num_threads()
 
-    def surrounded() -> Iterator[tuple[Volume, NDArray[np.integer], int, CutSettings]]:
-        for label, box in boxes:
-            around = needed(box, volume.shape, settings)
-            crop = placed_crop(volume.array[around], volume.origin, volume.voxel_size, around)
-            yield crop, labels[around], label, settings
+    def cut(boxed: Boxed) -> Grain | None:
+        label, box = boxed
+        around = needed(box, volume.shape, settings)
+        crop = placed_crop(volume.array[around], volume.origin, volume.voxel_size, around)
+        return cut_grain(crop, labels[around], label, settings)
 
-    if threads < 2:
-        yield from itertools.starmap(cut_grain, surrounded())
-        return
-    ahead = deque[Future[Grain | None]]()
-    with ThreadPoolExecutor(threads) as pool:
-        for each in surrounded():
-            ahead.append(pool.submit(cut_grain, *each))
-            if len(ahead) > threads:
-                yield ahead.popleft().result()
-        while ahead:
-            yield ahead.popleft().result()
+    return made_by_threads(cut, boxes)
 
 
 def needed(box: tuple[slice, ...], shape: tuple[int, ...], settings: CutSettings) -> Box:
