@@ -145,7 +145,8 @@ class GrainSet(Summarised):
         GrainSet
             The other grains, in the same scene.
         """
-        return replace(self, grains=tuple(g for k, g in enumerate(self.grains) if k not in rows))
+        gone = set(rows)
+        return replace(self, grains=tuple(g for k, g in enumerate(self.grains) if k not in gone))
 
     @property
     def background(self) -> Volume | None:

@@ -37,7 +37,8 @@ class Target:
     pixels, None if equal, and ``discount`` is a factor on them, at most 1, where the model's errors are alike over many
     pixels (None: nowhere); ``backend`` filters radiographs; ``fluid (views, rows, columns)`` are line integrals of
     a liquid as if no grain were in it (None: there is none), and ``fluid_columns`` derivatives of all line integrals by
-    its unknowns, which enter linearly.
+    its unknowns, which enter linearly.  ``other_squares (views, rows, columns)`` are ΣP² of grains that are none of
+    the problem's, as their small misfits stay in the radiographs (None: there are none).
     """
 
     scan: Scan
@@ -53,6 +54,7 @@ class Target:
     backend: PatchBackend = CPU
     fluid: Image | None = None
     fluid_columns: tuple[Image, ...] = ()
+    other_squares: Image | None = None
 
     @property
     def precision(self) -> np.dtype[np.floating]:

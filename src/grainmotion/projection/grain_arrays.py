@@ -71,11 +71,17 @@ class GrainArrays:
         """The same grains, to be projected by a backend if it accepts them."""
         heights, relative_size = self.centers[:, 2], self.voxel_size / self.unit
         if self.compact is not None and not backend.takes_compact_voxels:
-            images, starts = self.compact.written(np.arange(len(self.compact.volumes)))
-            return replace(self, images=images, starts=starts[self.starts], compact=None).on(backend)
+            return self.written().on(backend)
         voxels = self.images if self.compact is None else self.compact
         accepted, placed = backend.place_voxels(voxels, self.starts, heights, relative_size)
         return replace(self, backend=accepted, placed=placed)
+
+    def written(self) -> GrainArrays:
+        """The same grains with voxels in single precision, where they are kept compactly."""
+        if self.compact is None:
+            return self
+        images, starts = self.compact.written(np.arange(len(self.compact.volumes)))
+        return replace(self, images=images, starts=starts[self.starts], compact=None, placed=None)
 
     def table(self, pose: Pose) -> GrainTable:
         """The grains at a pose, as kernels take them."""

@@ -155,7 +155,7 @@ def _without_a_weak_one(job: Job, rest: _Rest, census: Census) -> _Rest | None:
 
 def _of_rows(job: Job, rows: NDArray[np.int64], start: Motions, fields: bool) -> _Rest:
     """Some of the grains after the first stages from a start."""
-    others = [k for k in range(len(job.grains)) if k not in set(rows.tolist())]
+    others = np.setdiff1d(np.arange(len(job.grains)), rows).tolist()
     some = replace(job, grains=job.grains.without(others), start=start, settings=replace(job.settings, fields=fields))
     return _Rest(rows, some, approach(some))
 
@@ -222,4 +222,4 @@ def _completed(job: Job, result: Attempt, motions: Motions, places: dict[int, Fl
         reasons[row] = ELSEWHERE_REASON.format(place=f"x = {x:.3g}, y = {y:.3g}, z = {z:.3g}")
     supports = np.zeros(len(job.grains))
     supports[np.isin(job.grains.labels, result.motions.labels)] = result.supports
-    return Attempt(replace(motions, statuses=statuses, reasons=tuple(reasons)), supports, result.residual)
+    return Attempt(replace(motions, statuses=statuses, reasons=tuple(reasons)), supports, result.residual, result.new)

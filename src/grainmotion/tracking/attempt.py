@@ -28,12 +28,13 @@ from grainmotion.tracking.ellipsoids_beside import (
     refitted_beside,
     with_ellipsoids_discounted,
 )
+from grainmotion.tracking.expected_rotations import RESIDUAL_WHILE_NEAR
 from grainmotion.tracking.fluid_fit import FluidTracker
 from grainmotion.tracking.global_search import SearchResult, search
 from grainmotion.tracking.hardened_response import with_hardening
 from grainmotion.tracking.initial_guess import initialise, smooth_fields
 from grainmotion.tracking.missing_grains import grain_supports
-from grainmotion.tracking.multistage import MultistageFit
+from grainmotion.tracking.multistage import MAX_SOUGHT, MultistageFit
 from grainmotion.tracking.refinement import align_views, refine
 from grainmotion.tracking.settings import TrackSettings
 from grainmotion.tracking.strain_stages import solve_strained, start_strained
@@ -43,7 +44,11 @@ from grainmotion.uncertainty.goodness_of_fit import misregistered_grains
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """Input of one attempt; ``new`` are ellipsoids for grains that the reference does not have."""
+    """Input of one attempt.
+
+    ``new`` are ellipsoids for grains that the reference does not have, ``other_squares`` those of line integrals of
+    grains beside these in the sample (see `Target`), and ``most_sought`` how many are sought at once.
+    """
 
     grains: GrainSet
     scan: Scan
@@ -52,21 +57,29 @@ class Job:
     progress: Progress | None
     device: Device | PatchBackend | None
     new: tuple[Ellipsoid, ...] = ()
+    other_squares: Image | None = None
+    most_sought: int = MAX_SOUGHT
 
     def fit(self) -> MultistageFit:
         """A fit that is about to start."""
         fit = MultistageFit.of(self.grains, self.scan, self.settings, self.progress, self.device)
+        fit.target, fit.most_sought = replace(fit.target, other_squares=self.other_squares), self.most_sought
         add_ellipsoids(fit, self.new)
         return fit
 
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """Motions, how far the radiographs support each grain ``(n,)``, and the residual radiographs."""
+    """Motions, how far the radiographs support each grain ``(n,)``, and the residual radiographs.
+
+    ``new`` are the ellipsoids of new grains as they fit in the end, ``pieces`` the line integrals of broken grains.
+    """
 
     motions: Motions
     supports: Float
     residual: Image | None = None
+    new: tuple[Ellipsoid, ...] = ()
+    pieces: Image | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +136,8 @@ def approach(job: Job) -> Approach:
         if misregistered.any() and solution.paused:  # they may only have been on their way
             observe = fit.observer(problem.target, "free, to the end")
             stopping = fit.held_stopping(problem.target)  # thousands may pause once more
-            solution = gauss_newton(problem, solution.state, stopping, observe)
+            near = fit.near_expected(problem, RESIDUAL_WHILE_NEAR)  # rotations that views hardly show would run away
+            solution = gauss_newton(near, solution.state, stopping, observe)
             judged, at = with_body_edges_discounted(fit, problem, solution)
             misregistered = misregistered_grains(judged, at.state) & ~fit.cut
     return Approach(fit, start, fields, problem, solution, misregistered, fluid)
@@ -174,7 +188,7 @@ def finish(job: Job, near: Approach) -> Attempt:
         residual = refined.evaluation.raw_residual
         valid = fit.target.scan.valid
         residual = residual if valid is None else np.where(valid, residual, np.nan)
-    return Attempt(motions, np.array([support.share for support in supports]), residual)
+    return Attempt(motions, np.array([support.share for support in supports]), residual, new)
 
 
 def unsolved(grains: GrainSet, error: np.linalg.LinAlgError) -> Attempt:

@@ -15,14 +15,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from grainmotion._typing import Float
+from grainmotion._typing import Float, Image
 from grainmotion.model.grains import Grain, GrainSet
 from grainmotion.model.motions import Motions, Status
 from grainmotion.model.pose import Pose
 from grainmotion.model.state_fit import PieceMotion
 from grainmotion.model.volume import Volume
 from grainmotion.objective.residual import StateProblem
-from grainmotion.projection.grain_arrays import ball_directions
+from grainmotion.projection.footprints import footprint_patches
+from grainmotion.projection.grain_arrays import GrainArrays, ball_directions
+from grainmotion.projection.grains import assemble, project_patches
 from grainmotion.rotations import rotation_vector, skew_matrix
 from grainmotion.solvers.gauss_newton import gauss_newton
 from grainmotion.solvers.stopping import Stopping
@@ -99,7 +101,18 @@ def _with_halves(job: Job, near: Approach, first: Attempt) -> Attempt | None:
     found = finish(halved, approach(halved))
     motions = _of_whole_grains(job.grains, cut, found.motions)
     gained = registered(motions).sum() + (motions.statuses == Status.BROKEN.value).sum()
-    return Attempt(motions, np.ones(len(motions))) if gained > registered(first.motions).sum() else None
+    if gained <= registered(first.motions).sum():
+        return None
+    return Attempt(motions, np.ones(len(motions)), new=found.new, pieces=_image_of_pieces(halved, cut, found.motions))
+
+
+def _image_of_pieces(job: Job, cut: _Cut, found: Motions) -> Image:
+    """Line integrals of all pieces ``(views, rows, columns)``."""
+    rows, geometry = sorted(cut.whole), job.scan.geometry
+    pieces = GrainArrays.of(replace(cut.grains, grains=tuple(cut.grains.grains[k] for k in rows)), fine=True)
+    pose = Pose(np.nan_to_num(found.translations[rows]), np.nan_to_num(found.matrices[rows]))
+    patches = footprint_patches(pieces, pose, geometry)
+    return assemble(project_patches(pieces, pose, geometry, patches, job.settings.projector), patches, geometry)
 
 
 def _better_cut(job: Job, cut: _Cut, bad: NDArray[np.int64], uncut: float) -> _Cut | None:

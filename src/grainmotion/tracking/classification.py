@@ -23,6 +23,7 @@ from grainmotion.solvers.semidefinite import pseudo_inverse
 from grainmotion.tracking.body_motions import body_motions
 from grainmotion.tracking.cut_grains import cut_by_panel, cut_reason
 from grainmotion.tracking.deformed_grains import find_deformations
+from grainmotion.tracking.few_grains import MIN_GRAINS_IN_PARTS, with_neighbours
 from grainmotion.tracking.missing_grains import GrainSupport, grain_supports
 from grainmotion.tracking.multistage import pixels_per_unknown
 from grainmotion.tracking.refinement import RefinedFit
@@ -62,7 +63,8 @@ def classify(
     misregistered = fits.misregistered
     cut = grains.cut
     cut_now = ~cut & cut_by_panel(problem, solution.state, evaluation)
-    disturbed = (misregistered & ~cut & ~cut_now).any() & ~misregistered & (fits.shares > MAX_DISTURBED_MISFIT)
+    disturbed = _beside(problem, solution.state, misregistered & ~cut & ~cut_now) & ~misregistered
+    disturbed &= fits.shares > MAX_DISTURBED_MISFIT
     coverage, moving = evaluation.patches.seen.mean(axis=1), _still_moving(problem, solution, refined.posterior)
     supports = grain_supports(problem, solution.state) if misregistered.any() else [GrainSupport()] * n
     bent = find_deformations(problem, solution.state, evaluation, misregistered)
@@ -109,6 +111,13 @@ def classify(
         _state_fit(grains, refined, costs, notes),
         usable[:, 0], usable[:, 1], strains, strain_covariances,
     )  # fmt: skip
+
+
+def _beside(problem: StateProblem, pose: Pose, bad: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Grains ``(n,)`` that one which fits badly may have shifted: all in a small sample, its neighbours in a large."""
+    if len(bad) < MIN_GRAINS_IN_PARTS or not bad.any():
+        return np.full(len(bad), bad.any())
+    return np.isin(np.arange(len(bad)), with_neighbours(problem, pose, np.flatnonzero(bad)))
 
 
 def _sparse_note(problem: StateProblem) -> tuple[str, ...]:

@@ -13,8 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from grainmotion._typing import Image
 from grainmotion.model.pose import Pose
 from grainmotion.model.state_fit import NewGrain
+from grainmotion.objective.data_term import Target
+from grainmotion.objective.evaluation import Evaluation
 from grainmotion.objective.residual import StateProblem
 from grainmotion.solvers.gauss_newton import Solution, gauss_newton
 from grainmotion.tracking.ellipsoids import Ellipsoid, ellipsoid_images, fit_ellipsoids
@@ -70,7 +73,15 @@ def with_ellipsoids_discounted(
     """The problem and its solution with less weight in the shadows of ellipsoids."""
     if not found:
         return problem, solution
-    target, evaluation = problem.target, problem.evaluate(solution.state)
+    target = problem.target
+    discount = shadow_discount(target, problem.evaluate(solution.state), found)
+    problem = replace(problem, target=replace(target, discount=discount))
+    observe = fit.observer(problem.target, "shadows of new grains discounted")
+    return problem, gauss_newton(problem, solution.state, fit.fine_stopping(), observe)
+
+
+def shadow_discount(target: Target, evaluation: Evaluation, found: Sequence[Ellipsoid]) -> Image:
+    """The discount of pixels ``(views, rows, columns)``, of the target and in the shadows of ellipsoids."""
     geometry, squares = target.scan.geometry, evaluation.raw_residual.astype(float) ** 2
     shadows = [_widened(ellipsoid_images([one], geometry) > 0) for one in found]
     shaded = shaded_pixels(target, evaluation)
@@ -83,9 +94,7 @@ def with_ellipsoids_discounted(
         discount[shadow] = np.minimum(discount[shadow], 1 / (1 + CORRELATION * excess / max(even, 1e-30)))
     if target.discount is not None:
         discount *= target.discount
-    problem = replace(problem, target=replace(target, discount=discount.astype(target.precision)))
-    observe = fit.observer(problem.target, "shadows of new grains discounted")
-    return problem, gauss_newton(problem, solution.state, fit.fine_stopping(), observe)
+    return discount.astype(target.precision)
 
 
 def _widened(shadow: NDArray[np.bool_]) -> NDArray[np.bool_]:

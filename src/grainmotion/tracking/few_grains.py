@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from grainmotion.backends.cpu import CPU
 from grainmotion.model.pose import Pose
@@ -56,12 +57,11 @@ def placed_among(problem: StateProblem, pose: Pose, end: Solution[Pose], rows: N
     return Solution(state, (problem.cost(state),), last_step, end.settled)
 
 
-def with_neighbours(problem: StateProblem, pose: Pose, rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """``rows`` and the grains next to theirs at a pose."""
+def with_neighbours(
+    problem: StateProblem, pose: Pose, rows: NDArray[np.int64], diameters: float = NEIGHBOUR_DIAMETERS
+) -> NDArray[np.int64]:
+    """``rows`` and the grains within so many median diameters of theirs at a pose."""
     places = problem.grains.centers + pose.translations
-    reach = NEIGHBOUR_DIAMETERS * 2 * float(np.median(problem.grains.radii))
-    near = np.zeros(len(places), dtype=bool)
-    for row in rows:
-        near |= np.linalg.norm(places - places[row], axis=1) < reach
-    near[rows] = True
-    return np.flatnonzero(near)
+    reach = diameters * 2 * float(np.median(problem.grains.radii))
+    near = cKDTree(places).query_ball_point(places[rows], reach)
+    return np.unique(np.concatenate([rows, *near])).astype(np.int64)

@@ -24,7 +24,7 @@ from grainmotion.solvers.gauss_newton import Solution
 from grainmotion.tracking.few_grains import MIN_GRAINS_IN_PARTS, with_neighbours
 from grainmotion.tracking.multistage import MultistageFit, pixels_per_unknown
 from grainmotion.tracking.simulated_annealing import SearchRanges, anneal
-from grainmotion.uncertainty.goodness_of_fit import misregistered_grains, response_corrected_scan
+from grainmotion.uncertainty.goodness_of_fit import misfits, misregistered_grains, response_corrected_scan
 
 ANNEAL_ALL_SHARE = 0.3
 """Share of badly fitting grains from which all are annealed, and the fitted gain is not trusted."""
@@ -113,6 +113,7 @@ def search(
         around = field_pose
         if ranges.max_rotation < widest and tried % 2 == 0:  # the widest ones confirm, and must be independent
             around = affine_field_through(best.pose, fit.grains, field_pose)
+        rows = worst_of(best, rows, fit.most_sought) if few else rows
         start = _annealed(fit, around, best, rows, ranges, seed=tried)
         if few and len(fit.grains) >= MIN_GRAINS_IN_PARTS:  # the others are in their places
             some = with_neighbours(best.problem, start, np.flatnonzero(rows))
@@ -183,6 +184,15 @@ def affine_field_through(pose: Pose, grains: GrainArrays, field_pose: Pose) -> P
         distances = np.linalg.norm(pose.translations - fitted, axis=1)
         weights = 1.0 / np.maximum(distances, SAME_PLACE_VOXELS * grains.unit)
     return field_pose.moved(fitted, field_pose.matrices)
+
+
+def worst_of(best: _Placement, rows: NDArray[np.bool_], most: int) -> NDArray[np.bool_]:
+    """The grains among ``rows (n,)`` that fit worst, so many at ``most``."""
+    if rows.sum() <= most:
+        return rows
+    fits = misfits(best.problem, best.problem.evaluate(best.pose))
+    shares = np.where(rows, np.nan_to_num(fits.shares, nan=np.inf), -np.inf)
+    return rows & (shares >= np.sort(shares)[-most])
 
 
 def _annealed(

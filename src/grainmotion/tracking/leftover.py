@@ -34,6 +34,8 @@ RADIUS_PIXELS = 5.0
 """Least radius of a grain in coarse pixels."""
 MIN_MASS = 0.35
 """Mass over a usual one below which an ellipsoid is dropped."""
+MAX_USUAL_GRAINS = 1000
+"""Grains from which the usual radius and attenuation are taken, at most."""
 MAX_REACH_RADII = 60.0
 """Half the width of a sample in which new grains are sought, in grain radii."""
 HALF_WAY = 0.8
@@ -46,8 +48,7 @@ usual one, from which two are tried: 0.35 to 0.75 where two stones touch, 0.92 w
 def usual_of(fit: MultistageFit, spread: float = 0.3) -> Usual:
     """Medians of the grains of a fit; the radius is that of a ball of the median mass."""
     grains = fit.grains
-    sizes = grains.shapes.prod(axis=1)
-    images = [grains.images[start : start + size] for start, size in zip(grains.starts, sizes, strict=True)]
+    images = [grains.voxels_of(row) for row in range(0, len(grains), -(-len(grains) // MAX_USUAL_GRAINS))]
     masses = [float(image.sum(dtype=float)) for image in images]
     inside = np.concatenate([image[image > 0] for image in images])
     attenuation = float(np.median(inside)) if len(inside) else 0.0

@@ -68,6 +68,7 @@ def coarsened(target: Target, factor: int, margin: tuple[int, int] | NDArray[np.
         sigma=target.sigma / factor,
         weights=None,
         discount=None,
+        other_squares=None,
         bodies=tuple(body.coarsened(factor) for body in target.bodies),
         fluid=fluid,
         fluid_columns=tuple(column for column in columns if column is not None),

@@ -41,6 +41,8 @@ LIT_SHARE = 0.05
 """Share of the largest line integral from which a pixel shows the sample."""
 MIN_FILTER_RATIO = 1.5
 """Least width of a filter of many grains over that of the last one, for a stage of its own."""
+MAX_SOUGHT = 8
+"""Grains that are sought at once where few fit badly, the worst of them: each takes 3 s, and disturbs others."""
 STAGES_OF_JUDGING = 4
 """Stages that follow the fit, as progress counts them: weak directions, weights, other poses, statuses."""
 USUAL_STEPS, REPORTED_PARTS = 4, 100
@@ -55,7 +57,8 @@ class MultistageFit:
     ``costs`` hold the stage and the relative residual after each accepted step; ``levels`` are coarser grains and
     radiographs, by how many times coarser; ``seen`` is what the reference scan saw, ``cut (n,)`` are the grains that it
     saw in part, and ``given_valid`` the pixels that count but for those that see what it did not; ``expected`` is the
-    pose near which rotations of many grains are kept at first (`expected_rotations`).
+    pose near which rotations of many grains are kept at first (`expected_rotations`); ``most_sought`` are the grains
+    that are sought at once where few fit badly.
     """
 
     settings: TrackSettings
@@ -70,6 +73,7 @@ class MultistageFit:
     given_valid: NDArray[np.bool_] | None = None
     cut: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
     expected: Pose | None = None
+    most_sought: int = MAX_SOUGHT
 
     @classmethod
     def of(

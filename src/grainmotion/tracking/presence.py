@@ -192,6 +192,7 @@ def bounded_least_squares(gram: sparse.csr_array, products: Float, start: Float,
 
 def scaled(grains: GrainArrays, amplitudes: Float) -> GrainArrays:
     """The grains with their attenuation multiplied by amplitudes ``(n,)``."""
+    grains = grains.written()
     sizes = grains.shapes.prod(axis=1)
     images = grains.images.copy()
     for start, size, amplitude in zip(grains.starts, sizes, amplitudes, strict=True):

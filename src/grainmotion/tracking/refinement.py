@@ -138,7 +138,7 @@ def refine(
             posterior = weak.posterior()
         elif solution.paused:
             observe = fit.observer(problem.target, "free, to the end")
-            solution = gauss_newton(problem, solution.state, fit.fine_stopping(), observe)
+            solution = gauss_newton(problem, solution.state, fit.held_stopping(problem.target), observe)
     corrections_sd = None
     if problem.target.nuisance.views:
         views = len(problem.target.scan)

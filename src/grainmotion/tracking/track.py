@@ -27,21 +27,11 @@ from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions, Status
 from grainmotion.model.scan import Scan
 from grainmotion.preprocessing.flat_field import refuse_counts
-from grainmotion.tracking.absent_grains import without_absent
-from grainmotion.tracking.attempt import Attempt, Job, approach, attempt, finish, unsolved
+from grainmotion.tracking.attempt import Job, approach, finish, unsolved
 from grainmotion.tracking.best_start import Start, best_start, with_start_residuals
-from grainmotion.tracking.broken_grains import with_broken
-from grainmotion.tracking.missing_grains import (
-    MAX_GRAINS_ALL_TRIED,
-    MAX_SINGLE_SUSPECTS,
-    complete,
-    improves,
-    merit,
-    registered,
-    suspects,
-)
-from grainmotion.tracking.new_grains import beside_new_grains, with_undisturbing
+from grainmotion.tracking.crowds import best_trial_of_crowd, is_crowd
 from grainmotion.tracking.settings import PAPER, TrackSettings
+from grainmotion.tracking.trials import Trial, best_trial
 
 __all__ = ["PAPER", "TrackSettings", "track", "track_with_residual"]
 
@@ -49,8 +39,6 @@ __all__ = ["PAPER", "TrackSettings", "track", "track_with_residual"]
 MIN_FAILED_SHARE = 0.8
 """Share of grains that failed from which a common cause is looked for."""
 FAILED = tuple(status.value for status in (Status.NOT_CONVERGED, Status.LEFT_FIELD, Status.NOT_FITTED))
-EXPLAINED = (Status.ABSENT.value, Status.BROKEN.value)
-"""Statuses that say why a grain has no motion as a whole."""
 
 
 @renamed_arguments(start="initial")
@@ -124,29 +112,19 @@ def track_with_residual(
     They are None if the last fit simulated a grain whose motion is not reported, or a stand-in for a new one.
     """
     scan = grains.scene.hardening.apply(scan)
-    first: Attempt | None = None
     with threadpool_limits(limits=1, user_api="blas"):  # its matrices are small, and kernels use all cores
         job, start_residuals = _started(Job(grains, scan, None, settings or TrackSettings(), progress, device), start)
         try:
-            for trial, near in beside_new_grains(job, approach(job)):
-                found = without_absent(trial, near) or finish(trial, near)
-                found = with_broken(trial, near, found) or found
-                if first is None or registered(found.motions).sum() > registered(first.motions).sum():
-                    job, first = trial, found
-                if (registered(first.motions) | np.isin(first.motions.statuses, EXPLAINED)).all():
-                    break
-            if first is not None:
-                first = with_undisturbing(job, first)
+            near = approach(job)
+            if is_crowd(near):
+                found = best_trial_of_crowd(job, near)
+            else:
+                found = best_trial(job, near, None if near.misregistered.any() else finish(job, near))
         except np.linalg.LinAlgError as error:  # ends one attempt, not the run
-            first = first or unsolved(job.grains, error)
-        assert first is not None
-        explained = np.isin(first.motions.statuses, EXPLAINED).any()
-        best = first if explained else _without_missing(job, first)
-        chosen, motions = first, first.motions
-        if registered(best.motions).sum() > registered(first.motions).sum():
-            chosen, motions = best, complete(best.motions, grains)
-        motions = with_start_residuals(_with_likely_cause(job, motions), start_residuals)
-        return motions, chosen.residual
+            failed = unsolved(job.grains, error)
+            found = Trial(job, failed, failed.motions)
+        motions = with_start_residuals(_with_likely_cause(found.job, found.motions), start_residuals)
+        return motions, found.attempt.residual
 
 
 def _started(job: Job, start: Start) -> tuple[Job, tuple[float, ...]]:
@@ -172,22 +150,3 @@ def _with_likely_cause(job: Job, motions: Motions) -> Motions:
     notes = tuple(f"{f.fact} ({f.evidence}); {f.remedy}" for f in found)
     motions = replace(motions, fit=replace(motions.fit, notes=(*notes, *motions.fit.notes)))
     return with_common_cause(motions, common_cause(motions, known=found))
-
-
-def _without_missing(job: Job, first: Attempt) -> Attempt:
-    """The best attempt without grains that seem to be missing; the first one if none is better."""
-    settings, present, best = job.settings, job.grains, first
-    while settings.search and (missing := suspects(best.motions, best.supports)):
-        start, trial_settings = job.start, settings
-        if len(present) > MAX_GRAINS_ALL_TRIED:  # the rest of a large sample is near its place
-            start = best.motions
-            trial_settings = replace(settings, fields=False, filters=settings.filters[1:] or settings.filters)
-        elif len(missing) > MAX_SINGLE_SUSPECTS:  # the right trial needs no search
-            trial_settings = replace(settings, search=False)
-        trials = [replace(job, grains=present.without(rows), start=start, settings=trial_settings) for rows in missing]
-        attempts = [attempt(trial) for trial in trials]
-        k = max(range(len(attempts)), key=lambda k: merit(attempts[k].motions))
-        if not improves(attempts[k].motions, best.motions):
-            break
-        present, best = trials[k].grains, attempts[k]
-    return best

@@ -110,6 +110,8 @@ def misfits(problem: StateProblem, evaluation: Evaluation) -> Misfits:
     """
     values, boxes = np.asarray(evaluation.values), evaluation.patches.boxes
     squares = assemble(values**2, evaluation.patches, problem.target.scan.geometry)
+    if problem.target.other_squares is not None:
+        squares += problem.target.other_squares
     images = problem.target.trust, evaluation.raw_residual, squares, pixel_variances(problem.target, evaluation)
     parts = [range(k, min(k + PATCHES_AT_ONCE, len(boxes))) for k in range(0, len(boxes), PATCHES_AT_ONCE)]
     sums = np.zeros((len(problem.grains), 6))
