@@ -88,8 +88,9 @@ def best_trial_of_crowd(job: Job, near: Approach) -> Trial:
 class _Crowd:
     """A large sample whose badly fitting grains are judged.
 
-    ``told`` are the motions of parts in which broken and absent grains are, by row of the sample; ``there`` are rows of
-    grains that were left out and came back, ``tried`` of those in the middle of parts of which all trials were made.
+    ``told`` are the motions of parts in which broken grains are, by row of the sample; ``absent`` are rows of grains
+    that seem to be absent, ``there`` of those that were left out and came back, ``tried`` of those in the middle of
+    parts of which all trials were made.
     """
 
     crowd: CrowdFit
@@ -252,7 +253,8 @@ class _Crowd:
         found = trial.motions
         good = registered(found)
         self.crowd.take(rows[good], some(_pose_of(found), np.flatnonzero(good)))
-        self.told |= {int(row): found for row in rows[np.isin(found.statuses, EXPLAINED)]}
+        self.absent |= set(rows[found.statuses == Status.ABSENT.value].tolist())  # to be asked in the end
+        self.told |= {int(row): found for row in rows[found.statuses == Status.BROKEN.value]}
         self.pieces += found.fit.pieces
         self.crowd.add(part.image(self.crowd.fit.target, trial.attempt), trial.attempt.new)
 
