@@ -12,6 +12,7 @@ labels are true.  What follows measures the tracking alone.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -130,8 +131,8 @@ def copies(n: int, seed: int = 0) -> list[Copy]:
     return [found[k] for k in np.sort(np.argsort(out, kind="stable")[:n])]
 
 
-def crowd(n: int, seed: int = 0) -> Crowd:
-    """``n`` stones, their grains, and a later state of them."""
+def crowd(n: int, seed: int = 0, absent: Collection[int] = ()) -> Crowd:
+    """``n`` stones, their grains, and a later state of them, without those of the rows ``absent``."""
     chosen = copies(n, seed)
     spots = np.array([c.center for c in chosen])
     radius = max(float(np.linalg.norm(spots[:, :2], axis=1).max()), float(np.abs(spots[:, 2]).max()))
@@ -145,7 +146,8 @@ def crowd(n: int, seed: int = 0) -> Crowd:
         ANGLES_DEG, (across, across), 4 * VOXEL, source_to_axis=distance, source_to_detector=4 * distance
     )
     moved = _motions(whole, seed)
-    scan = record_line_integrals(whole.moved(moved), views, Physics(photons=PHOTONS), seed + 1000)
+    there = tuple(p for k, p in enumerate(whole.moved(moved).particles) if k not in absent)
+    scan = record_line_integrals(Sample(there), views, Physics(photons=PHOTONS), seed + 1000)
     grains = [c.grain(label, attenuation) for label, c in enumerate(chosen, start=1)]
     store_contiguously(grains)
     return Crowd(GrainSet(tuple(grains)), scan, moved, width)

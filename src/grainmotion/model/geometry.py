@@ -285,13 +285,13 @@ class Geometry(Summarised):
         depth = (ray * normals).sum(1) / (self.rays * normals).sum(1)
         return float((size * depth).mean())
 
-    def window(self, first: tuple[int, int], shape: tuple[int, int]) -> Geometry:
+    def window(self, first: tuple[int, int] | NDArray[np.integer], shape: tuple[int, int]) -> Geometry:
         """The same views on another part of the panels' planes.
 
         Parameters
         ----------
-        first : (int, int)
-            Row and column of its first pixel on this panel; may be negative.
+        first : (int, int) or (views, 2) int array
+            Row and column of its first pixel on this panel, of all views or of each; may be negative.
         shape : (int, int)
             Rows and columns of the window, which may be larger than the panel.
 
@@ -300,9 +300,9 @@ class Geometry(Summarised):
         Geometry
             Views of ``shape`` pixels.
         """
-        down, right = (f + (new - old) / 2 for f, new, old in zip(first, shape, self.shape, strict=True))
+        middle = np.atleast_2d(first) + (np.array(shape) - self.shape) / 2
         vectors = self.vectors.copy()
-        vectors[:, 3:6] += right * self.u + down * self.v
+        vectors[:, 3:6] += middle[:, 1:] * self.u + middle[:, :1] * self.v
         return Geometry(vectors, shape, self.beam)
 
     def binned(self, factor: int) -> Geometry:

@@ -31,6 +31,9 @@ from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.projection.grains import assemble, difference_patches, differentiate_in_place, project_in_place
 from grainmotion.projection.jacobian import PatchJacobian
 
+MIN_SLOPE = 0.1
+"""Least derivative of the detector's response by which a residual is divided."""
+
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
@@ -58,6 +61,14 @@ class Evaluation:
     def cost(self) -> float:
         """½‖r‖²."""
         return 0.5 * dot(self.residual, self.residual)
+
+    @property
+    def left_path(self) -> Image:
+        """Line integrals that the radiographs hold beside those that are simulated, as a perfect detector shows them.
+
+        Where the response hardly rises, noise is no line integral.
+        """
+        return self.raw_residual / np.maximum(self.response.derivative(self.line_integrals), MIN_SLOPE)
 
     def grain_pixels(self, *images: Image, part: range | None = None) -> Iterator[tuple[int, Float, list[Image]]]:
         """Of each patch: the grain, its own line integrals in double precision, and those pixels of some images.

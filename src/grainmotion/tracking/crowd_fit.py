@@ -19,7 +19,6 @@ from grainmotion.tracking.ellipsoids_beside import shadow_discount
 from grainmotion.tracking.few_grains import with_neighbours
 from grainmotion.tracking.global_search import ATTEMPT_TOLERANCE
 from grainmotion.tracking.multistage import MultistageFit
-from grainmotion.tracking.parts_of_crowds import MIN_SLOPE
 from grainmotion.tracking.presence import count
 from grainmotion.uncertainty.goodness_of_fit import Misfits, misfits
 
@@ -167,10 +166,9 @@ class CrowdFit:
         """How much of the shadows of grains of ``rows``, which are left out, the others leave over, over their own."""
         evaluation = self.problem.evaluate(self.own_pose)
         path = evaluation.line_integrals
-        left = evaluation.raw_residual / np.maximum(evaluation.response.derivative(path), MIN_SLOPE)
         target = replace(
             self.fit.filtered_target(AMPLITUDE_FILTER), fixed_background=path, bodies=(), nuisance=GRAINS_ONLY,
-            discount=None, scan=replace(self.fit.target.scan, line_integrals=path + left),
+            discount=None, scan=replace(self.fit.target.scan, line_integrals=path + evaluation.left_path),
         )  # fmt: skip
         return count(self.near.fit.grains.select(rows).on(target.backend), target, pose).amplitudes
 

@@ -27,8 +27,6 @@ PART_DIAMETERS = 2.0
 """Grain diameters from the middle one within which grains belong to a part: some 40."""
 MARGIN_DIAMETERS = 1.0
 """How far windows reach beyond the shadows of a part, as its grains may be sought so far away."""
-MIN_SLOPE = 0.1
-"""Least derivative of the detector's response by which a residual is divided."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,10 +74,9 @@ class Whole:
     def at(cls, job: Job, problem: StateProblem, pose: Pose) -> Whole:
         """Simulate and compare the whole sample once."""
         evaluation = problem.evaluate(pose)
-        slope = np.maximum(evaluation.response.derivative(evaluation.line_integrals), MIN_SLOPE)
         values = np.asarray(evaluation.values)
         squares = assemble(values**2, evaluation.patches, problem.target.scan.geometry)
-        return cls(job, problem, pose, evaluation.raw_residual / slope, squares)
+        return cls(job, problem, pose, evaluation.left_path, squares)
 
     def part(self, middle: int, bad: NDArray[np.bool_], field_pose: Pose) -> Part:
         """The part around the grain of row ``middle``; those that are ``bad (n,)`` start from ``field_pose``."""
@@ -91,7 +88,7 @@ class Whole:
         reach = MARGIN_DIAMETERS * 2 * float(np.median(some.radii)) / geometry.pixel_at(some.centers.mean(axis=0))
         boxes = footprint_patches(some, at, geometry, margin=int(np.ceil(reach))).boxes
         first, shape = _windows(boxes, geometry)
-        window = _windowed(geometry, first, shape)
+        window = geometry.window(first, shape)
         patches = footprint_patches(some, at, window)
         values = project_patches(some, at, window, patches, target.projector)
         images, squares = (assemble(each, patches, window) for each in (values, values**2))
@@ -134,14 +131,6 @@ def _windows(boxes: NDArray[np.int64], geometry: Geometry) -> tuple[NDArray[np.i
     rows, columns = np.maximum((high - low).max(axis=0), 1)
     shape = int(rows), int(columns)
     return np.clip((low + high - shape) // 2, 0, panel - shape), shape
-
-
-def _windowed(geometry: Geometry, first: NDArray[np.int64], shape: tuple[int, int]) -> Geometry:
-    """Views on windows of the panels, one of its own each."""
-    middle = first + (np.array(shape) - geometry.shape) / 2
-    vectors = geometry.vectors.copy()
-    vectors[:, 3:6] += middle[:, 1:] * geometry.u + middle[:, :1] * geometry.v
-    return Geometry(vectors, shape, geometry.beam)
 
 
 def _cropped(images: Image, first: NDArray[np.int64], shape: tuple[int, int]) -> Image:

@@ -150,6 +150,4 @@ def response_corrected_scan(problem: StateProblem, pose: Pose) -> Scan:
     gains = evaluation.response.polynomial[:, 0]
     if not ((gains > 0.5) & (gains < 2)).all():  # no beam drifts so far, so the fitted number is not a gain
         return scan
-    path = evaluation.line_integrals
-    derivative = np.maximum(evaluation.response.derivative(path), 0.1)
-    return replace(scan, line_integrals=path + evaluation.raw_residual / derivative)
+    return replace(scan, line_integrals=evaluation.line_integrals + evaluation.left_path)
