@@ -62,8 +62,8 @@ findings, errors. An error that comes while a run is under way names that file.
 
 `--dry-run` tells which stages would be done, which would be kept from an earlier run, and why the others are not: not
 done yet, a file of theirs is gone, an input or a setting changed, an earlier stage is done again. It estimates time (by
-the log of the earlier run where there is one), memory, with workers that of each of them too, and disk space, and
-writes nothing.
+the log of the earlier run where there is one), memory and disk space, and writes nothing. With workers it tells the
+memory of each of them too, and warns of those that may use less; a scheduler is asked which workers it has.
 
 ## Completion
 
@@ -102,6 +102,7 @@ TITLES = {
     "StateResult": "`states`",
     "GrainToLookAt": "`look_at`",
     "StagePlan": "`stages`",
+    "WorkerPlan": "`workers`",
     "Facts": "`facts`",
     "Line": "`lines`",
     "ScanOutcome": "`scans`",

@@ -6,13 +6,13 @@ import shutil
 import signal
 import subprocess
 import sys
-from contextlib import contextmanager
 from functools import cache
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from dask_workers import scheduler
 from few_grains import VOXEL, grain_set, radiographs, small_motions
 from grainmotion.cli.app import app
 from grainmotion.cluster import distributed_iterate
@@ -46,35 +46,6 @@ def scan():
 def always_shared(monkeypatch):
     """Distribute grains to workers even for the small samples of these tests."""
     monkeypatch.setattr("grainmotion.cluster.dask_backend.MIN_VOXELS_TO_SHARE", 0)
-
-
-class Workers:
-    """Worker processes without a nanny that would restart them."""
-
-    def __init__(self, address):
-        self.address, self.processes = address, []
-
-    def start(self, memory="2GB"):
-        command = [sys.executable, "-m", "distributed.cli.dask_worker", self.address, "--no-nanny", "--no-dashboard"]
-        command += ["--nthreads", "1", "--memory-limit", memory]
-        self.processes.append(subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL))
-        return self
-
-    def kill(self):
-        """Kill the oldest worker, as a crash would."""
-        os.kill(self.processes.pop(0).pid, signal.SIGKILL)
-
-
-@contextmanager
-def scheduler():
-    """A scheduler without workers, and the means to start and kill some."""
-    with distributed.LocalCluster(n_workers=0, dashboard_address=None, silence_logs="CRITICAL") as local:
-        workers = Workers(local.scheduler_address)
-        try:
-            yield workers
-        finally:
-            for process in workers.processes:
-                process.kill()
 
 
 def assert_same_motions(one, other):

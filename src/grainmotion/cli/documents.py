@@ -63,6 +63,16 @@ class StagePlan:
 
 
 @dataclass(frozen=True)
+class WorkerPlan:
+    """A worker of a run, as `--dry-run` tells it."""
+
+    address: Annotated[str, "where it is reached; empty for one that the run would start on this machine"]
+    threads: Annotated[int, "threads that it uses"]
+    memory_limit: Annotated[int, "memory that it may use, bytes; 0 without a limit"]
+    enough: Annotated[bool, "whether that is what it needs"]
+
+
+@dataclass(frozen=True)
 class DryRunOutcome:
     """Of the same commands with `--dry-run`, which write nothing."""
 
@@ -72,6 +82,7 @@ class DryRunOutcome:
     start: Annotated[float, "its part before the first stage, to load libraries and to read and check radiographs, s"]
     memory: Annotated[int, "estimate of the memory at the peak, bytes"]
     memory_of_worker: Annotated[int, "the same of each worker, beside the command itself, bytes; 0 without workers"]
+    workers: Annotated[list[WorkerPlan], "the workers, for a scheduler those that it has now; empty without workers"]
     memory_usable: Annotated[int, "memory that may be used, bytes; 0 on workers"]
     memory_in_files: Annotated[int, "bytes that would be kept in files meanwhile, as the memory is short; else 0"]
     disk: Annotated[int, "estimate of what would be written, bytes"]

@@ -128,6 +128,11 @@ class ComputeConfig:
         return self.scheduler is not None or self.workers is not None
 
     @property
+    def threads_of_each(self) -> int:
+        """Threads of each of the processes that are started on this machine."""
+        return max(1, (os.cpu_count() or 1) // (self.workers or 1))
+
+    @property
     def bytes(self) -> float | None:
         """``memory`` as a number; None if it is not told."""
         size = None if self.memory is None else SIZE.fullmatch(self.memory.strip())
@@ -152,9 +157,7 @@ def connect(place: ComputeConfig, folder: Path) -> Iterator[ClusterConnection | 
     if not place.is_cluster:
         yield None
         return
-    if find_spec("distributed") is None:
-        where = "--workers" if place.scheduler is None else "--scheduler"
-        raise InputError(where, "Dask is not installed", "pip install 'grainmotion[cluster]'")
+    refuse_without_dask(place)
     import dask
 
     with ExitStack() as stack:
@@ -162,7 +165,7 @@ def connect(place: ComputeConfig, folder: Path) -> Iterator[ClusterConnection | 
         stack.enter_context(dask.config.set({"distributed.admin.large-graph-warning-threshold": "1GB"}))
         stack.enter_context(dask.config.set({"distributed.worker.profile.enabled": False}))  # nobody looks at it
         if place.scheduler is not None:
-            client, where = stack.enter_context(_client(place.scheduler)), f"--scheduler {place.scheduler}"
+            client, where = stack.enter_context(client_of(place.scheduler)), f"--scheduler {place.scheduler}"
         else:
             client, where = stack.enter_context(_local(place)), "--workers"
         _wait(client, where)
@@ -175,6 +178,13 @@ def connect(place: ComputeConfig, folder: Path) -> Iterator[ClusterConnection | 
         yield ClusterConnection(executor, store)
 
 
+def refuse_without_dask(place: ComputeConfig) -> None:
+    """Raise `InputError` where Dask is missing."""
+    if find_spec("distributed") is None:
+        where = "--workers" if place.scheduler is None else "--scheduler"
+        raise InputError(where, "Dask is not installed", "pip install 'grainmotion[cluster]'")
+
+
 @contextmanager
 def _local(place: ComputeConfig) -> Iterator[Client]:
     import distributed
@@ -182,7 +192,7 @@ def _local(place: ComputeConfig) -> Iterator[Client]:
     with (
         distributed.LocalCluster(
             n_workers=place.workers,
-            threads_per_worker=max(1, (os.cpu_count() or 1) // (place.workers or 1)),
+            threads_per_worker=place.threads_of_each,
             memory_limit="auto" if place.bytes is None else int(place.bytes),
             dashboard_address=None,
             silence_logs="CRITICAL",
@@ -192,7 +202,8 @@ def _local(place: ComputeConfig) -> Iterator[Client]:
         yield client
 
 
-def _client(address: str) -> Client:
+def client_of(address: str) -> Client:
+    """A client of the scheduler at an address; raises `InputError` where none answers."""
     import distributed
     from distributed.comm import resolve_address
 

@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from grainmotion.cluster.connection import LOCAL, ComputeConfig
+from grainmotion.cluster.worker_limits import WorkerLimits
 from grainmotion.cluster.worker_memory import ScanSize, memory_of_worker
 from grainmotion.experiment.inspection import large_arrays_bytes, peak_memory
 from grainmotion.workflow.dry_run import PlannedRun, PlannedStage
@@ -67,8 +68,7 @@ class Needs:
     memory : float
         Bytes at the peak.
     memory_of_worker : float
-        Bytes at the peak of each worker, beside the process itself; of a scheduler's workers, whose number is not known
-        before, as if there were one.  0 without workers.
+        Bytes at the peak of each worker, beside the process itself; 0 without workers.
     memory_usable : float
         Bytes that the process may use; 0 where workers compute.
     memory_in_files : float
@@ -96,7 +96,7 @@ class Needs:
         return self.start + sum(stage.seconds or 0.0 for stage in self.stages)
 
 
-def estimate(planned: PlannedRun, workplace: ComputeConfig = LOCAL) -> Needs:
+def estimate(planned: PlannedRun, workplace: ComputeConfig = LOCAL, workers: Sequence[WorkerLimits] = ()) -> Needs:
     """What the planned stages of a run would need.
 
     Parameters
@@ -105,6 +105,8 @@ def estimate(planned: PlannedRun, workplace: ComputeConfig = LOCAL) -> Needs:
         Of `planned_run`.
     workplace : ComputeConfig, optional
         Processes that compute; by default this one.
+    workers : sequence of WorkerLimits, optional
+        Those of the workplace (`limits_of_workers`); a scheduler that has none is taken to have one.
 
     Returns
     -------
@@ -118,7 +120,8 @@ def estimate(planned: PlannedRun, workplace: ComputeConfig = LOCAL) -> Needs:
     start = SECONDS_OF_PROGRAM + SECONDS_PER_CHECKED_PIXEL * _reference_pixels(planned)
     memory, usable = peak_memory(planned.inputs), 0.0 if workplace.is_cluster else usable_memory(workplace)
     files = large_arrays_bytes(planned.inputs) if 0 < usable < memory else 0.0
-    each = memory_of_worker(_scan_size(planned), workplace.workers or 1) if workplace.is_cluster else 0.0
+    count = len(workers) or workplace.workers or 1
+    each = memory_of_worker(_scan_size(planned), count) if workplace.is_cluster else 0.0
     return Needs(stages, memory, each, usable, files, disk, shutil.disk_usage(existing).free, start)
 
 
