@@ -79,6 +79,35 @@ def test_temporary_images_are_deleted_after_use(tmp_path):
     assert files(store) == []
 
 
+def test_a_store_within_takes_files_that_are_kept(tmp_path):
+    store, array = SharedStore(tmp_path), LARGE.copy()
+    kept = store.keep(array)
+    assert store.keep(array) == kept
+    inner = store.within()
+    stored = pickle.loads(pickle.dumps(inner.put({"kept": array, "other": LARGE})))
+    assert len(files(inner)) == 1, "the kept array is not written again"
+    loaded = stored.load()
+    np.testing.assert_array_equal(loaded["kept"], array)
+    np.testing.assert_array_equal(loaded["other"], LARGE)
+    inner.close()
+    np.testing.assert_array_equal(kept.all(), array)
+    assert len(files(store)) == 1
+    store.put(array)
+    assert len(files(store)) == 2, "what is put here may outlive the array"
+    store.close()
+
+
+def test_kept_arrays_are_deleted_with_the_arrays(tmp_path):
+    store, array = SharedStore(tmp_path), LARGE.copy()
+    store.keep(array)
+    del array
+    gc.collect()
+    assert files(store) == []
+    inner = store.within()
+    for value in range(20):  # whose ids may be those of the array that is gone
+        np.testing.assert_array_equal(inner.put(np.full(LARGE.shape, value)).load(), value)
+
+
 def test_close_removes_all_files(tmp_path):
     (tmp_path / "results").mkdir()
     for folder in (tmp_path / "results", tmp_path / "new"):

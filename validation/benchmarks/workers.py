@@ -12,6 +12,9 @@ threads did at the same time as the busiest of them, and of the busiest worker. 
 before.  All runs must give the same volume, labels and motions, bit by bit.
 Writes ``validation/benchmarks/results/workers.md`` and ``.json`` (another size: files of its own); ends with code 1 if
 results differ or two workers are not 1.7 times one on the critical path.
+
+``--bytes`` counts bytes alone anew, which do not depend on what else the machine does: those of the results are
+replaced, and times, memory and fingerprints stay.
 """
 
 from __future__ import annotations
@@ -274,6 +277,20 @@ def measured(size: int, count: int, folder: Path) -> dict[str, Any]:
     return found
 
 
+def with_bytes_of(runs: dict[int, dict[str, Any]], size: int) -> dict[int, dict[str, Any]]:
+    """The runs of the results, with the bytes of new runs."""
+    kept = {int(count): run for count, run in json.loads(results_of(size).read_text())["runs"].items()}
+    for count, run in runs.items():
+        for name, stage in run["stages"].items():
+            kept[count]["stages"][name].update({key: stage[key] for key in ("between", "read", "written")})
+    return kept
+
+
+def results_of(size: int) -> Path:
+    """The file of counts."""
+    return RESULT_FOLDER / ("workers.json" if size == 320 else f"workers_{size}.json")
+
+
 def table(size: int, grains: int, found: dict[int, dict[str, Any]], call: str) -> tuple[str, bool]:
     """The page of results, and whether the bar is met."""
     stages = {count: {k: Stage(**v) for k, v in each["stages"].items()} for count, each in found.items()}
@@ -347,6 +364,7 @@ def main() -> int:
     parser.add_argument("--counts", type=int, nargs="+", default=[0, 1, 2, 4], help="numbers of workers")
     parser.add_argument("--folder", type=Path, default=ROOT / ".scale", help="where data and results are kept")
     parser.add_argument("--kept", action="store_true", help="take runs that were measured before from their files")
+    parser.add_argument("--bytes", action="store_true", help="count bytes alone anew, and keep all else")
     parser.add_argument("--only", type=int, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.only is not None:
@@ -364,12 +382,14 @@ def main() -> int:
         else:
             runs[count] = measured(options.size, count, options.folder)
         print(count, {k: round(Stage(**v).critical, 1) for k, v in runs[count]["stages"].items()}, flush=True)
+    if options.bytes:
+        runs = with_bytes_of(runs, options.size)
     call = f"python -m validation.benchmarks.workers --size {options.size} --counts {' '.join(map(str, sorted(runs)))}"
     text, passed = table(options.size, grains, runs, call)
-    name = "workers" if options.size == 320 else f"workers_{options.size}"
-    (RESULT_FOLDER / f"{name}.md").write_text(text)
+    path = results_of(options.size)
+    path.with_suffix(".md").write_text(text)
     counted = {"size": options.size, "grains": grains, "runs": runs}
-    (RESULT_FOLDER / f"{name}.json").write_text(json.dumps(counted, indent=1) + "\n")  # for `cluster_plan`
+    path.write_text(json.dumps(counted, indent=1) + "\n")  # for `cluster_plan`
     print(text)
     return 0 if passed else 1
 

@@ -16,8 +16,11 @@ Result = TypeVar("Result")
 def call_each(
     executor: Executor, store: SharedStore, function: Callable[[Item], Result], items: Iterable[Item]
 ) -> list[Result]:
-    """``function(item)`` of each item, a task each; their large arrays are in files until all are done."""
-    own = SharedStore(store.folder)
+    """``function(item)`` of each item, a task each.
+
+    Their large arrays are in files until all are done, but for those of which the store keeps files already.
+    """
+    own = store.within()
     try:
         called = own.put(function)
         return executor.results([executor.task(_call, function=called, item=own.put(item)) for item in items])

@@ -59,12 +59,16 @@ class StoredImages:
 
 
 class SharedStore:
-    """A folder for arrays, removed when it is closed."""
+    """A folder for arrays, removed when it is closed.
 
-    def __init__(self, folder: Path) -> None:
-        self._made = not folder.exists()
+    A store within another one is in the other's folder, and takes the files of arrays that the other one keeps.
+    """
+
+    def __init__(self, folder: Path, outer: SharedStore | None = None) -> None:
+        self._made, self._outer = not folder.exists(), outer
         folder.mkdir(parents=True, exist_ok=True)
         self.folder = Path(tempfile.mkdtemp(prefix=".shelf-", dir=folder.resolve()))
+        self._kept: dict[int, tuple[weakref.ref[NDArray[np.generic]], str]] = {}
         self._known: dict[int, tuple[weakref.ref[NDArray[np.generic]], str]] = {}
         self._count = 0
         self.shared: dict[object, object] = {}
@@ -75,6 +79,19 @@ class SharedStore:
         buffer = io.BytesIO()
         _Pickler(buffer, self).dump(thing)
         return StoredObject(self.folder, buffer.getvalue())
+
+    def within(self) -> SharedStore:
+        """A store for a shorter time; what is put there must not outlive the arrays of which this one keeps files."""
+        return SharedStore(self.folder, self)
+
+    def keep(self, array: NDArray[np.generic]) -> StoredImages:
+        """An array, stored for as long as this process refers to it: stores within this one do not write it again."""
+        name = _name_in(self._kept, array)
+        if name is None:
+            name = self.write(array)
+            self._kept[id(array)] = weakref.ref(array), name
+            weakref.finalize(array, _remove, [self.folder / name])
+        return StoredImages(self.folder / name)
 
     @contextmanager
     def temporary(self, images: tuple[NDArray[np.generic], ...]) -> Iterator[list[StoredImages]]:
@@ -101,11 +118,16 @@ class SharedStore:
 
     def name_of(self, array: NDArray[np.generic]) -> str:
         """The file of an array, written the first time."""
-        known = self._known.get(id(array))
-        if known is None or known[0]() is not array:
-            known = weakref.ref(array), self.write(array)
-            self._known[id(array)] = known
-        return known[1]
+        name = _name_in(self._known, array)
+        if name is None:
+            name = self.write(array)
+            self._known[id(array)] = weakref.ref(array), name
+        return name
+
+    def name_in_outer(self, array: NDArray[np.generic]) -> str | None:
+        """The file of an array that the store around this one keeps; None if it keeps none."""
+        name = None if self._outer is None else _name_in(self._outer._kept, array)
+        return None if name is None else f"../{name}"
 
     def close(self) -> None:
         """Remove everything."""
@@ -124,6 +146,9 @@ class _Pickler(pickle.Pickler):
     def persistent_id(self, obj: object) -> tuple[str, int, tuple[int, ...]] | None:
         if type(obj) is not np.ndarray or obj.dtype.hasobject:
             return None
+        name = self._store.name_in_outer(obj)
+        if name is not None:
+            return name, 0, obj.shape
         whole, first, base = obj, 0, obj.base
         flat = type(base) is np.ndarray and base.ndim == 1 and base.dtype == obj.dtype
         if base is not None and flat and obj.flags.c_contiguous:  # one of many, end to end
@@ -145,6 +170,12 @@ class _Unpickler(pickle.Unpickler):
         if whole.shape == shape:
             return whole
         return whole[first : first + math.prod(shape)].reshape(shape)
+
+
+def _name_in(files: dict[int, tuple[weakref.ref[NDArray[np.generic]], str]], array: NDArray[np.generic]) -> str | None:
+    """The file of an array; an id alone may be that of an array that is gone."""
+    known = files.get(id(array))
+    return known[1] if known is not None and known[0]() is array else None
 
 
 def _remove(paths: list[Path]) -> None:

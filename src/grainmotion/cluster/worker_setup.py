@@ -15,7 +15,9 @@ from typing import TYPE_CHECKING
 from grainmotion.cluster.reconstruction_tasks import SlabState
 from grainmotion.cluster.tracking_tasks import ImageStrip, ProjectedPatches, Rays
 from grainmotion.cluster.worker_threads import limit_threads
+from grainmotion.model.compact_volume import CompactVolume
 from grainmotion.model.geometry import Geometry
+from grainmotion.model.grains import Grain
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.projection.volume_operator import VolumeOperator
@@ -37,6 +39,8 @@ SIZED_RECORDS = (
     Strip,
     ImageStrip,
     Volume,
+    CompactVolume,
+    Grain,
     VolumeOperator,
     ProjectedPatches,
 )

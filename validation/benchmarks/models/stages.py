@@ -18,6 +18,7 @@ from grainmotion.reconstruction.slabs import slab_bounds
 from grainmotion.segmentation.extraction import MAX_CUT_BYTES
 from grainmotion.segmentation.label_refinement import SPLINE_MARGIN
 from grainmotion.segmentation.settings import SegmentSettings
+from grainmotion.workflow.given_checks import MAX_SHARED_VOXELS
 
 SINGLE, DOUBLE, LABEL, COMPACT = 4, 8, 4, 1
 """Bytes of a voxel or pixel, of a sum, of a label, and of a finer voxel that is kept compactly."""
@@ -220,7 +221,7 @@ columns by the bytes that two workers sent)."""
 
 
 def tracking(plan: Plan, rates: Rates) -> Cost:
-    """A state: by a team, each member with all grains; or divided, each worker with a part of them."""
+    """Checks of grains, and a state: by a team, each worker with all grains; or divided, each with a part of them."""
     images, workers = plan.state_views * float(plan.size) ** 2, plan.workers
     seconds = plan.states * rates.tracked * plan.grains * plan.diameter**3
     patches = SOLVED_PIXEL_BYTES * plan.patch_pixels / workers
@@ -228,16 +229,17 @@ def tracking(plan: Plan, rates: Rates) -> Cost:
     shared = 2 * (workers - 1) * DOUBLE * plan.state_views * plan.size * band
     gradients = DOUBLE * plan.grains * plan.state_views * 6
     lit = plan.state_views * plan.size * (0.8 * plan.size + workers * band)  # what all members have, with common rows
+    checked = 2 * (SINGLE + LABEL) * plan.voxels if plan.voxels <= MAX_SHARED_VOXELS else 0.0  # read by two checks
     client, threads = plan.own_grains + 20 * SINGLE * images, workers * plan.threads
     if plan.grains * plan.coarse_box < SHARED_VOXELS:
         sent = PRODUCTS * (shared + gradients * (workers - 1)) + EVALUATIONS * DOUBLE * lit * (workers - 1)
-        files = plan.own_grains * (1 + workers)
+        files = checked + plan.own_grains * (1 + workers)
         held = plan.own_grains + patches + 20 * SINGLE * images
         return Cost("tracking", client, held, plan.states * sent, files, 0.15 * seconds, 0.85 * seconds, threads)
     sent = PRODUCTS * shared + EVALUATIONS * DOUBLE * lit * math.log2(max(workers, 2))
     voxels = SINGLE * plan.grains * (plan.fine_box + plan.coarse_box)
     tasks = PRODUCTS * (2e-3 * workers + 2e-9 * gradients) + EVALUATIONS * 5e-3 * workers
-    files = 2 * plan.own_grains
+    files = checked + 2 * plan.own_grains
     return Cost("tracking", client, voxels / workers + patches, plan.states * sent, files, plan.states * tasks,
                 seconds, threads)  # fmt: skip
 
