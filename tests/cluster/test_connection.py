@@ -259,6 +259,10 @@ class TestComputeConfig:
         with pytest.raises(InputError, match="at least 1, got 0"):
             ComputeConfig(workers=0)
 
+    def test_memory_of_a_schedulers_workers_is_not_set_here(self):
+        with pytest.raises(InputError, match=r"limit that they were started with.*dask worker --memory-limit"):
+            ComputeConfig("tcp://there:8786", memory="8GB")
+
     def test_command_does_not_import_dask(self):
         everything = "import grainmotion as gm, grainmotion.workflow.run; [getattr(gm, name) for name in gm.__all__]"
         code = f"import sys; {everything}; sys.exit(any(m in sys.modules for m in ('dask', 'distributed')))"

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from grainmotion.cluster.connection import ComputeConfig
+from grainmotion.cluster.worker_limits import WorkerLimits
 from grainmotion.experiment.config import read_experiment
 from grainmotion.io.tiff import read_tiff, write_tiff
 from grainmotion.workflow.dry_run import planned_run
@@ -149,7 +150,10 @@ class TestEstimates:
         assert estimate(planned).memory_of_worker == 0
         needs = estimate(planned, ComputeConfig(workers=2))
         assert 0.4e9 < needs.memory_of_worker < 0.8e9
-        assert estimate(planned, ComputeConfig("tcp://node:8786")).memory_of_worker >= needs.memory_of_worker
+        scheduler = ComputeConfig("tcp://node:8786")
+        assert estimate(planned, scheduler).memory_of_worker >= needs.memory_of_worker
+        two = [WorkerLimits("tcp://one", 16, 8e9), WorkerLimits("tcp://two", 16, 8e9)]
+        assert estimate(planned, scheduler, two).memory_of_worker == needs.memory_of_worker
 
     def test_larger_scans_need_more(self, copied):
         shutil.rmtree(copied.parent / "results")

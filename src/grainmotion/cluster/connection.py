@@ -107,7 +107,7 @@ class ComputeConfig:
     workers : int, optional
         Processes to start on this machine; they share its cores and memory.
     memory : str, optional
-        What this process, or each of those workers, may use, as ``"8GB"``; by default what is free.
+        What this process, or each of the workers that it starts, may use, as ``"8GB"``; by default what is free.
     """
 
     scheduler: str | None = None
@@ -119,6 +119,9 @@ class ComputeConfig:
             raise InputError("--scheduler and --workers", "both are given", "give one of them")
         if self.workers is not None and self.workers < 1:
             raise InputError("--workers", f"must be at least 1, got {self.workers}", "give a number of processes")
+        if self.scheduler is not None and self.memory is not None:
+            fact = "workers of a scheduler have the limit that they were started with"
+            raise InputError("--memory", fact, "leave it out, and give the limit to `dask worker --memory-limit`")
         if self.memory is not None and self.bytes is None:
             raise InputError("--memory", f"{self.memory!r} is no size", "give a number and a unit, as 8GB")
 
