@@ -7,9 +7,11 @@ import pytest
 
 import few_grains
 from grainmotion.model.pose import Pose
+from grainmotion.objective.normal_matrix import PatchNormalMatrix
 from grainmotion.projection.footprints import footprint_patches
 from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.projection.grains import assemble, differentiate_in_place
+from grainmotion.projection.patch_products import products_by_grain
 
 GRAINS = GrainArrays.of(few_grains.grain_set(finer=1))
 VIEWS = few_grains.geometry()
@@ -44,6 +46,12 @@ def test_column_is_the_image_of_one_derivative(jacobian):
     column = assemble(np.where(mine, jacobian.derivatives[k], 0), jacobian.patches, VIEWS)
     np.testing.assert_allclose(jacobian.images(unit)[0], column, atol=1e-12)
     assert column.any()
+
+
+def test_products_by_grain_equal_those_of_its_own_blocks(jacobian):
+    whole = products_by_grain(jacobian.derivatives, jacobian.derivatives[2:4], jacobian.patches)
+    np.testing.assert_allclose(whole, PatchNormalMatrix(jacobian).blocks()[:, :, 2:4], rtol=1e-9, atol=1e-12)
+    assert whole.shape == (N, 6, 2)
 
 
 def test_gram_blocks_equal_those_of_the_dense_matrix(jacobian):

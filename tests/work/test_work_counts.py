@@ -36,11 +36,11 @@ MAX_STAGE_WORK = {
     "free, filter 2": (3, 95_000),
     "free, filter 0.7": (6, 506_000),  # with one evaluation that asks whether the state shows beam hardening
     # With the alternative poses of one grain, which has a near-symmetry (likeness of 0.911, decision 0029).
-    "classifying the grains": (23, 1_320_000),
+    "classifying the grains": (20, 1_000_000),
 }
-MAX_WORK_SMALL = (43, 2_225_000)
+MAX_WORK_SMALL = (43, 1_900_000)
 # The same grains shifted by 8 voxels together.
-MAX_WORK_SHIFTED = (45, 2_200_000)
+MAX_WORK_SHIFTED = (45, 1_880_000)
 
 # One projection of those grains: planes crossed and planes sampled (eight rays together), over the planes with filled
 # voxels; and all rays of the patches, over those that meet a grain's extents.

@@ -42,6 +42,23 @@ def vjp(derivatives, boxes, offsets, stacks, out):
             out[q, p, 3], out[q, p, 4], out[q, p, 5] = t3, t4, t5
 
 
+@nb.njit(parallel=True, cache=CACHE, fastmath=True, error_model="numpy")
+def dots(left, right, offsets, out):
+    """Sums ``out (groups, k, m)`` over the pixels of each group of ``left (k, pixels)`` times ``right (m, pixels)``.
+
+    Group g is from ``offsets[g]`` to ``offsets[g + 1]``.
+    """
+    for g in nb.prange(len(offsets) - 1):
+        start, end = offsets[g], offsets[g + 1]
+        for k in range(len(left)):
+            for m in range(len(right)):
+                a, b = left[k, start:end], right[m, start:end]
+                total = 0.0
+                for c in range(len(a)):
+                    total += np.float64(a[c]) * np.float64(b[c])
+                out[g, k, m] = total
+
+
 ROWS_OF_A_THREAD = 32  # of an image that J x fills
 
 

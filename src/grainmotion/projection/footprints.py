@@ -43,6 +43,11 @@ class Patches:
         return self.table.offsets
 
     @property
+    def grain_offsets(self) -> NDArray[np.int64]:
+        """Start of the patches of each grain, which follow each other, with the total at the end, ``(n + 1,)``."""
+        return self.offsets[np.searchsorted(self.boxes[:, 0], np.arange(len(self.seen) + 1))]
+
+    @property
     def stack_shape(self) -> tuple[int, int, int]:
         """Views, rows and columns of the radiographs."""
         return self.seen.shape[1], *self.panel

@@ -113,7 +113,9 @@ def find_ambiguities(
     )
     if not len(owners):
         return Ambiguities({})
-    fits = fit_alternatives(problem, pose, evaluation, owners, matrices, references[1])
+    nearer = angles_between(matrices, expected.matrices[owners])
+    wanted = nearer < angles_between(pose.matrices, expected.matrices)[owners]
+    fits = fit_alternatives(problem, pose, evaluation, owners, matrices, references[1], wanted)
     away = angles_between(fits.matrices, pose.matrices[owners])
     told_apart = (fits.contradicted > MIN_CONTRADICTED) & (fits.deviations > MIN_DEVIATIONS)
     margins = np.where(mirrored, BETTER_DEVIATIONS_OF_MIRRORED, BETTER_DEVIATIONS)

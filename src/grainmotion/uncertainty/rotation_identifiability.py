@@ -17,7 +17,6 @@ voxels across, 4 views).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +35,7 @@ from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.projection.grain_tasks import mapper_of
 from grainmotion.projection.grains import differentiate_patches, project_patches
 from grainmotion.projection.jacobian import PatchJacobian
+from grainmotion.projection.patch_products import products_by_grain
 from grainmotion.rotations import rotation_matrix
 from grainmotion.solvers.semidefinite import pseudo_inverse
 
@@ -169,8 +169,8 @@ class _TrialRotations:
         """Some of the grains."""
         grains, pose = self.grains.select(which), self.pose
         here, angles = pose.moved(pose.translations[which], pose.matrices[which]), self.angles[which]
-        slices = _pixels(self.patches, len(self.grains))
-        pixels = np.concatenate([np.arange(slices[k].start, slices[k].stop) for k in which])
+        starts = self.patches.grain_offsets
+        pixels = np.concatenate([np.arange(starts[k], starts[k + 1]) for k in which])
         return _TrialRotations(
             self.setup, self.factor, grains, here, angles, _patches(grains, here, angles, self.setup),
             self.values[pixels], self.derivatives.take(pixels, axis=1), self.normal[which], self.axes[which],
@@ -179,7 +179,7 @@ class _TrialRotations:
 
     def changes_and_products(self, sign: int, residual: Image) -> tuple[Float, Float]:
         """D and r·ΔP of rotations about each axis to one side, ``(n, 3)`` each."""
-        setup, patches, n = self.setup, self.patches, len(self.grains)
+        setup, patches = self.setup, self.patches
         changes = np.zeros_like(self.derivatives)  # three of six are used: kernels take six
         for axis in range(3):
             rotations = rotation_matrix(sign * self.angles[:, None] * self.axes[:, :, axis])
@@ -187,15 +187,15 @@ class _TrialRotations:
             changes[axis] = project_patches(self.grains, pose, setup.geometry, patches, setup.projector) - self.values
         CPU.filter_patches(changes[:3], patches.table, self.factor, setup.kernel)
         self._remove_translations(changes[:3])
-        squares = np.array([(changes[:3, own].astype(float) ** 2).sum(axis=1) for own in _pixels(patches, n)])
+        squares = np.diagonal(products_by_grain(changes[:3], changes[:3], patches), axis1=1, axis2=2)
         return squares, PatchJacobian(changes, patches).gradient(residual)[:, :3]
 
     def _remove_translations(self, changes: Image) -> None:
         """Take the best fit by translations of the grain from the changes, in place."""
-        derivatives, n = self.derivatives, len(self.grains)
-        shifts = pseudo_inverse(self.normal[:, :3, :3]) @ _products(derivatives[:3], changes, self.patches, n)
-        for shift, own in zip(shifts, _pixels(self.patches, n), strict=True):
-            changes[:, own] -= shift.T.astype(derivatives.dtype) @ derivatives[:3, own]
+        derivatives, starts = self.derivatives, self.patches.grain_offsets
+        shifts = pseudo_inverse(self.normal[:, :3, :3]) @ products_by_grain(derivatives[:3], changes, self.patches)
+        for shift, start, end in zip(shifts, starts, starts[1:], strict=False):
+            changes[:, start:end] -= shift.T.astype(derivatives.dtype) @ derivatives[:3, start:end]
 
 
 def _patches(grains: GrainArrays, pose: Pose, angles: Float, setup: _ProjectionSetup) -> Patches:
@@ -209,17 +209,6 @@ def _with_rotated_hulls(grains: GrainArrays, angles: Float) -> GrainArrays:
     radii = np.linalg.norm(grains.hulls, axis=2, keepdims=True)
     margin = angles[:, None, None] * radii.max(axis=1, keepdims=True)
     return replace(grains, hulls=grains.hulls * (1 + margin / np.maximum(radii, grains.unit)))
-
-
-def _pixels(patches: Patches, n: int) -> list[slice]:
-    """Where the patches of each grain, which follow each other, lie in the flat buffers."""
-    ends = patches.offsets[np.searchsorted(patches.boxes[:, 0], np.arange(n + 1))]
-    return [slice(a, b) for a, b in pairwise(ends)]
-
-
-def _products(left: Image, right: Image, patches: Patches, n: int) -> Float:
-    """Sums over each grain's own patches of left · rightᵀ, ``(n, k, m)``."""
-    return np.array([left[:, own].astype(float) @ right[:, own].T for own in _pixels(patches, n)])
 
 
 def _rotations(matrices: Float) -> Float:
