@@ -25,6 +25,7 @@ from grainmotion.segmentation.bodies import Piece, find_bodies
 from grainmotion.segmentation.fluid import find_fluid, without_fluid
 from grainmotion.segmentation.grain_cutting import Boxed, Cut, CutSettings, cut_grains
 from grainmotion.segmentation.label_growth import out_of_reach, owned_by
+from grainmotion.segmentation.label_measures import boxes_of_labels
 from grainmotion.segmentation.labels import checked_labels, without_small_labels
 from grainmotion.segmentation.segment import Segmentation
 from grainmotion.segmentation.settings import Background, SegmentSettings
@@ -194,7 +195,7 @@ def _owners(volume: Volume, labels: NDArray[np.integer], settings: SegmentSettin
 def _cut(volume: Volume, owned: _Owners, settings: SegmentSettings, cut: Cut) -> list[Grain]:
     """The grains, without those that hold no attenuation."""
     end = owned.pieces[0].label if owned.pieces else int(owned.labels.max(initial=0)) + 1
-    places = ndimage.find_objects(owned.labels)[: end - 1]
+    places = boxes_of_labels(owned.labels)[: end - 1]
     boxes = [(label, box) for label, box in enumerate(places, start=1) if box is not None]
     how = CutSettings(owned.reach, settings.finer if min(volume.shape) > 1 else 1)
     if volume.array.dtype == np.float32 and _cut_bytes(boxes, how) > MAX_CUT_BYTES:

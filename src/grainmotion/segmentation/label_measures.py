@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from grainmotion.kernels.label_faces import add_faces_on_codes
 from grainmotion.kernels.label_tables import (
@@ -16,10 +17,12 @@ from grainmotion.kernels.label_tables import (
     set_aside,
 )
 from grainmotion.model.large_arrays import large_empty
+from grainmotion.model.progress import counted
 from grainmotion.segmentation.blocks import Work, chunks_of, slabs_of
 
 Ints = NDArray[np.int32]
 Counts = NDArray[np.int64]
+Box = tuple[slice, slice, slice]
 
 _STEPS_OF_SUMS = float(1 << 24)
 """Steps of the highest value in which values are added up."""
@@ -67,6 +70,27 @@ def label_boxes(labels: NDArray[np.integer], count: int, work: Work) -> tuple[Co
 
     parts = work.gathered(slabs_of(labels.shape), start, add)
     return np.minimum.reduce([low for low, _ in parts]), np.maximum.reduce([high for _, high in parts])
+
+
+def boxes_of_labels(labels: NDArray[np.integer]) -> list[Box | None]:
+    """As `scipy.ndimage.find_objects`, slab by slab, with progress: the bounding box of each label from 1 on, None of
+    numbers that no voxel has.
+    """
+    boxes = list[Box | None]()
+    for first, last in counted(slabs_of(labels.shape)):
+        found = ndimage.find_objects(labels[first:last])
+        boxes += [None] * (len(found) - len(boxes))
+        for k, box in enumerate(found):
+            if box is not None:
+                own, before = (slice(box[0].start + first, box[0].stop + first), *box[1:]), boxes[k]
+                boxes[k] = own if before is None else _around(before, own)
+    return boxes
+
+
+def _around(box: Box, other: Box) -> Box:
+    """The box that holds two."""
+    z, y, x = (slice(min(a.start, b.start), max(a.stop, b.stop)) for a, b in zip(box, other, strict=True))
+    return z, y, x
 
 
 def faces_on_codes(labels: Ints, codes: NDArray[np.int8], count: int, work: Work) -> Counts:

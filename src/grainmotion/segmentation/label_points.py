@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from grainmotion._typing import Float
 from grainmotion.errors import InputError
 from grainmotion.model.volume import Volume
+from grainmotion.segmentation.label_measures import boxes_of_labels
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class LabelPoints:
         if image.shape != grid.shape:
             raise InputError("labels", f"shape {image.shape} is not the volume's {grid.shape}", "give them on its grid")
         labels, centroids, boxes = list[int](), list[Float](), list[Float]()
-        for label, box in enumerate(ndimage.find_objects(image), start=1):
+        for label, box in enumerate(boxes_of_labels(image), start=1):
             if box is None:
                 continue
             first = np.array([s.start for s in box], dtype=float)

@@ -11,6 +11,7 @@ from scipy import ndimage
 from grainmotion.errors import InputError
 from grainmotion.model.label_sums import label_sizes
 from grainmotion.model.large_arrays import large_copy
+from grainmotion.segmentation.label_measures import boxes_of_labels
 
 MIN_LABEL_VOXELS = 8
 """Voxels of the smallest label that is a grain: fewer have no orientation, and as a rule are specks of a threshold."""
@@ -60,7 +61,7 @@ class CleanLabels:
         labels, dropped = without_small_labels(labels)
         specks, large = dict[int, int](), dict[int, tuple[int, ...]]()
         clean = labels
-        for label, box in enumerate(ndimage.find_objects(labels), start=1):
+        for label, box in enumerate(boxes_of_labels(labels), start=1):
             if box is None:
                 continue
             pieces, count = ndimage.label(labels[box] == label, np.ones((3, 3, 3)))

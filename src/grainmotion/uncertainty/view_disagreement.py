@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grainmotion._typing import Float, Index
+from grainmotion.model.progress import reached
 from grainmotion.objective.data_term import Target
 from grainmotion.objective.evaluation import LinearizedEvaluation
 from grainmotion.objective.global_parameters import Columns
@@ -121,6 +122,7 @@ class _Measure:
 
     def squares(self, scores: Float) -> Float:
         """Means over k draws of the sums over each row's patches, of ``scores (k, patches, 6)``: ``(rows, 2)``."""
+        reached(0.0)  # of 100,000 patches these products take a second
         last = np.einsum("pij,kpj->kpi", self.elimination, scores)
         each = [
             np.einsum("kpi,pij,kpj->p", s, inverse, s) / len(scores)
