@@ -31,8 +31,9 @@ SECONDS_PER_CHECKED_PIXEL = 4e-7
 """Of reading and checking the radiographs of the reference scan."""
 SECONDS_PER_RECONSTRUCTED_VOXEL, SECONDS_PER_RAY_VOXEL = 2e-7, 9e-10
 """Of the reconstruction: by voxels, and by those that the rays of all pixels cross."""
-SECONDS_OF_CALIBRATION, CALIBRATION_SHARE = 1.5, 0.9
-"""Of the calibration: without any volume, and for its part as a share of the reconstruction."""
+SECONDS_OF_CALIBRATION, CALIBRATION_SHARE, LONGEST_CALIBRATION = 1.5, 0.9, 24.0
+"""Of the calibration: without any volume, for its part as a share of the reconstruction, and at most for that part, as
+large scans are binned for it: 23.5 s in all of 512³ voxels, 25.8 s of 1000³."""
 SECONDS_PER_SEGMENTED_VOXEL = 7e-7
 SECONDS_PER_TRACKED_VOXEL = 1.3e-6
 """Of a voxel of the volume, for a state of `USUAL_VIEWS` views; how many grains it holds is not known before."""
@@ -178,7 +179,7 @@ def _seconds(planned: PlannedRun, name: str) -> float | None:
     if name == "reconstruct":
         return SECONDS_OF_ANY_STAGE + reconstruction
     if name == "calibrate":
-        return SECONDS_OF_CALIBRATION + CALIBRATION_SHARE * reconstruction
+        return SECONDS_OF_CALIBRATION + min(CALIBRATION_SHARE * reconstruction, LONGEST_CALIBRATION)
     if name == "segment":
         return SECONDS_OF_ANY_STAGE + SECONDS_PER_SEGMENTED_VOXEL * voxels
     if name.endswith("/track"):
