@@ -11,6 +11,7 @@ import numpy as np
 from grainmotion._typing import Float, Image
 from grainmotion.backends.device import uses_cuda
 from grainmotion.model.large_arrays import large_copy, large_empty
+from grainmotion.model.progress import reached
 from grainmotion.model.scan import Scan
 from grainmotion.model.volume import Volume
 from grainmotion.reconstruction import slabs
@@ -66,9 +67,12 @@ class HostIterate:
 
     def into_volume(self) -> Volume:
         """See `Iterate`."""
-        self.slabs = [slab.constrained for slab in self.slabs]
+        for k, slab in enumerate(self.slabs):
+            reached(0.0)  # gigabytes are moved
+            self.slabs[k] = slab.constrained
         array = large_empty(self.layout.shape, np.float32)
         for planes in self.layout.slabs:
+            reached(0.0)
             array[slice(*planes)] = self.slabs.pop(0).planes
         return Volume(array, self.layout.voxel_size, self.layout.center)
 
