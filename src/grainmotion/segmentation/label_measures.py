@@ -22,7 +22,7 @@ from grainmotion.segmentation.blocks import Work, chunks_of, slabs_of
 
 Ints = NDArray[np.int32]
 Counts = NDArray[np.int64]
-Box = tuple[slice, slice, slice]
+AnyBox = tuple[slice, ...]
 
 _STEPS_OF_SUMS = float(1 << 24)
 """Steps of the highest value in which values are added up."""
@@ -72,11 +72,11 @@ def label_boxes(labels: NDArray[np.integer], count: int, work: Work) -> tuple[Co
     return np.minimum.reduce([low for low, _ in parts]), np.maximum.reduce([high for _, high in parts])
 
 
-def boxes_of_labels(labels: NDArray[np.integer]) -> list[Box | None]:
+def boxes_of_labels(labels: NDArray[np.integer]) -> list[AnyBox | None]:
     """As `scipy.ndimage.find_objects`, slab by slab, with progress: the bounding box of each label from 1 on, None of
     numbers that no voxel has.
     """
-    boxes = list[Box | None]()
+    boxes = list[AnyBox | None]()
     for first, last in counted(slabs_of(labels.shape)):
         found = ndimage.find_objects(labels[first:last])
         boxes += [None] * (len(found) - len(boxes))
@@ -87,10 +87,9 @@ def boxes_of_labels(labels: NDArray[np.integer]) -> list[Box | None]:
     return boxes
 
 
-def _around(box: Box, other: Box) -> Box:
+def _around(box: AnyBox, other: AnyBox) -> AnyBox:
     """The box that holds two."""
-    z, y, x = (slice(min(a.start, b.start), max(a.stop, b.stop)) for a, b in zip(box, other, strict=True))
-    return z, y, x
+    return tuple(slice(min(a.start, b.start), max(a.stop, b.stop)) for a, b in zip(box, other, strict=True))
 
 
 def faces_on_codes(labels: Ints, codes: NDArray[np.int8], count: int, work: Work) -> Counts:
