@@ -143,37 +143,51 @@ def _random_subset(rng, numbers, count, current):
     return subset
 
 
-@nb.njit(cache=CACHE, error_model="numpy")
 def anneal(rng, temperatures, batch, images, tables, energies, places, anchors, sizes, offsets, gradients, shifts,
            margin, rotation_of, shift_of):  # fmt: skip
-    """One sweep over all grains at each temperature, in random order.
+    """One sweep over all grains at each of some temperatures, an iterable that may tell how far it is.
 
     ``rotation_of (n,)`` and ``shift_of (n,)`` are the candidates of the grains, on entry those of the start, on return
-    those of the lowest ‖R‖² after any sweep, which is the returned value.  A visit considers at most ``batch``
-    (rotations, shifts) drawn at random.  ``images`` are the residual; ``margin`` (rows, columns) is the largest move.
+    those of the lowest ‖R‖² after any sweep, which is the returned value.
     """
-    n = len(rotation_of)
-    count = min(batch[0], len(tables)), min(batch[1], len(shifts))
-    rotation_numbers, shift_numbers = np.arange(len(tables)), np.arange(len(shifts))
-    scores = np.empty((len(images), count[0], (2 * margin[0] + 1) * (2 * margin[1] + 1)))
+    numbers = np.arange(len(tables)), np.arange(len(shifts))
     best, best_rotations, best_shifts = np.inf, rotation_of.copy(), shift_of.copy()
     for temperature in temperatures:
-        for g in rng.permutation(n):
-            chosen_rotations = _random_subset(rng, rotation_numbers, count[0], rotation_of[g])
-            chosen_shifts = _random_subset(rng, shift_numbers, count[1], shift_of[g])
-            shift = shifts[shift_of[g]]
-            _add_grain(images, tables, places, anchors, sizes, offsets, gradients, g, rotation_of[g], shift, 1.0)
-            _correlate(images, tables, energies, places, anchors, sizes, offsets, g, margin, chosen_rotations, scores)
-            row, shift_of[g] = _draw_candidate(rng, scores, gradients, shifts, chosen_shifts, g, margin, temperature)
-            rotation_of[g] = chosen_rotations[row]
-            shift = shifts[shift_of[g]]
-            _add_grain(images, tables, places, anchors, sizes, offsets, gradients, g, rotation_of[g], shift, -1.0)
-        cost = 0.0
-        for v in range(len(images)):
-            for r in range(images.shape[1]):
-                for c in range(images.shape[2]):
-                    cost += images[v, r, c] ** 2
+        cost = _sweep(
+            rng, float(temperature), batch, numbers, images, tables, energies, places, anchors, sizes, offsets,
+            gradients, shifts, margin, rotation_of, shift_of,
+        )  # fmt: skip
         if cost < best:
             best, best_rotations[:], best_shifts[:] = cost, rotation_of, shift_of
     rotation_of[:], shift_of[:] = best_rotations, best_shifts
     return best
+
+
+@nb.njit(cache=CACHE, error_model="numpy")
+def _sweep(rng, temperature, batch, numbers, images, tables, energies, places, anchors, sizes, offsets, gradients,
+           shifts, margin, rotation_of, shift_of):  # fmt: skip
+    """Visit all grains once, in random order, at one temperature; returns ‖R‖² after it.
+
+    ``rotation_of (n,)`` and ``shift_of (n,)`` are the candidates of the grains, replaced in place.  A visit considers
+    at most ``batch`` (rotations, shifts) drawn at random; ``numbers`` are those of all, shuffled in place.  ``images``
+    are the residual; ``margin`` (rows, columns) is the largest move.
+    """
+    rotation_numbers, shift_numbers = numbers
+    count = min(batch[0], len(tables)), min(batch[1], len(shifts))
+    scores = np.empty((len(images), count[0], (2 * margin[0] + 1) * (2 * margin[1] + 1)))
+    for g in rng.permutation(len(rotation_of)):
+        chosen_rotations = _random_subset(rng, rotation_numbers, count[0], rotation_of[g])
+        chosen_shifts = _random_subset(rng, shift_numbers, count[1], shift_of[g])
+        shift = shifts[shift_of[g]]
+        _add_grain(images, tables, places, anchors, sizes, offsets, gradients, g, rotation_of[g], shift, 1.0)
+        _correlate(images, tables, energies, places, anchors, sizes, offsets, g, margin, chosen_rotations, scores)
+        row, shift_of[g] = _draw_candidate(rng, scores, gradients, shifts, chosen_shifts, g, margin, temperature)
+        rotation_of[g] = chosen_rotations[row]
+        shift = shifts[shift_of[g]]
+        _add_grain(images, tables, places, anchors, sizes, offsets, gradients, g, rotation_of[g], shift, -1.0)
+    cost = 0.0
+    for v in range(len(images)):
+        for r in range(images.shape[1]):
+            for c in range(images.shape[2]):
+                cost += images[v, r, c] ** 2
+    return cost

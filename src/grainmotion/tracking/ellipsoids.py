@@ -16,6 +16,7 @@ from scipy import ndimage, sparse
 
 from grainmotion._typing import Float, Image
 from grainmotion.model.geometry import Geometry
+from grainmotion.model.progress import reached
 
 FILTER_PIXELS = 1.0
 """Width of the filter on residuals and chords: the shadow of an ellipsoid has a steep edge."""
@@ -165,6 +166,7 @@ def fit_ellipsoids(
         gradient = state[1] / variance - prior * np.concatenate(gaps)
         better = False
         for _ in range(4):
+            reached(0.0)  # a dozen ellipsoids in large radiographs take a second
             step: Float = np.linalg.solve(hessian + damping * np.diag(np.diag(hessian)), gradient).astype(float)
             trial = [e.moved(s, usual) for e, s in zip(now, step.reshape(-1, UNKNOWNS), strict=True)]
             ahead = _linearized(images, valid, windows, trial, usual)

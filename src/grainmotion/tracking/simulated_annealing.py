@@ -121,7 +121,7 @@ def anneal(
     rotation_rows = np.full(len(rows), _identity_row(table.rotations))
     shift_rows = np.full(len(rows), int(np.argmin((shifts**2).sum(axis=1))))
     kernel.anneal(
-        np.random.default_rng(seed), heats, MAX_CANDIDATES, images, table.values, table.energies, table.places,
+        np.random.default_rng(seed), counted(heats), MAX_CANDIDATES, images, table.values, table.energies, table.places,
         np.ascontiguousarray(table.boxes[:, [2, 4]] + pad),
         np.ascontiguousarray(table.boxes[:, [3, 5]] - table.boxes[:, [2, 4]]),
         table.offsets, derivatives, shifts, pixels, rotation_rows, shift_rows,
