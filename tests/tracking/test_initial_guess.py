@@ -3,20 +3,15 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from few_grains import (
     grain_set,
     motions,
-    radiographs,
 )
 from grainmotion.model.grains import GrainSet
 from grainmotion.model.motions import Motions
 from grainmotion.model.starting_pose import starting_pose
 from grainmotion.rotations import apply_motion
-from grainmotion.tracking.initial_guess import MIN_APART, initialise
-from grainmotion.tracking.multistage import MultistageFit
-from grainmotion.tracking.settings import TrackSettings
 
 GRAINS = grain_set(finer=1)
 
@@ -50,16 +45,3 @@ class TestStartingPose:
         moved = apply_motion(pose.matrices, pose.translations, GRAINS.centers, points)
         expected = apply_motion(start.matrices, start.translations, start.centers, points)
         np.testing.assert_allclose(moved, expected)
-
-
-@pytest.mark.parametrize(("apart", "tried"), [(0.9 * MIN_APART, 1), (2.1 * MIN_APART, 3)])
-def test_starts_next_to_each_other_count_as_one(apart: float, tried: int) -> None:
-    """Where most grains fit badly other starts are tried, but only those that put some grain elsewhere."""
-    grains = grain_set(finer=1)
-    far = radiographs(grains, motions(grains, 25 * grains.voxel_size * np.eye(5, 3)))
-    fit = MultistageFit.of(grains, far, TrackSettings())
-    start = starting_pose(grains, None)
-    aside = 0.5 * apart * fit.sigma_of(fit.settings.filters[0]) * fit.pixel * np.array([1.0, 0, 0])
-    fields = [start.moved(start.translations + shift, start.matrices) for shift in (aside, -aside)]
-    initialise(fit, start, fields)
-    assert fit.stages_done == tried

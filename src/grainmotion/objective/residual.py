@@ -16,7 +16,7 @@ from grainmotion.objective.global_parameters import Columns
 from grainmotion.objective.normal_matrix import normal_of
 from grainmotion.objective.priors import MotionPrior, nuisance_prior
 from grainmotion.projection.grain_arrays import GrainArrays
-from grainmotion.rotations import rotation_matrix, rotation_vector
+from grainmotion.rotations import rotation_matrix
 from grainmotion.solvers.gauss_newton import Linearization
 
 Basis = Callable[[GrainArrays, Pose], Float]
@@ -121,12 +121,6 @@ class StateProblem:
     def step_sizes(self, state: Pose, step: Float) -> Float:
         """Largest displacement of each grain's surface, in voxels ``(n,)``."""
         return np.asarray(self._surface_displacements(self._increments(state, step)[0]) / self.grains.unit)
-
-    def largest_displacement(self, pose: Pose, other: Pose) -> float:
-        """Upper bound of the displacement of any grain's surface from one pose to another, mm."""
-        turned = rotation_vector(pose.matrices @ np.swapaxes(other.matrices, 1, 2))
-        increments = np.hstack([pose.translations - other.translations, turned])
-        return float(self._surface_displacements(increments).max())
 
     def _surface_displacements(self, increments: Float) -> Float:
         """Upper bound ``(n,)`` of the displacement of each grain's surface by increments ``(n, 6)``, mm."""

@@ -17,9 +17,6 @@ from grainmotion.uncertainty.goodness_of_fit import misfits
 
 MAX_MISREGISTERED_AT_START = 0.1
 """Share of badly fitting grains from which another start is tried."""
-MIN_APART = 0.3
-"""A start is tried if it puts some grain's surface this far from where each one tried before put it, over the width of
-the widest filter, under which nearer ones end in the same place; each costs as much as the first."""
 DISPLACEMENT_FIELDS: tuple[tuple[str, Basis, int], ...] = (
     ("affine field", displacement_bases.affine, 6),
     ("quadratic field", displacement_bases.quadratic, 20),
@@ -32,7 +29,7 @@ def initialise(fit: MultistageFit, pose: Pose, fields: list[Pose]) -> Pose:
 
     A smooth field that moves the sample far can misplace grains that moved little, each in its own way.  So a first
     free stage starts from the last field; only if too many grains then fit badly, it starts from the earlier fields,
-    the one body and the plain start as well, as far as they differ, and the lowest cost counts.
+    the one body and the plain start as well, and the lowest cost counts.
     """
     fit.leave_out_unseen([pose, *fields][-1])
     if not fields:
@@ -42,11 +39,7 @@ def initialise(fit: MultistageFit, pose: Pose, fields: list[Pose]) -> Pose:
     # A drift of the beam is no misfit, so the full response (but hardening) is fitted where grains are compared.
     comparison = StateProblem(fit.grains, fit.filtered_target(width, fit.settings.response_model.without_hardening))
     best: Solution[Pose] | None = None
-    tried, least = list[Pose](), MIN_APART * fit.sigma_of(width) * fit.pixel
     for start in [*reversed(fields), pose]:
-        if any(problem.largest_displacement(start, other) < least for other in tried):
-            continue
-        tried.append(start)
         observe = fit.observer(problem.target, f"free, filter {width:g}")
         if fit.many:
             problem = near_expected_rotations(problem, start, RESIDUAL_WHILE_FAR)

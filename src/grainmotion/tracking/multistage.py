@@ -121,14 +121,10 @@ class MultistageFit:
         self.levels = {f: (grains, coarsened(self.target, f)) for f, (grains, _) in self.levels.items()}
 
     @property
-    def pixel(self) -> float:
-        """Size of a pixel of the radiographs in the middle of the sample, mm."""
-        return self.target.scan.geometry.pixel_at(self.grains.centers.mean(axis=0))
-
-    @property
     def filter_scale(self) -> float:
         """Grain size over the one for which the filter widths are given."""
-        pixels = 2 * float(np.median(self.grains.radii)) / self.pixel
+        across = 2 * float(np.median(self.grains.radii))
+        pixels = across / self.target.scan.geometry.pixel_at(self.grains.centers.mean(axis=0))
         return float(np.clip(pixels / FILTER_GRAIN_PIXELS, 0.3, 4.0))
 
     def sigma_of(self, width: float) -> float:
