@@ -13,9 +13,6 @@ from grainmotion.projection.grain_arrays import GrainArrays
 from grainmotion.rotations import rotation_vector
 from grainmotion.solvers.gauss_newton import gauss_newton
 from grainmotion.solvers.stopping import Stopping
-from grainmotion.tracking import refinement
-from grainmotion.tracking.settings import TrackSettings
-from grainmotion.tracking.track import track
 
 
 def problem_of(side, sigma=0.7):
@@ -39,29 +36,6 @@ class TestMatrixFree:
         difference += np.linalg.norm(rotation_difference, axis=1) * problem.grains.radii
         assert np.abs(dense.translations).max() > 0.3 * many.VOXEL  # the grains did move
         assert difference.max() < 1e-6 * many.VOXEL
-
-
-class TestRoughCovariances:
-    """Covariances of many grains that paused are rough at first, and those that are reported never are."""
-
-    @pytest.mark.parametrize("alternatives", [True, False])
-    @pytest.mark.parametrize(("noise", "paused"), [(0.002, False), (0.05, True)])
-    def test_the_last_ones_are_solved_for_in_full(self, noise, paused, alternatives, monkeypatch):
-        asked, found = [], refinement.covariances
-
-        def recorded(*arguments):
-            asked.append(arguments[4])
-            return found(*arguments)
-
-        monkeypatch.setattr(refinement, "covariances", recorded)
-        grains, views = many.block(5), many.views(5)
-        scan, truth = many.state(grains, views, noise)
-        measured = track(grains, scan, settings=TrackSettings(alternatives=alternatives))
-        assert asked[0] == paused
-        assert not asked[-1]
-        sds = np.sqrt(np.diagonal(measured.covariances, axis1=1, axis2=2))[:, :3]
-        ratios = (measured.translations - truth.translations) / sds
-        assert 0.8 < np.sqrt((ratios**2).mean()) < 1.25
 
 
 class TestMemory:

@@ -76,10 +76,6 @@ class TestCovariance:
             np.sqrt(np.diagonal(sampled, axis1=1, axis2=2)), np.sqrt(np.diagonal(dense, axis1=1, axis2=2)), rtol=0.15
         )
         assert (np.linalg.eigvalsh(sampled) > 0).all()
-        rough = covariances(problem, pose, evaluation, product, rough=True)[0]
-        np.testing.assert_allclose(
-            np.sqrt(np.diagonal(rough, axis1=1, axis2=2)), np.sqrt(np.diagonal(sampled, axis1=1, axis2=2)), rtol=0.15
-        )
 
 
 class TestRegularInverse:

@@ -164,12 +164,11 @@ def finish(job: Job, near: Approach) -> Attempt:
     limits = (settings.max_sd_voxel * grains.voxel_size, float(np.deg2rad(settings.max_sd_deg)))
     alignment, solution = align_views(fit, problem, solution)
     refined, ambiguous = refine(fit, field_pose, alignment, solution), dict[int, str]()
-    moved = np.zeros(len(grains), dtype=bool)
     if settings.alternatives:
         detail("other poses that fit")
         refined, moved, ambiguous = settle_ambiguities(fit, field_pose, refined, grains, limits)
-    if moved.any() or refined.rough:
-        refined = refine(fit, field_pose, alignment, refined.solution, refined, moved)
+        if moved.any():
+            refined = refine(fit, field_pose, alignment, refined.solution, refined, moved)
     detail("statuses")
     motions = classify(grains, refined, result.ambiguous, limits, tuple(fit.costs))
     motions = with_reasons(motions, ambiguous)

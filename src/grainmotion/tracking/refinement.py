@@ -62,7 +62,7 @@ class RefinedFit:
     is the share of pixels that a robust loss counted less; ``fluid_covariance`` is of a liquid's unknowns.  ``prior``
     is the one on weak directions, None if nothing is held, ``weak_numbers (n,)`` how many each grain has,
     ``free_cost`` the least cost without the prior, and ``unconfirmed (n, 3, 3)`` are the covariances of rotations that
-    the radiographs do not confirm, rad².  ``rough`` covariances tell how to go on, and are to be found again.
+    the radiographs do not confirm, rad².
     """
 
     problem: StateProblem
@@ -79,7 +79,6 @@ class RefinedFit:
     weak_numbers: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     free_cost: float = np.inf
     unconfirmed: Float = field(default_factory=lambda: np.zeros((0, 3, 3)))
-    rough: bool = False
 
     @cached_property
     def evaluation(self) -> Evaluation:
@@ -97,9 +96,8 @@ def refine(
 ) -> RefinedFit:
     """Refine a solution in which all grains are near; ``field_pose`` is where the smooth field put them.
 
-    ``before`` is an earlier refinement, after which the grains ``moved (n,)`` went to another pose, if any did, and all
-    were solved again; weak directions are held anew if those grains have more of them than before.  Covariances of
-    many grains that paused are rough at first, as they are found again once weak directions have been held.
+    ``before`` is an earlier refinement, after which the grains ``moved (n,)`` went to another pose and all were solved
+    again; weak directions are held anew if those grains have more of them than before.
     """
     problem = alignment.problem
     if before is not None:
@@ -109,23 +107,22 @@ def refine(
         problem, solution = refine_strains(fit, problem, solution)
     prior, problem = problem.prior, replace(problem, prior=None)
     known = None if before is None or moved is None else (before.unconfirmed, moved)
-    rough = fit.many and solution.paused and before is None and not fit.settings.strain
-    uncertain = _uncertainty(fit, alignment, problem, solution.state, known, rough)
+    uncertain = _uncertainty(fit, alignment, problem, solution.state, known)
     if solution.paused and not uncertain.weak.flags.any():
         solution = gauss_newton(
             problem, solution.state, fit.fine_stopping(), fit.observer(problem.target, "free, to the end")
         )
-        uncertain, rough = _uncertainty(fit, alignment, problem, solution.state, known), False
+        uncertain = _uncertainty(fit, alignment, problem, solution.state, known)
     weak, posterior = uncertain.weak, uncertain.covariances
     numbers, free_cost = weak.flags.sum(axis=1), before.free_cost if before else np.inf
     if before and prior is not None and (numbers <= before.weak_numbers)[moved].all():
         posterior, numbers = weak.posterior(), before.weak_numbers
-        if fit.many and moved is not None and moved.any():  # fewer are settled by now
+        if fit.many:  # fewer are settled by now
             held = replace(problem, prior=prior)
             observe = fit.observer(held.target, "weak directions held")
             stopping = fit.held_stopping(held.target, again=True)
             solution = gauss_newton(held, solution.state, stopping, observe)
-    elif numbers.any() and (before is None or moved is None or moved.any()):
+    elif numbers.any():
         free_cost = min(free_cost, problem.cost(solution.state))
         new_prior = weak.prior(uncertain.hessian, field_pose)
         if moved is not None and prior is not None:
@@ -150,7 +147,7 @@ def refine(
     return RefinedFit(
         problem, solution, uncertain.covariances, posterior, uncertain.strains, corrections_sd, downweighted,
         uncertain.fluid, alignment.notes, body_covariances(problem, solution.state, uncertain.nuisance), prior,
-        numbers, free_cost, uncertain.unconfirmed, rough,
+        numbers, free_cost, uncertain.unconfirmed,
     )  # fmt: skip
 
 
@@ -215,7 +212,6 @@ def _uncertainty(
     problem: StateProblem,
     pose: Pose,
     known: tuple[Float, NDArray[np.bool_]] | None = None,
-    rough: bool = False,
 ) -> _Uncertainty:
     """How far the radiographs determine the unknowns of a problem at its solution.
 
@@ -226,7 +222,7 @@ def _uncertainty(
     if fit.settings.strain:
         own, strains, nuisance = strained_covariances(fit, problem, pose, evaluation)
     else:
-        own, nuisance = covariances(problem, pose, evaluation, hessian, rough)
+        own, nuisance = covariances(problem, pose, evaluation, hessian)
     if known is None:
         free = _unconfirmed(fit, problem, pose, evaluation)
     else:

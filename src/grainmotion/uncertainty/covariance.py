@@ -31,7 +31,7 @@ from grainmotion.solvers.block_cg import Hessian, diagonal_blocks, inverse
 from grainmotion.solvers.gauss_newton import Linearization
 from grainmotion.solvers.semidefinite import pseudo_inverse
 from grainmotion.uncertainty.goodness_of_fit import misfits
-from grainmotion.uncertainty.noise_draws import NOISE_SOLVE_TOLERANCE, ROUGH_TOLERANCE, NoiseDraws
+from grainmotion.uncertainty.noise_draws import NoiseDraws
 from grainmotion.uncertainty.noise_model import NoiseModel, noise_model, noise_shares, open_beam
 from grainmotion.uncertainty.view_disagreement import disagreement
 
@@ -51,16 +51,15 @@ is 1,000 times the best one's.  The solver still steps along it, down to `semide
 
 
 def covariances(
-    problem: StateProblem, pose: Pose, evaluation: LinearizedEvaluation, hessian: Hessian, rough: bool = False
+    problem: StateProblem, pose: Pose, evaluation: LinearizedEvaluation, hessian: Hessian
 ) -> tuple[Float, Float]:
     """Covariances ``(n, 6, 6)`` of (u, δ), mm and radians, and ``(k, k)`` of a liquid's and the nuisance unknowns.
 
-    With strains after the motions in the Jacobian (`strain_problem.with_strains`) they are ``(2n, 6, 6)``.  ``rough``
-    ones of many grains have one digit.
+    With strains after the motions in the Jacobian (`strain_problem.with_strains`) they are ``(2n, 6, 6)``.
     """
     variances, noise = pixel_variances(problem.target, evaluation), noise_variances(problem.target, evaluation)
     system = _System.of(problem, pose, evaluation, hessian)
-    draws = system.draws(variances, ROUGH_TOLERANCE if rough else NOISE_SOLVE_TOLERANCE)
+    draws = system.draws(variances)
     grains, nuisance = system.propagated(variances, draws)
     found = disagreement(problem.target, evaluation, system.columns, draws, noise)
     trusted = ~misfits(problem, evaluation).misregistered
@@ -90,9 +89,9 @@ class _System:
         at = Linearization(evaluation.cost, np.zeros(len(border)), hessian, border, corner, wanted)
         return cls(problem.target, evaluation, columns, at)
 
-    def draws(self, variances: Float, tolerance: float) -> NoiseDraws:
+    def draws(self, variances: Float) -> NoiseDraws:
         """Noise of given variances, and the errors that it causes."""
-        return NoiseDraws.of(self.target, self.evaluation.jacobian, self.columns, self.at, variances, tolerance)
+        return NoiseDraws.of(self.target, self.evaluation.jacobian, self.columns, self.at, variances)
 
     def propagated(self, variances: Float, draws: NoiseDraws) -> tuple[Float, Float]:
         """Covariances by given variances of the pixels alone."""

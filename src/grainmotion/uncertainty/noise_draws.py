@@ -21,8 +21,6 @@ NOISE_DRAWS = 16
 """Realisations of noise."""
 NOISE_SOLVE_TOLERANCE = 3e-3
 """Relative residual to which the equations of each realisation are solved."""
-ROUGH_TOLERANCE = 0.1
-"""The same where a better solution follows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,22 +43,16 @@ class NoiseDraws:
 
     @classmethod
     def of(
-        cls,
-        target: Target,
-        jacobian: PatchJacobian,
-        columns: Columns,
-        at: Linearization,
-        variances: Float,
-        tolerance: float = NOISE_SOLVE_TOLERANCE,
+        cls, target: Target, jacobian: PatchJacobian, columns: Columns, at: Linearization, variances: Float
     ) -> NoiseDraws:
-        """Draw from the ``variances`` of the pixels, and solve for each to a relative residual."""
+        """Draw from the ``variances`` of the pixels, and solve for each."""
         product, corner_inverse, blocks = schur_complement(at, 0.0)
         noise = drawn_noise(target, variances)
         scores = jacobian.vjp(noise.stacks)
         on_grains = np.stack([jacobian.by_grain(parts).ravel() for parts in scores], axis=1)
         on_columns = np.array([columns.dot(images) for images in noise.stacks]).T
         right = on_grains - at.border @ (corner_inverse @ on_columns)
-        errors = conjugate_gradients(product, blocks, right, tolerance)
+        errors = conjugate_gradients(product, blocks, right, NOISE_SOLVE_TOLERANCE)
         border_errors = corner_inverse @ (on_columns - at.border.T @ errors)
         return cls(scores, errors.T.reshape(len(scores), -1, 6), border_errors)
 
