@@ -33,6 +33,9 @@ AIR_QUANTILE = 0.3
 """Quantile of the pixels beside the volume that is air."""
 MIN_SHARE_BESIDE = 0.03
 """Share of a view's pixels beside the volume, from which its air is taken from them."""
+VOXELS_OF_BOX = 128
+"""Voxels along the shortest edge of a volume, from which rays that pass it by are looked for with larger ones: they are
+still finer than the coarse panel."""
 SHIFT_STEPS = (2.0, 1.0, 0.5, 0.25, 0.125)
 """Steps of the search for a shift, coarse pixels."""
 
@@ -152,7 +155,9 @@ class CoarseScan:
 
     def _beside(self, volume: Volume) -> NDArray[np.bool_]:
         """Pixels whose rays pass the volume by."""
-        ones = Volume(np.ones(volume.shape, np.float32), volume.voxel_size, volume.center)
+        factor = max(1, min(volume.shape) // VOXELS_OF_BOX)
+        shape = tuple(-(-n // factor) for n in volume.shape)
+        ones = Volume(np.ones(shape, np.float32), factor * volume.voxel_size, volume.center)
         return project(ones, self.scan.geometry) < volume.voxel_size
 
 
