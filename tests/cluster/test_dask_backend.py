@@ -174,7 +174,8 @@ def test_same_fits_of_alternative_poses(workers):
         rotation_matrix(np.array([[0.1, 0.0, 0.0], [0.0, 3.1, 0.0], [0.0, 0.2, 1.5]])),
     )
     expected, found = (
-        fit_alternatives(p, REST_POSE, problem.evaluate(REST_POSE), owners, matrices) for p in (problem, on_workers)
+        fit_alternatives(p, REST_POSE, problem.evaluate(REST_POSE), owners, matrices, p.grains, np.ones(3, bool))
+        for p in (problem, on_workers)
     )
     for name, values in vars(expected).items():
         np.testing.assert_array_equal(getattr(found, name), values)

@@ -67,12 +67,13 @@ def test_workers_try_other_poses_of_their_share_of_the_grains(tmp_path, monkeypa
     evaluation = problem.evaluate(pose)
     owners, turned = np.array([0, 0, 3, 4]), np.tile(np.diag([1.0, -1.0, -1.0]), (4, 1, 1))
     alone = unconfirmed_rotations(problem, pose, evaluation)
-    fits = fit_alternatives(problem, pose, evaluation, owners, turned)
+    wanted = np.ones(len(owners), bool)
+    fits = fit_alternatives(problem, pose, evaluation, owners, turned, problem.grains, wanted)
     store, executor = SharedStore(tmp_path), InlineExecutor()
     with shared_among(partial(call_each, executor, store)):
         np.testing.assert_array_equal(unconfirmed_rotations(problem, pose, evaluation), alone)
         assert len(executor.done) == 2
-        found = fit_alternatives(problem, pose, evaluation, owners, turned)
+        found = fit_alternatives(problem, pose, evaluation, owners, turned, problem.grains, wanted)
     assert len(executor.done) == 4
     np.testing.assert_array_equal(found.matrices, fits.matrices)
     np.testing.assert_array_equal(found.deviations, fits.deviations)
