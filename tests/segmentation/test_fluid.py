@@ -5,6 +5,7 @@ import pytest
 from scipy import ndimage
 
 from grainmotion.model.volume import Volume
+from grainmotion.segmentation import fluid
 from grainmotion.segmentation.extraction import extract_grains, grains_from_labels
 from grainmotion.segmentation.fluid import find_fluid
 from grainmotion.segmentation.segment import Segmentation
@@ -114,3 +115,17 @@ def test_a_liquid_can_be_told_or_refused():
     segmented = Segmentation.of(labels)
     assert extract_grains(volume, segmented, SegmentSettings(finer=1, fluid="none")).scene.fluid is None
     assert extract_grains(volume, segmented, SegmentSettings(finer=1, fluid=0.4)).scene.fluid is not None
+
+
+def test_some_slabs_of_a_tall_volume_tell_how_wet_it_is(monkeypatch):
+    """A third of all shells is lit: three slabs of ten say so, as all of them do."""
+    labels = np.zeros((80, 40, 40), np.int32)
+    labels[4::8, 4::8, 4::8] = 1
+    array = (np.random.default_rng(5).random(labels.shape) < 1 / 3).astype(np.float32)
+    monkeypatch.setattr(fluid, "PLANES_OF_SHELLS", 8)
+    shares = []
+    for most in (10, 3):
+        monkeypatch.setattr(fluid, "SLABS_OF_SHELLS", most)
+        shares.append(fluid._lit_share(array, labels, 0.5))
+    assert shares[0] != shares[1]
+    np.testing.assert_allclose(shares, 1 / 3, atol=0.02)

@@ -269,3 +269,16 @@ class TestNoiseLevel:
 
     def test_a_panel_too_narrow_gives_zero(self):
         assert noise_level(Scan(np.zeros((1, 5, 2), np.float32), Geometry.parallel([0.0], (5, 2), 1.0))) == 0
+
+
+def test_some_rows_of_many_pixels_show_the_noise(monkeypatch):
+    """Every eighth row of 200 gives the variance of the pixels that was drawn, as all of them do."""
+    unit = np.exp(np.linspace(0, 2, 400)) * np.ones((2, 200, 1)) * 1e-4
+    variance = 0.5 * unit + 1e-5
+    raw = np.sqrt(variance) * rng().standard_normal(unit.shape)
+    every = noise_shares(raw, unit, unit > 0)
+    monkeypatch.setattr("grainmotion.uncertainty.noise_model.PIXELS_OF_NOISE", raw.size // 8)
+    some = noise_shares(raw, unit, unit > 0)
+    assert some != every
+    for share, white in (every, some):
+        np.testing.assert_allclose(share * unit + white, variance, rtol=0.1)
